@@ -1,0 +1,21 @@
+"""The conventions that every room shares: time sign, units, axis order, array types, errors.
+
+- Phasor p(t) = Re[P e^{-iωt}]; an outgoing wave is e^{+ikr}/r.
+- SI units: metre, hertz, pascal, radian. Amplitudes are peak values unless a name ends in ``_rms``.
+- Points are (N, 3) float64. Matrices: the first axis hears, the second axis speaks.
+- A monopole of strength s [Pa·m] alone in open air gives p = s e^{ikr}/r.
+"""
+
+import numpy as np
+from jaxtyping import Real
+
+Vector = Real[np.ndarray, "3"] | tuple[float, float, float] | tuple[int, int, int]
+"""One point or direction: an array of three numbers or a tuple of three."""
+
+
+class InvalidInput(ValueError):  # noqa: N818 (reads as what it is in a traceback)
+    """The input is at fault; the message is one sentence with the number that is wrong and what to change."""
+
+
+class NotConverged(RuntimeError):  # noqa: N818
+    """A solver stopped before it reached its tolerance; the message has the residual, the iterations and the likely cause."""

@@ -1,0 +1,1 @@
+"""Files, pictures and the page of a run."""

@@ -1,0 +1,1 @@
+"""Who speaks: elements and their layout in arrays."""
