@@ -1,2 +1,105 @@
+// What Python sees: shapes checked, the interpreter's lock released, no decision taken here.
 #include <nanobind/nanobind.h>
-NB_MODULE(_kernels, m) { m.doc() = "airtact's compiled loops"; }
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/complex.h>
+
+#include "kernels.hpp"
+
+namespace nb = nanobind;
+using namespace airtact;
+
+template <class T, int... n> using Read = nb::ndarray<const T, nb::shape<n...>, nb::c_contig, nb::device::cpu>;
+template <class T, int... n> using Write = nb::ndarray<T, nb::shape<n...>, nb::c_contig, nb::device::cpu>;
+using Points = Read<double, -1, 3>;
+using Complex = std::complex<double>;
+
+static void same(std::size_t a, std::size_t b) {
+    if (a != b) throw nb::value_error("arrays of different lengths");
+}
+
+static Wavenumber wave(Complex k) { return {k.real(), k.imag()}; }
+
+template <class Real>
+void dual(Points x, Points x2, Points y, Points a, Complex k, Write<std::complex<Real>, -1, -1> out) {
+    same(x.shape(0), x2.shape(0)), same(y.shape(0), a.shape(0));
+    same(out.shape(0), x.shape(0)), same(out.shape(1), y.shape(0));
+    nb::gil_scoped_release release;
+    dual_matrix<Real>(x.data(), x2.data(), x.shape(0), y.data(), a.data(), y.shape(0), wave(k), out.data());
+}
+
+template <class Real>
+void layer_matrix(Points x, Points y, Points a, Complex k, Write<std::complex<Real>, -1, -1> out) {
+    same(y.shape(0), a.shape(0)), same(out.shape(0), x.shape(0)), same(out.shape(1), y.shape(0));
+    nb::gil_scoped_release release;
+    double_layer_matrix<Real>(x.data(), x.shape(0), y.data(), a.data(), y.shape(0), wave(k), out.data());
+}
+
+template <class Real>
+void layer(Points x, Points y, Points a, Read<Complex, -1, -1> density, Complex k, Write<Complex, -1, -1> out) {
+    same(y.shape(0), a.shape(0)), same(density.shape(0), y.shape(0));
+    same(out.shape(0), x.shape(0)), same(out.shape(1), density.shape(1));
+    nb::gil_scoped_release release;
+    apply_double_layer<Real>(x.data(), x.shape(0), y.data(), a.data(), y.shape(0), density.data(), density.shape(1),
+                             wave(k), out.data());
+}
+
+template <class Real>
+void monopoles(Points x, Points y, Read<Complex, -1, -1> strength, Complex k, Write<Complex, -1, -1> out) {
+    same(strength.shape(0), y.shape(0));
+    same(out.shape(0), x.shape(0)), same(out.shape(1), strength.shape(1));
+    nb::gil_scoped_release release;
+    apply_monopoles<Real>(x.data(), x.shape(0), y.data(), y.shape(0), strength.data(), strength.shape(1), wave(k),
+                          out.data());
+}
+
+using Index = Read<std::int64_t, -1>;
+using Line = Read<double, -1>;
+
+static void count_near(Points x, Points centres, Line reach, Write<std::int64_t, -1> first) {
+    same(centres.shape(0), reach.shape(0)), same(first.shape(0), x.shape(0) + 1);
+    nb::gil_scoped_release release;
+    near_pairs(x.data(), x.shape(0), centres.data(), reach.data(), centres.shape(0), first.data(), nullptr);
+}
+
+static void list_near(Points x, Points centres, Line reach, Write<std::int64_t, -1> first,
+                      Write<std::int64_t, -1> panel) {
+    same(centres.shape(0), reach.shape(0)), same(first.shape(0), x.shape(0) + 1);
+    same(panel.shape(0), std::size_t(first.data()[x.shape(0)]));
+    nb::gil_scoped_release release;
+    near_pairs(x.data(), x.shape(0), centres.data(), reach.data(), centres.shape(0), first.data(), panel.data());
+}
+
+static void thickness(Points x, Points a, Index body, double largest, Write<double, -1> out) {
+    same(x.shape(0), a.shape(0)), same(x.shape(0), body.shape(0)), same(x.shape(0), out.shape(0));
+    nb::gil_scoped_release release;
+    inscribed_diameter(x.data(), a.data(), body.data(), x.shape(0), largest, out.data());
+}
+
+static void near(bool single_layer, Points targets, Index pair_target, Index pair_panel, Read<double, -1, 6, 3> panels,
+                 Complex k, Line nodes, Line weights, int largest, int angular, int radial, Write<Complex, -1, 6> out,
+                 Write<double, -1> distance, Write<double, -1, 2> foot) {
+    const std::size_t pairs = pair_target.shape(0);
+    same(pairs, pair_panel.shape(0)), same(pairs, out.shape(0)), same(pairs, distance.shape(0));
+    same(pairs, foot.shape(0)), same(nodes.shape(0), std::size_t(largest * (largest + 1) / 2));
+    same(nodes.shape(0), weights.shape(0));
+    nb::gil_scoped_release release;
+    near_integrals(single_layer, targets.data(), pair_target.data(), pair_panel.data(), std::int64_t(pairs),
+                   panels.data(), wave(k), {nodes.data(), weights.data(), largest, angular, radial}, out.data(),
+                   distance.data(), foot.data());
+}
+
+NB_MODULE(_kernels, m) {
+    m.doc() = "The compiled loops of the boundary element solver; kernels.hpp says what each computes.";
+    m.def("dual_matrix_float32", &dual<float>);
+    m.def("dual_matrix_float64", &dual<double>);
+    m.def("double_layer_matrix_float32", &layer_matrix<float>);
+    m.def("double_layer_matrix_float64", &layer_matrix<double>);
+    m.def("apply_double_layer_float32", &layer<float>);
+    m.def("apply_double_layer_float64", &layer<double>);
+    m.def("apply_monopoles_float32", &monopoles<float>);
+    m.def("apply_monopoles_float64", &monopoles<double>);
+    m.def("count_near", &count_near);
+    m.def("list_near", &list_near);
+    m.def("inscribed_diameter", &thickness);
+    m.def("near_integrals", &near);
+}

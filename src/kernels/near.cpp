@@ -1,0 +1,220 @@
+// Integrals over a curved panel of a kernel whose target is near or on it: the panel is cut at the point closest to the
+// target, and both the angle and the radius are stretched by a sinh so that few Gauss points do (Johnston & Elliott,
+// Int. J. Numer. Meth. Engng 62 (2005) 564, "A sinh transformation for evaluating nearly singular boundary element
+// integrals"; the cut is Duffy's, SIAM J. Numer. Anal. 19 (1982) 1260).
+#include <algorithm>
+#include <cmath>
+#include <type_traits>
+
+#include "kernels.hpp"
+
+#include "arithmetic.hpp"
+
+namespace airtact {
+namespace {
+
+constexpr double pi = 3.14159265358979323846;
+constexpr int most_points = 64;
+
+struct Patch {  // x(u, v) = sum_m c[m] monomial_m, relative to the target
+    double c[6][3];
+
+    Patch(const double *p, const double *target) {
+        for (int d = 0; d < 3; d++) {
+            const double p0 = p[d], p1 = p[3 + d], p2 = p[6 + d], m01 = p[9 + d], m12 = p[12 + d], m20 = p[15 + d];
+            c[0][d] = p0 - target[d];
+            c[1][d] = -3 * p0 - p1 + 4 * m01;
+            c[2][d] = -3 * p0 - p2 + 4 * m20;
+            c[3][d] = 2 * p0 + 2 * p1 - 4 * m01;
+            c[4][d] = 4 * p0 - 4 * m01 + 4 * m12 - 4 * m20;
+            c[5][d] = 2 * p0 + 2 * p2 - 4 * m20;
+        }
+    }
+    void at(double u, double v, double *x, double *a, double *b) const {
+        for (int d = 0; d < 3; d++) {
+            x[d] = c[0][d] + u * c[1][d] + v * c[2][d] + u * u * c[3][d] + u * v * c[4][d] + v * v * c[5][d];
+            a[d] = c[1][d] + 2 * u * c[3][d] + v * c[4][d];
+            b[d] = c[2][d] + u * c[4][d] + 2 * v * c[5][d];
+        }
+    }
+    double squared_distance(double u, double v) const {
+        double x[3], a[3], b[3];
+        at(u, v, x, a, b);
+        return x[0] * x[0] + x[1] * x[1] + x[2] * x[2];
+    }
+};
+
+double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+constexpr double corner[4][2] = {{0, 0}, {1, 0}, {0, 1}, {0, 0}};
+
+// Gauss-Newton along one edge, held inside it
+double closest_on_edge(const Patch &patch, int edge, double *best) {
+    const double *from = corner[edge], du = corner[edge + 1][0] - from[0], dv = corner[edge + 1][1] - from[1];
+    double t = 0.5, x[3], a[3], b[3];
+    for (int step = 0; step < 12; step++) {
+        patch.at(from[0] + t * du, from[1] + t * dv, x, a, b);
+        const double along[3] = {a[0] * du + b[0] * dv, a[1] * du + b[1] * dv, a[2] * du + b[2] * dv};
+        const double move = -dot(x, along) / dot(along, along);
+        const double next = std::min(1.0, std::max(0.0, t + move));
+        if (std::abs(next - t) < 1e-14) break;
+        t = next;
+    }
+    best[0] = from[0] + t * du;
+    best[1] = from[1] + t * dv;
+    return patch.squared_distance(best[0], best[1]);
+}
+
+// Reference coordinates of the panel's point nearest the target (the origin); returns the squared distance
+double closest_point(const Patch &patch, double *foot) {
+    double u = 1.0 / 3, v = 1.0 / 3, x[3], a[3], b[3];
+    bool settled = false;
+    for (int step = 0; step < 20 && !settled; step++) {
+        patch.at(u, v, x, a, b);
+        const double aa = dot(a, a), ab = dot(a, b), bb = dot(b, b), ra = -dot(x, a), rb = -dot(x, b);
+        const double det = aa * bb - ab * ab;
+        const double du = (bb * ra - ab * rb) / det, dv = (aa * rb - ab * ra) / det;
+        u += du;
+        v += dv;
+        if (!(std::abs(u) < 4 && std::abs(v) < 4)) break;
+        settled = std::abs(du) + std::abs(dv) < 1e-13;
+    }
+    if (std::abs(u) < 4 && std::abs(v) < 4 && u >= 0 && v >= 0 && u + v <= 1) {
+        foot[0] = u;
+        foot[1] = v;
+        return patch.squared_distance(u, v);
+    }
+    double best = closest_on_edge(patch, 0, foot);
+    for (int edge = 1; edge < 3; edge++) {
+        double candidate[2];
+        const double distance = closest_on_edge(patch, edge, candidate);
+        if (distance < best) {
+            best = distance;
+            foot[0] = candidate[0];
+            foot[1] = candidate[1];
+        }
+    }
+    return best;
+}
+
+struct GaussRule {
+    const double *nodes, *weights;
+    int n;
+    GaussRule(const NearRule &rule, int points) {
+        n = std::max(1, std::min<int>(points, int(rule.largest)));
+        nodes = rule.nodes + (n * (n - 1)) / 2;
+        weights = rule.weights + (n * (n - 1)) / 2;
+    }
+};
+
+struct Moments {
+    double re[6] = {0, 0, 0, 0, 0, 0}, im[6] = {0, 0, 0, 0, 0, 0};
+};
+
+// Adds kernel * monomials at n reference points (u, v) with weights w, which hold everything but the area element
+template <bool SingleLayer>
+void add_points(const Patch &patch, const double *u, const double *v, const double *w, int n, Wavenumber k,
+                Moments &sum) {
+    double re[most_points], im[most_points];
+    const auto &c = patch.c;
+#pragma omp simd
+    for (int i = 0; i < n; i++) {
+        const double x = u[i], y = v[i];
+        double r[3], a[3], b[3];
+        for (int d = 0; d < 3; d++) {
+            r[d] = c[0][d] + x * (c[1][d] + x * c[3][d] + y * c[4][d]) + y * (c[2][d] + y * c[5][d]);
+            a[d] = c[1][d] + 2 * x * c[3][d] + y * c[4][d];
+            b[d] = c[2][d] + x * c[4][d] + 2 * y * c[5][d];
+        }
+        const double nx = a[1] * b[2] - a[2] * b[1], ny = a[2] * b[0] - a[0] * b[2], nz = a[0] * b[1] - a[1] * b[0];
+        const double r2 = r[0] * r[0] + r[1] * r[1] + r[2] * r[2];
+        const double inverse = r2 > 0 ? 1 / std::sqrt(r2) : 0.0, distance = r2 * inverse;
+        const double loss = decay(k.imag * distance) * inverse * w[i] * (1 / (4 * pi));
+        double s, cosine;
+        sincospi(k.real / pi * distance, s, cosine);
+        if (SingleLayer) {
+            const double g = loss * std::sqrt(nx * nx + ny * ny + nz * nz);
+            re[i] = g * cosine;
+            im[i] = g * s;
+        } else {
+            const double g = loss * inverse * inverse * (r[0] * nx + r[1] * ny + r[2] * nz);
+            const double kr = k.real * distance, one = 1 + k.imag * distance;
+            re[i] = -g * (one * cosine + kr * s);
+            im[i] = g * (kr * cosine - one * s);
+        }
+    }
+    for (int i = 0; i < n; i++) {
+        const double monomial[6] = {1, u[i], v[i], u[i] * u[i], u[i] * v[i], v[i] * v[i]};
+        for (int m = 0; m < 6; m++) {
+            sum.re[m] += re[i] * monomial[m];
+            sum.im[m] += im[i] * monomial[m];
+        }
+    }
+}
+
+// One of the three triangles between the foot and an edge
+template <bool SingleLayer>
+void add_triangle(const Patch &patch, const double *foot, double distance, const double *a, const double *b, int edge,
+                  Wavenumber k, const NearRule &rule, Moments &sum) {
+    const double from[2] = {corner[edge][0] - foot[0], corner[edge][1] - foot[1]};
+    const double along[2] = {corner[edge + 1][0] - corner[edge][0], corner[edge + 1][1] - corner[edge][1]};
+    const double jacobian = from[0] * along[1] - from[1] * along[0];
+    if (jacobian < 1e-12) return;
+    double start[3], run[3];
+    for (int d = 0; d < 3; d++) {
+        start[d] = a[d] * from[0] + b[d] * from[1];
+        run[d] = a[d] * along[0] + b[d] * along[1];
+    }
+    const double length = std::sqrt(dot(run, run)), middle = -dot(start, run) / (length * length);
+    const double height2 = dot(start, start) - middle * middle * length * length;
+    const double width = std::sqrt(std::max(height2, 0.0) + distance * distance) / length;
+    const double t0 = std::asinh(-middle / width), t1 = std::asinh((1 - middle) / width);
+    const GaussRule angular(rule, int(rule.angular) + int((t1 - t0) / 1.5));
+    double u[most_points], v[most_points], w[most_points];
+    for (int i = 0; i < angular.n; i++) {
+        const double t = t0 + angular.nodes[i] * (t1 - t0), h = middle + width * std::sinh(t);
+        const double angular_weight = angular.weights[i] * (t1 - t0) * width * std::cosh(t) * jacobian;
+        const double ray[2] = {from[0] + h * along[0], from[1] + h * along[1]};
+        const double reach = std::sqrt(std::max(height2, 0.0) + (h - middle) * (h - middle) * length * length);
+        const bool stretched = distance > 1e-9 * reach;
+        const double scale = stretched ? distance / reach : 1.0, stretch = stretched ? std::asinh(1 / scale) : 1.0;
+        const GaussRule radial(rule, int(rule.radial) + (stretched ? int(2 * stretch) : 0));
+        for (int l = 0; l < radial.n; l++) {
+            const double s = radial.nodes[l] * stretch, grown = stretched ? std::exp(s) : 0.0;
+            const double rho = stretched ? scale * 0.5 * (grown - 1 / grown) : s;
+            const double slope = stretched ? scale * 0.5 * (grown + 1 / grown) : 1.0;
+            u[l] = foot[0] + rho * ray[0];
+            v[l] = foot[1] + rho * ray[1];
+            w[l] = angular_weight * radial.weights[l] * stretch * slope * rho;
+        }
+        add_points<SingleLayer>(patch, u, v, w, radial.n, k, sum);
+    }
+}
+
+template <bool SingleLayer>
+void one_pair(const double *six_nodes, const double *target, Wavenumber k, const NearRule &rule,
+              std::complex<double> *out, double *distance, double *foot) {
+    const Patch patch(six_nodes, target);
+    *distance = std::sqrt(closest_point(patch, foot));
+    double x[3], a[3], b[3];
+    patch.at(foot[0], foot[1], x, a, b);
+    Moments sum;
+    for (int edge = 0; edge < 3; edge++)
+        add_triangle<SingleLayer>(patch, foot, *distance, a, b, edge, k, rule, sum);
+    for (int m = 0; m < 6; m++) out[m] = {sum.re[m], sum.im[m]};
+}
+
+}  // namespace
+
+void near_integrals(bool single_layer, const double *targets, const std::int64_t *pair_target,
+                    const std::int64_t *pair_panel, std::int64_t pairs, const double *six_nodes, Wavenumber k,
+                    NearRule rule, std::complex<double> *out, double *distance, double *foot) {
+#pragma omp parallel for schedule(dynamic, 64)
+    for (std::int64_t e = 0; e < pairs; e++) {
+        const auto one = single_layer ? one_pair<true> : one_pair<false>;
+        one(six_nodes + 18 * pair_panel[e], targets + 3 * pair_target[e], k, rule, out + 6 * e, distance + e,
+            foot + 2 * e);
+    }
+}
+
+}  // namespace airtact

@@ -1,0 +1,196 @@
+"""Nodes, weights and near integrals on curved six-node panels.
+
+Each panel carries the six nodes of a rule of degree 4, all inside it, and the pressure on it is the quadratic through
+them (a Nyström method that needs no continuity between panels).
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from jaxtyping import Bool, Complex128, Float64, Int64, Real
+
+from airtact import _kernels
+from airtact.scene.panels import Panels, shape_functions
+
+
+def _degree_four_rule() -> tuple[Float64[np.ndarray, "6 2"], Float64[np.ndarray, "6"]]:
+    """Six-point rule of degree 4 on the unit triangle (Strang & Fix 1973; Cowper 1973, closed form)."""
+    root = np.sqrt(38 - 44 * np.sqrt(2 / 5))
+    spread = np.sqrt(213125 - 53320 * np.sqrt(10))
+    points, weights = [], []
+    for sign in (1, -1):
+        a = (8 - np.sqrt(10) + sign * root) / 18
+        points += [[a, a], [1 - 2 * a, a], [a, 1 - 2 * a]]
+        weights += [(620 + sign * spread) / 7440] * 3
+    return np.array(points), np.array(weights)
+
+
+RULE_POINTS, RULE_WEIGHTS = _degree_four_rule()
+
+
+def monomials(points: Real[np.ndarray, "points 2"]) -> Float64[np.ndarray, "points 6"]:
+    """1, u, v, u², uv, v² at reference points (P, 2), the order of the compiled near integrals."""
+    u, v = points[:, 0], points[:, 1]
+    return np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
+
+
+NODAL = np.linalg.inv(monomials(RULE_POINTS))
+"""(6, 6): column j holds the monomial coefficients of the quadratic that is 1 at node j and 0 at the others."""
+
+
+def _tangents(points: Real[np.ndarray, "points 2"]) -> tuple[Float64[np.ndarray, "points 6"], ...]:
+    """Derivatives of the shape functions along u and v."""
+    u, v = points[:, 0], points[:, 1]
+    w, zero = 1 - u - v, np.zeros_like(u)
+    along_u = np.stack([1 - 4 * w, 4 * u - 1, zero, 4 * (w - u), 4 * v, -4 * v], axis=1)
+    along_v = np.stack([1 - 4 * w, zero, 4 * v - 1, -4 * u, 4 * u, 4 * (w - v)], axis=1)
+    return along_u, along_v
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """The quadrature nodes of a set of panels; node 6 t + j is node j of panel t.
+
+    Attributes
+    ----------
+    points : (M, 3) [m].
+    normals : (M, 3) outward unit normals.
+    weights : (M,) area that each node stands for [m²].
+    body : (M,) obstacle of each node.
+    six_nodes : (T, 6, 3) the panels [m].
+    centres : (T, 3) the panels' centres [m].
+    radii : (T,) distance from the centre to the farthest of the six nodes [m].
+    """
+
+    points: Float64[np.ndarray, "nodes 3"]
+    normals: Float64[np.ndarray, "nodes 3"]
+    weights: Float64[np.ndarray, "nodes"]
+    body: Int64[np.ndarray, "nodes"]
+    six_nodes: Float64[np.ndarray, "panels 6 3"]
+    centres: Float64[np.ndarray, "panels 3"]
+    radii: Float64[np.ndarray, "panels"]
+
+    @property
+    def weighted_normals(self) -> Float64[np.ndarray, "nodes 3"]:
+        """(M, 3) normals times area [m²]."""
+        return self.normals * self.weights[:, None]
+
+
+def place_nodes(panels: Panels) -> Nodes:
+    """Put the six nodes of the degree-4 rule on every panel."""
+    shape = shape_functions(RULE_POINTS)
+    along_u, along_v = _tangents(RULE_POINTS)
+    points = np.einsum("qa,tad->tqd", shape, panels.six_nodes)
+    cross = np.cross(
+        np.einsum("qa,tad->tqd", along_u, panels.six_nodes), np.einsum("qa,tad->tqd", along_v, panels.six_nodes)
+    )
+    size = np.linalg.norm(cross, axis=2)
+    centres = shape_functions(np.full((1, 2), 1 / 3))[0] @ panels.six_nodes
+    return Nodes(
+        points=points.reshape(-1, 3),
+        normals=(cross / size[:, :, None]).reshape(-1, 3),
+        weights=(size * RULE_WEIGHTS).ravel(),
+        body=np.repeat(panels.body, 6),
+        six_nodes=np.ascontiguousarray(panels.six_nodes),
+        centres=np.ascontiguousarray(centres),
+        radii=np.linalg.norm(panels.six_nodes - centres[:, None], axis=2).max(axis=1),
+    )
+
+
+@cache
+def _gauss_rules(largest: int) -> tuple[Float64[np.ndarray, "points"], Float64[np.ndarray, "points"]]:
+    """Gauss-Legendre rules of 1, 2, ... ``largest`` points on [0, 1], one after another."""
+    rules = [np.polynomial.legendre.leggauss(n) for n in range(1, largest + 1)]
+    return np.concatenate([0.5 * (x + 1) for x, _ in rules]), np.concatenate([0.5 * w for _, w in rules])
+
+
+LARGEST_RULE = 40
+
+
+@dataclass(frozen=True, eq=False)
+class NearPairs:
+    """Integrals of the kernel over the panels near some targets.
+
+    Attributes
+    ----------
+    target, panel : (E,) indices of each pair.
+    values : (E, 6) ∫ kernel(x, y) L_j(y) dS for the quadratics L_j of the panel's six nodes.
+    distance : (E,) from the target to the panel [m].
+    foot : (E, 2) reference coordinates of the panel's closest point.
+    """
+
+    target: Int64[np.ndarray, "pairs"]
+    panel: Int64[np.ndarray, "pairs"]
+    values: Complex128[np.ndarray, "pairs 6"]
+    distance: Float64[np.ndarray, "pairs"]
+    foot: Float64[np.ndarray, "pairs 2"]
+
+    @property
+    def columns(self) -> Int64[np.ndarray, "pairs 6"]:
+        """(E, 6) node indices of each pair's panel."""
+        return 6 * self.panel[:, None] + np.arange(6)
+
+
+def find_near(
+    nodes: Nodes, points: Real[np.ndarray, "points 3"], reach: float
+) -> tuple[Int64[np.ndarray, "pairs"], Int64[np.ndarray, "pairs"]]:
+    """Pairs (target, panel) whose distance from the panel's centre is below ``reach`` panel radii."""
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    limits = reach * nodes.radii
+    first = np.zeros(len(points) + 1, dtype=np.int64)
+    _kernels.count_near(points, nodes.centres, limits, first)
+    panel = np.empty(first[-1], dtype=np.int64)
+    _kernels.list_near(points, nodes.centres, limits, first, panel)
+    return np.repeat(np.arange(len(points)), np.diff(first)), panel
+
+
+def integrate_near(
+    nodes: Nodes,
+    points: Real[np.ndarray, "points 3"],
+    pairs: tuple[Int64[np.ndarray, "pairs"], Int64[np.ndarray, "pairs"]],
+    wavenumber: complex,
+    gauss_points: tuple[int, int],
+    single_layer: bool = False,
+) -> NearPairs:
+    """Integrate the double layer (or single layer) of e^{ikr}/(4πr) over panels near points, singular or not.
+
+    Parameters
+    ----------
+    points : (P, 3) targets [m], on the panels or off them.
+    pairs : target and panel of each pair, as ``find_near`` gives them.
+    gauss_points : points along the angle and the radius before the stretching asks for more.
+    """
+    target, panel = pairs
+    rules = _gauss_rules(LARGEST_RULE)
+    moments = np.empty((len(target), 6), dtype=np.complex128)
+    distance, foot = np.empty(len(target)), np.empty((len(target), 2))
+    _kernels.near_integrals(
+        single_layer,
+        np.ascontiguousarray(points, dtype=np.float64),
+        target,
+        panel,
+        nodes.six_nodes,
+        complex(wavenumber),
+        *rules,
+        LARGEST_RULE,
+        *gauss_points,
+        moments,
+        distance,
+        foot,
+    )
+    return NearPairs(target, panel, moments @ NODAL, distance, foot)
+
+
+def thickness(nodes: Nodes, largest: float) -> Float64[np.ndarray, "nodes"]:
+    """Diameter of the largest ball inside the body that touches the skin at each node [m], at most ``largest``."""
+    diameter = np.empty(len(nodes.points))
+    _kernels.inscribed_diameter(nodes.points, nodes.normals, nodes.body, float(largest), diameter)
+    return diameter
+
+
+def is_close(pairs: NearPairs, count: int, tolerance: float) -> Bool[np.ndarray, "points"]:
+    """Which of ``count`` targets lie on a panel, to ``tolerance`` [m]."""
+    close = np.zeros(count, dtype=bool)
+    close[pairs.target[pairs.distance < tolerance]] = True
+    return close

@@ -1,0 +1,72 @@
+// Sine, cosine and decay of a phase, by polynomials that a compiler can vectorise: no call into libm.
+#pragma once
+#include <cstdint>
+#include <cstring>
+#include <cmath>
+
+namespace airtact {
+
+template <class Real> struct Traits;
+template <> struct Traits<float> {
+    using Bits = std::int32_t;
+    static constexpr float round_magic = 12582912.0f;  // 1.5 * 2^23: adding it rounds to an integer
+    static constexpr int sign_shift = 31, mantissa = 23, terms = 7;
+};
+template <> struct Traits<double> {
+    using Bits = std::int64_t;
+    static constexpr double round_magic = 6755399441055744.0;  // 1.5 * 2^52
+    static constexpr int sign_shift = 63, mantissa = 52, terms = 12;
+};
+
+template <class To, class From> inline To bits(From value) {
+    To out;
+    static_assert(sizeof(To) == sizeof(From), "same width");
+    std::memcpy(&out, &value, sizeof(out));
+    return out;
+}
+
+constexpr double taylor(double base, int n) {  // base^n / n!
+    double value = 1.0;
+    for (int i = 1; i <= n; i++) value *= base / i;
+    return value;
+}
+
+template <class Real, bool Odd> struct Series {  // sin(pi u)/u or cos(pi u) in powers of u^2
+    Real c[Traits<Real>::terms];
+    constexpr Series() : c() {
+        for (int i = 0; i < Traits<Real>::terms; i++)
+            c[i] = Real((i % 2 ? -1.0 : 1.0) * taylor(3.14159265358979323846, 2 * i + (Odd ? 1 : 0)));
+    }
+};
+
+// sin(pi t) and cos(pi t), |t| < 2^21
+template <class Real> inline void sincospi(Real t, Real &sine, Real &cosine) {
+    using T = Traits<Real>;
+    static constexpr Series<Real, true> S{};
+    static constexpr Series<Real, false> C{};
+    const Real magic = t + T::round_magic;
+    const typename T::Bits flip = static_cast<typename T::Bits>(
+        static_cast<std::make_unsigned_t<typename T::Bits>>(bits<typename T::Bits>(magic)) << T::sign_shift);
+    const Real u = t - (magic - T::round_magic), z = u * u;
+    Real s = S.c[T::terms - 1], c = C.c[T::terms - 1];
+    for (int i = T::terms - 2; i >= 0; i--) {
+        s = s * z + S.c[i];
+        c = c * z + C.c[i];
+    }
+    sine = bits<Real>(static_cast<typename T::Bits>(bits<typename T::Bits>(s * u) ^ flip));
+    cosine = bits<Real>(static_cast<typename T::Bits>(bits<typename T::Bits>(c) ^ flip));
+}
+
+// exp(-y), y >= 0; below e^-80 it is taken as e^-80
+template <class Real> inline Real decay(Real y) {
+    using T = Traits<Real>;
+    const Real x = (y < Real(80) ? -y : Real(-80)) * Real(1.44269504088896340736);
+    const Real magic = x + T::round_magic;
+    const Real f = (x - (magic - T::round_magic)) * Real(0.69314718055994530942);
+    Real e = Real(1);
+    for (int i = T::terms; i >= 1; i--) e = Real(1) + e * f * Real(1.0 / i);
+    const auto n = bits<typename T::Bits>(magic) - bits<typename T::Bits>(T::round_magic);
+    return bits<Real>(static_cast<typename T::Bits>(bits<typename T::Bits>(e) + n * (typename T::Bits(1) << T::mantissa)));
+}
+
+}  // namespace airtact

@@ -1,0 +1,54 @@
+// The loops that the solvers call. Arrays are C-contiguous; points are (n, 3); wavenumber is k + i*absorption.
+#pragma once
+#include <complex>
+#include <cstdint>
+
+namespace airtact {
+
+struct Wavenumber {
+    double real, imag;
+};
+
+// out[i, j] = -D(x_i, y_j) + i D(x'_i, y_j), D the normal derivative at y of e^{ikr}/(4 pi r) times area
+template <class Real>
+void dual_matrix(const double *targets, const double *shifted, std::int64_t n, const double *sources,
+                 const double *normals, std::int64_t m, Wavenumber k, std::complex<Real> *out);
+
+// out[i, j] = D(x_i, y_j)
+template <class Real>
+void double_layer_matrix(const double *targets, std::int64_t n, const double *sources, const double *normals,
+                         std::int64_t m, Wavenumber k, std::complex<Real> *out);
+
+// out[i, s] = sum_j D(x_i, y_j) density[j, s]
+template <class Real>
+void apply_double_layer(const double *targets, std::int64_t n, const double *sources, const double *normals,
+                        std::int64_t m, const std::complex<double> *density, std::int64_t sounds, Wavenumber k,
+                        std::complex<double> *out);
+
+// out[i, s] = sum_j e^{ikr}/r strength[j, s]
+template <class Real>
+void apply_monopoles(const double *targets, std::int64_t n, const double *sources, std::int64_t m,
+                     const std::complex<double> *strength, std::int64_t sounds, Wavenumber k,
+                     std::complex<double> *out);
+
+// Panels whose centre is nearer than `reach` to each target. With null outputs only counts. first: (n + 1)
+void near_pairs(const double *targets, std::int64_t n, const double *centres, const double *reach, std::int64_t panels,
+                std::int64_t *first, std::int64_t *pair_panel);
+
+// Diameter of the largest ball that touches the skin at each node from inside and meets no other node of its body
+void inscribed_diameter(const double *points, const double *normals, const std::int64_t *body, std::int64_t n,
+                        double largest, double *diameter);
+
+struct NearRule {
+    const double *nodes, *weights;  // Gauss-Legendre on [0, 1], rules 1, 2, ... one after another
+    std::int64_t largest;           // how many rules
+    std::int64_t angular, radial;   // points for a target far from the panel's plane
+};
+
+// out[e, m] = integral over the panel of kernel(x, y) * monomial_m(reference point) dS, m in 1, x, y, xx, xy, yy;
+// distance[e] and foot[e] = the closest point's distance and reference coordinates
+void near_integrals(bool single_layer, const double *targets, const std::int64_t *pair_target,
+                    const std::int64_t *pair_panel, std::int64_t pairs, const double *six_nodes, Wavenumber k,
+                    NearRule rule, std::complex<double> *out, double *distance, double *foot);
+
+}  // namespace airtact
