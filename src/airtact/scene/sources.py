@@ -1,0 +1,54 @@
+"""Imagined point sources: what speaks in a scene."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex128, Float64
+
+from airtact.conventions import InvalidInput
+from airtact.scene.guards import points_of, refuse_not_finite
+
+
+@dataclass(frozen=True, eq=False)
+class Monopoles:
+    """N point sources that play S independent sounds.
+
+    A monopole of strength s alone in open air gives p = s e^{ikr}/r.
+
+    Attributes
+    ----------
+    positions : (N, 3) [m].
+    strengths : (N, S) complex [Pa·m], sound s being played by all N points at once; (N,) is one sound, kept as (N, 1).
+
+    Raises
+    ------
+    InvalidInput
+        No points or sounds, NaN or infinity, or shapes that do not match.
+
+    Examples
+    --------
+    >>> pair = Monopoles(np.array([[0.0, 0, 0.1], [0, 0, 0.2]]), np.array([1.0, 1j]))
+    >>> pair.strengths.shape
+    (2, 1)
+    """
+
+    positions: Float64[np.ndarray, "points 3"]
+    strengths: Complex128[np.ndarray, "points sounds"]
+
+    def __post_init__(self) -> None:
+        """Check both arrays and keep them read-only."""
+        positions = points_of(np.asarray(self.positions), "monopole positions")
+        strengths = np.array(self.strengths, dtype=np.complex128)
+        if strengths.ndim == 1:
+            strengths = strengths[:, None]
+        if strengths.ndim != 2 or len(strengths) != len(positions):
+            raise InvalidInput(
+                f"monopole strengths have shape {strengths.shape}, but there are {len(positions)} positions; give "
+                f"({len(positions)},) for one sound or ({len(positions)}, number of sounds)."
+            )
+        if strengths.shape[1] == 0:
+            raise InvalidInput("monopole strengths hold 0 sounds; give at least one.")
+        refuse_not_finite(strengths, "monopole strengths")
+        strengths.flags.writeable = False
+        object.__setattr__(self, "positions", positions)
+        object.__setattr__(self, "strengths", strengths)
