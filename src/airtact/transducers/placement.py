@@ -1,0 +1,96 @@
+"""Whether an array and what stands before it can be real: no element in a body, nothing behind a face."""
+
+import numpy as np
+from jaxtyping import Float64, Real
+from scipy.spatial import ConvexHull
+
+from airtact.conventions import InvalidInput
+from airtact.scene.guards import place
+from airtact.scene.scene import CONTACT, Scene, check_outside
+from airtact.transducers.element import check_pattern
+from airtact.transducers.layout import PhasedArray
+
+
+def check_placement(scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "foci 3"] | None = None) -> None:
+    """Refuse an array that cannot stand in a scene.
+
+    Parameters
+    ----------
+    scene : what is in the air.
+    array : the transducers, in the scene's frame.
+    foci : (F, 3) points that must lie before the faces of directional elements [m], if any.
+
+    Raises
+    ------
+    InvalidInput
+        If an element reaches into a body (which one, how deep); if, with directional elements, a focus or a body stands
+        behind a face (how many faces, which first, how far); if a face is too large for its points at this frequency.
+    """
+    check_pattern(array.element, scene.wavenumber)
+    _check_outside_bodies(scene, array)
+    if not array.element.directional:
+        return
+    if foci is not None:
+        check_before_faces(array, foci, "focus")
+    for index, obstacle in enumerate(scene.obstacles):
+        vertices = obstacle.surface.vertices
+        _check_body_before_faces(array, vertices[ConvexHull(vertices).vertices], index)
+
+
+def _check_outside_bodies(scene: Scene, array: PhasedArray) -> None:
+    """Refuse elements whose centre or face points lie in a body; only faces near a skin are looked at in full."""
+    if array.element.reach == 0.0:
+        check_outside(scene, array.positions, "element")
+        return
+    depth = scene.depth(array.positions)
+    near = np.flatnonzero(depth > -array.element.reach)
+    if len(near):
+        depth[near] = scene.depth(array.face_points[near].reshape(-1, 3)).reshape(len(near), -1).max(axis=1)
+    inside = np.flatnonzero(depth > CONTACT)
+    if len(inside):
+        deepest = int(depth.argmax())
+        raise InvalidInput(
+            f"the faces of {len(inside)} of {len(array)} elements reach into a body: element {deepest} at "
+            f"{place(array.positions[deepest])} by {depth[deepest] * 1e3:.3g} mm; move the array or the body away."
+        )
+
+
+def check_before_faces(array: PhasedArray, points: Real[np.ndarray, "points 3"], what: str) -> None:
+    """Refuse points behind the faces of an array's elements.
+
+    Parameters
+    ----------
+    array : the transducers.
+    points : (P, 3) points [m].
+    what : what a point is called in the message.
+
+    Raises
+    ------
+    InvalidInput
+        If a point stands behind a face: which point, behind how many faces, which first, how far.
+    """
+    behind = -_height(array, points)
+    worst = behind.max(axis=1)
+    if worst.max() > CONTACT:
+        point = int(np.argmax(worst))
+        faces = np.flatnonzero(behind[point] > CONTACT)
+        raise InvalidInput(
+            f"{what} {point} stands behind the faces of {len(faces)} elements, first element {faces[0]} by "
+            f"{behind[point, faces[0]] * 1e3:.3g} mm: they radiate forwards only, so move it before them."
+        )
+
+
+def _check_body_before_faces(array: PhasedArray, vertices: Float64[np.ndarray, "vertices 3"], index: int) -> None:
+    """Refuse a body, given by the corners of its convex hull, that reaches behind a face."""
+    behind = -_height(array, vertices).min(axis=0)
+    faces = np.flatnonzero(behind > CONTACT)
+    if len(faces):
+        raise InvalidInput(
+            f"body {index} reaches behind the faces of {len(faces)} elements, first element {faces[0]} by "
+            f"{behind[faces[0]] * 1e3:.3g} mm: they radiate forwards only, so move it before them."
+        )
+
+
+def _height(array: PhasedArray, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points elements"]:
+    """Return how far each point stands before each face [m], negative behind."""
+    return points @ array.normals.T - np.sum(array.positions * array.normals, axis=1)

@@ -1,0 +1,104 @@
+"""A piston's points against closed forms: moments of the disc and 2 J₁(x)/x."""
+
+import jaxtyping
+import numpy as np
+import pytest
+from scipy.special import gamma, j1
+
+from airtact.conventions import InvalidInput
+from airtact.transducers.element import LARGEST_PISTON, Element, check_pattern, monopole, piston
+
+
+def _directions() -> tuple[np.ndarray, np.ndarray]:
+    """Directions over the half sphere before a face, and the sines of their angles from the axis."""
+    theta = np.radians(np.linspace(0.0, 90.0, 91))
+    phi = np.radians(np.linspace(0.0, 360.0, 73))
+    theta, phi = (angles.ravel() for angles in np.meshgrid(theta, phi))
+    directions = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=1)
+    return directions, np.sin(theta)
+
+
+def _pattern_error(ka: float, radius: float = 5e-3) -> float:
+    directions, sines = _directions()
+    x = np.maximum(ka * sines, 1e-9)
+    return float(np.abs(piston(radius).far_pattern(directions, ka / radius) - 2.0 * j1(x) / x).max())
+
+
+@pytest.mark.parametrize("ka", [0.5, 1.0, 2.0, 3.3, 3.7, 3.83, 4.0])
+def test_far_pattern_of_a_piston_is_the_closed_form(ka: float) -> None:
+    assert _pattern_error(ka) < 1e-3
+
+
+def test_far_pattern_holds_up_to_the_largest_piston_and_not_much_further() -> None:
+    assert _pattern_error(LARGEST_PISTON) < 1e-3
+    assert _pattern_error(1.25 * LARGEST_PISTON) > 1e-3
+
+
+def test_error_of_the_pattern_is_of_order_ten() -> None:
+    order = np.log2(_pattern_error(2.0) / _pattern_error(1.0))
+    assert 9.5 < order < 10.5
+
+
+@pytest.mark.parametrize("degree", range(10))
+def test_points_of_a_piston_integrate_the_disc_to_degree_nine(degree: int) -> None:
+    element = piston(1.0)
+    x, y, _ = element.points.T
+    for a in range(degree + 1):
+        b = degree - a
+        odd = a % 2 or b % 2
+        exact = 0.0 if odd else gamma((a + 1) / 2) * gamma((b + 1) / 2) / (np.pi * gamma((a + b) / 2 + 2))
+        assert element.weights @ (x**a * y**b) == pytest.approx(exact, abs=1e-15)
+
+
+def test_points_of_a_piston_lie_on_its_face() -> None:
+    element = piston(4.5e-3)
+    assert np.all(element.points[:, 2] == 0.0)
+    assert 0.9 * 4.5e-3 < element.reach < 4.5e-3
+    assert np.all(element.weights > 0.0)
+    assert element.directional
+    assert element.radius == 4.5e-3
+
+
+def test_a_monopole_radiates_alike_everywhere() -> None:
+    directions, _ = _directions()
+    element = monopole(sensitivity=2.0)
+    assert np.array_equal(element.far_pattern(directions, 732.0), np.ones(len(directions)))
+    assert (element.sensitivity, element.directional, element.reach) == (2.0, False, 0.0)
+
+
+def test_default_sensitivity_is_the_cited_rms_pressure() -> None:
+    assert monopole().sensitivity / np.sqrt(2.0) == pytest.approx(3.10, abs=5e-3)
+
+
+def test_sameness_looks_at_every_number() -> None:
+    assert piston(4e-3).same_as(piston(4e-3))
+    assert not piston(4e-3).same_as(piston(5e-3))
+    assert not monopole().same_as(monopole(sensitivity=1.0))
+
+
+@pytest.mark.parametrize(
+    ("make", "number"),
+    [
+        (lambda: piston(-1e-3), "-0.001 m"),
+        (lambda: piston(float("nan")), "nan m"),
+        (lambda: monopole(sensitivity=0.0), "0 Pa·m"),
+        (lambda: monopole(sensitivity=float("inf")), "inf Pa·m"),
+        (lambda: Element(np.zeros((2, 3)), np.array([0.5, 0.4])), "not 0.9"),
+        (lambda: Element(np.zeros((2, 3)), np.ones(3) / 3), "2 face points"),
+        (lambda: Element(np.zeros((0, 3)), np.zeros(0)), "0 points"),
+        (lambda: Element(np.zeros((2, 2)), np.ones(2) / 2), r"\(2, 2\)"),
+        (lambda: Element(np.full((2, 3), np.nan), np.ones(2) / 2), "6 NaN"),
+        (lambda: Element(np.zeros((1, 3)), np.array([np.nan])), "not nan"),
+        (lambda: Element(np.zeros((1, 3)), np.ones(1), radius=-1.0), "-1 m"),
+    ],
+)
+def test_bad_elements_are_refused(make, number: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
+    with pytest.raises(InvalidInput, match=number):
+        make()
+
+
+def test_a_piston_too_large_for_its_points_is_refused() -> None:
+    check_pattern(piston(6.5e-3), 732.5)
+    with pytest.raises(InvalidInput, match=r"10 mm radius has ka = 7.33.*at most 6.55 mm"):
+        check_pattern(piston(10e-3), 733.0 + 0.1j)

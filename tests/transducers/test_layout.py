@@ -1,0 +1,153 @@
+"""Layouts against the numbers of the board and of the paper, and rigid motion against itself."""
+
+import jaxtyping
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from airtact.conventions import InvalidInput
+from airtact.scene.geometry import Pose
+from airtact.transducers.element import Element, monopole, piston
+from airtact.transducers.layout import PhasedArray, autd3_board, flat_boards, join, surrounding_box
+
+unit = st.floats(-1.0, 1.0)
+poses = st.builds(
+    lambda axis, angle, shift: Pose.turn((axis[0], axis[1], 1.1 + axis[2]), angle, shift),
+    st.tuples(unit, unit, unit),
+    st.floats(-3.2, 3.2),
+    st.tuples(unit, unit, unit),
+)
+
+
+def test_board_has_the_cells_and_the_order_of_the_real_one() -> None:
+    board = autd3_board()
+    cells = {0: (0, 0), 17: (17, 0), 18: (0, 1), 19: (3, 1), 31: (15, 1), 32: (17, 1), 33: (0, 2), 248: (17, 13)}
+    assert len(board) == 249
+    for index, (column, row) in cells.items():
+        expected = [column * 10.16e-3, row * 10.16e-3, 0.0]
+        np.testing.assert_allclose(board.positions[index], expected, rtol=0, atol=1e-12)
+    empty = [(1, 1), (2, 1), (16, 1)]
+    occupied = {tuple(cell) for cell in np.rint(board.positions[:, :2] / 10.16e-3).astype(int).tolist()}
+    assert occupied == {(x, y) for x in range(18) for y in range(14)} - set(empty)
+    np.testing.assert_array_equal(board.normals, np.tile([0.0, 0.0, 1.0], (249, 1)))
+    np.testing.assert_array_equal(board.tangents, np.tile([1.0, 0.0, 0.0], (249, 1)))
+
+
+def test_a_posed_board_is_the_board_moved() -> None:
+    pose = Pose.turn((1, 2, 3), 0.7, (0.1, -0.2, 0.3))
+    np.testing.assert_array_equal(autd3_board(pose).positions, autd3_board().moved(pose).positions)
+
+
+def test_the_box_stands_around_its_centre_face_by_face() -> None:
+    box = surrounding_box()
+    assert len(box) == 996
+    for face, (axis, sign) in enumerate([(0, 1), (0, -1), (1, 1), (1, -1)]):
+        part = slice(249 * face, 249 * (face + 1))
+        inwards = np.zeros(3)
+        inwards[axis] = -sign
+        np.testing.assert_allclose(box.positions[part, axis], sign * 70e-3, rtol=0, atol=1e-15)
+        np.testing.assert_array_equal(box.normals[part], np.tile(inwards, (249, 1)))
+        for across, cells in ((1 - axis, 14), (2, 18)):
+            values = np.unique(np.round(box.positions[part, across] * 1e3, 6))
+            np.testing.assert_allclose(values, (np.arange(cells) - (cells - 1) / 2) * 10.16, rtol=0, atol=1e-6)
+        first, second = box.positions[249 * face], box.positions[249 * face + 1]
+        np.testing.assert_allclose(second - first, [0.0, 0.0, 10.16e-3], rtol=0, atol=1e-15)
+
+
+def test_faces_of_the_box_are_boards_that_were_only_turned_and_moved() -> None:
+    box, board = surrounding_box(piston(4.5e-3)), autd3_board(element=piston(4.5e-3))
+    for face in range(4):
+        part = slice(249 * face, 249 * (face + 1))
+        x, z = box.tangents[249 * face], box.normals[249 * face]
+        rotation = np.stack([x, np.cross(z, x), z], axis=1)
+        moved = board.moved(Pose(rotation, box.positions[249 * face]))
+        np.testing.assert_allclose(box.positions[part], moved.positions, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(box.face_points[part], moved.face_points, rtol=0, atol=1e-15)
+
+
+def test_each_face_of_the_box_is_the_first_turned_about_its_long_axis() -> None:
+    box = surrounding_box()
+    for face, quarter_turns in enumerate([0, 2, 1, 3]):
+        turned = Pose.turn((0, 0, 1), quarter_turns * np.pi / 2).apply(box.positions[:249])
+        np.testing.assert_allclose(box.positions[249 * face : 249 * (face + 1)], turned, rtol=0, atol=1e-15)
+
+
+def test_flat_boards_lie_edge_to_edge_around_the_origin() -> None:
+    array = flat_boards(rows=2, columns=3)
+    centres = array.positions.reshape(6, 249, 3)
+    middle = (centres.min(axis=1) + centres.max(axis=1)) / 2
+    expected = [(x, y, 0.0) for y in (-75.7e-3, 75.7e-3) for x in (-192e-3, 0.0, 192e-3)]
+    np.testing.assert_allclose(middle, expected, rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(array.normals, np.tile([0.0, 0.0, 1.0], (6 * 249, 1)))
+
+
+@given(poses)
+@settings(max_examples=30, deadline=None)
+def test_faces_move_exactly_with_the_pose(pose: Pose) -> None:
+    array = join([autd3_board(element=piston(4.5e-3))])
+    moved = array.moved(pose)
+    np.testing.assert_allclose(moved.face_points, pose.apply(array.face_points), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(moved.normals, pose.rotate(array.normals), rtol=0, atol=1e-12)
+
+
+@given(poses, poses)
+@settings(max_examples=30, deadline=None)
+def test_faces_without_given_tangents_move_exactly_too(first: Pose, second: Pose) -> None:
+    normals = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [1.0, 1.0, 1.0], [-0.95, 0.1, 0.2]])
+    array = PhasedArray(np.arange(12.0).reshape(4, 3) / 10, normals, piston(4.5e-3))
+    moved = array.moved(first).moved(second)
+    np.testing.assert_allclose(moved.face_points, (second @ first).apply(array.face_points), rtol=0, atol=1e-12)
+
+
+@given(poses)
+@settings(max_examples=30, deadline=None)
+def test_seen_from_a_pose_and_carried_back_is_the_array(pose: Pose) -> None:
+    array = autd3_board()
+    seen = array.seen_from(pose)
+    np.testing.assert_allclose(pose.apply(seen.positions), array.positions, rtol=0, atol=1e-12)
+    hand = np.array([0.01, 0.02, 0.03])
+    from_hand = np.linalg.norm(seen.positions - hand, axis=1)
+    from_array = np.linalg.norm(array.positions - pose.apply(hand), axis=1)
+    np.testing.assert_allclose(from_hand, from_array, rtol=0, atol=1e-12)
+
+
+def test_face_points_stand_in_the_frame_of_tangent_and_normal() -> None:
+    element = Element(np.array([[1e-3, 2e-3, 3e-3]]), np.ones(1))
+    array = PhasedArray(np.zeros((1, 3)), np.array([[0, 0, -2]]), element, np.array([[0, 5, 0]]))
+    np.testing.assert_allclose(array.face_points[0, 0], [2e-3, 1e-3, -3e-3], rtol=0, atol=1e-18)
+
+
+def test_join_keeps_order_and_refuses_other_elements() -> None:
+    left, right = autd3_board(Pose(np.eye(3), np.array([-0.2, 0.0, 0.0]))), autd3_board()
+    both = join([left, right])
+    np.testing.assert_array_equal(both.positions, np.concatenate([left.positions, right.positions]))
+    with pytest.raises(InvalidInput, match="array 1 has another element"):
+        join([left, autd3_board(element=monopole(sensitivity=1.0))])
+    with pytest.raises(InvalidInput, match="not 0"):
+        join([])
+
+
+POINT, UP = np.zeros((2, 3)), np.tile([0.0, 0.0, 1.0], (2, 1))
+
+
+@pytest.mark.parametrize(
+    ("make", "number"),
+    [
+        (lambda: PhasedArray(np.zeros((0, 3)), np.zeros((0, 3))), "0 points"),
+        (lambda: PhasedArray(POINT, UP[:1]), "2 positions need as many normals, not 1"),
+        (lambda: PhasedArray(POINT, UP, None, UP[:1]), "2 positions need as many tangents, not 1"),
+        (lambda: PhasedArray(POINT + [[0], [np.inf]], UP), "3 NaN or infinite"),
+        (
+            lambda: PhasedArray(POINT, UP * [[1.0], [0.0]]),
+            "normals of 1 elements have no direction, first that of element 1",
+        ),
+        (lambda: PhasedArray(POINT, UP * np.nan), "normals of 2 elements"),
+        (lambda: PhasedArray(POINT, UP, None, UP + [0.0, 1.0, 0.0]), "tangent of element 0 .* cosine is 0.707"),
+        (lambda: flat_boards(0, 2), "not 0 and 2"),
+    ],
+)
+def test_bad_arrays_are_refused(make, number: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
+    with pytest.raises(InvalidInput, match=number):
+        make()
