@@ -1,0 +1,84 @@
+"""How much of what a target asks a drive gives, and the scale that gives it."""
+
+import numpy as np
+from jaxtyping import Complex, Float64
+
+from airtact.conventions import InvalidInput
+from airtact.scene.target import Target
+from airtact.transfer import Drive, TransferMatrix
+
+
+def check_sizes(transfer: TransferMatrix, target: Target) -> None:
+    """Refuse a target that has not one focus per row of the transfer matrix (``InvalidInput``, with both numbers)."""
+    if len(transfer.matrix) != len(target.points):
+        raise InvalidInput(
+            f"a transfer matrix for {len(transfer.matrix)} foci does not fit a target of {len(target.points)}."
+        )
+
+
+def focus_weights(target: Target) -> Float64[np.ndarray, "foci"]:
+    """How much each focus counts: (F,) pressures asked [Pa], or 1 each where none is asked."""
+    return np.ones(len(target.points)) if target.pressures is None else target.pressures
+
+
+def share_reached(transfer: TransferMatrix, target: Target, drive: Drive) -> Float64[np.ndarray, "foci"]:
+    """Pressure that each focus gets over the pressure that it asked for.
+
+    This is how a method says that full scale was not enough: the smallest share is 1 where the target was reached and
+    less where it was not.
+
+    Parameters
+    ----------
+    transfer : the transfer matrix.
+    target : the foci and what they ask.
+    drive : the drive to judge, by the same matrix that it was made from; ``airtact.evaluate`` judges by another solver.
+
+    Returns
+    -------
+    (F,) |H d| over the pressure asked, NaN where nothing or 0 Pa was asked.
+
+    Raises
+    ------
+    InvalidInput
+        If foci or elements do not match in number.
+    """
+    check_sizes(transfer, target)
+    return share(np.abs(transfer.pressure(drive)), target)
+
+
+def share(magnitudes: Float64[np.ndarray, "foci"], target: Target) -> Float64[np.ndarray, "foci"]:
+    """(F,) peak pressures [Pa] over the pressures that the target asks, NaN where nothing or 0 Pa was asked."""
+    shares = np.full(len(target.points), np.nan)
+    if target.pressures is not None:
+        asked = target.pressures > 0.0
+        shares[asked] = magnitudes[asked] / target.pressures[asked]
+    return shares
+
+
+def scaled_to_target(transfer: TransferMatrix, target: Target, amplitudes: Complex[np.ndarray, "elements"]) -> Drive:
+    """Scale amplitudes so that the worst focus gets what it asked, or all that full scale allows.
+
+    Parameters
+    ----------
+    transfer : the transfer matrix.
+    target : the foci and what they ask.
+    amplitudes : (E,) complex amplitudes of any size.
+
+    Returns
+    -------
+    The amplitudes times one positive number: the one with which the smallest share of ``share_reached`` is 1, or, where
+    that takes more than full scale or nothing is asked, the one with which the loudest element is 1.
+
+    Raises
+    ------
+    InvalidInput
+        If every amplitude is 0.
+    """
+    loudest = np.abs(amplitudes).max()
+    if not loudest > 0.0:
+        raise InvalidInput(f"all {len(amplitudes)} amplitudes are 0: foci that cancel at every element leave no drive.")
+    full = Drive(amplitudes / loudest)
+    if target.pressures is None:
+        return full
+    worst = np.nanmin(share_reached(transfer, target, full))
+    return Drive(full.amplitudes / max(worst, 1.0))
