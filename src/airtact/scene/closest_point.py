@@ -2,16 +2,17 @@
 
 Sources
 -------
-- C. Ericson, *Real-Time Collision Detection*, Morgan Kaufmann (2005), sections 5.1.5 (triangle) and 5.1.9 (two segments).
-- J. A. Bærentzen, H. Aanæs, "Signed distance computation using the angle weighted pseudonormal",
-  IEEE Trans. Vis. Comput. Graph. 11, 243 (2005).
+- C. Ericson, *Real-Time Collision Detection*, Morgan Kaufmann (2005), sections 5.1.5 (triangle) and 5.1.9
+  (two segments).
+- J. A. Bærentzen, H. Aanæs, "Signed distance computation using the angle weighted pseudonormal", IEEE
+  Trans. Vis. Comput. Graph. 11, 243 (2005).
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64, Int, Int64, Real
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from airtact.scene.topology import edge_twins
 
@@ -119,14 +120,14 @@ class SignedDistance:
     triangles : (T, 3) vertex indices.
     edge_normals : (T, 3, 3) sum of the two normals at edges 01, 12, 20.
     vertex_normals : (V, 3) normals of the triangles round each vertex, weighted by their angles there.
-    groups : triangles of like size, each as (indices, tree of their centres, largest reach of a triangle from its centre [m]).
+    groups : triangles of like size, as ``size_groups`` gives them.
     """
 
     corners: Float64[np.ndarray, "triangles 3 3"]
     triangles: Int[np.ndarray, "triangles 3"]
     edge_normals: Float64[np.ndarray, "triangles 3 3"]
     vertex_normals: Float64[np.ndarray, "vertices 3"]
-    groups: tuple[tuple[Int64[np.ndarray, "some"], cKDTree, float], ...]
+    groups: tuple[tuple[Int64[np.ndarray, "some"], KDTree, float], ...]
 
     def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
         """Distance to the skin [m] of points (P, 3) [m], positive inside."""
@@ -213,7 +214,7 @@ def signed_distance(
 
 def size_groups(
     corners: Real[np.ndarray, "triangles 3 3"],
-) -> tuple[tuple[Int64[np.ndarray, "some"], cKDTree, float], ...]:
+) -> tuple[tuple[Int64[np.ndarray, "some"], KDTree, float], ...]:
     """Sort triangles by size, a factor of two in each group, so that one large one does not widen every search.
 
     Parameters
@@ -228,4 +229,4 @@ def size_groups(
     reach = np.linalg.norm(corners - centres[:, None, :], axis=2).max(axis=1)
     size = np.floor(np.log2(reach)).astype(np.int64)
     groups = (np.flatnonzero(size == level) for level in np.unique(size))
-    return tuple((members, cKDTree(centres[members]), float(reach[members].max())) for members in groups)
+    return tuple((members, KDTree(centres[members]), float(reach[members].max())) for members in groups)

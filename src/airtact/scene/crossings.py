@@ -14,7 +14,7 @@ from airtact.scene.closest_point import closest_on_triangles, segment_distances,
 CLOSE = 1e-9
 """Triangles nearer than this share of the whole extent touch."""
 
-_EDGES = ((0, 1), (1, 2), (2, 0))
+_EDGES = ([0, 1], [1, 2], [2, 0])
 
 
 def self_crossings(
@@ -29,7 +29,6 @@ def self_crossings(
     """
     tolerance = CLOSE * float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     pairs = _pairs_within(corners, tolerance)
-    pairs = pairs[~_parted_by_a_plane(corners[pairs[:, 0]], corners[pairs[:, 1]], tolerance)]
     same = triangles[pairs[:, 0]][:, :, None] == triangles[pairs[:, 1]][:, None, :]
     shared = same.sum(axis=(1, 2))
     crossing = np.zeros(len(pairs), dtype=bool)
@@ -56,7 +55,6 @@ def crossings_between(
     """
     tolerance = CLOSE * float(np.ptp(np.concatenate([first, second]).reshape(-1, 3), axis=0).max())
     pairs = _pairs_between(first, second, tolerance)
-    pairs = pairs[~_parted_by_a_plane(first[pairs[:, 0]], second[pairs[:, 1]], tolerance, shared=False)]
     return pairs[_strangers_meet(first[pairs[:, 0]], second[pairs[:, 1]], tolerance)]
 
 
@@ -71,8 +69,8 @@ def segment_triangle_distances(
     corners : (N, 3, 3) [m].
     """
     distance = np.full(len(segments), np.inf)
-    for one, two in _EDGES:
-        distance = np.minimum(distance, segment_distances(segments, corners[:, [one, two]])[0])
+    for edge in _EDGES:
+        distance = np.minimum(distance, segment_distances(segments, corners[:, edge])[0])
     for end in (0, 1):
         weights = closest_on_triangles(segments[:, end], corners)
         gap = segments[:, end] - np.einsum("nk,nki->ni", weights, corners)
@@ -102,24 +100,14 @@ def _heights(points: Real[np.ndarray, "n some 3"], corners: Real[np.ndarray, "n 
     return np.einsum("npi,ni->np", points - corners[:, :1], normal)
 
 
-def _parted_by_a_plane(
-    first: Real[np.ndarray, "n 3 3"], second: Real[np.ndarray, "n 3 3"], tolerance: float, shared: bool = True
+def _parted(
+    first: Real[np.ndarray, "n 3 3"], second: Real[np.ndarray, "n 3 3"], tolerance: float, shared: int
 ) -> Bool[np.ndarray, "n"]:
-    """Whether one triangle stays on one side of the other's plane, corners in that plane aside when they are shared.
-
-    A corner within the tolerance of the plane parts nobody unless the two others lie on one side of it and it is a
-    shared one; strangers that touch the plane are left to the exact test.
-    """
+    """Whether all corners of one but the first ``shared`` lie on one side of the other's plane."""
     parted = np.zeros(len(first), dtype=bool)
     for here, there in ((first, second), (second, first)):
-        height = _heights(here, there)
-        above, below = (height > tolerance).sum(axis=1), (height < -tolerance).sum(axis=1)
-        if shared:
-            common = (here[:, :, None, :] == there[:, None, :, :]).all(axis=3).any(axis=2).sum(axis=1)
-            common = np.where(common == 1, 1, np.where(common == 2, 2, 0))
-        else:
-            common = 0
-        parted |= (above == 3 - common) | (below == 3 - common)
+        height = _heights(here[:, shared:], there)
+        parted |= (height > tolerance).all(axis=1) | (height < -tolerance).all(axis=1)
     return parted
 
 
@@ -133,18 +121,25 @@ def _turned(corners: Real[np.ndarray, "n 3 3"], shared: Bool[np.ndarray, "n 3"])
 def _strangers_meet(
     first: Real[np.ndarray, "n 3 3"], second: Real[np.ndarray, "n 3 3"], tolerance: float
 ) -> Bool[np.ndarray, "n"]:
-    meet = np.zeros(len(first), dtype=bool)
-    for one, two in _EDGES:
-        meet |= segment_triangle_distances(first[:, [one, two]], second) <= tolerance
-        meet |= segment_triangle_distances(second[:, [one, two]], first) <= tolerance
+    meet = ~_parted(first, second, tolerance, shared=0)
+    one, two = first[meet], second[meet]
+    distance = np.full(len(one), np.inf)
+    for edge in _EDGES:
+        distance = np.minimum(distance, segment_triangle_distances(one[:, edge], two))
+        distance = np.minimum(distance, segment_triangle_distances(two[:, edge], one))
+    meet[meet] = distance <= tolerance
     return meet
 
 
 def _fans_meet(
     first: Real[np.ndarray, "n 3 3"], second: Real[np.ndarray, "n 3 3"], tolerance: float
 ) -> Bool[np.ndarray, "n"]:
-    meet = segment_triangle_distances(first[:, 1:], second) <= tolerance
-    return meet | (segment_triangle_distances(second[:, 1:], first) <= tolerance)
+    """Whether triangles that share their first corner meet at an edge opposite it."""
+    meet = ~_parted(first, second, tolerance, shared=1)
+    one, two = first[meet], second[meet]
+    distance = np.minimum(segment_triangle_distances(one[:, 1:], two), segment_triangle_distances(two[:, 1:], one))
+    meet[meet] = distance <= tolerance
+    return meet
 
 
 def _folded(

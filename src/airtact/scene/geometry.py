@@ -56,8 +56,8 @@ class Pose:
         rotation, translation = fixed(np.asarray(self.rotation)), fixed(np.asarray(self.translation))
         if rotation.shape != (3, 3) or translation.shape != (3,):
             raise InvalidInput(
-                f"a pose has shapes {rotation.shape} and {translation.shape}, but it needs a rotation of shape (3, 3) and "
-                "a translation of shape (3,)."
+                f"a pose has shapes {rotation.shape} and {translation.shape}, but it needs a rotation of shape "
+                "(3, 3) and a translation of shape (3,)."
             )
         refuse_not_finite(rotation, "the pose's rotation")
         refuse_not_finite(translation, "the pose's translation")
@@ -137,6 +137,10 @@ class ExactShape(Protocol):
 
     def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
         """Distance to the skin [m] of points (P, 3) [m], positive inside."""
+        ...
+
+    def project(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
+        """Nearest points of the skin (P, 3) [m] to points (P, 3) [m]."""
         ...
 
     def mesh(self, edge: float) -> "Surface":
@@ -297,7 +301,8 @@ def _refuse_bad_midpoints(
 ) -> None:
     if midpoints.shape != (len(triangles), 3, 3):
         raise InvalidInput(
-            f"surface midpoints have shape {midpoints.shape}, but {len(triangles)} triangles need ({len(triangles)}, 3, 3)."
+            f"surface midpoints have shape {midpoints.shape}, but {len(triangles)} triangles need "
+            f"({len(triangles)}, 3, 3)."
         )
     refuse_not_finite(midpoints, "surface midpoints")
     flat = midpoints.reshape(-1, 3)

@@ -53,8 +53,8 @@ class Pinch:
         """
         if not 0.0 <= offset < self.gap:
             raise InvalidInput(
-                f"foci {offset * 1e3:g} mm off the pads do not lie in the gap of {self.gap * 1e3:g} mm; give an offset from "
-                "0 to less than the gap."
+                f"foci {offset * 1e3:g} mm off the pads do not lie in the gap of {self.gap * 1e3:g} mm; give an offset "
+                "from 0 to less than the gap."
             )
         return self.pads + offset * self.normals
 

@@ -2,8 +2,8 @@
 
 Sources
 -------
-- O. Cramer, "The variation of the specific heat ratio and the speed of sound in air with temperature, pressure, humidity,
-  and CO2 concentration", J. Acoust. Soc. Am. 93, 2510 (1993), equation (15) with Table III.
+- O. Cramer, "The variation of the specific heat ratio and the speed of sound in air with temperature, pressure,
+  humidity, and CO2 concentration", J. Acoust. Soc. Am. 93, 2510 (1993), equation (15) with Table III.
 - A. Picard, R. S. Davis, M. Gläser, K. Fujii, "Revised formula for the density of moist air (CIPM-2007)",
   Metrologia 45, 149 (2008), equation (2) and appendix A.
 - ISO 9613-1:1993, "Attenuation of sound during propagation outdoors, part 1", equations (3) to (5), (B.2), (B.3).

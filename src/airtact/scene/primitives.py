@@ -73,6 +73,13 @@ class Capsule:
         local = self.pose.inverse().apply(points)
         return self.radius - np.linalg.norm(local - self._nearest_on_axis(local), axis=1)
 
+    def project(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
+        """Bring points (P, 3) [m] that are off the axis to the nearest points of the skin."""
+        local = self.pose.inverse().apply(points)
+        feet = self._nearest_on_axis(local)
+        out = local - feet
+        return self.pose.apply(feet + self.radius * out / np.linalg.norm(out, axis=1, keepdims=True))
+
     def moved(self, pose: Pose) -> "Capsule":
         """Move it rigidly.
 
@@ -85,8 +92,8 @@ class Capsule:
     def mesh(self, edge: float) -> Surface:
         """Draw it with curved triangles whose vertices and midpoints lie exactly on it.
 
-        Each cap is a hemisphere of m rings, ring i having 5 i points; the cylinder between has rings of 5 m points, each
-        turned by half a step. The mesh is made at rest and then moved, so that it moves exactly with the pose.
+        Each cap is a hemisphere of m rings, ring i having 5 i points; the cylinder between has rings of 5 m points,
+        each turned by half a step. The mesh is made at rest and then moved, so that it moves exactly with the pose.
 
         Parameters
         ----------
@@ -107,8 +114,8 @@ class Capsule:
                 continue
             return self._surface(self.radius * vertices, triangles)
         raise InvalidInput(
-            f"an edge of {edge * 1e3:.4g} mm on a radius of {self.radius * 1e3:.4g} mm needs more than {_MOST_RINGS} rings "
-            "a cap; ask for a longer edge."
+            f"an edge of {edge * 1e3:.4g} mm on a radius of {self.radius * 1e3:.4g} mm needs more than {_MOST_RINGS} "
+            "rings a cap; ask for a longer edge."
         )
 
     def _surface(
@@ -116,11 +123,9 @@ class Capsule:
     ) -> Surface:
         corners = vertices[triangles]
         middles = ((corners + np.roll(corners, -1, axis=1)) / 2.0).reshape(-1, 3)
-        feet = self._nearest_on_axis(middles)
-        out = middles - feet
-        midpoints = feet + self.radius * out / np.linalg.norm(out, axis=1, keepdims=True)
         rest = Capsule(self.radius, self.length, Pose.identity())
-        return Surface(vertices, triangles, midpoints.reshape(-1, 3, 3), rest).moved(self.pose)
+        midpoints = rest.project(middles).reshape(-1, 3, 3)
+        return Surface(vertices, triangles, midpoints, rest).moved(self.pose)
 
     def _nearest_on_axis(self, local: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
         foot = np.zeros(local.shape)
@@ -189,56 +194,52 @@ def _turn_from_z(direction: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 
 
 def _mesh(rings: int, length: float) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
     """Mesh the capsule of radius 1 whose axis has the given length."""
-    cap, cap_triangles = _cap(rings)
     around = _SECTORS * rings
-    step = math.sqrt(3.0) * math.sin(math.pi / around)  # height of an equilateral triangle over one ring's edge
+    cap, cap_triangles = _cap(rings)
+    above, waist = cap[:-around], cap[-around:]
+    step = math.sqrt(3.0) * math.sin(math.pi / around)  # height of an equilateral triangle over one edge of the waist
+    # A cylinder too short for a band of good triangles gets none: both caps share one ring in its middle.
     bands = max(1, round(length / step)) if length > 0.6 * step else 0
+    half = np.array([0.0, 0.0, length / 2.0])
+    heights = np.linspace(half, -half, bands + 1) if bands else np.zeros((1, 3))
+    belt = np.concatenate([_spun(waist, math.pi / around * band) + heights[band] for band in range(bands + 1)])
+    below = _spun(above, math.pi / around * bands) * [1.0, 1.0, -1.0]
+    last = len(above) + bands * around
+    mirrored = np.r_[last + around + np.arange(len(above)), last + np.arange(around)][cap_triangles][:, ::-1]
+    triangles = np.concatenate([cap_triangles, _belt(len(above), bands, around), mirrored])
+    return np.concatenate([above + half, belt, below - half]), triangles.astype(np.int64)
+
+
+def _spun(points: Float64[np.ndarray, "points 3"], angle: float) -> Float64[np.ndarray, "points 3"]:
+    """Turn points about the z axis."""
+    return points @ Pose.turn((0, 0, 1), angle).rotation.T
+
+
+def _belt(first: int, bands: int, around: int) -> Int64[np.ndarray, "triangles 3"]:
+    """Triangulate between rings of as many points each, the first ring starting at a given vertex."""
     turns = np.arange(around)
-    rows = [cap + [0.0, 0.0, length / 2.0 if bands else 0.0]]
-    if not bands:  # the cylinder is too short for a band: both caps share its waist and reach past it
-        rows[0][: len(cap) - around, 2] += length / 2.0
-    for band in range(1, bands + 1):
-        angle = 2.0 * math.pi / around * (turns + 0.5 * band)
-        height = np.full(around, length / 2.0 - length * band / bands)
-        rows.append(np.stack([np.cos(angle), np.sin(angle), height], axis=1))
-    below = len(cap) - around + np.arange(bands)[:, None] * around
-    here, after = below + turns, below + (turns + 1) % around
-    belt = np.concatenate(
-        [np.stack([here, here + around, after], axis=2), np.stack([after, here + around, after + around], axis=2)]
-    ).reshape(-1, 3)
-    waist = len(cap) - around + bands * around
-    inner = cap[: len(cap) - around]
-    spin = math.pi / around * bands
-    turned = inner @ np.array(
-        [[math.cos(spin), math.sin(spin), 0.0], [-math.sin(spin), math.cos(spin), 0.0], [0, 0, -1.0]]
-    )
-    rows.append(turned - [0.0, 0.0, length / 2.0])
-    renamed = np.r_[waist + around + np.arange(len(inner)), waist + turns]
-    return np.concatenate(rows), np.concatenate([cap_triangles, belt, renamed[cap_triangles][:, ::-1]]).astype(np.int64)
+    ring = first + around * np.arange(bands)[:, None]
+    here, after = ring + turns, ring + (turns + 1) % around
+    down = np.stack([here, here + around, after], axis=2)
+    up = np.stack([after, here + around, after + around], axis=2)
+    return np.concatenate([down, up]).reshape(-1, 3)
 
 
 def _cap(rings: int) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
     """Mesh the upper half of the unit sphere: the pole, then ring i of 5 i points at polar angle (π/2)(i/m)."""
     points, triangles = [np.array([[0.0, 0.0, 1.0]])], []
     for ring in range(1, rings + 1):
-        polar = math.pi / 2.0 * ring / rings
-        angle = 2.0 * math.pi * np.arange(_SECTORS * ring) / (_SECTORS * ring)
+        count, fewer = _SECTORS * ring, max(1, _SECTORS * (ring - 1))
+        polar, angle = math.pi / 2.0 * ring / rings, 2.0 * math.pi * np.arange(count) / count
         height = 0.0 if ring == rings else math.cos(polar)
-        points.append(
-            np.stack([math.sin(polar) * np.cos(angle), math.sin(polar) * np.sin(angle), np.full(len(angle), height)], 1)
-        )
-        sector, across = np.divmod(np.arange(_SECTORS * ring), ring)
-        inner, outer = (
-            1 + _SECTORS * ring * (ring - 1) // 2 - _SECTORS * (ring - 1),
-            1 + _SECTORS * ring * (ring - 1) // 2,
-        )
-        inside = (sector * (ring - 1) + across) % max(1, _SECTORS * (ring - 1))
-        if ring == 1:
-            inner = 0
-        here = np.arange(_SECTORS * ring)
-        triangles.append(np.stack([inner + inside, outer + here, outer + (here + 1) % (_SECTORS * ring)], axis=1))
-        again = here[across > 0]
-        before = inside[again] - 1
-        before = (sector[again] * (ring - 1) + across[again] - 1) % max(1, _SECTORS * (ring - 1))
-        triangles.append(np.stack([inner + before, outer + again, inner + inside[again]], axis=1))
+        flat = math.sin(polar) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        points.append(np.column_stack([flat, np.full(count, height)]))
+        outer = 1 + _SECTORS * ring * (ring - 1) // 2
+        inner = outer - fewer
+        here = np.arange(count)
+        sector, across = np.divmod(here, ring)
+        above = sector * (ring - 1) + across
+        out = np.stack([inner + above % fewer, outer + here, outer + (here + 1) % count], axis=1)
+        between = np.stack([inner + (above - 1) % fewer, outer + here, inner + above % fewer], axis=1)
+        triangles += [out, between[across > 0]]
     return np.concatenate(points), np.concatenate(triangles)

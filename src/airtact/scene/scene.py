@@ -42,16 +42,16 @@ class Obstacle:
         given = (self.ratio is not None, self.medium is not None)
         if given != wanted[self.boundary]:
             raise InvalidInput(
-                f"a {self.boundary} obstacle has ratio {self.ratio} and medium {self.medium}, but only an impedance takes a "
-                "ratio and only a filled one a medium."
+                f"a {self.boundary} obstacle has ratio {self.ratio} and medium {self.medium}, but an impedance takes a "
+                "ratio, a filled one a medium, and none takes both."
             )
         if self.ratio is None:
             return
         ratio = complex(self.ratio)
         if not np.isfinite(ratio) or ratio == 0.0 or ratio.real < 0.0:
             raise InvalidInput(
-                f"the impedance ratio is {ratio:g}, but it must be finite, not zero, and its real part not negative (the "
-                "skin would give off power)."
+                f"the impedance ratio is {ratio:g}, but it must be finite, not zero, and its real part not negative "
+                "(the skin would give off power)."
             )
         object.__setattr__(self, "ratio", ratio)
 
@@ -110,8 +110,8 @@ class Scene:
 
     Examples
     --------
-    >>> Scene(Medium(343.1, 1.293), [], frequency=40e3).wavenumber.real.__round__(3)
-    732.521
+    >>> f"{Scene(Medium(343.1, 1.293), [], frequency=40e3).wavelength * 1e3:.2f} mm"
+    '8.58 mm'
     """
 
     medium: Medium
@@ -169,6 +169,6 @@ def check_outside(scene: Scene, points: Real[np.ndarray, "points 3"], what: str)
     if len(inside):
         deepest = int(depth.argmax())
         raise InvalidInput(
-            f"{len(inside)} of {len(given)} {what} points lie inside a body: {what} {deepest} at {place(given[deepest])} is "
-            f"{depth[deepest] * 1e3:.3g} mm deep; move it out or the body away."
+            f"{len(inside)} of {len(given)} {what} points lie inside a body: {what} {deepest} at "
+            f"{place(given[deepest])} is {depth[deepest] * 1e3:.3g} mm deep; move it out or the body away."
         )

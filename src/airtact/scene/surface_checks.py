@@ -6,8 +6,8 @@ from itertools import combinations
 import numpy as np
 
 from airtact.conventions import InvalidInput
-from airtact.scene.crossings import crossings_between, segment_triangle_distances
 from airtact.scene.closest_point import segment_distances
+from airtact.scene.crossings import crossings_between, segment_triangle_distances
 from airtact.scene.geometry import Surface
 from airtact.scene.guards import place
 from airtact.scene.primitives import Capsule
@@ -33,8 +33,8 @@ def check_surface(surface: Surface) -> None:
     if len(pairs):
         first = pairs[0]
         raise InvalidInput(
-            f"the surface crosses itself: {len(pairs)} pairs of triangles meet, the first are triangles {int(first[0])} and "
-            f"{int(first[1])} near {place(surface.corners[first].mean(axis=(0, 1)))}; repair the mesh."
+            f"the surface crosses itself: {len(pairs)} pairs of triangles meet, the first are triangles "
+            f"{int(first[0])} and {int(first[1])} near {place(surface.corners[first].mean(axis=(0, 1)))}; repair it."
         )
 
 

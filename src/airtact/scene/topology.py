@@ -113,7 +113,7 @@ def refuse_open(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[np.ndar
 
 
 def shells(triangles: Int[np.ndarray, "triangles 3"]) -> Int[np.ndarray, "triangles"]:
-    """Number the connected pieces of a closed mesh.
+    """Label the connected pieces of a closed mesh.
 
     Parameters
     ----------

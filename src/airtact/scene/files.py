@@ -1,0 +1,52 @@
+"""Surfaces from files: STL, PLY, OBJ and GLB, read by trimesh."""
+
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from airtact.conventions import InvalidInput
+from airtact.scene.geometry import Surface
+from airtact.scene.guards import positive
+
+SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".gltf")
+"""File name endings that are read."""
+
+
+def load_surface(path: str | Path, scale: float = 1.0) -> Surface:
+    """Read a closed surface from a file.
+
+    The nodes of a scene graph are put where their transforms place them and joined; vertices at the same place are
+    merged, whatever their texture or normal.
+
+    Parameters
+    ----------
+    path : an STL, PLY, OBJ or GLB file.
+    scale : metres per unit of the file: 1e-3 for a file in millimetres.
+
+    Raises
+    ------
+    InvalidInput
+        When there is no such file, it cannot be read, holds no triangles, or the surface is at fault (see ``Surface``).
+    """
+    path, scale = Path(path), positive(scale, "scale", "m per unit of the file")
+    if path.suffix.lower() not in SUFFIXES:
+        raise InvalidInput(f"{path.name} ends in {path.suffix!r}, but surfaces are read from {', '.join(SUFFIXES)}.")
+    if not path.is_file():
+        raise InvalidInput(f"there is no file {path}; 0 triangles were read.")
+    mesh = _joined(path)
+    try:
+        return Surface(np.asarray(mesh.vertices) * scale, np.asarray(mesh.faces))
+    except InvalidInput as fault:
+        raise InvalidInput(f"{path.name}: {fault}") from fault
+
+
+def _joined(path: Path) -> trimesh.Trimesh:
+    try:
+        mesh = trimesh.load_scene(path, process=False).to_mesh()
+    except Exception as fault:  # every reader of trimesh has its own way to fail on a damaged file
+        raise InvalidInput(f"{path.name} ({path.stat().st_size} bytes) cannot be read: {fault}.") from fault
+    if len(mesh.faces) == 0:
+        raise InvalidInput(f"{path.name} holds 0 triangles; give a file with a closed triangle surface.")
+    mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    return mesh
