@@ -1,0 +1,117 @@
+"""Monopoles in open air, in closed form: p(x) = Σ_j s_j e^{ik|x - x_j|} / |x - x_j|."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Complex128, Real
+
+from airtact.conventions import InvalidInput
+from airtact.scene.scene import Scene
+from airtact.scene.sources import Monopoles
+from airtact.solvers.problem import Skin, SolveReport
+
+_PAIRS_AT_ONCE = 1 << 20
+
+
+def unit_monopoles(
+    points: Real[np.ndarray, "points 3"], positions: Real[np.ndarray, "sources 3"], wavenumber: complex
+) -> Complex128[np.ndarray, "points sources"]:
+    """Pressure of monopoles of 1 Pa·m in open air, e^{ikr}/r.
+
+    Parameters
+    ----------
+    points : (P, 3) where to listen [m].
+    positions : (N, 3) where the monopoles stand [m].
+    wavenumber : k [1/m], its imaginary part the absorption [Np/m].
+
+    Returns
+    -------
+    (P, N) pressure [Pa].
+
+    Raises
+    ------
+    InvalidInput
+        If a point stands on a monopole, where the pressure is infinite.
+    """
+    distance = np.sqrt(np.sum((points[:, None, :] - positions[None, :, :]) ** 2, axis=-1))
+    if np.any(distance == 0.0):
+        point, source = np.argwhere(distance == 0.0)[0]
+        raise InvalidInput(f"point {point} stands on source {source}, where the pressure is infinite; move it off.")
+    return np.exp(1j * wavenumber * distance) / distance
+
+
+def open_air_pressure(
+    points: Real[np.ndarray, "points 3"], sources: Monopoles, wavenumber: complex
+) -> Complex128[np.ndarray, "points sounds"]:
+    """Pressure of ``sources`` in open air at points (P, 3) [m]: (P, S) [Pa], in blocks that bound the memory."""
+    rows = max(1, _PAIRS_AT_ONCE // max(1, len(sources.positions)))
+    pressure = np.zeros((len(points), sources.strengths.shape[1]), dtype=np.complex128)
+    for first in range(0, len(points), rows):
+        block = slice(first, first + rows)
+        pressure[block] = unit_monopoles(points[block], sources.positions, wavenumber) @ sources.strengths
+    return pressure
+
+
+@dataclass(frozen=True, eq=False)
+class OpenAirField:
+    """The field of monopoles in a scene without obstacles (a ``RadiatedField``).
+
+    Attributes
+    ----------
+    scene : the scene, without obstacles.
+    sources : the monopoles that speak.
+    report : how the field was made.
+    """
+
+    scene: Scene
+    sources: Monopoles
+    report: SolveReport
+
+    @property
+    def skin(self) -> Skin:
+        """No skin: arrays of length 0."""
+        sounds = self.sources.strengths.shape[1]
+        nowhere = np.zeros((0, 3))
+        return Skin(nowhere, nowhere, np.zeros(0), np.zeros((0, sounds), dtype=np.complex128))
+
+    def at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
+        """Pressure [Pa] at points (P, 3) [m] for each of the S sounds.
+
+        Raises
+        ------
+        InvalidInput
+            If a point stands on a source.
+        """
+        return open_air_pressure(points, self.sources, self.scene.wavenumber)
+
+    def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
+        """Everywhere: there is no body."""
+        return np.ones(len(points), dtype=np.bool_)
+
+
+@dataclass(frozen=True)
+class FreeField:
+    """Sound in open air, in closed form, absorption included. Refuses obstacles."""
+
+    def radiate(self, scene: Scene, sources: Monopoles) -> OpenAirField:
+        """Field of the monopoles in a scene without obstacles.
+
+        Raises
+        ------
+        InvalidInput
+            If the scene has obstacles.
+        """
+        if len(scene.obstacles) > 0:
+            raise InvalidInput(
+                f"FreeField knows open air only, and the scene has {len(scene.obstacles)} obstacle(s); "
+                "take a solver that scatters, such as BoundaryElement."
+            )
+        report = SolveReport(
+            solver="FreeField",
+            residual=0.0,
+            iterations=0,
+            nodes=0,
+            nodes_per_square_wavelength=np.inf,
+            estimated_error=0.0,
+        )
+        return OpenAirField(scene, sources, report)
