@@ -1,0 +1,185 @@
+"""Where pictures and field files are taken: windows in planes through the foci, and boxes around them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Real
+
+AXES = dict(zip("xyz", np.eye(3), strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """A rectangle of points in a plane.
+
+    Attributes
+    ----------
+    centre : (3,) its middle [m].
+    right, up : (3,) unit vectors along its sides.
+    width, height : lengths of its sides [m].
+    step : distance of neighbouring points [m].
+    """
+
+    centre: Float64[np.ndarray, "3"]
+    right: Float64[np.ndarray, "3"]
+    up: Float64[np.ndarray, "3"]
+    width: float
+    height: float
+    step: float
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of points."""
+        return max(2, round(self.height / self.step) + 1), max(2, round(self.width / self.step) + 1)
+
+    @property
+    def points(self) -> Float64[np.ndarray, "points 3"]:
+        """(rows · columns, 3) the points, along ``right`` fastest, from the lower left corner [m]."""
+        rows, columns = self.shape
+        across = np.linspace(-self.width / 2, self.width / 2, columns)
+        along = np.linspace(-self.height / 2, self.height / 2, rows)
+        grid = self.centre + across[None, :, None] * self.right + along[:, None, None] * self.up
+        return grid.reshape(-1, 3)
+
+    @property
+    def normal(self) -> Float64[np.ndarray, "3"]:
+        """(3,) unit vector out of the plane, towards the viewer."""
+        return np.cross(self.right, self.up)
+
+    @property
+    def origin(self) -> Float64[np.ndarray, "3"]:
+        """(3,) the point that its picture calls zero: that of the frame along the frame's axes, else the centre [m]."""
+        aligned = [axis for axis in (self.right, self.up) if _axis_name(axis)]
+        return self.centre - sum((self.centre @ axis * axis for axis in aligned), np.zeros(3))
+
+    @property
+    def labels(self) -> tuple[str, str]:
+        """What the picture's axes are called."""
+        names = _axis_name(self.right), _axis_name(self.up)
+        return names[0] or "across [mm]", names[1] or "up [mm]"
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """Left, right, bottom and top edge of its picture, from ``origin`` [mm]."""
+        (across, along), *_ = self.seen(self.centre[None])
+        half = 500 * self.width, 500 * self.height
+        return across - half[0], across + half[0], along - half[1], along + half[1]
+
+    def seen(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 2"]:
+        """Project points (P, 3) [m] into the picture: (P, 2) from ``origin`` [mm]."""
+        return 1e3 * (points - self.origin) @ np.stack([self.right, self.up], axis=1)
+
+    def height_of(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
+        """Distance of points (P, 3) from the plane, positive towards the viewer: (P,) [m]."""
+        return (points - self.centre) @ self.normal
+
+
+def _axis_name(direction: Float64[np.ndarray, "3"]) -> str:
+    return next((f"{name} [mm]" for name, axis in AXES.items() if direction @ axis > 1 - 1e-9), "")
+
+
+def plane_through(
+    foci: Real[np.ndarray, "foci 3"], bodies: Real[np.ndarray, "vertices 3"], wavelength: float
+) -> Window:
+    """Choose the window that shows most: through the foci, and along the bodies where the foci leave a choice.
+
+    Parameters
+    ----------
+    foci : (F, 3) [m]; three or more that are not in one plane give the best plane through them.
+    bodies : (V, 3) vertices of all bodies, may be none [m].
+    wavelength : [m]; the window reaches three of them past the outermost foci.
+
+    Returns
+    -------
+    A window of at most about 30,000 points, its sides along the frame's axes where the plane allows.
+    """
+    middle = foci.mean(axis=0)
+    _, spreads, principal = np.linalg.svd(foci - middle, full_matrices=False)
+    candidates = [axis for axis, spread in zip(principal, spreads, strict=True) if spread > wavelength / 10]
+    if len(bodies):
+        candidates.append(_direction(bodies.mean(axis=0) - middle))
+    first, second = _independent([*candidates, AXES["z"], AXES["x"], AXES["y"]])
+    right, up = _upright(np.cross(first, second))
+    within = (foci - middle) @ np.stack([right, up], axis=1)
+    lowest, highest = within.min(axis=0), within.max(axis=0)
+    width, height = highest - lowest + 6 * wavelength
+    centre = middle + (lowest + highest) / 2 @ np.stack([right, up])
+    step = np.clip(np.sqrt(width * height / 30_000), wavelength / 24, wavelength / 8)
+    return Window(centre, right, up, float(width), float(height), float(step))
+
+
+def close_up(focus: Real[np.ndarray, "3"], outward: Real[np.ndarray, "3"], wavelength: float) -> Window:
+    """Cut across a focus at right angles to the skin below it.
+
+    Parameters
+    ----------
+    focus : (3,) the window's middle [m].
+    outward : (3,) direction away from the skin; the window's upward side.
+    wavelength : [m]; the window is three of them wide.
+    """
+    up = _direction(np.asarray(outward, dtype=np.float64))
+    _, right = _independent([up, AXES["y"], AXES["z"], AXES["x"]])
+    right = right * np.sign(right[np.argmax(np.abs(right))])
+    return Window(np.array(focus, dtype=np.float64), right, up, 3 * wavelength, 3 * wavelength, wavelength / 24)
+
+
+def _direction(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
+    length = np.linalg.norm(vector)
+    return vector / length if length > 0 else np.zeros(3)
+
+
+def _independent(candidates: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Take the first two directions that are well apart, the second made perpendicular to the first."""
+    first = next(axis for axis in candidates if np.linalg.norm(axis) > 0.5)
+    across = (axis - axis @ first * first for axis in candidates)
+    return first, _direction(next(axis for axis in across if np.linalg.norm(axis) > 0.3))
+
+
+def _upright(normal: Float64[np.ndarray, "3"]) -> tuple[np.ndarray, np.ndarray]:
+    """Sides of a picture in a plane: up is z's part in it, or y's where there is little; right is mostly positive."""
+    axis = AXES["z"] if abs(normal[2]) < 0.9 else AXES["y"]
+    up = _direction(axis - axis @ normal * normal)
+    right = np.cross(up, normal)
+    right = right * np.sign(right[np.argmax(np.abs(right))])
+    # Rounding would hide that a side lies along an axis of the frame.
+    right, up = (np.where(np.abs(side) < 1e-12, 0.0, side) for side in (right, up))
+    return right, up
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """Points of a cuboid along the frame's axes.
+
+    Attributes
+    ----------
+    origin : (3,) corner with the smallest coordinates [m].
+    step : distance of neighbouring points [m].
+    counts : points along x, y and z, at least 2 each.
+    """
+
+    origin: Float64[np.ndarray, "3"]
+    step: float
+    counts: tuple[int, int, int]
+
+    @property
+    def points(self) -> Float64[np.ndarray, "points 3"]:
+        """(nx · ny · nz, 3) the points, along x fastest and z slowest [m]."""
+        sides = [start + self.step * np.arange(count) for start, count in zip(self.origin, self.counts, strict=True)]
+        z, y, x = np.meshgrid(*sides[::-1], indexing="ij")
+        return np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
+
+
+def box_around(foci: Real[np.ndarray, "foci 3"], wavelength: float, most: int = 150_000) -> Box:
+    """Box two wavelengths past the foci on every side, with eight points per wavelength or as many as ``most`` allows.
+
+    Parameters
+    ----------
+    foci : (F, 3) [m].
+    wavelength : [m].
+    most : points that the box may have, about.
+    """
+    lowest, highest = foci.min(axis=0) - 2 * wavelength, foci.max(axis=0) + 2 * wavelength
+    sides = highest - lowest
+    step = float(max(wavelength / 8, np.cbrt(np.prod(sides) / most)))
+    across, along, deep = (max(2, int(side / step) + 1) for side in sides)
+    return Box(lowest, step, (across, along, deep))

@@ -1,0 +1,307 @@
+"""From the tables of a scene file to the scene, the array, the target and the way to make the drive."""
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from airtact.conventions import InvalidInput
+from airtact.scene.files import load_surface
+from airtact.scene.geometry import Pose, Surface
+from airtact.scene.hand import pinch
+from airtact.scene.medium import Medium, air
+from airtact.scene.primitives import capsule, sphere
+from airtact.scene.scene import Obstacle, Scene, filled, impedance, sound_hard
+from airtact.scene.target import Target
+from airtact.scene_file.tables import (
+    ArrayTable,
+    FocusTable,
+    MediumTable,
+    ObstacleTable,
+    PoseTable,
+    SceneFile,
+    Table,
+    nearest,
+    parse_scene,
+)
+from airtact.solvers.boundary_element import BoundaryElement
+from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
+from airtact.transducers.element import Element, monopole, piston
+from airtact.transducers.layout import PhasedArray, autd3_board, flat_boards, join, surrounding_box
+from airtact.transfer import Drive, TransferMatrix
+
+SOLVERS = {"boundary_element": BoundaryElement}
+"""The solvers that a file can name."""
+
+METHODS = {"time_reversal": time_reversal, "phase_conjugate": phase_conjugate}
+"""The ways to make a drive that a file can name."""
+
+Places = dict[str, tuple[np.ndarray, np.ndarray]]
+"""Named points of bodies and the outward normals there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """What a scene file asks for, ready to be solved.
+
+    Attributes
+    ----------
+    path : the file.
+    text : what it says.
+    scene : the bodies in their medium.
+    bodies : a name for each body.
+    array : the transducers, in the obstacles' frame.
+    target : the foci.
+    foci : a name for each focus.
+    solver : makes the drive.
+    accuracy : the relative error that the solver was asked for.
+    method : name of the way the drive is made.
+    synthesise : that way.
+    """
+
+    path: Path
+    text: str
+    scene: Scene
+    bodies: tuple[str, ...]
+    array: PhasedArray
+    target: Target
+    foci: tuple[str, ...]
+    solver: BoundaryElement
+    accuracy: float
+    method: str
+    synthesise: Callable[[TransferMatrix, Target], Drive]
+
+
+def read_setup(path: Path) -> Setup:
+    """Read a scene file and build what it describes.
+
+    Parameters
+    ----------
+    path : the TOML file; surfaces and array files that it names are found beside it.
+
+    Raises
+    ------
+    InvalidInput : the file cannot be read, has a wrong key or value, or describes an impossible scene; the message begins
+        with the file's name and the table at fault.
+    """
+    text = _text(path)
+    with _within(path.name):
+        return _set_up(path, text, parse_scene(text))
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InvalidInput(f"cannot read the scene file {path}: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise InvalidInput(f"{path.name} is not a text file: byte {error.start} is not UTF-8") from None
+
+
+@contextmanager
+def _within(place: str) -> Iterator[None]:
+    """Put the place in front of any refusal."""
+    try:
+        yield
+    except InvalidInput as error:
+        raise InvalidInput(f"{place}: {error}") from None
+
+
+def _set_up(path: Path, text: str, file: SceneFile) -> Setup:
+    with _within("medium"):
+        medium = _medium(file.medium, file.frequency)
+    scene, bodies, places = _scene(file, medium, path.parent)
+    with _within("array"):
+        array = _array(file.array, path.parent)
+    target, foci = _target(file.foci, places)
+    with _within("solver"):
+        if file.solver.name not in SOLVERS:
+            raise InvalidInput(f'"{file.solver.name}" is not a solver here; {nearest(file.solver.name, SOLVERS)}')
+        solver = SOLVERS[file.solver.name](accuracy=file.solver.accuracy)
+    with _within("drive"):
+        if file.drive.method not in METHODS:
+            raise InvalidInput(f'"{file.drive.method}" is not a method here; {nearest(file.drive.method, METHODS)}')
+        if file.drive.levels != 256:
+            raise InvalidInput(f"levels = {file.drive.levels}, but drives are written in 256 levels")
+    return Setup(
+        path=path,
+        text=text,
+        scene=scene,
+        bodies=bodies,
+        array=array,
+        target=target,
+        foci=foci,
+        solver=solver,
+        accuracy=file.solver.accuracy,
+        method=file.drive.method,
+        synthesise=METHODS[file.drive.method],
+    )
+
+
+def _one_of(table: Table, names: tuple[str, ...]) -> str:
+    given = [name for name in names if getattr(table, name) is not None]
+    if len(given) != 1:
+        raise InvalidInput(f"give exactly one of {', '.join(names)}; {len(given)} given")
+    return given[0]
+
+
+def _goes_with(table: Table, key: str, owner: str, fits: bool) -> None:
+    if getattr(table, key) is not None and not fits:
+        raise InvalidInput(f"{key} goes only with {owner}")
+
+
+def _medium(table: MediumTable, frequency: float) -> Medium:
+    weather = {key: value for key in ("celsius", "humidity") if (value := getattr(table, key)) is not None}
+    keys = ("sound_speed", "density", "absorption")
+    fluid = {key: value for key in keys if (value := getattr(table, key)) is not None}
+    if weather and not fluid:
+        return air(**weather, frequency=frequency)
+    if not weather and {"sound_speed", "density"} <= fluid.keys():
+        return Medium(**fluid)
+    given = ", ".join([*weather, *fluid]) or "nothing"
+    raise InvalidInput(f"give celsius and humidity, or sound_speed and density; {given} given")
+
+
+def _scene(file: SceneFile, medium: Medium, folder: Path) -> tuple[Scene, tuple[str, ...], Places]:
+    obstacles: list[Obstacle] = []
+    bodies: list[str] = []
+    places: Places = {}
+    for index, table in enumerate(file.obstacles):
+        with _within(f"obstacles[{index}]"):
+            for name, surface in _bodies(table, folder, places).items():
+                obstacles.append(_obstacle(table, surface, file.frequency))
+                bodies.append(f"{name} {index + 1}" if name in bodies else name)
+    return Scene(medium, obstacles, frequency=file.frequency), tuple(bodies), places
+
+
+def _bodies(table: ObstacleTable, folder: Path, places: Places) -> dict[str, Surface]:
+    """Build an obstacle's bodies by name, and note the places that foci can ask for."""
+    kind = _one_of(table, ("pinch", "capsule", "sphere", "surface"))
+    _goes_with(table, "scale", "surface", kind == "surface")
+    if table.pinch is not None:
+        fingers = pinch(gap=table.pinch.gap)
+        for name, pad, normal in zip(("thumb", "finger"), fingers.pads, fingers.normals, strict=True):
+            places[f"{name}.pad"] = (pad, normal)
+        return {"thumb": fingers.surfaces[0], "finger": fingers.surfaces[1]}
+    if table.capsule is not None:
+        rod = table.capsule
+        return {"capsule": capsule(np.array(rod.start), np.array(rod.end), radius=rod.radius, edge=rod.edge)}
+    if table.sphere is not None:
+        ball = table.sphere
+        return {"sphere": sphere(radius=ball.radius, edge=ball.edge, centre=np.array(ball.centre))}
+    file = Path(str(table.surface))
+    scale = {} if table.scale is None else {"scale": table.scale}
+    return {file.stem: load_surface(folder / file, **scale)}
+
+
+def _obstacle(table: ObstacleTable, surface: Surface, frequency: float) -> Obstacle:
+    _goes_with(table, "ratio", 'boundary = "impedance"', table.boundary == "impedance")
+    _goes_with(table, "medium", 'boundary = "filled"', table.boundary == "filled")
+    if table.boundary == "impedance":
+        if table.ratio is None:
+            raise InvalidInput('boundary = "impedance" needs ratio, Z/(ρc), a number or [real, imaginary]')
+        return impedance(surface, complex(*table.ratio) if isinstance(table.ratio, tuple) else complex(table.ratio))
+    if table.boundary == "filled":
+        if table.medium is None:
+            raise InvalidInput('boundary = "filled" needs medium, what the body is filled with')
+        with _within("medium"):
+            return filled(surface, _medium(table.medium, frequency))
+    return sound_hard(surface)
+
+
+def _pose(table: PoseTable) -> Pose:
+    translation = np.array(table.translation)
+    if table.rotation is not None:
+        if table.axis is not None or table.degrees is not None:
+            raise InvalidInput("give rotation, or axis and degrees, not both")
+        return Pose(np.array(table.rotation), translation)
+    if table.axis is None and table.degrees is None:
+        return Pose(np.eye(3), translation)
+    if table.axis is None or table.degrees is None:
+        raise InvalidInput("axis and degrees go together; only one of them is given")
+    return Pose.turn(np.array(table.axis), math.radians(table.degrees), translation)
+
+
+def _array(table: ArrayTable, folder: Path) -> PhasedArray:
+    loudness = {} if table.sensitivity is None else {"sensitivity": table.sensitivity}
+    element = monopole(**loudness) if table.piston_radius is None else piston(table.piston_radius, **loudness)
+    for key, owner in (("rows", "flat_boards"), ("columns", "flat_boards"), ("poses", "boards")):
+        _goes_with(table, key, f'layout = "{owner}"', table.layout == owner)
+    array = _layout(table, element, folder)
+    if table.pose is None:
+        return array
+    with _within("pose"):
+        return array.moved(_pose(table.pose))
+
+
+def _layout(table: ArrayTable, element: Element, folder: Path) -> PhasedArray:
+    if table.layout == "surrounding_box":
+        return surrounding_box(element=element)
+    if table.layout == "flat_boards":
+        size = {key: value for key in ("rows", "columns") if (value := getattr(table, key)) is not None}
+        return flat_boards(**size, element=element)
+    if table.layout == "boards":
+        if not table.poses:
+            raise InvalidInput('layout = "boards" needs poses, one for each board; 0 given')
+        return join([autd3_board(_pose(pose), element=element) for pose in table.poses])
+    if table.layout.endswith(".csv"):
+        return _array_from_csv(folder / table.layout, element)
+    known = nearest(table.layout, ("surrounding_box", "flat_boards", "boards"))
+    raise InvalidInput(f'layout = "{table.layout}" is neither a known layout nor a .csv file; {known}')
+
+
+def _array_from_csv(path: Path, element: Element) -> PhasedArray:
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise InvalidInput(f"cannot read {path.name}: {error.strerror}") from None
+    if not lines or [word.strip() for word in lines[0].split(",")] != ["x", "y", "z", "nx", "ny", "nz"]:
+        raise InvalidInput(f"line 1 of {path.name} must be x,y,z,nx,ny,nz")
+    rows = [_numbers(line) for line in lines[1:]]
+    for number, (line, row) in enumerate(zip(lines[1:], rows, strict=True), start=2):
+        if len(row) != 6:
+            raise InvalidInput(f"line {number} of {path.name} is {line!r}, not six numbers")
+    if not rows:
+        raise InvalidInput(f"{path.name} holds 0 transducers")
+    table = np.array(rows)
+    return PhasedArray(table[:, :3], table[:, 3:], element)
+
+
+def _numbers(line: str) -> list[float]:
+    try:
+        return [float(word) for word in line.split(",")]
+    except ValueError:
+        return []
+
+
+def _target(tables: list[FocusTable], places: Places) -> tuple[Target, tuple[str, ...]]:
+    points, names = [], []
+    for index, table in enumerate(tables):
+        with _within(f"foci[{index}]"):
+            points.append(_focus(table, places))
+            names.append(table.name or table.at or f"focus {index + 1}")
+    pressures = [table.pressure for table in tables if table.pressure is not None]
+    with _within("foci"):
+        if len(pressures) not in (0, len(tables)):
+            raise InvalidInput(
+                f"{len(pressures)} of {len(tables)} have a pressure; give it to all, or to none for as strong as possible"
+            )
+        wanted = np.array(pressures) if pressures else None
+        return Target(np.array(points).reshape(-1, 3), pressures=wanted), tuple(names)
+
+
+def _focus(table: FocusTable, places: Places) -> np.ndarray:
+    if _one_of(table, ("at", "point")) == "point":
+        _goes_with(table, "offset", "at", fits=False)
+        return np.array(table.point)
+    if table.at not in places:
+        known = nearest(str(table.at), places) if places else "no body here has named places, so give point = [x, y, z]"
+        raise InvalidInput(f'at = "{table.at}" is not a place of a body; {known}')
+    offset = 0.5e-3 if table.offset is None else table.offset
+    if not (math.isfinite(offset) and offset >= 0):
+        raise InvalidInput(f"offset = {offset} m must be 0 (on the skin) or more")
+    point, normal = places[table.at]
+    return point + offset * normal

@@ -1,0 +1,205 @@
+"""The tables of a scene file and how its text becomes them.
+
+All lengths are metres and all frames are the obstacles' frame unless a key says otherwise. The attributes of each class are the
+keys of one table.
+"""
+
+import difflib
+import re
+import typing
+from typing import Any, Literal
+
+import msgspec
+
+from airtact.conventions import InvalidInput
+
+Triple = tuple[float, float, float]
+
+
+class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """A table of the file: a key that it does not know is an error."""
+
+
+class MediumTable(Table):
+    """Air by its weather (``celsius``, ``humidity`` 0 to 1), or any fluid (``sound_speed``, ``density``, ``absorption``)."""
+
+    celsius: float | None = None
+    humidity: float | None = None
+    sound_speed: float | None = None
+    density: float | None = None
+    absorption: float | None = None
+
+
+class PoseTable(Table):
+    """A turn by ``degrees`` about ``axis``, or a ``rotation`` matrix, then a ``translation``."""
+
+    axis: Triple | None = None
+    degrees: float | None = None
+    rotation: tuple[Triple, Triple, Triple] | None = None
+    translation: Triple = (0.0, 0.0, 0.0)
+
+
+class ArrayTable(Table):
+    """Who speaks; ``pose`` is where the whole array stands in the obstacles' frame."""
+
+    layout: str
+    rows: int | None = None
+    columns: int | None = None
+    poses: list[PoseTable] | None = None
+    piston_radius: float | None = None
+    sensitivity: float | None = None
+    pose: PoseTable | None = None
+
+
+class PinchTable(Table):
+    """The paper's thumb and forefinger, ``gap`` apart."""
+
+    gap: float = 0.012
+
+
+class CapsuleTable(Table):
+    """A round-ended rod; ``edge`` is the longest edge of its picture, not of the solver's panels."""
+
+    start: Triple
+    end: Triple
+    radius: float
+    edge: float = 2.5e-3
+
+
+class SphereTable(Table):
+    """A ball; ``edge`` as for a capsule."""
+
+    radius: float
+    centre: Triple = (0.0, 0.0, 0.0)
+    edge: float = 2.5e-3
+
+
+class ObstacleTable(Table):
+    """A ``pinch``, ``capsule``, ``sphere`` or ``surface`` (a mesh file beside the scene file) and what its skin does."""
+
+    pinch: PinchTable | None = None
+    capsule: CapsuleTable | None = None
+    sphere: SphereTable | None = None
+    surface: str | None = None
+    scale: float | None = None
+    boundary: Literal["sound_hard", "impedance", "filled"] = "sound_hard"
+    ratio: float | tuple[float, float] | None = None
+    medium: MediumTable | None = None
+
+
+class FocusTable(Table):
+    """A point to feel: ``at`` a named place of a body, ``offset`` off its skin, or a ``point``; ``pressure`` in pascal."""
+
+    at: str | None = None
+    offset: float | None = None
+    point: Triple | None = None
+    pressure: float | None = None
+    name: str | None = None
+
+
+class SolverTable(Table):
+    """How sound travels is computed; ``accuracy`` is the relative error asked for."""
+
+    name: str = "boundary_element"
+    accuracy: float = 0.01
+
+
+class DriveTable(Table):
+    """How the drive is made from the transfer matrix, and in how many levels it is sent."""
+
+    method: str = "time_reversal"
+    levels: int = 256
+
+
+class SceneFile(Table):
+    """The whole file."""
+
+    medium: MediumTable
+    array: ArrayTable
+    foci: list[FocusTable]
+    obstacles: list[ObstacleTable] = []
+    frequency: float = 40e3
+    solver: SolverTable = SolverTable()
+    drive: DriveTable = DriveTable()
+
+
+def parse_scene(text: str) -> SceneFile:
+    r"""Turn the text of a scene file into its tables.
+
+    Raises
+    ------
+    InvalidInput : not TOML, an unknown key (named with its path and the nearest right key), a missing key, a wrong type.
+
+    Examples
+    --------
+    >>> parse_scene("[medium]\ncelsuis = 20.0")
+    Traceback (most recent call last):
+    ...
+    airtact.conventions.InvalidInput: medium.celsuis is not a key of a scene file; did you mean medium.celsius?
+    """
+    try:
+        data = msgspec.toml.decode(text.encode())
+    except msgspec.DecodeError as error:
+        raise InvalidInput(f"this is not TOML: {str(error)[:1].lower()}{str(error)[1:]}") from None
+    _refuse_unknown_keys(data, SceneFile, "")
+    try:
+        return msgspec.convert(data, SceneFile)
+    except msgspec.ValidationError as error:
+        raise InvalidInput(_sentence(str(error))) from None
+
+
+def nearest(word: str, known: typing.Iterable[str], prefix: str = "") -> str:
+    """Say which known word was probably meant, or all that there are.
+
+    >>> nearest("finite_elemant", ["boundary_element", "finite_element"])
+    'did you mean finite_element?'
+    """
+    known = sorted(known)
+    close = difflib.get_close_matches(word, known, n=1)
+    return f"did you mean {prefix}{close[0]}?" if close else f"there is {', '.join(prefix + name for name in known)}"
+
+
+def _refuse_unknown_keys(data: Any, table: type[Table], path: str) -> None:
+    if not isinstance(data, dict):
+        return
+    kinds = typing.get_type_hints(table)
+    for key, value in data.items():
+        if key not in kinds:
+            raise InvalidInput(f"{path}{key} is not a key of a scene file; {nearest(key, kinds, path)}")
+        inner = _table_in(kinds[key])
+        if inner and isinstance(value, list):
+            for index, item in enumerate(value):
+                _refuse_unknown_keys(item, inner, f"{path}{key}[{index}].")
+        elif inner:
+            _refuse_unknown_keys(value, inner, f"{path}{key}.")
+
+
+def _table_in(kind: Any) -> type[Table] | None:
+    """Find the table that a type holds: alone, in a list or as one of several choices."""
+    if isinstance(kind, type) and issubclass(kind, Table):
+        return kind
+    return next((found for part in typing.get_args(kind) if (found := _table_in(part))), None)
+
+
+_PLAIN_WORDS = {
+    "array": "a list",
+    "bool": "true or false",
+    "float": "a number",
+    "int": "a whole number",
+    "object": "a table",
+    "str": "a string",
+}
+
+
+def _sentence(message: str) -> str:
+    """Say in TOML's words what msgspec says in Python's."""
+    what, _, where = message.partition(" - at ")
+    where = where.strip("`").removeprefix("$").removeprefix(".")
+    if missing := re.fullmatch(r"Object missing required field `(.+)`", what):
+        return f"the key {where}{'.' if where else ''}{missing[1]} is missing"
+    what = re.sub(r"`([a-z| ]+)`", _plain_types, what)
+    return f"{where}: {what[:1].lower()}{what[1:]}"
+
+
+def _plain_types(match: re.Match[str]) -> str:
+    return " or ".join(_PLAIN_WORDS.get(word, word) for word in match[1].split(" | ") if word != "null")
