@@ -1,0 +1,124 @@
+"""Several drives on one array, compared at equal peak, at equal energy and by their phases alone."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from airtact.conventions import InvalidInput
+from airtact.evaluation.metrics import NOT_MODELLED, pressures_at_foci
+from airtact.scene.scene import Scene
+from airtact.scene.target import Target
+from airtact.solvers.problem import Solver, SolveReport
+from airtact.transducers.layout import PhasedArray
+from airtact.transfer import Drive
+
+HELD_EQUAL = {
+    "equal peak": "the loudest element of every drive is at full scale",
+    "equal energy": "Σ|d|² is the same for every drive, the largest that all reach without passing full scale",
+    "phase only": "every drive keeps its phases and puts every element that speaks at full scale",
+}
+"""The normalisations of a comparison, and what each holds equal."""
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """What each focus gets under several drives; the first drive is what the others are held against.
+
+    Attributes
+    ----------
+    names : of the D drives.
+    target : the foci.
+    pressures : for each normalisation of ``HELD_EQUAL``, (D, F) peak pressure of each drive at each focus [Pa].
+    report : how the solver that judges came to them.
+    """
+
+    names: tuple[str, ...]
+    target: Target
+    pressures: Mapping[str, Float64[np.ndarray, "drives foci"]]
+    report: SolveReport
+
+    def ratios(self, held_equal: str) -> Float64[np.ndarray, "drives foci"]:
+        """(D, F) pressure of each drive over that of the first, at each focus, under one normalisation.
+
+        Parameters
+        ----------
+        held_equal : "equal peak", "equal energy" or "phase only".
+
+        Raises
+        ------
+        InvalidInput
+            If the normalisation is not known, or the first drive gives a focus no pressure.
+        """
+        if held_equal not in self.pressures:
+            raise InvalidInput(
+                f"{held_equal!r} is not one of the {len(self.pressures)} normalisations: {', '.join(self.pressures)}."
+            )
+        pressures = self.pressures[held_equal]
+        if not pressures[0].all():
+            focus = int(np.argmin(pressures[0]))
+            raise InvalidInput(f"{self.names[0]!r} gives focus {focus} 0 Pa: put another drive first to compare with.")
+        return pressures / pressures[0]
+
+    def squared_ratios(self, held_equal: str) -> Float64[np.ndarray, "drives foci"]:
+        """(D, F) pressure squared over that of the first drive; parameters and refusals as ``ratios``."""
+        return self.ratios(held_equal) ** 2
+
+    def __str__(self) -> str:
+        width = max(len("drive"), *(len(name) for name in self.names))
+        columns = ("pressure [Pa]", "of the first", "squared [Pa²]", "of the first")
+        lines = []
+        for held_equal, meaning in HELD_EQUAL.items():
+            lines.append(f"{held_equal}: {meaning}")
+            lines.append("  ".join([f"{'drive':{width}}", "focus", *(f"{column:>13}" for column in columns)]))
+            pressures, ratios = self.pressures[held_equal], self.ratios(held_equal)
+            for drive, name in enumerate(self.names):
+                for focus, (pressure, ratio) in enumerate(zip(pressures[drive], ratios[drive], strict=True)):
+                    numbers = f"{pressure:13.1f}  {ratio:13.3f}  {pressure**2:13.4g}  {ratio**2:13.3f}"
+                    lines.append(f"{name:{width}}  {focus:5d}  {numbers}")
+            lines.append("")
+        lines.append(
+            f"peak pressures by {self.report.solver}, estimated error {self.report.estimated_error:.2g}. "
+            f"{NOT_MODELLED}"
+        )
+        return "\n".join([*lines, *self.report.warnings])
+
+
+def compare(
+    scene: Scene, array: PhasedArray, drives: Mapping[str, Drive], target: Target, *, solver: Solver
+) -> Comparison:
+    """Compare drives in one solve with two sounds per drive: as it is, and its phases alone.
+
+    Parameters
+    ----------
+    scene : what is in the air.
+    array : the transducers in the scene's frame.
+    drives : by name; the first is what the others are held against. Only their shape counts, not how loud they are.
+    target : the foci; what they ask plays no part.
+    solver : how the sound travels; another one than made the drives, or a finer one.
+
+    Returns
+    -------
+    Pressure of each drive at each focus under each normalisation of ``HELD_EQUAL``. The normalisation can turn a
+    conclusion round: drives that leave most elements quiet are strong at equal energy and weak at equal peak.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no drive, a drive is silent or for another number of elements, or the array, the scene and the foci
+        do not go together (see ``evaluate``).
+    """
+    peaks = {name: np.abs(drive.amplitudes).max() for name, drive in drives.items()}
+    for name, peak in peaks.items():
+        if peak == 0.0:
+            raise InvalidInput(f"drive {name!r} is silent: all {len(drives[name])} amplitudes are 0.")
+    loudest = [Drive(drive.amplitudes / peaks[name]) for name, drive in drives.items()]
+    sounds, report = pressures_at_foci(
+        scene, array, [*loudest, *(drive.phase_only() for drive in loudest)], target, solver
+    )
+    equal_peak, phase_only = np.abs(sounds[: len(drives)]), np.abs(sounds[len(drives) :])
+    energy = np.array([np.sum(np.abs(drive.amplitudes) ** 2) for drive in loudest])
+    equal_energy = equal_peak * np.sqrt(energy.min() / energy)[:, None]
+    pressures = dict(zip(HELD_EQUAL, (equal_peak, equal_energy, phase_only), strict=True))
+    return Comparison(tuple(drives), target, pressures, report)

@@ -1,0 +1,78 @@
+"""The field that a drive makes, computed forwards: every element speaks, the scene scatters."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Complex128, Real
+
+from airtact.conventions import InvalidInput
+from airtact.scene.scene import Scene
+from airtact.scene.sources import Monopoles
+from airtact.solvers.problem import Solver
+from airtact.transducers.layout import PhasedArray
+from airtact.transducers.placement import check_placement
+from airtact.transfer import Drive
+
+
+def drive_sources(array: PhasedArray, drives: Sequence[Drive]) -> Monopoles:
+    """All face points of an array as monopoles, with one sound per drive.
+
+    Parameters
+    ----------
+    array : the transducers, E elements of Q face points.
+    drives : S drives of E elements each.
+
+    Returns
+    -------
+    E·Q monopoles, element by element, each with S strengths sensitivity · w_j · d_e [Pa·m].
+
+    Raises
+    ------
+    InvalidInput
+        If there is no drive, or a drive is for another number of elements.
+    """
+    if len(drives) == 0:
+        raise InvalidInput("an array needs at least 1 drive to speak, not 0.")
+    for index, drive in enumerate(drives):
+        if len(drive) != len(array):
+            raise InvalidInput(f"drive {index} is for {len(drive)} elements, and the array has {len(array)}.")
+    amplitudes = np.stack([drive.amplitudes for drive in drives], axis=1)
+    strengths = array.element.sensitivity * array.element.weights[None, :, None] * amplitudes[:, None, :]
+    return Monopoles(array.face_points.reshape(-1, 3), strengths.reshape(-1, len(drives)))
+
+
+def field_map(
+    scene: Scene,
+    array: PhasedArray,
+    drive: Drive,
+    points: Real[np.ndarray, "points 3"],
+    *,
+    solver: Solver,
+) -> Complex128[np.ndarray, "points"]:
+    """Pressure that a drive makes at any points, with everything in the scene scattering.
+
+    One solve with all face points of all elements as sources of one sound; no transfer matrix is involved, so that the
+    result can judge a drive that was made from one.
+
+    Parameters
+    ----------
+    scene : what is in the air.
+    array : the transducers in the scene's frame, see ``PhasedArray.seen_from``.
+    drive : what they emit.
+    points : (P, 3) where to listen [m]. Behind the faces of directional elements the result means nothing: real
+        ones are shielded there.
+    solver : how the sound travels; another one than made the drive, or a finer one.
+
+    Returns
+    -------
+    (P,) total pressure [Pa], NaN inside bodies.
+
+    Raises
+    ------
+    InvalidInput
+        If the drive is for another number of elements, an element is inside a body, or a body is behind the face of a
+        directional element.
+    """
+    sources = drive_sources(array, [drive])
+    check_placement(scene, array)
+    return solver.radiate(scene, sources).at(points)[:, 0]

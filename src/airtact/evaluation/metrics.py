@@ -1,0 +1,137 @@
+"""What every focus gets from a drive, judged by a solver of its own."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex128, Float64
+
+from airtact.evaluation.field import drive_sources
+from airtact.scene.scene import Scene, check_outside
+from airtact.scene.target import Target
+from airtact.solvers.problem import Solver, SolveReport
+from airtact.synthesis.reach import share
+from airtact.transducers.layout import PhasedArray
+from airtact.transducers.placement import check_placement
+from airtact.transfer import Drive
+
+NOT_MODELLED = (
+    "The array's own boards, the table and the walls do not reflect, and the elements' loudness is not calibrated."
+)
+"""What every figure of pressure leaves out (section 3.1 of the paper for the boards)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """What each focus gets under a drive.
+
+    Attributes
+    ----------
+    target : the foci and what they ask.
+    pressures : (F,) complex pressure at each focus [Pa], peak.
+    report : how the solver that judges came to them.
+    """
+
+    target: Target
+    pressures: Complex128[np.ndarray, "foci"]
+    report: SolveReport
+
+    @property
+    def magnitudes(self) -> Float64[np.ndarray, "foci"]:
+        """(F,) peak pressure at each focus [Pa]."""
+        return np.abs(self.pressures)
+
+    @property
+    def shares(self) -> Float64[np.ndarray, "foci"]:
+        """(F,) pressure got over pressure asked, NaN where nothing or 0 Pa was asked."""
+        return share(self.magnitudes, self.target)
+
+    @property
+    def counted(self) -> Float64[np.ndarray, "counted"]:
+        """What worst, mean and uniformity are taken over: shares where asked, else all magnitudes [Pa]."""
+        return self.magnitudes if self.target.pressures is None else self.shares[np.isfinite(self.shares)]
+
+    @property
+    def worst(self) -> float:
+        """Smallest share, or smallest pressure [Pa] where none is asked."""
+        return float(self.counted.min())
+
+    @property
+    def mean(self) -> float:
+        """Mean share, or mean pressure [Pa] where none is asked."""
+        return float(self.counted.mean())
+
+    @property
+    def uniformity(self) -> float:
+        """1 − (max − min)/(max + min) over the foci, 1 when all get alike.
+
+        Di Leonardo, Ianni and Ruocco (Optics Express 15, 1913, 2007) define it for intensity; here it is taken of
+        pressure, or of the share of the pressure asked.
+        """
+        most, least = self.counted.max(), self.counted.min()
+        return float(1.0 - (most - least) / (most + least)) if most > 0.0 else 0.0
+
+    def __str__(self) -> str:
+        asked, shares = self.target.pressures, self.shares
+        lines = ["focus   x [mm]    y [mm]    z [mm]   pressure [Pa]   asked [Pa]    share"]
+        for index, (point, got) in enumerate(zip(self.target.points * 1e3, self.magnitudes, strict=True)):
+            wanted = "-" if asked is None else f"{asked[index]:.1f}"
+            reached = "-" if np.isnan(shares[index]) else f"{shares[index]:.1%}"
+            place = " ".join(f"{coordinate:9.2f}" for coordinate in point)
+            lines.append(f"{index:5d}{place} {got:15.1f} {wanted:>12} {reached:>8}")
+        counted = "{:.1f} Pa" if asked is None else "{:.1%} of what was asked"
+        lines.append(
+            f"worst focus {counted.format(self.worst)}, mean {counted.format(self.mean)}, "
+            f"uniformity {self.uniformity:.3f}"
+        )
+        lines.append(
+            f"peak pressures by {self.report.solver}, estimated error {self.report.estimated_error:.2g}, residual "
+            f"{self.report.residual:.1e}. {NOT_MODELLED}"
+        )
+        return "\n".join([*lines, *self.report.warnings])
+
+
+def evaluate(scene: Scene, array: PhasedArray, drive: Drive, target: Target, *, solver: Solver) -> Evaluation:
+    """Judge a drive by one forward solve: all elements speak, the scene scatters, the foci hear.
+
+    Parameters
+    ----------
+    scene : what is in the air.
+    array : the transducers in the scene's frame.
+    drive : what they emit.
+    target : the foci and what they ask.
+    solver : how the sound travels; another one than made the drive, or a finer one, for nothing judges itself.
+
+    Raises
+    ------
+    InvalidInput
+        If the drive is for another number of elements, an element or a focus is inside a body, or a focus or a body is
+        behind the face of a directional element.
+    """
+    pressures, report = pressures_at_foci(scene, array, [drive], target, solver)
+    return Evaluation(target, pressures[0], report)
+
+
+def pressures_at_foci(
+    scene: Scene, array: PhasedArray, drives: list[Drive], target: Target, solver: Solver
+) -> tuple[Complex128[np.ndarray, "drives foci"], SolveReport]:
+    """Pressure of each drive at each focus [Pa], in one solve with one sound per drive.
+
+    Parameters
+    ----------
+    scene, array, target, solver : as in ``evaluate``.
+    drives : D drives.
+
+    Returns
+    -------
+    (D, F) complex pressure [Pa] and how it was computed.
+
+    Raises
+    ------
+    InvalidInput
+        As ``evaluate``.
+    """
+    sources = drive_sources(array, drives)
+    check_placement(scene, array, target.points)
+    check_outside(scene, target.points, "focus")
+    field = solver.radiate(scene, sources)
+    return np.ascontiguousarray(field.at(target.points).T), field.report

@@ -1,0 +1,103 @@
+"""Normalisations against what they say they hold equal."""
+
+import numpy as np
+import pytest
+
+from airtact.conventions import InvalidInput
+from airtact.evaluation.comparison import HELD_EQUAL, compare
+from airtact.evaluation.field import field_map
+from airtact.scene.medium import Medium
+from airtact.scene.scene import Scene
+from airtact.scene.target import Target
+from airtact.solvers.free_field import FreeField
+from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
+from airtact.transducers.layout import flat_boards
+from airtact.transfer import Drive, focus_by_distance, transfer_matrix
+
+SCENE = Scene(Medium(343.1, 1.293), [])
+ARRAY = flat_boards(1, 1)
+TARGET = Target(np.array([[0.02, 0.0, 0.06], [-0.03, 0.01, 0.08]]))
+TRANSFER = transfer_matrix(FreeField().radiate(SCENE, TARGET.beacons()), ARRAY)
+
+
+def drives() -> dict[str, Drive]:
+    reversal = time_reversal(TRANSFER, TARGET)
+    return {
+        "time reversal": Drive(0.3 * reversal.amplitudes),
+        "phases": phase_conjugate(TRANSFER, TARGET),
+        "control": focus_by_distance(ARRAY, TARGET, SCENE.medium, SCENE.frequency),
+    }
+
+
+def test_every_normalisation_holds_equal_what_it_says() -> None:
+    given = drives()
+    result = compare(SCENE, ARRAY, given, TARGET, solver=FreeField())
+    energies = [np.sum(np.abs(drive.amplitudes / np.abs(drive.amplitudes).max()) ** 2) for drive in given.values()]
+    for row, (name, drive) in enumerate(given.items()):
+        loudest = drive.amplitudes / np.abs(drive.amplitudes).max()
+        alike = {
+            "equal peak": loudest,
+            "equal energy": loudest * np.sqrt(min(energies) / energies[row]),
+            "phase only": drive.amplitudes / np.abs(drive.amplitudes),
+        }
+        assert name == result.names[row]
+        for held_equal in HELD_EQUAL:
+            expected = np.abs(field_map(SCENE, ARRAY, Drive(alike[held_equal]), TARGET.points, solver=FreeField()))
+            np.testing.assert_allclose(result.pressures[held_equal][row], expected, rtol=1e-10)
+
+
+def test_ratios_are_to_the_first_drive_in_pressure_and_squared() -> None:
+    result = compare(SCENE, ARRAY, drives(), TARGET, solver=FreeField())
+    for held_equal in HELD_EQUAL:
+        pressures = result.pressures[held_equal]
+        np.testing.assert_array_equal(result.ratios(held_equal)[0], 1.0)
+        np.testing.assert_allclose(result.ratios(held_equal) * pressures[0], pressures, rtol=1e-12)
+        np.testing.assert_allclose(result.squared_ratios(held_equal), (pressures / pressures[0]) ** 2, rtol=1e-12)
+
+
+def test_for_one_focus_the_normalisation_turns_the_conclusion_round() -> None:
+    target = Target(TARGET.points[:1])
+    transfer = transfer_matrix(FreeField().radiate(SCENE, target.beacons()), ARRAY)
+    pair = {"reversal": time_reversal(transfer, target), "phases": phase_conjugate(transfer, target)}
+    result = compare(SCENE, ARRAY, pair, target, solver=FreeField())
+    magnitude = np.abs(transfer.matrix[0])
+    peak = magnitude.sum() * magnitude.max() / np.sum(magnitude**2)
+    energy = magnitude.sum() / np.sqrt(len(magnitude) * np.sum(magnitude**2))
+    assert peak > 1.0 > energy
+    assert result.ratios("equal peak")[1, 0] == pytest.approx(peak, rel=1e-10)
+    assert result.ratios("equal energy")[1, 0] == pytest.approx(energy, rel=1e-10)
+    assert result.ratios("phase only")[1, 0] == pytest.approx(1.0, rel=1e-10)
+
+
+def test_how_loud_a_drive_was_given_plays_no_part() -> None:
+    given = drives()
+    quiet = {name: Drive(0.1 * drive.amplitudes) for name, drive in given.items()}
+    loud, soft = (compare(SCENE, ARRAY, some, TARGET, solver=FreeField()) for some in (given, quiet))
+    for held_equal in HELD_EQUAL:
+        np.testing.assert_allclose(soft.pressures[held_equal], loud.pressures[held_equal], rtol=1e-10)
+
+
+def test_a_comparison_reads_as_tables_that_say_what_is_held_equal() -> None:
+    result = compare(SCENE, ARRAY, drives(), TARGET, solver=FreeField())
+    text = str(result)
+    for held_equal, meaning in HELD_EQUAL.items():
+        assert f"{held_equal}: {meaning}" in text
+    rows = [line for line in text.splitlines() if line.startswith("control")]
+    assert len(rows) == 3 * len(TARGET.points)
+    pressure, ratio = result.pressures["equal energy"][2, 1], result.ratios("equal energy")[2, 1]
+    numbers = [float(word) for word in rows[3].split()[1:]]
+    np.testing.assert_allclose(numbers, [1, pressure, ratio, pressure**2, ratio**2], rtol=1e-2)
+    assert "do not reflect" in text
+
+
+def test_drives_that_cannot_be_compared_are_refused() -> None:
+    silent = {"silence": Drive(np.zeros(249, dtype=np.complex128))}
+    with pytest.raises(InvalidInput, match="'silence' is silent: all 249"):
+        compare(SCENE, ARRAY, silent, TARGET, solver=FreeField())
+    with pytest.raises(InvalidInput, match="not 0"):
+        compare(SCENE, ARRAY, {}, TARGET, solver=FreeField())
+    with pytest.raises(InvalidInput, match="drive 0 is for 3 elements, and the array has 249"):
+        compare(SCENE, ARRAY, {"short": Drive(np.ones(3, dtype=np.complex128))}, TARGET, solver=FreeField())
+    result = compare(SCENE, ARRAY, drives(), TARGET, solver=FreeField())
+    with pytest.raises(InvalidInput, match="'equal power' is not one of the 3"):
+        result.ratios("equal power")

@@ -1,0 +1,74 @@
+"""Forward fields of drives against closed forms."""
+
+import numpy as np
+import pytest
+
+from airtact.conventions import InvalidInput
+from airtact.evaluation.field import drive_sources, field_map
+from airtact.scene.geometry import Pose
+from airtact.scene.medium import Medium
+from airtact.scene.primitives import sphere
+from airtact.scene.scene import Scene, sound_hard
+from airtact.solvers.free_field import FreeField
+from airtact.solvers.sphere_series import SphereSeries
+from airtact.transducers.element import piston
+from airtact.transducers.layout import PhasedArray, autd3_board
+from airtact.transfer import Drive
+
+AIR = Medium(343.1, 1.293)
+FORWARD = np.array([[0.0, 0.0, 1.0]])
+FULL = Drive(np.ones(1, dtype=np.complex128))
+
+
+def test_one_monopole_at_full_scale_makes_its_sensitivity_at_one_metre() -> None:
+    array = PhasedArray(np.zeros((1, 3)), FORWARD)
+    pressure = field_map(Scene(AIR, []), array, FULL, np.array([[0.6, 0.0, 0.8]]), solver=FreeField())
+    assert np.abs(pressure[0]) == pytest.approx(4.38, rel=1e-12)
+    assert np.abs(pressure[0]) / np.sqrt(2.0) == pytest.approx(3.10, abs=5e-3)
+
+
+@pytest.mark.parametrize("height", [0.02, 0.05, 0.2, 1.0])
+def test_a_piston_on_its_axis_is_the_closed_form(height: float) -> None:
+    """Mean of e^{ikr}/r over a disc seen from its axis: 2/(ik a²) (e^{ik√(z²+a²)} − e^{ikz})."""
+    radius, k = 4.5e-3, Scene(AIR, []).wavenumber.real
+    array = PhasedArray(np.zeros((1, 3)), FORWARD, piston(radius, sensitivity=1.0))
+    found = field_map(Scene(AIR, []), array, FULL, height * FORWARD, solver=FreeField())[0]
+    edge = np.exp(1j * k * np.hypot(height, radius)) - np.exp(1j * k * height)
+    assert abs(found - 2.0 / (1j * k * radius**2) * edge) < 1e-6 * abs(found)
+
+
+def test_sources_are_the_faces_element_by_element_with_one_sound_per_drive() -> None:
+    array = autd3_board(Pose.turn((1, 1, 0), 0.3), piston(4.5e-3))
+    random = np.random.default_rng(1)
+    drives = [Drive(random.uniform(-0.7, 0.7, 249) + 1j * random.uniform(-0.7, 0.7, 249)) for _ in range(3)]
+    sources = drive_sources(array, drives)
+    assert sources.strengths.shape == (249 * 19, 3)
+    for sound, drive in enumerate(drives):
+        strengths = sources.strengths[:, sound].reshape(249, 19)
+        np.testing.assert_allclose(strengths.sum(axis=1), 4.38 * drive.amplitudes, rtol=1e-12)
+        expected = 4.38 * array.element.weights[7] * drive.amplitudes[100]
+        assert strengths[100, 7] == pytest.approx(expected, rel=1e-12)
+    np.testing.assert_array_equal(sources.positions[100 * 19 + 7], array.face_points[100, 7])
+
+
+def test_a_map_is_linear_in_the_drive_and_not_a_number_inside_a_body() -> None:
+    scene = Scene(AIR, [sound_hard(sphere(0.010, edge=4e-3))])
+    array = autd3_board(Pose.turn((0, 1, 0), 0.0, (-0.09, -0.07, -0.1)))
+    array = PhasedArray(array.positions[::25], array.normals[::25])
+    points = np.array([[0.0, 0.0, 0.012], [0.0, 0.0, 0.005], [0.03, 0.0, 0.0]])
+    random = np.random.default_rng(2)
+    first, second = (np.exp(2j * np.pi * random.uniform(size=len(array))) / 2 for _ in range(2))
+    one, other, both = (
+        field_map(scene, array, Drive(amplitudes), points, solver=SphereSeries())
+        for amplitudes in (first, second, first + second)
+    )
+    assert np.isnan(both).tolist() == [False, True, False]
+    np.testing.assert_allclose(both[[0, 2]], (one + other)[[0, 2]], rtol=1e-9)
+
+
+def test_drives_that_do_not_fit_are_refused() -> None:
+    array = autd3_board()
+    with pytest.raises(InvalidInput, match="drive 0 is for 1 elements, and the array has 249"):
+        field_map(Scene(AIR, []), array, FULL, FORWARD, solver=FreeField())
+    with pytest.raises(InvalidInput, match="at least 1 drive to speak, not 0"):
+        drive_sources(array, [])

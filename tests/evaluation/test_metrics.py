@@ -1,0 +1,91 @@
+"""What each focus gets, against closed forms and the transfer matrix."""
+
+import re
+
+import numpy as np
+import pytest
+
+from airtact.conventions import InvalidInput
+from airtact.evaluation.metrics import Evaluation, evaluate
+from airtact.scene.medium import Medium
+from airtact.scene.primitives import sphere
+from airtact.scene.scene import Scene, sound_hard
+from airtact.scene.target import Target
+from airtact.solvers.free_field import FreeField
+from airtact.solvers.problem import SolveReport
+from airtact.solvers.sphere_series import SphereSeries
+from airtact.synthesis.reach import share_reached
+from airtact.synthesis.time_reversal import time_reversal
+from airtact.transducers.element import piston
+from airtact.transducers.layout import PhasedArray, flat_boards, surrounding_box
+from airtact.transfer import Drive, transfer_matrix
+
+AIR = Medium(343.1, 1.293)
+BALL = sound_hard(sphere(0.010, edge=4e-3))
+REPORT = SolveReport("by hand", 0.0, 0, 0, np.inf, 0.0, warnings=("A warning to pass on.",))
+POINTS = np.array([[0.0, 0.0, 0.011], [0.011, 0.0, 0.0], [0.0, -0.03, 0.0]])
+
+
+def given_pressures(*pressures: complex, asked: np.ndarray | float | None = None) -> Evaluation:
+    points = np.arange(3.0 * len(pressures)).reshape(-1, 3) * 1e-3
+    return Evaluation(Target(points, asked), np.array(pressures, dtype=np.complex128), REPORT)
+
+
+def test_figures_of_a_known_answer() -> None:
+    result = given_pressures(300.0, 400j, -100.0)
+    np.testing.assert_allclose(result.magnitudes, [300.0, 400.0, 100.0])
+    assert np.isnan(result.shares).all()
+    assert (result.worst, result.uniformity) == (100.0, pytest.approx(1.0 - 300.0 / 500.0))
+    assert result.mean == pytest.approx(800.0 / 3.0)
+
+
+def test_figures_are_of_shares_where_pressures_are_asked() -> None:
+    result = given_pressures(300.0, 400j, -100.0, asked=np.array([600.0, 400.0, 0.0]))
+    np.testing.assert_allclose(result.shares, [0.5, 1.0, np.nan])
+    assert (result.worst, result.mean) == (0.5, 0.75)
+    assert result.uniformity == pytest.approx(1.0 - 0.5 / 1.5)
+
+
+def test_foci_that_get_alike_are_uniform_and_silent_ones_are_not() -> None:
+    assert given_pressures(5.0, 5j, -5.0).uniformity == 1.0
+    assert given_pressures(5.0, 0.0).uniformity == 0.0
+    assert given_pressures(0.0, 0.0).uniformity == 0.0
+
+
+def test_an_evaluation_reads_as_a_table() -> None:
+    text = str(given_pressures(300.0, 400j, asked=np.array([600.0, 0.0])))
+    lines = text.splitlines()
+    assert re.fullmatch(r"\s+0\s+0\.00\s+1\.00\s+2\.00\s+300\.0\s+600\.0\s+50\.0%", lines[1])
+    assert re.fullmatch(r"\s+1\s+3\.00\s+4\.00\s+5\.00\s+400\.0\s+0\.0\s+-", lines[2])
+    assert "worst focus 50.0% of what was asked" in text
+    assert "by by hand" in text
+    assert "A warning to pass on." in text
+    assert "do not reflect" in text
+    assert "not calibrated" in text
+    assert "worst focus 300.0 Pa" in str(given_pressures(300.0, 400j))
+    columns = [line.rindex(end) + len(end) for line, end in zip(lines[:3], ("share", "50.0%", "-"), strict=True)]
+    assert len(set(columns)) == 1
+
+
+def test_a_drive_by_time_reversal_gets_what_its_matrix_foretold() -> None:
+    box = surrounding_box()
+    array = PhasedArray(box.positions[::30], box.normals[::30])
+    scene, target = Scene(AIR, [BALL]), Target(POINTS, np.array([100.0, 120.0, 80.0]))
+    transfer = transfer_matrix(SphereSeries().radiate(scene, target.beacons()), array)
+    drive = time_reversal(transfer, target)
+    result = evaluate(scene, array, drive, target, solver=SphereSeries())
+    np.testing.assert_allclose(result.pressures, transfer.pressure(drive), rtol=1e-6)
+    np.testing.assert_allclose(result.shares, share_reached(transfer, target, drive), rtol=1e-6)
+    assert result.worst == pytest.approx(1.0, rel=1e-6)
+    assert result.report.solver == "SphereSeries"
+
+
+def test_a_focus_in_a_body_or_behind_a_face_is_refused() -> None:
+    array = flat_boards(1, 1, piston(4.5e-3))
+    drive = Drive(np.ones(249, dtype=np.complex128))
+    behind = Target(np.array([[0.0, 0.0, -0.01]]))
+    with pytest.raises(InvalidInput, match="focus 0 stands behind the faces of 249 elements, first element 0 by 10 mm"):
+        evaluate(Scene(AIR, []), array, drive, behind, solver=FreeField())
+    scene = Scene(AIR, [sound_hard(sphere(0.010, edge=4e-3, centre=(0.0, 0.0, 0.1)))])
+    with pytest.raises(InvalidInput, match=r"focus 0 .* 7 mm deep"):
+        evaluate(scene, array, drive, Target(np.array([[0.0, 0.0, 0.103]])), solver=SphereSeries())
