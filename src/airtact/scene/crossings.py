@@ -30,12 +30,12 @@ def self_crossings(
     tolerance = CLOSE * float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     pairs = _pairs_within(corners, tolerance)
     same = triangles[pairs[:, 0]][:, :, None] == triangles[pairs[:, 1]][:, None, :]
-    shared = same.sum(axis=(1, 2))
+    shared = np.count_nonzero(same.reshape(-1, 9), axis=1)
     crossing = np.zeros(len(pairs), dtype=bool)
     for count, test in ((0, _strangers_meet), (1, _fans_meet), (2, _folded)):
         some = np.flatnonzero(shared == count)
-        first = _turned(corners[pairs[some, 0]], same[some].any(axis=2))
-        second = _turned(corners[pairs[some, 1]], same[some].any(axis=1))
+        first = _turned(corners, pairs[some, 0], same[some].any(axis=2))
+        second = _turned(corners, pairs[some, 1], same[some].any(axis=1))
         crossing[some] = test(first, second, tolerance)
     return pairs[crossing]
 
@@ -111,11 +111,12 @@ def _parted(
     return parted
 
 
-def _turned(corners: Real[np.ndarray, "n 3 3"], shared: Bool[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3 3"]:
-    """Bring the shared corner to the front, or the one that is not shared when there are two."""
-    odd = np.where(shared.sum(axis=1) == 2, (~shared).argmax(axis=1), shared.argmax(axis=1))
-    order = (odd[:, None] + np.arange(3)) % 3
-    return np.take_along_axis(corners, order[:, :, None], axis=1)
+def _turned(
+    corners: Real[np.ndarray, "triangles 3 3"], members: Int64[np.ndarray, "n"], shared: Bool[np.ndarray, "n 3"]
+) -> Float64[np.ndarray, "n 3 3"]:
+    """Corners of some triangles, the shared one in front, or the one that is not shared when there are two."""
+    front = np.where(np.count_nonzero(shared, axis=1) == 2, shared.argmin(axis=1), shared.argmax(axis=1))
+    return corners[members[:, None], (front[:, None] + np.arange(3)) % 3]
 
 
 def _strangers_meet(
@@ -164,7 +165,7 @@ def _pairs_within(corners: Real[np.ndarray, "triangles 3 3"], tolerance: float) 
         found.append(members[within])
         found.extend(_pairs_of_groups((members, tree, reach), other, tolerance) for other in groups[rank + 1 :])
     pairs = np.sort(np.concatenate(found), axis=1).astype(np.int64)
-    return pairs[_boxes_overlap(corners[pairs[:, 0]], corners[pairs[:, 1]], tolerance)]
+    return pairs[_boxes_overlap(corners, corners, pairs, tolerance)]
 
 
 def _pairs_between(
@@ -174,7 +175,7 @@ def _pairs_between(
     there = size_groups(second)
     found = [_pairs_of_groups(one, two, tolerance) for one in size_groups(first) for two in there]
     pairs = np.concatenate(found)
-    return pairs[_boxes_overlap(first[pairs[:, 0]], second[pairs[:, 1]], tolerance)]
+    return pairs[_boxes_overlap(first, second, pairs, tolerance)]
 
 
 def _pairs_of_groups(one: tuple, two: tuple, tolerance: float) -> Int64[np.ndarray, "pairs 2"]:
@@ -184,8 +185,15 @@ def _pairs_of_groups(one: tuple, two: tuple, tolerance: float) -> Int64[np.ndarr
 
 
 def _boxes_overlap(
-    first: Real[np.ndarray, "n 3 3"], second: Real[np.ndarray, "n 3 3"], tolerance: float
-) -> Bool[np.ndarray, "n"]:
-    apart = first.min(axis=1) > second.max(axis=1) + tolerance
-    apart |= second.min(axis=1) > first.max(axis=1) + tolerance
-    return ~apart.any(axis=1)
+    first: Real[np.ndarray, "some 3 3"],
+    second: Real[np.ndarray, "others 3 3"],
+    pairs: Int64[np.ndarray, "pairs 2"],
+    tolerance: float,
+) -> Bool[np.ndarray, "pairs"]:
+    here, there = pairs.T
+    (low, high), (bottom, top) = ((corners.min(axis=1), corners.max(axis=1)) for corners in (first, second))
+    overlap = np.ones(len(pairs), dtype=bool)
+    for axis in range(3):
+        overlap &= low[here, axis] <= top[there, axis] + tolerance
+        overlap &= bottom[there, axis] <= high[here, axis] + tolerance
+    return overlap

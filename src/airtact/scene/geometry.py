@@ -3,10 +3,10 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, Self, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float64, Int64, Real
+from jaxtyping import Float64, Int, Int64, Real
 
 from airtact.conventions import InvalidInput, Vector
 from airtact.scene.closest_point import SignedDistance, signed_distance
@@ -48,8 +48,8 @@ class Pose:
     [[0.0, 1.0, 1.0]]
     """
 
-    rotation: Float64[np.ndarray, "3 3"]
-    translation: Float64[np.ndarray, "3"]
+    rotation: Real[np.ndarray, "3 3"]
+    translation: Real[np.ndarray, "3"]
 
     def __post_init__(self) -> None:
         """Check both arrays and keep them read-only."""
@@ -71,12 +71,12 @@ class Pose:
         object.__setattr__(self, "translation", translation)
 
     @classmethod
-    def identity(cls) -> Self:
+    def identity(cls) -> "Pose":
         """Build the motion that moves nothing."""
         return cls(np.eye(3), np.zeros(3))
 
     @classmethod
-    def turn(cls, axis: Vector, angle: float, translation: Vector = (0, 0, 0)) -> Self:
+    def turn(cls, axis: Vector, angle: float, translation: Vector = (0, 0, 0)) -> "Pose":
         """Turn about an axis through the origin, then shift.
 
         Parameters
@@ -147,7 +147,7 @@ class ExactShape(Protocol):
         """Draw it with panel edges of at most ``edge`` [m]."""
         ...
 
-    def moved(self, pose: Pose) -> Self:
+    def moved(self, pose: Pose) -> "ExactShape":
         """Move it rigidly."""
         ...
 
@@ -179,9 +179,9 @@ class Surface:
     0.1667
     """
 
-    vertices: Float64[np.ndarray, "vertices 3"]
-    triangles: Int64[np.ndarray, "triangles 3"]
-    midpoints: Float64[np.ndarray, "triangles 3 3"] | None = None
+    vertices: Real[np.ndarray, "vertices 3"]
+    triangles: Int[np.ndarray, "triangles 3"]
+    midpoints: Real[np.ndarray, "triangles 3 3"] | None = None
     primitive: ExactShape | None = None
 
     def __post_init__(self) -> None:
@@ -210,8 +210,8 @@ class Surface:
             )
         if extent < SMALLEST * (1.0 - 1e-9):
             raise InvalidInput(
-                f"the surface spans {extent * 1e3:.4g} mm, less than {SMALLEST * 1e3:g} mm: is this in millimetres? "
-                "airtact takes metres and nothing smaller than that."
+                f"the surface spans {extent * 1e3:.4g} mm, less than {SMALLEST * 1e3:g} mm: is this in millimetres "
+                "that were brought to metres twice? Check the scale."
             )
 
     @cached_property

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex128, Float64
+from jaxtyping import Num, Real
 
 from airtact.conventions import InvalidInput
 from airtact.scene.guards import points_of, refuse_not_finite
@@ -17,8 +17,9 @@ class Monopoles:
 
     Attributes
     ----------
-    positions : (N, 3) [m].
-    strengths : (N, S) complex [Pa·m], sound s being played by all N points at once; (N,) is one sound, kept as (N, 1).
+    positions : (N, 3) [m], kept as float64.
+    strengths : (N, S) [Pa·m], sound s being played by all N points at once; (N,) is one sound. Kept as (N, S)
+        complex128.
 
     Raises
     ------
@@ -32,8 +33,8 @@ class Monopoles:
     (2, 1)
     """
 
-    positions: Float64[np.ndarray, "points 3"]
-    strengths: Complex128[np.ndarray, "points sounds"]
+    positions: Real[np.ndarray, "points 3"]
+    strengths: Num[np.ndarray, "points sounds"] | Num[np.ndarray, "points"]
 
     def __post_init__(self) -> None:
         """Check both arrays and keep them read-only."""

@@ -29,7 +29,7 @@ class Target:
     pressures: Float64[np.ndarray, "foci"] | None
 
     def __init__(
-        self, points: Real[np.ndarray, "foci 3"], pressures: Real[np.ndarray, "wanted"] | float | int | None = None
+        self, points: Real[np.ndarray, "foci 3"], pressures: Real[np.ndarray, "foci"] | float | int | None = None
     ) -> None:
         """Check the points and bring the pressures to one per focus.
 
@@ -46,7 +46,7 @@ class Target:
         object.__setattr__(self, "points", points_of(np.asarray(points), "target points"))
         object.__setattr__(self, "pressures", None if pressures is None else self._wanted(pressures))
 
-    def _wanted(self, pressures: Real[np.ndarray, "wanted"] | float | int) -> Float64[np.ndarray, "foci"]:
+    def _wanted(self, pressures: Real[np.ndarray, "..."] | float | int) -> Float64[np.ndarray, "foci"]:
         given = np.asarray(pressures, dtype=np.float64)
         refuse_not_finite(given, "target pressures")
         if given.ndim != 0 and given.shape != (len(self.points),):
