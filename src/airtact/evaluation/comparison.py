@@ -79,8 +79,7 @@ class Comparison:
                     lines.append(f"{name:{width}}  {focus:5d}  {numbers}")
             lines.append("")
         lines.append(
-            f"peak pressures by {self.report.solver}, estimated error {self.report.estimated_error:.2g}. "
-            f"{NOT_MODELLED}"
+            f"peak pressures by {self.report.solver}, estimated error {self.report.estimated_error:.2g}. {NOT_MODELLED}"
         )
         return "\n".join([*lines, *self.report.warnings])
 
