@@ -14,7 +14,7 @@ namespace airtact {
 namespace {
 
 constexpr double pi = 3.14159265358979323846;
-constexpr int most_points = 64;
+constexpr int most_points = 512;
 
 struct Patch {  // x(u, v) = sum_m c[m] monomial_m, relative to the target
     double c[6][3];
@@ -111,51 +111,61 @@ struct Moments {
     double re[6] = {0, 0, 0, 0, 0, 0}, im[6] = {0, 0, 0, 0, 0, 0};
 };
 
-// Adds kernel * monomials at n reference points (u, v) with weights w, which hold everything but the area element
+struct Points {  // reference points with weights that hold everything but the area element
+    double u[most_points], v[most_points], w[most_points];
+    int n = 0;
+};
+
+// Adds kernel * monomials at the collected points, and forgets them
 template <bool SingleLayer>
-void add_points(const Patch &patch, const double *u, const double *v, const double *w, int n, Wavenumber k,
-                Moments &sum) {
+void add_points(const Patch &patch, Points &points, Wavenumber k, Moments &sum) {
     double re[most_points], im[most_points];
+    const double *u = points.u, *v = points.v, *w = points.w;
+    const int n = points.n;
     const auto &c = patch.c;
+    const double half_waves = k.real / pi;
 #pragma omp simd
     for (int i = 0; i < n; i++) {
         const double x = u[i], y = v[i];
-        double r[3], a[3], b[3];
-        for (int d = 0; d < 3; d++) {
-            r[d] = c[0][d] + x * (c[1][d] + x * c[3][d] + y * c[4][d]) + y * (c[2][d] + y * c[5][d]);
-            a[d] = c[1][d] + 2 * x * c[3][d] + y * c[4][d];
-            b[d] = c[2][d] + x * c[4][d] + 2 * y * c[5][d];
-        }
-        const double nx = a[1] * b[2] - a[2] * b[1], ny = a[2] * b[0] - a[0] * b[2], nz = a[0] * b[1] - a[1] * b[0];
-        const double r2 = r[0] * r[0] + r[1] * r[1] + r[2] * r[2];
-        const double inverse = r2 > 0 ? 1 / std::sqrt(r2) : 0.0, distance = r2 * inverse;
+        const double r0 = c[0][0] + x * (c[1][0] + x * c[3][0] + y * c[4][0]) + y * (c[2][0] + y * c[5][0]);
+        const double r1 = c[0][1] + x * (c[1][1] + x * c[3][1] + y * c[4][1]) + y * (c[2][1] + y * c[5][1]);
+        const double r2 = c[0][2] + x * (c[1][2] + x * c[3][2] + y * c[4][2]) + y * (c[2][2] + y * c[5][2]);
+        const double a0 = c[1][0] + 2 * x * c[3][0] + y * c[4][0], b0 = c[2][0] + x * c[4][0] + 2 * y * c[5][0];
+        const double a1 = c[1][1] + 2 * x * c[3][1] + y * c[4][1], b1 = c[2][1] + x * c[4][1] + 2 * y * c[5][1];
+        const double a2 = c[1][2] + 2 * x * c[3][2] + y * c[4][2], b2 = c[2][2] + x * c[4][2] + 2 * y * c[5][2];
+        const double n0 = a1 * b2 - a2 * b1, n1 = a2 * b0 - a0 * b2, n2 = a0 * b1 - a1 * b0;
+        const double squared = r0 * r0 + r1 * r1 + r2 * r2;
+        const double inverse = squared > 0 ? 1 / std::sqrt(squared) : 0.0, distance = squared * inverse;
         const double loss = decay(k.imag * distance) * inverse * w[i] * (1 / (4 * pi));
         double s, cosine;
-        sincospi(k.real / pi * distance, s, cosine);
+        sincospi(half_waves * distance, s, cosine);
         if (SingleLayer) {
-            const double g = loss * std::sqrt(nx * nx + ny * ny + nz * nz);
+            const double g = loss * std::sqrt(n0 * n0 + n1 * n1 + n2 * n2);
             re[i] = g * cosine;
             im[i] = g * s;
         } else {
-            const double g = loss * inverse * inverse * (r[0] * nx + r[1] * ny + r[2] * nz);
+            const double g = loss * inverse * inverse * (r0 * n0 + r1 * n1 + r2 * n2);
             const double kr = k.real * distance, one = 1 + k.imag * distance;
             re[i] = -g * (one * cosine + kr * s);
             im[i] = g * (kr * cosine - one * s);
         }
     }
+    double m0 = 0, m1 = 0, m2 = 0, m3 = 0, m4 = 0, m5 = 0, l0 = 0, l1 = 0, l2 = 0, l3 = 0, l4 = 0, l5 = 0;
+#pragma omp simd reduction(+ : m0, m1, m2, m3, m4, m5, l0, l1, l2, l3, l4, l5)
     for (int i = 0; i < n; i++) {
-        const double monomial[6] = {1, u[i], v[i], u[i] * u[i], u[i] * v[i], v[i] * v[i]};
-        for (int m = 0; m < 6; m++) {
-            sum.re[m] += re[i] * monomial[m];
-            sum.im[m] += im[i] * monomial[m];
-        }
+        const double x = u[i], y = v[i], a = re[i], b = im[i];
+        m0 += a, m1 += a * x, m2 += a * y, m3 += a * x * x, m4 += a * x * y, m5 += a * y * y;
+        l0 += b, l1 += b * x, l2 += b * y, l3 += b * x * x, l4 += b * x * y, l5 += b * y * y;
     }
+    const double real[6] = {m0, m1, m2, m3, m4, m5}, imag[6] = {l0, l1, l2, l3, l4, l5};
+    for (int m = 0; m < 6; m++) sum.re[m] += real[m], sum.im[m] += imag[m];
+    points.n = 0;
 }
 
 // One of the three triangles between the foot and an edge
 template <bool SingleLayer>
 void add_triangle(const Patch &patch, const double *foot, double distance, const double *a, const double *b, int edge,
-                  Wavenumber k, const NearRule &rule, Moments &sum) {
+                  Wavenumber k, const NearRule &rule, Points &points, Moments &sum) {
     const double from[2] = {corner[edge][0] - foot[0], corner[edge][1] - foot[1]};
     const double along[2] = {corner[edge + 1][0] - corner[edge][0], corner[edge + 1][1] - corner[edge][1]};
     const double jacobian = from[0] * along[1] - from[1] * along[0];
@@ -170,7 +180,6 @@ void add_triangle(const Patch &patch, const double *foot, double distance, const
     const double width = std::sqrt(std::max(height2, 0.0) + distance * distance) / length;
     const double t0 = std::asinh(-middle / width), t1 = std::asinh((1 - middle) / width);
     const GaussRule angular(rule, int(rule.angular) + int((t1 - t0) / 1.5));
-    double u[most_points], v[most_points], w[most_points];
     for (int i = 0; i < angular.n; i++) {
         const double t = t0 + angular.nodes[i] * (t1 - t0), h = middle + width * std::sinh(t);
         const double angular_weight = angular.weights[i] * (t1 - t0) * width * std::cosh(t) * jacobian;
@@ -179,15 +188,15 @@ void add_triangle(const Patch &patch, const double *foot, double distance, const
         const bool stretched = distance > 1e-9 * reach;
         const double scale = stretched ? distance / reach : 1.0, stretch = stretched ? std::asinh(1 / scale) : 1.0;
         const GaussRule radial(rule, int(rule.radial) + (stretched ? int(2 * stretch) : 0));
+        if (points.n + radial.n > most_points) add_points<SingleLayer>(patch, points, k, sum);
         for (int l = 0; l < radial.n; l++) {
             const double s = radial.nodes[l] * stretch, grown = stretched ? std::exp(s) : 0.0;
             const double rho = stretched ? scale * 0.5 * (grown - 1 / grown) : s;
             const double slope = stretched ? scale * 0.5 * (grown + 1 / grown) : 1.0;
-            u[l] = foot[0] + rho * ray[0];
-            v[l] = foot[1] + rho * ray[1];
-            w[l] = angular_weight * radial.weights[l] * stretch * slope * rho;
+            points.u[points.n] = foot[0] + rho * ray[0];
+            points.v[points.n] = foot[1] + rho * ray[1];
+            points.w[points.n++] = angular_weight * radial.weights[l] * stretch * slope * rho;
         }
-        add_points<SingleLayer>(patch, u, v, w, radial.n, k, sum);
     }
 }
 
@@ -199,8 +208,10 @@ void one_pair(const double *six_nodes, const double *target, Wavenumber k, const
     double x[3], a[3], b[3];
     patch.at(foot[0], foot[1], x, a, b);
     Moments sum;
+    Points points;
     for (int edge = 0; edge < 3; edge++)
-        add_triangle<SingleLayer>(patch, foot, *distance, a, b, edge, k, rule, sum);
+        add_triangle<SingleLayer>(patch, foot, *distance, a, b, edge, k, rule, points, sum);
+    add_points<SingleLayer>(patch, points, k, sum);
     for (int m = 0; m < 6; m++) out[m] = {sum.re[m], sum.im[m]};
 }
 

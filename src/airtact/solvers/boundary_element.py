@@ -1,35 +1,39 @@
 """BoundaryElement: the sound of monopoles around rigid bodies, from the pressure on the bodies' skin alone."""
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Complex128, Float64, Real
+from jaxtyping import Complex128, Float64
 
 from airtact.conventions import InvalidInput
-from airtact.scene.panels import scene_panels
+from airtact.scene.panels import Panels, scene_panels
 from airtact.scene.scene import Scene, check_outside
 from airtact.scene.sources import Monopoles
+from airtact.solvers.boundary_field import BoundaryField
 from airtact.solvers.boundary_operator import (
     ROWS_AT_ONCE,
     DualSystem,
+    NearRule,
     build_system,
     incident,
-    monopole_pressure,
     refuse_too_large,
     skin_rows,
-    winding,
 )
-from airtact.solvers.boundary_quadrature import find_near, place_nodes
+from airtact.solvers.boundary_quadrature import place_nodes
 from airtact.solvers.gmres import gmres
-from airtact.solvers.problem import Skin, SolveReport
+from airtact.solvers.problem import SolveReport
 
 CITATIONS = (
     "A. Mohsen, R. Piscoya, M. Ochmann, Acta Acustica united with Acustica 97 (2011) 699: dual-surface equation",
     "P. R. Johnston, D. Elliott, Int. J. Numer. Meth. Engng 62 (2005) 564: sinh transformation of near integrals",
     "Y. Saad, M. H. Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856: GMRES",
 )
+
+
+LONGEST_TO_EQUILATERAL = 1.2
+"""Longest edge of a typical panel over the edge of the equilateral triangle of the same area."""
 
 
 @dataclass(frozen=True)
@@ -73,9 +77,9 @@ class BoundaryElement:
     @property
     def nodes_per_square_wavelength(self) -> float:
         """Nodes that a square wavelength of skin gets: the error falls as the third power of the panel edge."""
-        return 45.0 * (0.01 / self.accuracy) ** (2 / 3)
+        return 32.0 * (0.01 / self.accuracy) ** (2 / 3)
 
-    def radiate(self, scene: Scene, sources: Monopoles) -> "BoundaryField":
+    def radiate(self, scene: Scene, sources: Monopoles) -> BoundaryField:
         """Solve the scene for the monopoles.
 
         Parameters
@@ -95,51 +99,42 @@ class BoundaryElement:
         nodes = place_nodes(self._panels(scene, sources))
         refuse_too_large(len(nodes.points), self.precision)
         clock.lap("panels")
-        system = build_system(nodes, scene.wavenumber, self.precision, **self._quadrature())
+        system = build_system(nodes, scene.wavenumber, self.precision, self._near_rule())
         clock.lap("matrix")
         work = system.matrix.dtype
         rows, factors = _hearing_rows(system, sources)
         right = incident(system, sources.positions, sources.strengths)
         clock.lap("right-hand sides")
-        direct = gmres(lambda v: system.matrix @ v, right.astype(work), self._tolerance())
-        transposed = gmres(lambda v: system.matrix.T @ v, rows.astype(work), self._tolerance())
+        tolerance = self._tolerance()
+        direct = gmres(lambda v: system.matrix @ v, right.astype(work), tolerance)
+        transposed = gmres(lambda v: system.matrix.T @ v, rows.astype(work), tolerance)
         clock.lap("gmres")
-        field = BoundaryField(
-            scene=scene,
-            sources=sources,
-            system=system,
-            pressure=direct.solution.astype(np.complex128),
-            density=transposed.solution.astype(np.complex128),
-            factors=factors,
-            report=SolveReport("BoundaryElement", 0, 0, 0, 0, 0),
-        )
-        estimate = float(field.error_at(_surrounding_points(scene, nodes.points)).max())
-        clock.lap("estimate")
         report = SolveReport(
             solver="BoundaryElement",
             residual=float(max(direct.residuals.max(), transposed.residuals.max())),
             iterations=max(direct.iterations, transposed.iterations),
             nodes=len(nodes.points),
             nodes_per_square_wavelength=len(nodes.points) * scene.wavelength**2 / float(nodes.weights.sum()),
-            estimated_error=estimate,
+            estimated_error=float("nan"),
             seconds=clock.laps,
-            settings={"accuracy": self.accuracy, "precision": self.precision, "gmres_tolerance": self._tolerance()},
+            settings={"accuracy": self.accuracy, "precision": self.precision, "gmres_tolerance": tolerance},
             citations=CITATIONS,
         )
-        object.__setattr__(field, "report", report)
-        return field
+        pressure, density = (result.solution.astype(np.complex128) for result in (direct, transposed))
+        field = BoundaryField(scene, sources, system, pressure, density, factors, report)
+        estimate = float(field.error_at(_surrounding_points(scene, nodes.points)).max())
+        clock.lap("estimate")
+        return replace(field, report=replace(report, estimated_error=estimate))
 
-    def _panels(self, scene: Scene, sources: Monopoles):
-        wavelength = scene.wavelength
-        edge = wavelength * np.sqrt(6 / self.nodes_per_square_wavelength * 4 / np.sqrt(3)) * 1.1
+    def _panels(self, scene: Scene, sources: Monopoles) -> Panels:
+        equilateral = scene.wavelength * np.sqrt(6 / self.nodes_per_square_wavelength * 4 / np.sqrt(3))
+        edge = LONGEST_TO_EQUILATERAL * equilateral
+        near = sources.positions[scene.depth(sources.positions) > -edge]
         surfaces = [obstacle.surface for obstacle in scene.obstacles]
-        smallest, growth = 0.25 * edge, 1.0
-        reach = edge / growth
-        close = sources.positions[scene.depth(sources.positions) > -reach]
-        return scene_panels(surfaces, edge, close, smallest, growth)
+        return scene_panels(surfaces, edge, near, smallest=0.5 * edge, growth=1.0)
 
-    def _quadrature(self) -> dict:
-        return {"reach": 2.5, "gauss_points": (5, 5)}
+    def _near_rule(self) -> NearRule:
+        return NearRule(2.0, (4, 4)) if self.precision == "float32" else NearRule(2.5, (6, 6))
 
     def _tolerance(self) -> float:
         return max(0.1 * self.accuracy, 2e-6) if self.precision == "float32" else min(0.1 * self.accuracy, 1e-8)
@@ -178,7 +173,7 @@ def _hearing_rows(
     factors = np.empty(len(sources.positions))
     for start in range(0, len(factors), ROWS_AT_ONCE):
         part = slice(start, start + ROWS_AT_ONCE)
-        found = skin_rows(system, sources.positions[part])
+        found = skin_rows(system.nodes, sources.positions[part], system.wavenumber, system.near_rule)
         factors[part] = found.factor
         total += found.rows.T @ sources.strengths[part]
     return total, factors
@@ -192,80 +187,3 @@ def _surrounding_points(scene: Scene, points: Float64[np.ndarray, "nodes 3"]) ->
     polar, turn = np.arccos(1 - index / 64), np.pi * (1 + np.sqrt(5)) * index
     directions = np.stack([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], axis=1)
     return centre + radius * directions
-
-
-@dataclass(frozen=True, eq=False)
-class BoundaryField:
-    """The field of some monopoles around rigid bodies, as ``BoundaryElement`` solved it.
-
-    Attributes
-    ----------
-    scene, sources : what was solved.
-    system : the discrete equation.
-    pressure : (M, S) direct solution: the pressure at the nodes [Pa].
-    density : (M, S) transposed solution: the monopoles at the nodes that stand for the bodies' scattering.
-    factors : (N,) 1 for sources off the skin, 2 for those on it, which speak with their image.
-    report : how it was made.
-    """
-
-    scene: Scene
-    sources: Monopoles
-    system: DualSystem
-    pressure: Complex128[np.ndarray, "nodes sounds"]
-    density: Complex128[np.ndarray, "nodes sounds"]
-    factors: Float64[np.ndarray, "sources"]
-    report: SolveReport = field(repr=False)
-
-    @property
-    def skin(self) -> Skin:
-        """Pressure at the nodes of the skin, from the direct solution."""
-        nodes = self.system.nodes
-        return Skin(nodes.points, nodes.normals, nodes.weights, self.pressure)
-
-    def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
-        """Whether points (P, 3) lie outside the bodies or on their skin."""
-        return winding(self.system, points, self._near_skin(points)) < 0.75
-
-    def at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
-        """Total pressure [Pa] at points (P, 3) for each of the S sounds; NaN inside the bodies."""
-        points = np.ascontiguousarray(points, dtype=np.float64)
-        near = self._near_skin(points)
-        outside = winding(self.system, points, near) < 0.75
-        out = np.full((len(points), self.density.shape[1]), np.nan, dtype=np.complex128)
-        out[outside & near] = self.heard_from_skin(points[outside & near])
-        out[outside & ~near] = self.heard_from_density(points[outside & ~near])
-        return out
-
-    def heard_from_skin(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
-        """Total pressure by the direct solution: right on and near the skin too."""
-        out = np.empty((len(points), self.pressure.shape[1]), dtype=np.complex128)
-        for start in range(0, len(points), ROWS_AT_ONCE):
-            part = slice(start, start + ROWS_AT_ONCE)
-            found = skin_rows(self.system, points[part])
-            free = self._free(points[part], self.sources.strengths)
-            out[part] = found.factor[:, None] * free + found.rows @ self.pressure
-        return out
-
-    def heard_from_density(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
-        """Total pressure by the transposed solution: right for beacons near the skin, heard away from it."""
-        system = self.system
-        places = np.concatenate([system.nodes.points, system.shifted])
-        strengths = np.concatenate([self.density, -1j * self.density])
-        scattered = monopole_pressure(points, places, strengths, system.wavenumber, system.precision)
-        return self._free(points, self.factors[:, None] * self.sources.strengths) + scattered
-
-    def error_at(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "sounds"]:
-        """Relative difference of the direct and the transposed solution over points (P, 3) away from the skin."""
-        transposed = self.heard_from_density(points)
-        difference = self.heard_from_skin(points) - transposed
-        return np.linalg.norm(difference, axis=0) / np.linalg.norm(transposed, axis=0)
-
-    def _free(
-        self, points: Real[np.ndarray, "points 3"], strengths: Complex128[np.ndarray, "sources sounds"]
-    ) -> Complex128[np.ndarray, "points sounds"]:
-        return monopole_pressure(points, self.sources.positions, strengths, self.system.wavenumber, "float64")
-
-    def _near_skin(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
-        near = np.zeros(len(points), dtype=bool)
-        near[find_near(self.system.nodes, points, self.system.reach + 1)[0]] = True
-        return near

@@ -8,7 +8,7 @@ D being the double layer. The second point makes the equation uniquely solvable 
 of i GMRES takes many times the iterations.
 
 Sources: A. Mohsen, R. Piscoya and M. Ochmann, "The application of the dual surface method to treat the nonuniqueness in
-solving acoustic exterior problems", Acta Acustica united with Acustica 97 (2011) 699, equations (9) to (13).
+solving acoustic exterior problems", Acta Acustica united with Acustica 97 (2011) 699.
 """
 
 from dataclasses import dataclass
@@ -27,6 +27,20 @@ CONTACT = 1e-3
 ROWS_AT_ONCE = 512
 
 
+@dataclass(frozen=True)
+class NearRule:
+    """How panels near a point are integrated.
+
+    Attributes
+    ----------
+    reach : panels whose centre is within this many radii of a point count as near.
+    gauss_points : points along the angle and the radius before the stretching asks for more.
+    """
+
+    reach: float
+    gauss_points: tuple[int, int]
+
+
 @dataclass(frozen=True, eq=False)
 class DualSystem:
     """The discrete dual-surface equation of one scene.
@@ -37,16 +51,14 @@ class DualSystem:
     shifted : (M, 3) the second collocation point of each node, inside its body [m].
     matrix : (M, M) complex64 or complex128.
     wavenumber : [1/m].
-    reach : panels within this many radii of a point are integrated as near.
-    gauss_points : of the near integrals.
+    near_rule : of the near integrals.
     """
 
     nodes: Nodes
     shifted: Float64[np.ndarray, "nodes 3"]
     matrix: Complex[np.ndarray, "nodes nodes"]
     wavenumber: complex
-    reach: float
-    gauss_points: tuple[int, int]
+    near_rule: NearRule
 
     @property
     def precision(self) -> str:
@@ -60,24 +72,19 @@ def shift_inwards(nodes: Nodes, wavelength: float) -> Float64[np.ndarray, "nodes
     return nodes.points - depth[:, None] * nodes.normals
 
 
-def build_system(
-    nodes: Nodes, wavenumber: complex, precision: str, reach: float, gauss_points: tuple[int, int]
-) -> DualSystem:
+def build_system(nodes: Nodes, wavenumber: complex, precision: str, near_rule: NearRule) -> DualSystem:
     """Assemble the dual-surface matrix of a set of nodes."""
-    wavelength = 2 * np.pi / wavenumber.real
-    shifted = shift_inwards(nodes, wavelength)
+    shifted = shift_inwards(nodes, 2 * np.pi / wavenumber.real)
     count = len(nodes.points)
     matrix = np.empty((count, count), dtype=np.complex64 if precision == "float32" else np.complex128)
     fill = getattr(_kernels, f"dual_matrix_{precision}")
     fill(nodes.points, shifted, nodes.points, nodes.weighted_normals, wavenumber, matrix)
-    on_skin, inside = (
-        integrate_near(nodes, points, find_near(nodes, points, reach), wavenumber, gauss_points)
-        for points in (nodes.points, shifted)
-    )
-    _replace_near(matrix, nodes, nodes.points, on_skin, wavenumber, -1)
-    _replace_near(matrix, nodes, shifted, inside, wavenumber, 1j)
+    for points, factor in ((nodes.points, -1), (shifted, 1j)):
+        pairs = find_near(nodes, points, near_rule.reach)
+        near = integrate_near(nodes, points, pairs, wavenumber, near_rule.gauss_points)
+        _replace_near(matrix, nodes, points, near, wavenumber, factor)
     matrix.flat[:: count + 1] += 0.5
-    return DualSystem(nodes, shifted, matrix, wavenumber, reach, gauss_points)
+    return DualSystem(nodes, shifted, matrix, wavenumber, near_rule)
 
 
 def _replace_near(
@@ -153,29 +160,22 @@ class SkinRows:
     factor: Float64[np.ndarray, "points"]
 
 
-def skin_rows(system: DualSystem, points: Real[np.ndarray, "points 3"]) -> SkinRows:
+def skin_rows(nodes: Nodes, points: Real[np.ndarray, "points 3"], wavenumber: complex, near_rule: NearRule) -> SkinRows:
     """Rows of the double layer at points near or on the skin, singular panels included."""
-    nodes = system.nodes
-    points, contact = project_contacts(system, points)
+    points, contact = project_contacts(nodes, points)
     rows = np.empty((len(points), len(nodes.points)), dtype=np.complex128)
-    _kernels.double_layer_matrix_float64(points, nodes.points, nodes.weighted_normals, system.wavenumber, rows)
-    near = integrate_near(
-        nodes, points, find_near(nodes, points, system.reach + 1), system.wavenumber, _finer(system.gauss_points)
-    )
+    _kernels.double_layer_matrix_float64(points, nodes.points, nodes.weighted_normals, wavenumber, rows)
+    pairs = find_near(nodes, points, near_rule.reach)
+    near = integrate_near(nodes, points, pairs, wavenumber, near_rule.gauss_points)
     rows[near.target[:, None], near.columns] = near.values
     factor = np.where(contact, 2.0, 1.0)
     return SkinRows(rows * factor[:, None], factor)
 
 
-def _finer(gauss_points: tuple[int, int]) -> tuple[int, int]:
-    return gauss_points[0] + 3, gauss_points[1] + 3
-
-
 def project_contacts(
-    system: DualSystem, points: Real[np.ndarray, "points 3"]
+    nodes: Nodes, points: Real[np.ndarray, "points 3"]
 ) -> tuple[Float64[np.ndarray, "points 3"], Bool[np.ndarray, "points"]]:
     """Put points that touch the skin exactly on their panel; says which those are."""
-    nodes = system.nodes
     points = np.array(points, dtype=np.float64)
     near = integrate_near(nodes, points, find_near(nodes, points, 1.01), 0j, (1, 1))
     touching = near.distance < CONTACT * nodes.radii[near.panel]
@@ -187,25 +187,28 @@ def project_contacts(
     return points, contact
 
 
-def winding(
-    system: DualSystem, points: Real[np.ndarray, "points 3"], near: Bool[np.ndarray, "points"]
-) -> Float64[np.ndarray, "points"]:
+def winding(nodes: Nodes, points: Real[np.ndarray, "points 3"], near_rule: NearRule) -> Float64[np.ndarray, "points"]:
     """Share of the full solid angle that the skin fills as seen from points: 1 inside, 0 outside, ½ on it."""
-    nodes = system.nodes
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    near = near_skin(nodes, points, near_rule.reach)
     share = np.empty(len(points))
     ones = np.ones((len(nodes.points), 1), dtype=np.complex128)
     far = np.empty((int((~near).sum()), 1), dtype=np.complex128)
-    _kernels.apply_double_layer_float32(
-        np.ascontiguousarray(points[~near]), nodes.points, nodes.weighted_normals, ones, 0j, far
-    )
+    _kernels.apply_double_layer_float32(points[~near], nodes.points, nodes.weighted_normals, ones, 0j, far)
     share[~near] = -far[:, 0].real
     chosen = np.flatnonzero(near)
-    still = DualSystem(nodes, system.shifted, system.matrix, 0j, system.reach, system.gauss_points)
     for start in range(0, len(chosen), ROWS_AT_ONCE):
         part = chosen[start : start + ROWS_AT_ONCE]
-        found = skin_rows(still, points[part])
-        share[part] = -(found.rows.sum(axis=1).real) / found.factor
+        found = skin_rows(nodes, points[part], 0j, near_rule)
+        share[part] = -found.rows.sum(axis=1).real / found.factor
     return share
+
+
+def near_skin(nodes: Nodes, points: Real[np.ndarray, "points 3"], reach: float) -> Bool[np.ndarray, "points"]:
+    """Whether any panel's centre lies within ``reach`` of its radii from points (P, 3)."""
+    near = np.zeros(len(points), dtype=bool)
+    near[find_near(nodes, points, reach)[0]] = True
+    return near
 
 
 def refuse_too_large(count: int, precision: str) -> None:
@@ -215,7 +218,7 @@ def refuse_too_large(count: int, precision: str) -> None:
     if size > 0.9 * available:
         raise InvalidInput(
             f"{count} unknowns need {size / 2**30:.1f} GiB for the matrix, but {available / 2**30:.1f} GiB of memory are "
-            "free: ask for less accuracy (accuracy=0.03 needs a fifth of 0.01) or leave out bodies far from the foci."
+            "free; ask for less accuracy (0.03 needs a quarter of the matrix of 0.01) or leave out bodies far from the foci."
         )
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from jaxtyping import Bool, Complex128, Float64, Int64, Real
+from jaxtyping import Complex128, Float64, Int64, Real
 
 from airtact import _kernels
 from airtact.scene.panels import Panels, shape_functions
@@ -187,10 +187,3 @@ def thickness(nodes: Nodes, largest: float) -> Float64[np.ndarray, "nodes"]:
     diameter = np.empty(len(nodes.points))
     _kernels.inscribed_diameter(nodes.points, nodes.normals, nodes.body, float(largest), diameter)
     return diameter
-
-
-def is_close(pairs: NearPairs, count: int, tolerance: float) -> Bool[np.ndarray, "points"]:
-    """Which of ``count`` targets lie on a panel, to ``tolerance`` [m]."""
-    close = np.zeros(count, dtype=bool)
-    close[pairs.target[pairs.distance < tolerance]] = True
-    return close

@@ -1,0 +1,118 @@
+"""The field around rigid bodies, heard from the boundary element solution."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Bool, Complex128, Float64, Real
+
+from airtact.scene.panels import Panels, cut
+from airtact.scene.scene import Scene
+from airtact.scene.sources import Monopoles
+from airtact.solvers.boundary_operator import (
+    ROWS_AT_ONCE,
+    DualSystem,
+    monopole_pressure,
+    near_skin,
+    skin_rows,
+    winding,
+)
+from airtact.solvers.boundary_quadrature import Nodes, find_near, place_nodes
+from airtact.solvers.problem import Skin, SolveReport
+
+
+@dataclass(frozen=True, eq=False)
+class BoundaryField:
+    """The field of some monopoles around rigid bodies, as ``BoundaryElement`` solved it.
+
+    Attributes
+    ----------
+    scene, sources : what was solved.
+    system : the discrete equation.
+    pressure : (M, S) direct solution: the pressure at the nodes [Pa].
+    density : (M, S) transposed solution: the monopoles at the nodes that stand for the bodies' scattering.
+    factors : (N,) 1 for sources off the skin, 2 for those on it, which speak with their image.
+    report : how it was made.
+    """
+
+    scene: Scene
+    sources: Monopoles
+    system: DualSystem
+    pressure: Complex128[np.ndarray, "nodes sounds"]
+    density: Complex128[np.ndarray, "nodes sounds"]
+    factors: Float64[np.ndarray, "sources"]
+    report: SolveReport = field(repr=False)
+
+    @property
+    def skin(self) -> Skin:
+        """Pressure at the nodes of the skin, from the direct solution."""
+        nodes = self.system.nodes
+        return Skin(nodes.points, nodes.normals, nodes.weights, self.pressure)
+
+    def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
+        """Whether points (P, 3) lie outside the bodies or on their skin."""
+        return winding(self.system.nodes, points, self.system.near_rule) < 0.75
+
+    def at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
+        """Total pressure [Pa] at points (P, 3) for each of the S sounds; NaN inside the bodies.
+
+        On and near the skin it is the direct solution's, elsewhere the transposed one's.
+        """
+        points = np.ascontiguousarray(points, dtype=np.float64)
+        near = near_skin(self.system.nodes, points, self.system.near_rule.reach)
+        outside = self.valid(points)
+        out = np.full((len(points), self.density.shape[1]), np.nan, dtype=np.complex128)
+        out[outside & near] = self._heard_near(points[outside & near])
+        out[outside & ~near] = self._heard_from_density(points[outside & ~near])
+        return out
+
+    def error_at(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "sounds"]:
+        """Relative difference of the direct and the transposed solution over points (P, 3) away from the skin."""
+        transposed = self._heard_from_density(points)
+        difference = self._heard_from_skin(self.system.nodes, self.pressure, points) - transposed
+        return np.linalg.norm(difference, axis=0) / np.linalg.norm(transposed, axis=0)
+
+    def _heard_from_skin(
+        self, nodes: Nodes, pressure: Complex128[np.ndarray, "nodes sounds"], points: Real[np.ndarray, "points 3"]
+    ) -> Complex128[np.ndarray, "points sounds"]:
+        """Incident pressure plus the double layer of a pressure on the skin; twice that on the skin itself."""
+        out = np.empty((len(points), pressure.shape[1]), dtype=np.complex128)
+        for start in range(0, len(points), ROWS_AT_ONCE):
+            part = slice(start, start + ROWS_AT_ONCE)
+            found = skin_rows(nodes, points[part], self.system.wavenumber, self.system.near_rule)
+            out[part] = found.factor[:, None] * self._free(points[part], self.sources.strengths) + found.rows @ pressure
+        return out
+
+    def _heard_near(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
+        """Pressure on and near the skin.
+
+        The panels near the points are cut in four and given the pressure that the equation itself says (twice the
+        incident pressure plus the double layer), which is smoother than the quadratic through the six nodes: Nyström's
+        own interpolation (Atkinson, The Numerical Solution of Integral Equations of the Second Kind, 1997, section 4.1).
+        """
+        if not len(points):
+            return np.empty((0, self.pressure.shape[1]), dtype=np.complex128)
+        nodes = self.system.nodes
+        close = np.zeros(len(nodes.centres), dtype=bool)
+        close[find_near(nodes, points, self.system.near_rule.reach)[1]] = True
+        pieces, _ = cut(nodes.six_nodes[close], np.full(int(close.sum()), 2))
+        fine = place_nodes(Panels(pieces, np.zeros(len(pieces), dtype=np.int64)))
+        fine_pressure = self._heard_from_skin(nodes, self.pressure, fine.points)
+        mixed = np.concatenate([nodes.six_nodes[~close], pieces])
+        return self._heard_from_skin(
+            place_nodes(Panels(mixed, np.zeros(len(mixed), dtype=np.int64))),
+            np.concatenate([self.pressure[np.repeat(~close, 6)], fine_pressure]),
+            points,
+        )
+
+    def _heard_from_density(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
+        """Total pressure by the transposed solution: right for beacons near the skin, heard away from it."""
+        system = self.system
+        places = np.concatenate([system.nodes.points, system.shifted])
+        strengths = np.concatenate([self.density, -1j * self.density])
+        scattered = monopole_pressure(points, places, strengths, system.wavenumber, system.precision)
+        return self._free(points, self.factors[:, None] * self.sources.strengths) + scattered
+
+    def _free(
+        self, points: Real[np.ndarray, "points 3"], strengths: Complex128[np.ndarray, "sources sounds"]
+    ) -> Complex128[np.ndarray, "points sounds"]:
+        return monopole_pressure(points, self.sources.positions, strengths, self.system.wavenumber, "float64")
