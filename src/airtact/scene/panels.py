@@ -51,7 +51,9 @@ def longest_edges(six_nodes: SixNodes) -> Float64[np.ndarray, "panels"]:
     return np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1)
 
 
-def cut(six_nodes: SixNodes, parts: Int[np.ndarray, "panels"]) -> tuple[SixNodes, Int64[np.ndarray, "pieces"]]:
+def cut(
+    six_nodes: SixNodes, parts: Int[np.ndarray, "panels"]
+) -> tuple[Float64[np.ndarray, "pieces 6 3"], Int64[np.ndarray, "pieces"]]:
     """Cut each panel into ``parts``² pieces of the same quadratic surface.
 
     Returns
@@ -70,7 +72,7 @@ def cut(six_nodes: SixNodes, parts: Int[np.ndarray, "panels"]) -> tuple[SixNodes
 
 
 def _piece_references(count: int) -> Float64[np.ndarray, "pieces 6 2"]:
-    """Reference coordinates of the six nodes of each of the count² pieces of a triangle."""
+    """Place the six nodes of each of the count² pieces of a triangle, in its reference coordinates."""
     corners = []
     for i in range(count):
         for j in range(count - i):
@@ -95,7 +97,7 @@ def panelled(surface: Surface, edge: float) -> SixNodes:
 
 def _refined(
     panels: SixNodes, surface: Surface, points: Real[np.ndarray, "points 3"], smallest: float, growth: float
-) -> SixNodes:
+) -> Float64[np.ndarray, "pieces 6 3"]:
     """Cut panels near the points in four until their edge is at most max(smallest, growth × distance)."""
     for _ in range(12):
         samples = np.concatenate([panels, panels.mean(axis=1, keepdims=True)], axis=1)

@@ -23,7 +23,7 @@ from airtact.solvers.boundary_operator import (
 )
 from airtact.solvers.boundary_quadrature import place_nodes
 from airtact.solvers.gmres import gmres
-from airtact.solvers.problem import SolveReport
+from airtact.solvers.problem import Solver, SolveReport
 
 CITATIONS = (
     "A. Mohsen, R. Piscoya, M. Ochmann, Acta Acustica united with Acustica 97 (2011) 699: dual-surface equation",
@@ -37,7 +37,7 @@ LONGEST_TO_EQUILATERAL = 1.2
 
 
 @dataclass(frozen=True)
-class BoundaryElement:
+class BoundaryElement(Solver):
     """Boundary elements for sound-hard bodies, safe at interior resonances.
 
     Discontinuous quadratic Nyström on curved six-node panels, the dual-surface equation, GMRES. Each solve is done

@@ -11,17 +11,18 @@ from airtact.scene.sources import Monopoles
 from airtact.solvers.boundary_operator import (
     ROWS_AT_ONCE,
     DualSystem,
+    double_layer_pressure,
     monopole_pressure,
     near_skin,
     skin_rows,
     winding,
 )
 from airtact.solvers.boundary_quadrature import Nodes, find_near, place_nodes
-from airtact.solvers.problem import Skin, SolveReport
+from airtact.solvers.problem import RadiatedField, Skin, SolveReport
 
 
 @dataclass(frozen=True, eq=False)
-class BoundaryField:
+class BoundaryField(RadiatedField):
     """The field of some monopoles around rigid bodies, as ``BoundaryElement`` solved it.
 
     Attributes
@@ -75,11 +76,15 @@ class BoundaryField:
         self, nodes: Nodes, pressure: Complex128[np.ndarray, "nodes sounds"], points: Real[np.ndarray, "points 3"]
     ) -> Complex128[np.ndarray, "points sounds"]:
         """Incident pressure plus the double layer of a pressure on the skin; twice that on the skin itself."""
-        out = np.empty((len(points), pressure.shape[1]), dtype=np.complex128)
-        for start in range(0, len(points), ROWS_AT_ONCE):
-            part = slice(start, start + ROWS_AT_ONCE)
-            found = skin_rows(nodes, points[part], self.system.wavenumber, self.system.near_rule)
-            out[part] = found.factor[:, None] * self._free(points[part], self.sources.strengths) + found.rows @ pressure
+        system = self.system
+        out = self._free(points, self.sources.strengths)
+        near = near_skin(nodes, points, system.near_rule.reach)
+        out[~near] += double_layer_pressure(points[~near], nodes, pressure, system.wavenumber, system.precision)
+        chosen = np.flatnonzero(near)
+        for start in range(0, len(chosen), ROWS_AT_ONCE):
+            part = chosen[start : start + ROWS_AT_ONCE]
+            found = skin_rows(nodes, points[part], system.wavenumber, system.near_rule)
+            out[part] = found.factor[:, None] * out[part] + found.rows @ pressure
         return out
 
     def _heard_near(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
@@ -87,7 +92,7 @@ class BoundaryField:
 
         The panels near the points are cut in four and given the pressure that the equation itself says (twice the
         incident pressure plus the double layer), which is smoother than the quadratic through the six nodes: Nyström's
-        own interpolation (Atkinson, The Numerical Solution of Integral Equations of the Second Kind, 1997, section 4.1).
+        own interpolation (Atkinson, The Numerical Solution of Integral Equations of the Second Kind, 1997, section 4).
         """
         if not len(points):
             return np.empty((0, self.pressure.shape[1]), dtype=np.complex128)

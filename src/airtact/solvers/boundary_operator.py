@@ -136,6 +136,26 @@ def monopole_pressure(
     return out
 
 
+def double_layer_pressure(
+    points: Real[np.ndarray, "points 3"],
+    nodes: Nodes,
+    pressure: Complex128[np.ndarray, "nodes sounds"],
+    wavenumber: complex,
+    precision: str,
+) -> Complex128[np.ndarray, "points sounds"]:
+    """Double layer D[p] of a pressure on the skin, at points with no panel near [Pa]."""
+    out = np.empty((len(points), pressure.shape[1]), dtype=np.complex128)
+    getattr(_kernels, f"apply_double_layer_{precision}")(
+        np.ascontiguousarray(points, dtype=np.float64),
+        nodes.points,
+        nodes.weighted_normals,
+        np.ascontiguousarray(pressure),
+        complex(wavenumber),
+        out,
+    )
+    return out
+
+
 def incident(
     system: DualSystem, positions: Real[np.ndarray, "sources 3"], strengths: Complex[np.ndarray, "sources sounds"]
 ) -> Complex128[np.ndarray, "nodes sounds"]:
@@ -193,14 +213,12 @@ def winding(nodes: Nodes, points: Real[np.ndarray, "points 3"], near_rule: NearR
     near = near_skin(nodes, points, near_rule.reach)
     share = np.empty(len(points))
     ones = np.ones((len(nodes.points), 1), dtype=np.complex128)
-    far = np.empty((int((~near).sum()), 1), dtype=np.complex128)
-    _kernels.apply_double_layer_float32(points[~near], nodes.points, nodes.weighted_normals, ones, 0j, far)
-    share[~near] = -far[:, 0].real
+    share[~near] = -double_layer_pressure(points[~near], nodes, ones, 0j, "float32")[:, 0].real
     chosen = np.flatnonzero(near)
     for start in range(0, len(chosen), ROWS_AT_ONCE):
         part = chosen[start : start + ROWS_AT_ONCE]
         found = skin_rows(nodes, points[part], 0j, near_rule)
-        share[part] = -found.rows.sum(axis=1).real / found.factor
+        share[part] = -np.real(found.rows.sum(axis=1)) / found.factor
     return share
 
 
@@ -217,8 +235,8 @@ def refuse_too_large(count: int, precision: str) -> None:
     available = _available_memory()
     if size > 0.9 * available:
         raise InvalidInput(
-            f"{count} unknowns need {size / 2**30:.1f} GiB for the matrix, but {available / 2**30:.1f} GiB of memory are "
-            "free; ask for less accuracy (0.03 needs a quarter of the matrix of 0.01) or leave out bodies far from the foci."
+            f"{count} unknowns need {size / 2**30:.1f} GiB for the matrix, but {available / 2**30:.1f} GiB of memory "
+            "are free; ask for less accuracy (0.03 needs a quarter of the matrix of 0.01) or leave out distant bodies."
         )
 
 

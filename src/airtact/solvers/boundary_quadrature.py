@@ -40,7 +40,7 @@ NODAL = np.linalg.inv(monomials(RULE_POINTS))
 
 
 def _tangents(points: Real[np.ndarray, "points 2"]) -> tuple[Float64[np.ndarray, "points 6"], ...]:
-    """Derivatives of the shape functions along u and v."""
+    """Differentiate the shape functions along u and v."""
     u, v = points[:, 0], points[:, 1]
     w, zero = 1 - u - v, np.zeros_like(u)
     along_u = np.stack([1 - 4 * w, 4 * u - 1, zero, 4 * (w - u), 4 * v, -4 * v], axis=1)

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Complex128, Real
 from airtact.conventions import InvalidInput
 from airtact.scene.scene import Scene
 from airtact.scene.sources import Monopoles
-from airtact.solvers.problem import Skin, SolveReport
+from airtact.solvers.problem import RadiatedField, Skin, Solver, SolveReport
 
 _PAIRS_AT_ONCE = 1 << 20
 
@@ -53,7 +53,7 @@ def open_air_pressure(
 
 
 @dataclass(frozen=True, eq=False)
-class OpenAirField:
+class OpenAirField(RadiatedField):
     """The field of monopoles in a scene without obstacles (a ``RadiatedField``).
 
     Attributes
@@ -90,7 +90,7 @@ class OpenAirField:
 
 
 @dataclass(frozen=True)
-class FreeField:
+class FreeField(Solver):
     """Sound in open air, in closed form, absorption included. Refuses obstacles."""
 
     def radiate(self, scene: Scene, sources: Monopoles) -> OpenAirField:

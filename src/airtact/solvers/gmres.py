@@ -72,8 +72,9 @@ def gmres(
                 solution += weights[:, i, None].astype(right_sides.dtype) * vector
             return GmresResult((solution * scale[:, None].astype(solution.dtype)).T, residuals, step + 1)
     raise NotConverged(
-        f"GMRES stopped at a relative residual of {residuals.max():.1e} (wanted {tolerance:.0e}) after {most_iterations} "
-        "iterations; likely a gap or a body much thinner than a panel: ask for a finer accuracy, or move the bodies apart."
+        f"GMRES stopped at a relative residual of {residuals.max():.1e} (wanted {tolerance:.0e}) after "
+        f"{most_iterations} iterations; likely a gap or a body is much thinner than a panel: ask for a finer accuracy, "
+        "or move the bodies apart."
     )
 
 

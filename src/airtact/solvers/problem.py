@@ -1,8 +1,8 @@
 """What every solver takes and gives: a scene and monopoles in, a radiated field out."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Real
@@ -59,41 +59,41 @@ class Skin:
     pressure: Complex128[np.ndarray, "nodes sounds"]
 
 
-class RadiatedField(Protocol):
-    """The sound of some monopoles in a scene, to be heard anywhere outside the bodies."""
+class RadiatedField(ABC):
+    """The sound of some monopoles in a scene, to be heard anywhere outside the bodies.
+
+    Attributes
+    ----------
+    scene : the scene that was solved.
+    sources : the monopoles that speak.
+    report : how the field was made.
+    """
+
+    scene: Scene
+    sources: Monopoles
+    report: SolveReport
 
     @property
-    def scene(self) -> Scene:
-        """The scene that was solved."""
-        ...
-
-    @property
-    def sources(self) -> Monopoles:
-        """The monopoles that speak."""
-        ...
-
-    @property
-    def report(self) -> SolveReport:
-        """How the field was made."""
-        ...
-
-    @property
+    @abstractmethod
     def skin(self) -> Skin:
         """Pressure on the bodies' skin."""
-        ...
 
+    @abstractmethod
     def at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
         """Total pressure [Pa] at points (P, 3) [m] for each of the S sounds; NaN where ``valid`` is False."""
-        ...
 
+    @abstractmethod
     def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
         """Whether the field exists at points (P, 3): False inside bodies, except filled ones."""
-        ...
+
+    def error_at(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "sounds"]:
+        """Relative error over points (P, 3) away from the skin, as the solver estimates it for each of the S sounds."""
+        return np.full(self.sources.strengths.shape[1], self.report.estimated_error)
 
 
-class Solver(Protocol):
+class Solver(ABC):
     """A way to compute how sound travels in a scene."""
 
+    @abstractmethod
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
         """Solve the scene for the monopoles, one field per independent sound."""
-        ...

@@ -2,7 +2,6 @@
 
 import time
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Real
@@ -14,7 +13,7 @@ from airtact.scene.primitives import Capsule
 from airtact.scene.scene import CONTACT, Obstacle, Scene, check_outside
 from airtact.scene.sources import Monopoles
 from airtact.solvers.free_field import open_air_pressure, unit_monopoles
-from airtact.solvers.problem import Skin, SolveReport
+from airtact.solvers.problem import RadiatedField, Skin, Solver, SolveReport
 from airtact.solvers.sphere_modes import ACCURACY, SphereModes
 
 _PAIRS_AT_ONCE = 1 << 14
@@ -27,7 +26,7 @@ _CITATIONS = (
 
 
 @dataclass(frozen=True, eq=False)
-class SphereField:
+class SphereField(RadiatedField):
     """The field of monopoles around one sphere, and inside it where it is filled (a ``RadiatedField``).
 
     Attributes
@@ -45,7 +44,7 @@ class SphereField:
     centre: Float64[np.ndarray, "3"]
     report: SolveReport
 
-    @cached_property
+    @property
     def skin(self) -> Skin:
         """Pressure at Gauss-Legendre latitudes and equal longitudes, with the exact area of the sphere.
 
@@ -135,7 +134,7 @@ class SphereField:
 
 
 @dataclass(frozen=True)
-class SphereSeries:
+class SphereSeries(Solver):
     """One sphere by separation of variables: the exact answer that other solvers are held to.
 
     The sphere is a capsule of length 0, sound-hard, with an impedance, or filled; the sources stand outside it, at any

@@ -1,0 +1,51 @@
+"""Types of the compiled loops; src/kernels/kernels.hpp says what each computes."""
+
+import numpy as np
+
+def dual_matrix_float32(
+    targets: np.ndarray, shifted: np.ndarray, sources: np.ndarray, normals: np.ndarray, k: complex, out: np.ndarray
+) -> None: ...
+def dual_matrix_float64(
+    targets: np.ndarray, shifted: np.ndarray, sources: np.ndarray, normals: np.ndarray, k: complex, out: np.ndarray
+) -> None: ...
+def double_layer_matrix_float32(
+    targets: np.ndarray, sources: np.ndarray, normals: np.ndarray, k: complex, out: np.ndarray
+) -> None: ...
+def double_layer_matrix_float64(
+    targets: np.ndarray, sources: np.ndarray, normals: np.ndarray, k: complex, out: np.ndarray
+) -> None: ...
+def apply_double_layer_float32(
+    targets: np.ndarray, sources: np.ndarray, normals: np.ndarray, density: np.ndarray, k: complex, out: np.ndarray
+) -> None: ...
+def apply_double_layer_float64(
+    targets: np.ndarray, sources: np.ndarray, normals: np.ndarray, density: np.ndarray, k: complex, out: np.ndarray
+) -> None: ...
+def apply_monopoles_float32(
+    targets: np.ndarray, sources: np.ndarray, strength: np.ndarray, k: complex, out: np.ndarray
+) -> None: ...
+def apply_monopoles_float64(
+    targets: np.ndarray, sources: np.ndarray, strength: np.ndarray, k: complex, out: np.ndarray
+) -> None: ...
+def count_near(targets: np.ndarray, centres: np.ndarray, reach: np.ndarray, first: np.ndarray) -> None: ...
+def list_near(
+    targets: np.ndarray, centres: np.ndarray, reach: np.ndarray, first: np.ndarray, panel: np.ndarray
+) -> None: ...
+def inscribed_diameter(
+    points: np.ndarray, normals: np.ndarray, body: np.ndarray, largest: float, diameter: np.ndarray
+) -> None: ...
+def near_integrals(
+    single_layer: bool,
+    targets: np.ndarray,
+    pair_target: np.ndarray,
+    pair_panel: np.ndarray,
+    panels: np.ndarray,
+    k: complex,
+    nodes: np.ndarray,
+    weights: np.ndarray,
+    largest: int,
+    angular: int,
+    radial: int,
+    out: np.ndarray,
+    distance: np.ndarray,
+    foot: np.ndarray,
+) -> None: ...
