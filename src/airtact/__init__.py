@@ -1,1 +1,87 @@
-"""Mid-air haptics with the hand in the sound: what every transducer of a phased array must emit."""
+"""Mid-air haptics with the hand in the sound: what every transducer of a phased array must emit.
+
+The way through: a ``Scene`` (what is in the air) and a ``Target`` (what shall be felt); one solve with imagined beacons
+in the foci; the transfer matrix to a ``PhasedArray`` by reciprocity; a ``Drive``; its evaluation by another solver.
+"""
+
+from airtact.conventions import InvalidInput, NotConverged
+from airtact.evaluation.comparison import Comparison, compare
+from airtact.evaluation.field import field_map
+from airtact.evaluation.metrics import Evaluation, evaluate
+from airtact.scene.files import load_surface
+from airtact.scene.geometry import Pose, Surface
+from airtact.scene.hand import Pinch, pinch
+from airtact.scene.medium import Medium, air
+from airtact.scene.primitives import capsule, sphere
+from airtact.scene.scene import Obstacle, Scene, filled, impedance, sound_hard
+from airtact.scene.sources import Monopoles
+from airtact.scene.target import Target
+from airtact.solvers.boundary_element import BoundaryElement
+from airtact.solvers.free_field import FreeField
+from airtact.solvers.problem import RadiatedField, Skin, Solver, SolveReport
+from airtact.solvers.sphere_series import SphereSeries
+from airtact.synthesis.quantise import Frame, quantise
+from airtact.synthesis.reach import share_reached
+from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
+from airtact.transducers.element import Element, monopole, piston
+from airtact.transducers.layout import PhasedArray, autd3_board, flat_boards, join, surrounding_box
+from airtact.transfer import (
+    Drive,
+    TransferMatrix,
+    focus_by_distance,
+    focus_by_distance_phase_only,
+    transfer_matrix,
+)
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "BoundaryElement",
+    "Comparison",
+    "Drive",
+    "Element",
+    "Evaluation",
+    "Frame",
+    "FreeField",
+    "InvalidInput",
+    "Medium",
+    "Monopoles",
+    "NotConverged",
+    "Obstacle",
+    "PhasedArray",
+    "Pinch",
+    "Pose",
+    "RadiatedField",
+    "Scene",
+    "Skin",
+    "SolveReport",
+    "Solver",
+    "SphereSeries",
+    "Surface",
+    "Target",
+    "TransferMatrix",
+    "air",
+    "autd3_board",
+    "capsule",
+    "compare",
+    "evaluate",
+    "field_map",
+    "filled",
+    "flat_boards",
+    "focus_by_distance",
+    "focus_by_distance_phase_only",
+    "impedance",
+    "join",
+    "load_surface",
+    "monopole",
+    "phase_conjugate",
+    "pinch",
+    "piston",
+    "quantise",
+    "share_reached",
+    "sound_hard",
+    "sphere",
+    "surrounding_box",
+    "time_reversal",
+    "transfer_matrix",
+]

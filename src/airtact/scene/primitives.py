@@ -97,7 +97,7 @@ class Capsule:
 
         Parameters
         ----------
-        edge : longest straight edge allowed [m]; there are at least three rings a cap, whatever it says.
+        edge : longest straight edge allowed [m]; there are at least two rings a cap, whatever it says.
 
         Raises
         ------
@@ -105,14 +105,13 @@ class Capsule:
             When ``edge`` is not above zero, or so small that a cap would need more than 400 rings.
         """
         edge = positive(edge, "edge", "m")
-        rings = max(3, math.ceil(1.9 * self.radius / edge)) if edge > self.radius / _MOST_RINGS else _MOST_RINGS + 1
+        rings = max(2, math.ceil(1.6 * self.radius / edge)) if edge > self.radius / _MOST_RINGS else _MOST_RINGS + 1
         while rings <= _MOST_RINGS:
             vertices, triangles = _mesh(rings, self.length / self.radius)
             corners = self.radius * vertices[triangles]
-            if rings > 3 and np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max() > edge:
-                rings += 1
-                continue
-            return self._surface(self.radius * vertices, triangles)
+            if np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max() <= edge:
+                return self._surface(self.radius * vertices, triangles)
+            rings += 1
         raise InvalidInput(
             f"an edge of {edge * 1e3:.4g} mm on a radius of {self.radius * 1e3:.4g} mm needs more than {_MOST_RINGS} "
             "rings a cap; ask for a longer edge."

@@ -134,7 +134,7 @@ class BoundaryElement(Solver):
         return scene_panels(surfaces, edge, near, smallest=0.5 * edge, growth=1.0)
 
     def _near_rule(self) -> NearRule:
-        return NearRule(2.0, (4, 4)) if self.precision == "float32" else NearRule(2.5, (6, 6))
+        return NearRule(1.6, (4, 4)) if self.precision == "float32" else NearRule(2.5, (6, 6))
 
     def _tolerance(self) -> float:
         return max(0.1 * self.accuracy, 2e-6) if self.precision == "float32" else min(0.1 * self.accuracy, 1e-8)

@@ -79,7 +79,7 @@ def build_system(nodes: Nodes, wavenumber: complex, precision: str, near_rule: N
     matrix = np.empty((count, count), dtype=np.complex64 if precision == "float32" else np.complex128)
     fill = getattr(_kernels, f"dual_matrix_{precision}")
     fill(nodes.points, shifted, nodes.points, nodes.weighted_normals, wavenumber, matrix)
-    for points, factor in ((nodes.points, -1), (shifted, 1j)):
+    for points, factor in ((nodes.points, -1.0 + 0j), (shifted, 1j)):
         pairs = find_near(nodes, points, near_rule.reach)
         near = integrate_near(nodes, points, pairs, wavenumber, near_rule.gauss_points)
         _replace_near(matrix, nodes, points, near, wavenumber, factor)
@@ -218,7 +218,7 @@ def winding(nodes: Nodes, points: Real[np.ndarray, "points 3"], near_rule: NearR
     for start in range(0, len(chosen), ROWS_AT_ONCE):
         part = chosen[start : start + ROWS_AT_ONCE]
         found = skin_rows(nodes, points[part], 0j, near_rule)
-        share[part] = -np.real(found.rows.sum(axis=1)) / found.factor
+        share[part] = -np.sum(found.rows.real, axis=1) / found.factor
     return share
 
 

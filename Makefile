@@ -1,0 +1,52 @@
+# `make run` shows the main job, `make test` proves it. Everything is installed into .venv.
+.DEFAULT_GOAL := help
+.PHONY: help run test slow check format bench clean
+
+VENV := .venv
+BIN := $(VENV)/bin
+KERNELS := CMakeLists.txt pyproject.toml constraints.txt $(wildcard src/kernels/*)
+
+help:
+	@echo "make run    install into .venv and render examples/pinch.toml and examples/open_hand.toml into out/"
+	@echo "make test   all checks and tests (under 12 minutes on 2 cores)"
+	@echo "make slow   the tests that take longer"
+	@echo "make check  linters, types and the rooms' contract only"
+	@echo "make format rewrite the sources in the house's format"
+	@echo "make bench  the measured table of the README"
+
+$(VENV)/installed: $(KERNELS)
+	python3 -m venv $(VENV)
+	PIP_CONSTRAINT=constraints.txt $(BIN)/pip install --quiet --editable .
+	@touch $@
+
+$(VENV)/installed-for-tests: $(VENV)/installed
+	PIP_CONSTRAINT=constraints.txt $(BIN)/pip install --quiet --editable '.[test]'
+	@touch $@
+
+run: $(VENV)/installed
+	$(BIN)/airtact render examples/pinch.toml --out out/pinch
+	$(BIN)/airtact render examples/open_hand.toml --out out/open_hand
+	@echo "Look at out/pinch/report.html and out/open_hand/report.html; the drives are drive.csv and drive.h5 beside them."
+
+check: $(VENV)/installed-for-tests
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/basedpyright
+	$(BIN)/lint-imports
+
+test: check
+	$(BIN)/pytest -q -n 2
+
+slow: $(VENV)/installed-for-tests
+	$(BIN)/pytest -q -m slow
+
+format: $(VENV)/installed-for-tests
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: $(VENV)/installed
+	$(BIN)/python benchmarks/accuracy.py
+	$(BIN)/python benchmarks/speed.py
+
+clean:
+	rm -rf $(VENV) build out
