@@ -127,7 +127,7 @@ class SignedDistance:
     triangles: Int[np.ndarray, "triangles 3"]
     edge_normals: Float64[np.ndarray, "triangles 3 3"]
     vertex_normals: Float64[np.ndarray, "vertices 3"]
-    groups: tuple[tuple[Int64[np.ndarray, "some"], KDTree, float], ...]
+    groups: tuple[tuple[Int64[np.ndarray, "_"], KDTree, float], ...]
 
     def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
         """Distance to the skin [m] of points (P, 3) [m], positive inside."""
@@ -214,7 +214,7 @@ def signed_distance(
 
 def size_groups(
     corners: Real[np.ndarray, "triangles 3 3"],
-) -> tuple[tuple[Int64[np.ndarray, "some"], KDTree, float], ...]:
+) -> tuple[tuple[Int64[np.ndarray, "_"], KDTree, float], ...]:
     """Sort triangles by size, a factor of two in each group, so that one large one does not widen every search.
 
     Parameters

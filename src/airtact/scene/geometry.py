@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float64, Int, Int64, Real
+from jaxtyping import Float64, Int64, Integer, Real
 
 from airtact.conventions import InvalidInput, Vector
 from airtact.scene.closest_point import SignedDistance, signed_distance
@@ -180,7 +180,7 @@ class Surface:
     """
 
     vertices: Real[np.ndarray, "vertices 3"]
-    triangles: Int[np.ndarray, "triangles 3"]
+    triangles: Integer[np.ndarray, "triangles 3"]
     midpoints: Real[np.ndarray, "triangles 3 3"] | None = None
     primitive: ExactShape | None = None
 
@@ -312,6 +312,15 @@ def _refuse_bad_midpoints(
         raise InvalidInput(
             f"{len(parted) // 2} edges have midpoints that their two triangles do not share, the first near "
             f"{place(flat[parted[0]])}, {gap[parted[0]] * 1e3:.3g} mm apart; the curved skin would be open there."
+        )
+    ends = vertices[triangles]
+    away = np.linalg.norm(midpoints - (ends + np.roll(ends, -1, axis=1)) / 2.0, axis=2)
+    bulge = away / np.linalg.norm(np.roll(ends, -1, axis=1) - ends, axis=2)
+    if bulge.max() > 0.5:
+        triangle, edge = np.unravel_index(bulge.argmax(), bulge.shape)
+        raise InvalidInput(
+            f"a midpoint of triangle {triangle} lies {away[triangle, edge] * 1e3:.3g} mm off the middle of its edge, "
+            f"{bulge.max():.3g} of the edge's length; it may be half of it at most, so use a finer mesh."
         )
 
 

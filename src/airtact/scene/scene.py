@@ -42,8 +42,8 @@ class Obstacle:
         given = (self.ratio is not None, self.medium is not None)
         if given != wanted[self.boundary]:
             raise InvalidInput(
-                f"a {self.boundary} obstacle has ratio {self.ratio} and medium {self.medium}, but an impedance takes a "
-                "ratio, a filled one a medium, and none takes both."
+                f"an obstacle of boundary {self.boundary} has ratio {self.ratio} and medium {self.medium}, but an "
+                "impedance takes a ratio, a filled one a medium, and none takes both."
             )
         if self.ratio is None:
             return

@@ -107,9 +107,11 @@ def refuse_open(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[np.ndar
     ):
         found = np.argwhere(twins == code)
         if len(found):
-            triangle, edge = found[0]
-            ends = vertices[[triangles[triangle, edge], triangles[triangle, (edge + 1) % 3]]]
-            raise InvalidInput(f"{len(found)} {fault}; the first is near {place(ends.mean(axis=0))}: repair the mesh.")
+            triangle, edge = found.T
+            ends = np.stack([triangles[triangle, edge], triangles[triangle, (edge + 1) % 3]], axis=1)
+            count = len(np.unique(np.sort(ends, axis=1), axis=0))
+            where = place(vertices[ends[0]].mean(axis=0))
+            raise InvalidInput(f"{count} {fault}; the first is near {where}: repair the mesh.")
 
 
 def shells(triangles: Int[np.ndarray, "triangles 3"]) -> Int[np.ndarray, "triangles"]:

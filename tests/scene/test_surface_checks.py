@@ -1,0 +1,126 @@
+"""Bodies that cross themselves or one another, with depths from closed forms."""
+
+import numpy as np
+import pytest
+from meshes import box_mesh, torus_mesh
+
+from airtact.conventions import InvalidInput
+from airtact.scene.files import load_surface
+from airtact.scene.geometry import Pose, Surface
+from airtact.scene.primitives import capsule, sphere
+from airtact.scene.surface_checks import check_apart, check_surface
+
+
+def flat(surface: Surface) -> Surface:
+    return Surface(surface.vertices, surface.triangles)
+
+
+def test_a_surface_that_crosses_itself_is_refused_with_number_and_place():
+    crossing = Surface(*torus_mesh(0.015, 0.02))
+    count = len(crossing.crossings)
+    with pytest.raises(InvalidInput, match=rf"crosses itself: {count} pairs of triangles meet.*near \(.*\) mm"):
+        check_surface(crossing)
+
+
+def test_sound_surfaces_pass(hand_file):
+    for surface in (
+        load_surface(hand_file),
+        Surface(*torus_mesh(0.02, 0.01)),
+        Surface(*box_mesh()),
+        sphere(0.01, 0.01),
+    ):
+        check_surface(surface)
+
+
+def test_one_body_and_none_are_apart():
+    check_apart([])
+    check_apart([sphere(0.01, 0.01)])
+
+
+RODS = [
+    (sphere(0.01, 0.005), sphere(0.008, 0.005, centre=(0.0, 0.0, 0.015)), 3.0),
+    (
+        capsule((0.0, 0.0, 0.0), (0.0, 0.0, 0.04), 0.008, 0.005),
+        capsule((0.01, -0.02, 0.02), (0.01, 0.02, 0.02), 0.005, 0.005),
+        3.0,
+    ),
+    (sphere(0.01, 0.005), sphere(0.002, 0.005, centre=(0.001, 0.0, 0.0)), 11.0),  # one in the other
+]
+
+
+@pytest.mark.parametrize(("one", "two", "millimetres"), RODS)
+def test_primitives_that_overlap_are_refused_with_the_exact_depth(one, two, millimetres):
+    with pytest.raises(InvalidInput, match=f"bodies 0 and 1 overlap or touch: {millimetres:g} mm deep near"):
+        check_apart([one, two])
+
+
+@pytest.mark.parametrize(("gap", "refused"), [(0.0, True), (1e-6, False), (-1e-6, True)])
+def test_primitives_that_touch_are_refused_and_a_micrometre_is_enough(gap, refused):
+    bodies = [sphere(0.01, 0.01), sphere(0.01, 0.01, centre=(0.02 + gap, 0.0, 0.0))]
+    if refused:
+        with pytest.raises(InvalidInput, match="bodies 0 and 1 overlap or touch"):
+            check_apart(bodies)
+    else:
+        check_apart(bodies)
+
+
+def test_the_third_body_is_looked_at_too():
+    far = [sphere(0.005, 0.005, centre=(0.02 * i, 0.0, 0.0)) for i in range(3)]
+    check_apart(far)
+    with pytest.raises(InvalidInput, match="bodies 1 and 3 overlap"):
+        check_apart([*far, sphere(0.005, 0.005, centre=(0.02, 0.009, 0.0))])
+
+
+@pytest.mark.parametrize("swap", [False, True])
+@pytest.mark.parametrize(("height", "said"), [(0.012, None), (0.008, "2 mm"), (-0.005, "15 mm"), (-0.02, "30 mm")])
+def test_a_primitive_and_a_mesh(height, said, swap):
+    # A ball of 10 mm over the face z = 0 of a large slab: the depth is 10 mm less its height.
+    slab = Surface(*box_mesh((-0.1, -0.1, -0.1), (0.1, 0.1, 0.0)))
+    bodies = [slab, sphere(0.01, 0.005, centre=(0.003, 0.004, height))]
+    if said is None:
+        check_apart(bodies[::-1] if swap else bodies)
+        return
+    with pytest.raises(InvalidInput, match=f"bodies 0 and 1 overlap or touch: {said} deep"):
+        check_apart(bodies[::-1] if swap else bodies)
+
+
+def test_a_mesh_in_a_primitive():
+    with pytest.raises(InvalidInput, match=r"bodies 0 and 1 overlap or touch: .* mm deep"):
+        check_apart([sphere(0.02, 0.01), Surface(*box_mesh((-0.001,) * 3, (0.001,) * 3))])
+
+
+def test_meshes_that_cross_are_refused_with_number_and_place():
+    one, two = Surface(*box_mesh((0, 0, 0), (0.02,) * 3)), Surface(*box_mesh((0.01,) * 3, (0.03,) * 3))
+    with pytest.raises(InvalidInput, match=r"bodies 0 and 1 overlap or touch: \d+ pairs of triangles meet.* near \("):
+        check_apart([one, two])
+
+
+def test_meshes_that_share_a_face_are_refused():
+    one, two = Surface(*box_mesh((0, 0, 0), (0.02,) * 3)), Surface(*box_mesh((0.02, 0, 0), (0.04, 0.02, 0.02)))
+    with pytest.raises(InvalidInput, match="pairs of triangles meet"):
+        check_apart([one, two])
+    check_apart([one, two.moved(Pose(np.eye(3), np.array([1e-6, 0.0, 0.0])))])
+
+
+@pytest.mark.parametrize("swap", [False, True])
+def test_a_mesh_inside_a_mesh_is_refused_with_its_depth(swap):
+    outer, inner = Surface(*box_mesh((0, 0, 0), (0.1,) * 3)), Surface(*box_mesh((0.05,) * 3, (0.06,) * 3))
+    bodies = [inner, outer] if swap else [outer, inner]
+    # Any of its corners may be named; the shallowest lies 40 mm deep, the deepest 50 mm.
+    with pytest.raises(InvalidInput, match=r"one lies (40|50) mm inside the other"):
+        check_apart(bodies)
+
+
+def test_meshes_apart_pass_even_where_their_boxes_overlap():
+    ring = Surface(*torus_mesh(0.03, 0.005))
+    check_apart([ring, flat(sphere(0.02, 0.01))])
+    with pytest.raises(InvalidInput, match="pairs of triangles meet"):
+        check_apart([ring, flat(sphere(0.026, 0.01))])
+
+
+def test_a_hand_and_a_rod(hand_file):
+    hand = load_surface(hand_file)
+    palm = hand.vertices.mean(axis=0)
+    check_apart([hand, sphere(0.01, 0.005, centre=tuple(palm + [0.2, 0.0, 0.0]))])
+    with pytest.raises(InvalidInput, match="bodies 0 and 1 overlap"):
+        check_apart([hand, capsule(tuple(palm - [0.2, 0, 0]), tuple(palm + [0.2, 0, 0]), 0.003, 0.003)])
