@@ -5,6 +5,7 @@
 #include <cmath>
 
 namespace airtact {
+namespace AIRTACT_VARIANT {  // one copy for each instruction set, or the linker would keep one for all
 
 template <class Real> struct Traits;
 template <> struct Traits<float> {
@@ -69,4 +70,5 @@ template <class Real> inline Real decay(Real y) {
     return bits<Real>(static_cast<typename T::Bits>(bits<typename T::Bits>(e) + n * (typename T::Bits(1) << T::mantissa)));
 }
 
+}  // namespace AIRTACT_VARIANT
 }  // namespace airtact

@@ -8,6 +8,7 @@
 #include "arithmetic.hpp"
 
 namespace airtact {
+namespace AIRTACT_VARIANT {
 namespace {
 
 constexpr double pi = 3.14159265358979323846;
@@ -217,4 +218,5 @@ void apply_monopoles(const double *targets, std::int64_t n, const double *source
 AIRTACT_FAR(float)
 AIRTACT_FAR(double)
 
+}  // namespace AIRTACT_VARIANT
 }  // namespace airtact

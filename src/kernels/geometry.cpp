@@ -4,6 +4,7 @@
 #include "kernels.hpp"
 
 namespace airtact {
+namespace AIRTACT_VARIANT {
 
 void near_pairs(const double *targets, std::int64_t n, const double *centres, const double *reach, std::int64_t panels,
                 std::int64_t *first, std::int64_t *pair_panel) {
@@ -43,4 +44,5 @@ void inscribed_diameter(const double *points, const double *normals, const std::
     }
 }
 
+}  // namespace AIRTACT_VARIANT
 }  // namespace airtact

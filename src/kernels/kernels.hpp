@@ -1,5 +1,8 @@
 // The loops that the solvers call. Arrays are C-contiguous; points are (n, 3); wavenumber is k + i*absorption.
-#pragma once
+// The same source is compiled once for each instruction set, into a namespace AIRTACT_VARIANT of its own; the module
+// includes this file once for each.
+#ifndef AIRTACT_KERNEL_TYPES
+#define AIRTACT_KERNEL_TYPES
 #include <complex>
 #include <cstdint>
 
@@ -8,6 +11,18 @@ namespace airtact {
 struct Wavenumber {
     double real, imag;
 };
+
+struct NearRule {
+    const double *nodes, *weights;  // Gauss-Legendre on [0, 1], rules 1, 2, ... one after another
+    std::int64_t largest;           // how many rules
+    std::int64_t angular, radial;   // points for a target far from the panel's plane
+};
+
+}  // namespace airtact
+#endif
+
+namespace airtact {
+namespace AIRTACT_VARIANT {
 
 // out[i, j] = -D(x_i, y_j) + i D(x'_i, y_j), D the normal derivative at y of e^{ikr}/(4 pi r) times area
 template <class Real>
@@ -39,16 +54,11 @@ void near_pairs(const double *targets, std::int64_t n, const double *centres, co
 void inscribed_diameter(const double *points, const double *normals, const std::int64_t *body, std::int64_t n,
                         double largest, double *diameter);
 
-struct NearRule {
-    const double *nodes, *weights;  // Gauss-Legendre on [0, 1], rules 1, 2, ... one after another
-    std::int64_t largest;           // how many rules
-    std::int64_t angular, radial;   // points for a target far from the panel's plane
-};
-
 // out[e, m] = integral over the panel of kernel(x, y) * monomial_m(reference point) dS, m in 1, x, y, xx, xy, yy;
 // distance[e] and foot[e] = the closest point's distance and reference coordinates
 void near_integrals(bool single_layer, const double *targets, const std::int64_t *pair_target,
                     const std::int64_t *pair_panel, std::int64_t pairs, const double *six_nodes, Wavenumber k,
                     NearRule rule, std::complex<double> *out, double *distance, double *foot);
 
+}  // namespace AIRTACT_VARIANT
 }  // namespace airtact

@@ -2,11 +2,74 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/complex.h>
+#include <nanobind/stl/string.h>
 
+#include <string>
+#include <vector>
+
+#define AIRTACT_VARIANT baseline
 #include "kernels.hpp"
+#undef AIRTACT_VARIANT
+#ifdef AIRTACT_X86
+#define AIRTACT_VARIANT avx2
+#include "kernels.hpp"
+#undef AIRTACT_VARIANT
+#define AIRTACT_VARIANT avx512
+#include "kernels.hpp"
+#undef AIRTACT_VARIANT
+#endif
 
 namespace nb = nanobind;
 using namespace airtact;
+
+template <class Real> struct Far {
+    decltype(&baseline::dual_matrix<Real>) dual_matrix;
+    decltype(&baseline::double_layer_matrix<Real>) double_layer_matrix;
+    decltype(&baseline::apply_double_layer<Real>) apply_double_layer;
+    decltype(&baseline::apply_monopoles<Real>) apply_monopoles;
+};
+
+struct Variant {
+    const char *name;
+    Far<float> single;
+    Far<double> twice;
+    decltype(&baseline::near_pairs) near_pairs;
+    decltype(&baseline::inscribed_diameter) inscribed_diameter;
+    decltype(&baseline::near_integrals) near_integrals;
+};
+
+#define AIRTACT_FAR(v, Real)                                                                                         \
+    { &v::dual_matrix<Real>, &v::double_layer_matrix<Real>, &v::apply_double_layer<Real>, &v::apply_monopoles<Real> }
+#define AIRTACT_TABLE(v)                                                                                             \
+    { #v, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::near_pairs, &v::inscribed_diameter, &v::near_integrals }
+
+static std::vector<Variant> runnable() {  // on this machine, the best last
+    std::vector<Variant> found{AIRTACT_TABLE(baseline)};
+#ifdef AIRTACT_X86
+    const bool fused = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+    if (fused) found.push_back(AIRTACT_TABLE(avx2));
+    if (fused && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
+        __builtin_cpu_supports("avx512vl"))
+        found.push_back(AIRTACT_TABLE(avx512));
+#endif
+    return found;
+}
+
+static const std::vector<Variant> variants = runnable();
+static const Variant *active = &variants.back();
+
+template <class Real> const Far<Real> &far();
+template <> const Far<float> &far<float>() { return active->single; }
+template <> const Far<double> &far<double>() { return active->twice; }
+
+static void use(const std::string &name) {
+    for (const Variant &variant : variants)
+        if (name == variant.name) {
+            active = &variant;
+            return;
+        }
+    throw nb::value_error(("this machine does not run the variant " + name).c_str());
+}
 
 template <class T, int... n> using Read = nb::ndarray<const T, nb::shape<n...>, nb::c_contig, nb::device::cpu>;
 template <class T, int... n> using Write = nb::ndarray<T, nb::shape<n...>, nb::c_contig, nb::device::cpu>;
@@ -24,14 +87,14 @@ void dual(Points x, Points x2, Points y, Points a, Complex k, Write<std::complex
     same(x.shape(0), x2.shape(0)), same(y.shape(0), a.shape(0));
     same(out.shape(0), x.shape(0)), same(out.shape(1), y.shape(0));
     nb::gil_scoped_release release;
-    dual_matrix<Real>(x.data(), x2.data(), x.shape(0), y.data(), a.data(), y.shape(0), wave(k), out.data());
+    far<Real>().dual_matrix(x.data(), x2.data(), x.shape(0), y.data(), a.data(), y.shape(0), wave(k), out.data());
 }
 
 template <class Real>
 void layer_matrix(Points x, Points y, Points a, Complex k, Write<std::complex<Real>, -1, -1> out) {
     same(y.shape(0), a.shape(0)), same(out.shape(0), x.shape(0)), same(out.shape(1), y.shape(0));
     nb::gil_scoped_release release;
-    double_layer_matrix<Real>(x.data(), x.shape(0), y.data(), a.data(), y.shape(0), wave(k), out.data());
+    far<Real>().double_layer_matrix(x.data(), x.shape(0), y.data(), a.data(), y.shape(0), wave(k), out.data());
 }
 
 template <class Real>
@@ -39,7 +102,7 @@ void layer(Points x, Points y, Points a, Read<Complex, -1, -1> density, Complex 
     same(y.shape(0), a.shape(0)), same(density.shape(0), y.shape(0));
     same(out.shape(0), x.shape(0)), same(out.shape(1), density.shape(1));
     nb::gil_scoped_release release;
-    apply_double_layer<Real>(x.data(), x.shape(0), y.data(), a.data(), y.shape(0), density.data(), density.shape(1),
+    far<Real>().apply_double_layer(x.data(), x.shape(0), y.data(), a.data(), y.shape(0), density.data(), density.shape(1),
                              wave(k), out.data());
 }
 
@@ -48,7 +111,7 @@ void monopoles(Points x, Points y, Read<Complex, -1, -1> strength, Complex k, Wr
     same(strength.shape(0), y.shape(0));
     same(out.shape(0), x.shape(0)), same(out.shape(1), strength.shape(1));
     nb::gil_scoped_release release;
-    apply_monopoles<Real>(x.data(), x.shape(0), y.data(), y.shape(0), strength.data(), strength.shape(1), wave(k),
+    far<Real>().apply_monopoles(x.data(), x.shape(0), y.data(), y.shape(0), strength.data(), strength.shape(1), wave(k),
                           out.data());
 }
 
@@ -58,7 +121,7 @@ using Line = Read<double, -1>;
 static void count_near(Points x, Points centres, Line reach, Write<std::int64_t, -1> first) {
     same(centres.shape(0), reach.shape(0)), same(first.shape(0), x.shape(0) + 1);
     nb::gil_scoped_release release;
-    near_pairs(x.data(), x.shape(0), centres.data(), reach.data(), centres.shape(0), first.data(), nullptr);
+    active->near_pairs(x.data(), x.shape(0), centres.data(), reach.data(), centres.shape(0), first.data(), nullptr);
 }
 
 static void list_near(Points x, Points centres, Line reach, Write<std::int64_t, -1> first,
@@ -66,13 +129,13 @@ static void list_near(Points x, Points centres, Line reach, Write<std::int64_t, 
     same(centres.shape(0), reach.shape(0)), same(first.shape(0), x.shape(0) + 1);
     same(panel.shape(0), std::size_t(first.data()[x.shape(0)]));
     nb::gil_scoped_release release;
-    near_pairs(x.data(), x.shape(0), centres.data(), reach.data(), centres.shape(0), first.data(), panel.data());
+    active->near_pairs(x.data(), x.shape(0), centres.data(), reach.data(), centres.shape(0), first.data(), panel.data());
 }
 
 static void thickness(Points x, Points a, Index body, double largest, Write<double, -1> out) {
     same(x.shape(0), a.shape(0)), same(x.shape(0), body.shape(0)), same(x.shape(0), out.shape(0));
     nb::gil_scoped_release release;
-    inscribed_diameter(x.data(), a.data(), body.data(), x.shape(0), largest, out.data());
+    active->inscribed_diameter(x.data(), a.data(), body.data(), x.shape(0), largest, out.data());
 }
 
 static void near(bool single_layer, Points targets, Index pair_target, Index pair_panel, Read<double, -1, 6, 3> panels,
@@ -83,13 +146,20 @@ static void near(bool single_layer, Points targets, Index pair_target, Index pai
     same(pairs, foot.shape(0)), same(nodes.shape(0), std::size_t(largest * (largest + 1) / 2));
     same(nodes.shape(0), weights.shape(0));
     nb::gil_scoped_release release;
-    near_integrals(single_layer, targets.data(), pair_target.data(), pair_panel.data(), std::int64_t(pairs),
+    active->near_integrals(single_layer, targets.data(), pair_target.data(), pair_panel.data(), std::int64_t(pairs),
                    panels.data(), wave(k), {nodes.data(), weights.data(), largest, angular, radial}, out.data(),
                    distance.data(), foot.data());
 }
 
 NB_MODULE(_kernels, m) {
     m.doc() = "The compiled loops of the boundary element solver; kernels.hpp says what each computes.";
+    m.def("variants", [] {
+        nb::list names;
+        for (const Variant &variant : variants) names.append(variant.name);
+        return names;
+    });
+    m.def("active_variant", [] { return active->name; });
+    m.def("use_variant", &use);
     m.def("dual_matrix_float32", &dual<float>);
     m.def("dual_matrix_float64", &dual<double>);
     m.def("double_layer_matrix_float32", &layer_matrix<float>);

@@ -11,6 +11,7 @@
 #include "arithmetic.hpp"
 
 namespace airtact {
+namespace AIRTACT_VARIANT {
 namespace {
 
 constexpr double pi = 3.14159265358979323846;
@@ -228,4 +229,5 @@ void near_integrals(bool single_layer, const double *targets, const std::int64_t
     }
 }
 
+}  // namespace AIRTACT_VARIANT
 }  // namespace airtact
