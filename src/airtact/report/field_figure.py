@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float64, Real
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.image import AxesImage
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from matplotlib.patheffects import withStroke
@@ -17,6 +18,9 @@ from airtact.scene.geometry import Surface
 
 BODY = "0.72"
 """Grey of the bodies."""
+
+COLOURS = "magma"
+"""Colours of pressure magnitudes: perceptually uniform, black for silence."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,14 +98,20 @@ def draw_fields(cut: Cut, foci: Real[np.ndarray, "foci 3"], names: Sequence[str]
     count = len(cut.pressures)
     figure = Figure(figsize=(count * wide * scale + 2.0, tall * scale + 0.9), layout="constrained")
     axes = figure.subplots(1, count, squeeze=False, sharex=True, sharey=True)[0]
-    brightest = _brightest([cut])
+    scale = _scale([cut])
     for place, (title, pressure) in zip(axes, cut.pressures.items(), strict=True):
-        image = _draw_cut(place, cut, pressure, brightest)
+        _draw_cut(place, cut, pressure, scale)
         place.set_title(title, fontsize=11)
         place.set_xlabel(cut.window.labels[0])
         _mark_foci(place, cut.window, foci, names)
     axes[0].set_ylabel(cut.window.labels[1])
-    figure.colorbar(image, ax=list(axes), label=f"peak pressure [Pa], {normalisation}", pad=0.015, aspect=28)
+    figure.colorbar(
+        ScalarMappable(scale, COLOURS),
+        ax=list(axes),
+        label=f"peak pressure [Pa], {normalisation}",
+        pad=0.015,
+        aspect=28,
+    )
     return figure
 
 
@@ -117,46 +127,50 @@ def draw_close_ups(cuts: Sequence[Cut], names: Sequence[str], normalisation: str
     drives = list(cuts[0].pressures)
     figure = Figure(figsize=(1.75 * len(cuts) + 1.6, 1.85 * len(drives) + 0.6), layout="constrained")
     axes = figure.subplots(len(drives), len(cuts), squeeze=False)
-    brightest = _brightest(cuts)
+    scale = _scale(cuts)
     for column, (cut, name) in enumerate(zip(cuts, names, strict=True)):
         for row, drive in enumerate(drives):
             place = axes[row, column]
-            image = _draw_cut(place, cut, cut.pressures[drive], brightest, centred=True)
+            _draw_cut(place, cut, cut.pressures[drive], scale, centred=True)
             place.plot(0, 0, "o", markersize=9, markerfacecolor="none", markeredgecolor="white")
             place.tick_params(labelsize=8, labelleft=column == 0, labelbottom=row == len(drives) - 1)
         axes[0, column].set_title(name, fontsize=10)
     for row, drive in enumerate(drives):
         axes[row, 0].set_ylabel(f"{drive}\noff the focus [mm]", fontsize=9)
     figure.supxlabel("along the skin from the focus [mm]", fontsize=9)
-    figure.colorbar(image, ax=axes, label=f"peak pressure [Pa],\n{normalisation}", pad=0.01, aspect=28)
+    figure.colorbar(
+        ScalarMappable(scale, COLOURS), ax=axes, label=f"peak pressure [Pa],\n{normalisation}", pad=0.01, aspect=28
+    )
     return figure
 
 
-def _brightest(cuts: Sequence[Cut]) -> float:
-    return max(float(np.nanmax(np.abs(pressure))) for cut in cuts for pressure in cut.pressures.values())
+def _scale(cuts: Sequence[Cut]) -> Normalize:
+    """One scale for all: from no pressure to the highest in any of them."""
+    return Normalize(
+        0.0, max(float(np.nanmax(np.abs(pressure))) for cut in cuts for pressure in cut.pressures.values())
+    )
 
 
 def _draw_cut(
     axes: Axes,
     cut: Cut,
     pressure: Complex[np.ndarray, "points"],
-    brightest: float,
+    scale: Normalize,
     centred: bool = False,
-) -> AxesImage:
-    """Draw one pressure, from the window's middle if ``centred``, and return the image for a colour bar."""
+) -> None:
+    """Draw one pressure, with coordinates from the window's middle if ``centred``."""
     window = cut.window
     left, right, bottom, top = window.extent
     shift = np.array([left + right, bottom + top]) / 2 if centred else np.zeros(2)
     (left, right), (bottom, top) = (left, right) - shift[0], (bottom, top) - shift[1]
     rows, columns = window.shape
     half = (right - left) / (columns - 1) / 2, (top - bottom) / (rows - 1) / 2
-    image = axes.imshow(
+    axes.imshow(
         _past_the_skin(np.abs(pressure).reshape(rows, columns)),
         origin="lower",
         extent=(left - half[0], right + half[0], bottom - half[1], top + half[1]),
-        cmap="magma",
-        vmin=0.0,
-        vmax=brightest,
+        cmap=COLOURS,
+        norm=scale,
         interpolation="bilinear",
     )
     axes.set_facecolor(BODY)
@@ -165,7 +179,6 @@ def _draw_cut(
         bodies = Path.make_compound_path(*loops)
         axes.add_patch(PathPatch(bodies, facecolor=BODY, edgecolor="0.25", linewidth=0.8))
     axes.set(xlim=(left, right), ylim=(bottom, top))
-    return image
 
 
 def _past_the_skin(magnitude: Float64[np.ndarray, "rows columns"]) -> np.ma.MaskedArray:

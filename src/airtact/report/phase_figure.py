@@ -5,7 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float64, Int, Real
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.collections import EllipseCollection
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from airtact.report.windows import AXES
@@ -92,8 +94,8 @@ def draw_phases(
     spans = [np.ptp(face.places, axis=0) + 0.02 for face in faces]
     widths = [span[0] for span in spans]
     tall = max(span[1] for span in spans)
-    scale = min(10.5 / sum(widths), 4.2 / tall)
-    figure = Figure(figsize=(sum(widths) * scale + 2.0, 2 * tall * scale + 1.2), layout="constrained")
+    inches = min(10.5 / sum(widths), 4.2 / tall)
+    figure = Figure(figsize=(sum(widths) * inches + 2.0, 2 * tall * inches + 1.2), layout="constrained")
     axes = figure.subplots(2, len(faces), squeeze=False, sharex="col", sharey="row", width_ratios=widths)
     size = min(spacing(positions[face.elements]) for face in faces) * 0.94
     rows = (
@@ -101,9 +103,10 @@ def draw_phases(
         (np.abs(amplitudes), "viridis", (0.0, 1.0), "amplitude [share of full scale]"),
     )
     for row, (values, colours, limits, label) in zip(axes, rows, strict=True):
+        scale = ScalarMappable(Normalize(*limits), colours)
         for place, face in zip(row, faces, strict=True):
-            discs = _draw_discs(place, 1e3 * face.places, values[face.elements], 1e3 * size, colours, limits)
-        bar = figure.colorbar(discs, ax=list(row), label=label, pad=0.01, aspect=25)
+            _draw_discs(place, 1e3 * face.places, values[face.elements], 1e3 * size, scale)
+        bar = figure.colorbar(scale, ax=list(row), label=label, pad=0.01, aspect=25)
         if colours == "twilight":
             bar.set_ticks(list(PHASE_TICKS), labels=list(PHASE_TICKS.values()))
     for place, face in zip(axes[0], faces, strict=True):
@@ -122,11 +125,11 @@ def spacing(positions: Real[np.ndarray, "elements 3"]) -> float:
     ----------
     positions : (E, 3) [m].
     """
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     if len(positions) < 2:
         return 10e-3
-    return float(cKDTree(positions).query(positions, k=2)[0][:, 1].min())
+    return float(KDTree(positions).query(positions, k=2)[0][:, 1].min())
 
 
 def _draw_discs(
@@ -134,18 +137,16 @@ def _draw_discs(
     places: Float64[np.ndarray, "elements 2"],
     values: Real[np.ndarray, "elements"],
     size: float,
-    colours: str,
-    limits: tuple[float, float],
-) -> EllipseCollection:
+    scale: ScalarMappable,
+) -> None:
     sizes = np.full(len(places), size)
     discs = EllipseCollection(
         sizes, sizes, np.zeros(len(places)), units="xy", offsets=places, transOffset=axes.transData
     )
-    discs.set(array=values, cmap=colours, clim=limits, edgecolor="0.55", linewidth=0.3)
+    discs.set(facecolor=scale.to_rgba(values), edgecolor="0.55", linewidth=0.3)
     axes.add_collection(discs)
     lowest, highest = places.min(axis=0) - size, places.max(axis=0) + size
     axes.set(xlim=(lowest[0], highest[0]), ylim=(lowest[1], highest[1]), aspect="equal")
-    return discs
 
 
 def _where(face: Face, positions: Real[np.ndarray, "elements 3"]) -> str:

@@ -1,10 +1,13 @@
 """The array, the bodies and the foci in space."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Complex, Float64, Real
-from matplotlib import colormaps
+from matplotlib import colormaps, rc_context
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
@@ -13,6 +16,13 @@ from airtact.report.phase_figure import PHASE_TICKS, spacing, unfold
 from airtact.scene.geometry import Surface
 
 LIGHT = np.array([0.35, -0.45, 0.82])
+
+QUIET: Any = {
+    **{f"axes3d.{axis}axis.panecolor": (1.0, 1.0, 1.0, 0.0) for axis in "xyz"},
+    "grid.color": "0.9",
+    "grid.linewidth": 0.6,
+}
+"""No walls behind the axes and a faint grid."""
 
 
 def draw_scene(
@@ -24,7 +34,7 @@ def draw_scene(
 ) -> Figure:
     """Draw the transducers as discs coloured by phase, the bodies shaded in grey and the foci as dots.
 
-    Discs that turn their back to the viewer are drawn as faint rings, so that near walls hide nothing.
+    Discs that turn their back to the viewer are faint rings below the rest, so that near walls hide nothing.
 
     Parameters
     ----------
@@ -35,7 +45,8 @@ def draw_scene(
     foci : (F, 3) [m].
     """
     figure = Figure(figsize=(8.6, 6.6), layout="constrained")
-    axes = figure.add_subplot(projection="3d", computed_zorder=False)
+    with rc_context(QUIET):
+        axes = figure.add_subplot(projection="3d", computed_zorder=False)
     assert isinstance(axes, Axes3D)
     azimuth, elevation = _viewpoint(normals)
     axes.view_init(elev=elevation, azim=azimuth)
@@ -53,9 +64,9 @@ def draw_scene(
         axes.add_collection3d(_shaded(body, viewer))
     axes.scatter(*(1e3 * foci.T), s=34, c="#e8590c", edgecolors="white", linewidths=0.8, depthshade=False, zorder=4)
     if turned_away.any():
-        faint = colours[turned_away] * [1, 1, 1, 0.2]
+        faint = colours[turned_away] * [1, 1, 1, 0.18]
         axes.add_collection3d(
-            Poly3DCollection(discs[turned_away], facecolors="none", edgecolors=faint, linewidths=0.5, zorder=5)
+            Poly3DCollection(discs[turned_away], facecolors="none", edgecolors=faint, linewidths=0.5, zorder=2)
         )
     _frame(axes, [discs.reshape(-1, 3), *(1e3 * body.vertices for body in bodies), 1e3 * foci])
     _phase_bar(figure, axes)
@@ -106,16 +117,10 @@ def _frame(axes: Axes3D, parts: Sequence[np.ndarray]) -> None:
     axes.set(xlim=(lowest[0], highest[0]), ylim=(lowest[1], highest[1]), zlim=(lowest[2], highest[2]))
     axes.set_aspect("equal")
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
-    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
-        axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
-        axis._axinfo["grid"].update(color=(0.9, 0.9, 0.9, 1.0), linewidth=0.6)
     axes.tick_params(labelsize=8)
 
 
 def _phase_bar(figure: Figure, axes: Axes3D) -> None:
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
     colours = ScalarMappable(Normalize(-np.pi, np.pi), "twilight")
     bar = figure.colorbar(colours, ax=axes, label="phase of the transducers [rad]", shrink=0.62, pad=0.08, aspect=24)
     bar.set_ticks(list(PHASE_TICKS), labels=list(PHASE_TICKS.values()))

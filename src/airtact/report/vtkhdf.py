@@ -33,7 +33,7 @@ def write_field(path: Path, box: Box, pressure: Complex[np.ndarray, "points"], b
     import h5py
 
     if len(pressure) != np.prod(box.counts):
-        raise InvalidInput(f"{len(pressure)} pressures do not fit a box of {np.prod(box.counts)} points")
+        raise InvalidInput(f"{len(pressure)} pressures do not fit a box of {np.prod(box.counts)} points.")
     with whole_file(path) as partial, h5py.File(partial, "w") as file:
         root = _group(file, "VTKHDF", "PartitionedDataSetCollection")
         _write_image(_block(root, "field", 0, "ImageData"), box, pressure)
@@ -43,7 +43,7 @@ def write_field(path: Path, box: Box, pressure: Complex[np.ndarray, "points"], b
             names.append("bodies")
         assembly = root.create_group("Assembly", track_order=True)
         for name in names:
-            assembly.create_group(name)[name] = h5py.SoftLink(f"/VTKHDF/{name}")
+            assembly.create_group(name, track_order=True)[name] = h5py.SoftLink(f"/VTKHDF/{name}")
 
 
 def _group(parent: "h5py.Group", name: str, kind: str) -> "h5py.Group":
@@ -67,7 +67,7 @@ def _write_image(group: "h5py.Group", box: Box, pressure: Complex[np.ndarray, "p
     group.attrs["Spacing"] = np.full(3, box.step)
     group.attrs["Direction"] = np.eye(3).ravel()
     data = group.create_group("PointData")
-    for name, part in (("pressure_real", pressure.real), ("pressure_imag", pressure.imag)):
+    for name, part in (("pressure_real", np.real(pressure)), ("pressure_imag", np.imag(pressure))):
         data.create_dataset(name, data=part.reshape(deep, along, across), compression="gzip", compression_opts=1)
 
 

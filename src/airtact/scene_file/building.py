@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
 from airtact.scene.files import load_surface
@@ -14,7 +15,7 @@ from airtact.scene.geometry import Pose, Surface
 from airtact.scene.hand import pinch
 from airtact.scene.medium import Medium, air
 from airtact.scene.primitives import capsule, sphere
-from airtact.scene.scene import Obstacle, Scene, filled, impedance, sound_hard
+from airtact.scene.scene import Obstacle, Scene, check_outside, filled, impedance, sound_hard
 from airtact.scene.target import Target
 from airtact.scene_file.tables import (
     ArrayTable,
@@ -31,15 +32,19 @@ from airtact.solvers.boundary_element import BoundaryElement
 from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
 from airtact.transducers.element import Element, monopole, piston
 from airtact.transducers.layout import PhasedArray, autd3_board, flat_boards, join, surrounding_box
+from airtact.transducers.placement import check_placement
 from airtact.transfer import Drive, TransferMatrix
 
 SOLVERS = {"boundary_element": BoundaryElement}
 """The solvers that a file can name."""
 
+BOUNDARIES = {"boundary_element": ("sound_hard",)}
+"""The boundaries that each of them can solve."""
+
 METHODS = {"time_reversal": time_reversal, "phase_conjugate": phase_conjugate}
 """The ways to make a drive that a file can name."""
 
-Places = dict[str, tuple[np.ndarray, np.ndarray]]
+Places = dict[str, tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]]
 """Named points of bodies and the outward normals there."""
 
 
@@ -57,7 +62,6 @@ class Setup:
     target : the foci.
     foci : a name for each focus.
     solver : makes the drive.
-    accuracy : the relative error that the solver was asked for.
     method : name of the way the drive is made.
     synthesise : that way.
     """
@@ -70,7 +74,6 @@ class Setup:
     target: Target
     foci: tuple[str, ...]
     solver: BoundaryElement
-    accuracy: float
     method: str
     synthesise: Callable[[TransferMatrix, Target], Drive]
 
@@ -84,8 +87,9 @@ def read_setup(path: Path) -> Setup:
 
     Raises
     ------
-    InvalidInput : the file cannot be read, has a wrong key or value, or describes an impossible scene; the message begins
-        with the file's name and the table at fault.
+    InvalidInput
+        The file cannot be read, has a wrong key or value, or describes an impossible scene; the message begins with the
+        file's name and the table at fault.
     """
     text = _text(path)
     with _within(path.name):
@@ -96,9 +100,9 @@ def _text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except OSError as error:
-        raise InvalidInput(f"cannot read the scene file {path}: {error.strerror}") from None
+        raise InvalidInput(f"cannot read the scene file {path}: {error.strerror}.") from None
     except UnicodeDecodeError as error:
-        raise InvalidInput(f"{path.name} is not a text file: byte {error.start} is not UTF-8") from None
+        raise InvalidInput(f"{path.name} is not a text file: byte {error.start} is not UTF-8.") from None
 
 
 @contextmanager
@@ -117,15 +121,16 @@ def _set_up(path: Path, text: str, file: SceneFile) -> Setup:
     with _within("array"):
         array = _array(file.array, path.parent)
     target, foci = _target(file.foci, places)
-    with _within("solver"):
-        if file.solver.name not in SOLVERS:
-            raise InvalidInput(f'"{file.solver.name}" is not a solver here; {nearest(file.solver.name, SOLVERS)}')
-        solver = SOLVERS[file.solver.name](accuracy=file.solver.accuracy)
+    solver = _solver(file, scene)
+    with _within("foci"):
+        check_outside(scene, target.points, "focus")
+    with _within("array"):
+        check_placement(scene, array, target.points)
     with _within("drive"):
         if file.drive.method not in METHODS:
             raise InvalidInput(f'"{file.drive.method}" is not a method here; {nearest(file.drive.method, METHODS)}')
         if file.drive.levels != 256:
-            raise InvalidInput(f"levels = {file.drive.levels}, but drives are written in 256 levels")
+            raise InvalidInput(f"levels = {file.drive.levels}, but drives are written in 256 levels.")
     return Setup(
         path=path,
         text=text,
@@ -135,22 +140,36 @@ def _set_up(path: Path, text: str, file: SceneFile) -> Setup:
         target=target,
         foci=foci,
         solver=solver,
-        accuracy=file.solver.accuracy,
         method=file.drive.method,
         synthesise=METHODS[file.drive.method],
     )
 
 
+def _solver(file: SceneFile, scene: Scene) -> BoundaryElement:
+    with _within("solver"):
+        name = file.solver.name
+        if name not in SOLVERS:
+            raise InvalidInput(f'"{name}" is not a solver here; {nearest(name, SOLVERS)}')
+        if not scene.obstacles:
+            raise InvalidInput(f"the scene has 0 obstacles, and {name} needs one or more.")
+        for index, obstacle in enumerate(scene.obstacles):
+            if obstacle.boundary not in BOUNDARIES[name]:
+                raise InvalidInput(
+                    f"body {index} is {obstacle.boundary}, but {name} solves {', '.join(BOUNDARIES[name])} bodies only."
+                )
+        return SOLVERS[name](accuracy=file.solver.accuracy)
+
+
 def _one_of(table: Table, names: tuple[str, ...]) -> str:
     given = [name for name in names if getattr(table, name) is not None]
     if len(given) != 1:
-        raise InvalidInput(f"give exactly one of {', '.join(names)}; {len(given)} given")
+        raise InvalidInput(f"give exactly one of {', '.join(names)}; {len(given)} given.")
     return given[0]
 
 
 def _goes_with(table: Table, key: str, owner: str, fits: bool) -> None:
     if getattr(table, key) is not None and not fits:
-        raise InvalidInput(f"{key} goes only with {owner}")
+        raise InvalidInput(f"{key} goes only with {owner}.")
 
 
 def _medium(table: MediumTable, frequency: float) -> Medium:
@@ -162,7 +181,7 @@ def _medium(table: MediumTable, frequency: float) -> Medium:
     if not weather and {"sound_speed", "density"} <= fluid.keys():
         return Medium(**fluid)
     given = ", ".join([*weather, *fluid]) or "nothing"
-    raise InvalidInput(f"give celsius and humidity, or sound_speed and density; {given} given")
+    raise InvalidInput(f"give celsius and humidity, or sound_speed and density; {given} given.")
 
 
 def _scene(file: SceneFile, medium: Medium, folder: Path) -> tuple[Scene, tuple[str, ...], Places]:
@@ -202,11 +221,11 @@ def _obstacle(table: ObstacleTable, surface: Surface, frequency: float) -> Obsta
     _goes_with(table, "medium", 'boundary = "filled"', table.boundary == "filled")
     if table.boundary == "impedance":
         if table.ratio is None:
-            raise InvalidInput('boundary = "impedance" needs ratio, Z/(ρc), a number or [real, imaginary]')
+            raise InvalidInput('boundary = "impedance" needs ratio, Z/(ρc), a number or [real, imaginary].')
         return impedance(surface, complex(*table.ratio) if isinstance(table.ratio, tuple) else complex(table.ratio))
     if table.boundary == "filled":
         if table.medium is None:
-            raise InvalidInput('boundary = "filled" needs medium, what the body is filled with')
+            raise InvalidInput('boundary = "filled" needs medium, what the body is filled with.')
         with _within("medium"):
             return filled(surface, _medium(table.medium, frequency))
     return sound_hard(surface)
@@ -216,12 +235,12 @@ def _pose(table: PoseTable) -> Pose:
     translation = np.array(table.translation)
     if table.rotation is not None:
         if table.axis is not None or table.degrees is not None:
-            raise InvalidInput("give rotation, or axis and degrees, not both")
+            raise InvalidInput("give rotation, or axis and degrees, not both.")
         return Pose(np.array(table.rotation), translation)
     if table.axis is None and table.degrees is None:
         return Pose(np.eye(3), translation)
     if table.axis is None or table.degrees is None:
-        raise InvalidInput("axis and degrees go together; only one of them is given")
+        raise InvalidInput("axis and degrees go together; only one of them is given.")
     return Pose.turn(np.array(table.axis), math.radians(table.degrees), translation)
 
 
@@ -245,7 +264,7 @@ def _layout(table: ArrayTable, element: Element, folder: Path) -> PhasedArray:
         return flat_boards(**size, element=element)
     if table.layout == "boards":
         if not table.poses:
-            raise InvalidInput('layout = "boards" needs poses, one for each board; 0 given')
+            raise InvalidInput('layout = "boards" needs poses, one for each board; 0 given.')
         return join([autd3_board(_pose(pose), element=element) for pose in table.poses])
     if table.layout.endswith(".csv"):
         return _array_from_csv(folder / table.layout, element)
@@ -257,15 +276,15 @@ def _array_from_csv(path: Path, element: Element) -> PhasedArray:
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except OSError as error:
-        raise InvalidInput(f"cannot read {path.name}: {error.strerror}") from None
+        raise InvalidInput(f"cannot read {path.name}: {error.strerror}.") from None
     if not lines or [word.strip() for word in lines[0].split(",")] != ["x", "y", "z", "nx", "ny", "nz"]:
-        raise InvalidInput(f"line 1 of {path.name} must be x,y,z,nx,ny,nz")
+        raise InvalidInput(f"line 1 of {path.name} must be x,y,z,nx,ny,nz.")
     rows = [_numbers(line) for line in lines[1:]]
     for number, (line, row) in enumerate(zip(lines[1:], rows, strict=True), start=2):
         if len(row) != 6:
-            raise InvalidInput(f"line {number} of {path.name} is {line!r}, not six numbers")
+            raise InvalidInput(f"line {number} of {path.name} is {line!r}, not six numbers.")
     if not rows:
-        raise InvalidInput(f"{path.name} holds 0 transducers")
+        raise InvalidInput(f"{path.name} holds 0 transducers.")
     table = np.array(rows)
     return PhasedArray(table[:, :3], table[:, 3:], element)
 
@@ -286,22 +305,23 @@ def _target(tables: list[FocusTable], places: Places) -> tuple[Target, tuple[str
     pressures = [table.pressure for table in tables if table.pressure is not None]
     with _within("foci"):
         if len(pressures) not in (0, len(tables)):
-            raise InvalidInput(
-                f"{len(pressures)} of {len(tables)} have a pressure; give it to all, or to none for as strong as possible"
-            )
+            asked = f"{len(pressures)} of {len(tables)} have a pressure"
+            raise InvalidInput(f"{asked}; give it to all, or to none for as strong as possible.")
         wanted = np.array(pressures) if pressures else None
         return Target(np.array(points).reshape(-1, 3), pressures=wanted), tuple(names)
 
 
-def _focus(table: FocusTable, places: Places) -> np.ndarray:
+def _focus(table: FocusTable, places: Places) -> Float64[np.ndarray, "3"]:
     if _one_of(table, ("at", "point")) == "point":
         _goes_with(table, "offset", "at", fits=False)
         return np.array(table.point)
     if table.at not in places:
-        known = nearest(str(table.at), places) if places else "no body here has named places, so give point = [x, y, z]"
+        known = (
+            nearest(str(table.at), places) if places else "no body here has named places, so give point = [x, y, z]."
+        )
         raise InvalidInput(f'at = "{table.at}" is not a place of a body; {known}')
     offset = 0.5e-3 if table.offset is None else table.offset
     if not (math.isfinite(offset) and offset >= 0):
-        raise InvalidInput(f"offset = {offset} m must be 0 (on the skin) or more")
+        raise InvalidInput(f"offset = {offset} m must be 0 (on the skin) or more.")
     point, normal = places[table.at]
     return point + offset * normal

@@ -1,12 +1,13 @@
 """The tables of a scene file and how its text becomes them.
 
-All lengths are metres and all frames are the obstacles' frame unless a key says otherwise. The attributes of each class are the
-keys of one table.
+All lengths are metres and all frames are the obstacles' frame unless a key says otherwise. The attributes of each class
+are the keys of one table.
 """
 
 import difflib
 import re
 import typing
+from collections.abc import Iterable
 from typing import Any, Literal
 
 import msgspec
@@ -20,8 +21,8 @@ class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=Tru
     """A table of the file: a key that it does not know is an error."""
 
 
-class MediumTable(Table):
-    """Air by its weather (``celsius``, ``humidity`` 0 to 1), or any fluid (``sound_speed``, ``density``, ``absorption``)."""
+class MediumTable(Table, frozen=True):
+    """Air by its weather (``humidity`` is 0 to 1), or any fluid by its speed, density and absorption [Np/m]."""
 
     celsius: float | None = None
     humidity: float | None = None
@@ -30,7 +31,7 @@ class MediumTable(Table):
     absorption: float | None = None
 
 
-class PoseTable(Table):
+class PoseTable(Table, frozen=True):
     """A turn by ``degrees`` about ``axis``, or a ``rotation`` matrix, then a ``translation``."""
 
     axis: Triple | None = None
@@ -39,7 +40,7 @@ class PoseTable(Table):
     translation: Triple = (0.0, 0.0, 0.0)
 
 
-class ArrayTable(Table):
+class ArrayTable(Table, frozen=True):
     """Who speaks; ``pose`` is where the whole array stands in the obstacles' frame."""
 
     layout: str
@@ -51,13 +52,13 @@ class ArrayTable(Table):
     pose: PoseTable | None = None
 
 
-class PinchTable(Table):
+class PinchTable(Table, frozen=True):
     """The paper's thumb and forefinger, ``gap`` apart."""
 
     gap: float = 0.012
 
 
-class CapsuleTable(Table):
+class CapsuleTable(Table, frozen=True):
     """A round-ended rod; ``edge`` is the longest edge of its picture, not of the solver's panels."""
 
     start: Triple
@@ -66,7 +67,7 @@ class CapsuleTable(Table):
     edge: float = 2.5e-3
 
 
-class SphereTable(Table):
+class SphereTable(Table, frozen=True):
     """A ball; ``edge`` as for a capsule."""
 
     radius: float
@@ -74,8 +75,8 @@ class SphereTable(Table):
     edge: float = 2.5e-3
 
 
-class ObstacleTable(Table):
-    """A ``pinch``, ``capsule``, ``sphere`` or ``surface`` (a mesh file beside the scene file) and what its skin does."""
+class ObstacleTable(Table, frozen=True):
+    """A ``pinch``, ``capsule``, ``sphere`` or ``surface`` (a mesh file beside the scene file), and its skin."""
 
     pinch: PinchTable | None = None
     capsule: CapsuleTable | None = None
@@ -87,8 +88,8 @@ class ObstacleTable(Table):
     medium: MediumTable | None = None
 
 
-class FocusTable(Table):
-    """A point to feel: ``at`` a named place of a body, ``offset`` off its skin, or a ``point``; ``pressure`` in pascal."""
+class FocusTable(Table, frozen=True):
+    """What to feel: ``at`` a named place of a body, ``offset`` off its skin, or at a ``point``; ``pressure`` [Pa]."""
 
     at: str | None = None
     offset: float | None = None
@@ -97,21 +98,21 @@ class FocusTable(Table):
     name: str | None = None
 
 
-class SolverTable(Table):
+class SolverTable(Table, frozen=True):
     """How sound travels is computed; ``accuracy`` is the relative error asked for."""
 
     name: str = "boundary_element"
     accuracy: float = 0.01
 
 
-class DriveTable(Table):
+class DriveTable(Table, frozen=True):
     """How the drive is made from the transfer matrix, and in how many levels it is sent."""
 
     method: str = "time_reversal"
     levels: int = 256
 
 
-class SceneFile(Table):
+class SceneFile(Table, frozen=True):
     """The whole file."""
 
     medium: MediumTable
@@ -128,7 +129,8 @@ def parse_scene(text: str) -> SceneFile:
 
     Raises
     ------
-    InvalidInput : not TOML, an unknown key (named with its path and the nearest right key), a missing key, a wrong type.
+    InvalidInput
+        Not TOML, an unknown key (named with its path and the nearest right key), a missing key or a wrong type.
 
     Examples
     --------
@@ -140,7 +142,7 @@ def parse_scene(text: str) -> SceneFile:
     try:
         data = msgspec.toml.decode(text.encode())
     except msgspec.DecodeError as error:
-        raise InvalidInput(f"this is not TOML: {str(error)[:1].lower()}{str(error)[1:]}") from None
+        raise InvalidInput(f"this is not TOML: {str(error)[:1].lower()}{str(error)[1:]}.") from None
     _refuse_unknown_keys(data, SceneFile, "")
     try:
         return msgspec.convert(data, SceneFile)
@@ -148,7 +150,7 @@ def parse_scene(text: str) -> SceneFile:
         raise InvalidInput(_sentence(str(error))) from None
 
 
-def nearest(word: str, known: typing.Iterable[str], prefix: str = "") -> str:
+def nearest(word: str, known: Iterable[str], prefix: str = "") -> str:
     """Say which known word was probably meant, or all that there are.
 
     >>> nearest("finite_elemant", ["boundary_element", "finite_element"])
@@ -156,7 +158,7 @@ def nearest(word: str, known: typing.Iterable[str], prefix: str = "") -> str:
     """
     known = sorted(known)
     close = difflib.get_close_matches(word, known, n=1)
-    return f"did you mean {prefix}{close[0]}?" if close else f"there is {', '.join(prefix + name for name in known)}"
+    return f"did you mean {prefix}{close[0]}?" if close else f"there is {', '.join(prefix + name for name in known)}."
 
 
 def _refuse_unknown_keys(data: Any, table: type[Table], path: str) -> None:
@@ -196,9 +198,9 @@ def _sentence(message: str) -> str:
     what, _, where = message.partition(" - at ")
     where = where.strip("`").removeprefix("$").removeprefix(".")
     if missing := re.fullmatch(r"Object missing required field `(.+)`", what):
-        return f"the key {where}{'.' if where else ''}{missing[1]} is missing"
+        return f"the key {where}{'.' if where else ''}{missing[1]} is missing."
     what = re.sub(r"`([a-z| ]+)`", _plain_types, what)
-    return f"{where}: {what[:1].lower()}{what[1:]}"
+    return f"{where}: {what[:1].lower()}{what[1:]}."
 
 
 def _plain_types(match: re.Match[str]) -> str:

@@ -1,0 +1,198 @@
+"""From a scene file to a folder of results: the drive, the field and the page. Prints nothing."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from jaxtyping import Float64, Real
+
+from airtact.evaluation.comparison import Comparison, compare
+from airtact.report.drive_files import write_drive_csv, write_drive_h5
+from airtact.report.field_figure import Cut, cut_bodies
+from airtact.report.run_page import Run, write_page
+from airtact.report.vtkhdf import write_field
+from airtact.report.whole_file import writable_folder
+from airtact.report.windows import Window, box_around, close_up, plane_through
+from airtact.scene.scene import Scene
+from airtact.scene.sources import Monopoles
+from airtact.scene_file.building import Setup, read_setup
+from airtact.solvers.boundary_element import BoundaryElement
+from airtact.solvers.problem import RadiatedField, Solver, SolveReport
+from airtact.synthesis.quantise import Frame, quantise
+from airtact.transfer import Drive, TransferMatrix, focus_by_distance, transfer_matrix
+
+FILES = ("drive.csv", "drive.h5", "field.vtkhdf", "report.html")
+"""What a run writes, in this order."""
+
+REFINEMENT = 3.0
+"""How much more accurate the solution that judges a drive is than the one that made it, where memory allows."""
+
+MOST_UNKNOWNS = 20_000
+"""Where the judging solution stops to be finer by that much: its matrix would pass 3 GB."""
+
+FINEST = 1e-4
+"""The best accuracy that the solver takes."""
+
+CONSIDERED, IGNORED = "hand considered", "hand ignored"
+
+
+@dataclass(frozen=True, eq=False)
+class _Made:
+    """A drive and what it was made from."""
+
+    beacons: SolveReport
+    transfer: TransferMatrix
+    drive: Drive
+    frame: Frame
+
+
+class _Clock:
+    """Tells each step as it begins and keeps how long it took."""
+
+    def __init__(self, tell: Callable[[str], None]) -> None:
+        self.seconds: dict[str, float] = {}
+        self._tell = tell
+
+    @contextmanager
+    def step(self, name: str, words: str) -> Iterator[None]:
+        self._tell(words)
+        begun = time.perf_counter()
+        yield
+        self.seconds[name] = time.perf_counter() - begun
+
+
+class _Remembering(Solver):
+    """A solver that keeps the field which it handed out, so that one solution serves numbers and pictures."""
+
+    def __init__(self, solver: Solver) -> None:
+        self._solver = solver
+        self.fields: list[RadiatedField] = []
+
+    def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
+        """Solve the scene for the monopoles."""
+        self.fields.append(self._solver.radiate(scene, sources))
+        return self.fields[-1]
+
+
+def render(path: Path, folder: Path, tell: Callable[[str], None] = lambda step: None) -> Run:
+    """Compute what a scene file asks for and write it into a folder, each file as soon as it is there.
+
+    Parameters
+    ----------
+    path : the scene file.
+    folder : where `FILES` go; made if it is not there.
+    tell : is told each step as it begins.
+
+    Returns
+    -------
+    What the page shows.
+
+    Raises
+    ------
+    InvalidInput
+        The scene file or the folder is at fault; nothing was solved then.
+    NotConverged
+        A solver stopped early; what was written before stays.
+    """
+    clock = _Clock(tell)
+    with clock.step("scene", f"reading {path.name}"):
+        setup = read_setup(path)
+        writable_folder(folder)
+    made = _make_drive(setup, clock)
+    _write_drive(folder, setup, made)
+    comparison, field = _judge(setup, made, clock)
+    with clock.step("field", "computing the field around the foci"):
+        loudest = float(np.abs(made.drive.amplitudes).max())
+        box = box_around(setup.target.points, setup.scene.wavelength)
+        bodies = [obstacle.surface for obstacle in setup.scene.obstacles]
+        write_field(folder / "field.vtkhdf", box, loudest * field.at(box.points)[:, 0], bodies)
+    with clock.step("cuts", "computing the field in the pictures"):
+        plane, close_ups = _cuts(setup, field)
+    run = Run(
+        title=path.stem.replace("_", " "),
+        text=setup.text,
+        scene=setup.scene,
+        bodies=setup.bodies,
+        array=setup.array,
+        target=setup.target,
+        foci=setup.foci,
+        method=setup.method.replace("_", " "),
+        drive=made.drive,
+        frame=made.frame,
+        transfer=made.transfer,
+        beacons=made.beacons,
+        reached=loudest * comparison.pressures["equal peak"][0],
+        comparison=comparison,
+        plane=plane,
+        close_ups=close_ups,
+        seconds=clock.seconds,
+    )
+    tell("drawing the report")
+    write_page(folder / "report.html", run)
+    return run
+
+
+def _make_drive(setup: Setup, clock: _Clock) -> _Made:
+    count = len(setup.target.points)
+    with clock.step("beacons", f"solving for a beacon in each of {count} foci around {', '.join(setup.bodies)}"):
+        beacons = setup.solver.radiate(setup.scene, setup.target.beacons())
+    with clock.step("drive", f"making the drive of {len(setup.array)} transducers"):
+        transfer = transfer_matrix(beacons, setup.array)
+        drive = setup.synthesise(transfer, setup.target)
+    return _Made(beacons.report, transfer, drive, quantise(drive))
+
+
+def _write_drive(folder: Path, setup: Setup, made: _Made) -> None:
+    # An older run's field and page must not stand beside this run's drive.
+    for name in FILES:
+        (folder / name).unlink(missing_ok=True)
+    write_drive_csv(folder / "drive.csv", setup.array, made.drive, made.frame)
+    texts = {"scene": setup.text, "report": msgspec.json.encode(made.beacons).decode()}
+    write_drive_h5(folder / "drive.h5", setup.array, made.drive, made.frame, made.transfer, setup.target, texts)
+
+
+def _judge(setup: Setup, made: _Made, clock: _Clock) -> tuple[Comparison, RadiatedField]:
+    """Compare the drive with the one that ignores the bodies; the field's first two sounds are these two, loudest 1."""
+    control = focus_by_distance(setup.array, setup.target, setup.scene.medium, setup.scene.frequency)
+    judge = _Remembering(BoundaryElement(accuracy=_judging_accuracy(setup.solver.accuracy, made.beacons.nodes)))
+    with clock.step("judge", "judging it by a finer solution with all transducers as sources"):
+        drives = {CONSIDERED: made.drive, IGNORED: control}
+        comparison = compare(setup.scene, setup.array, drives, setup.target, solver=judge)
+    return comparison, judge.fields[0]
+
+
+def _judging_accuracy(accuracy: float, unknowns: int) -> float:
+    """Ask for more than the drive's solution had, but for no more than fits; unknowns grow as accuracy^(-2/3)."""
+    affordable = accuracy * (unknowns / MOST_UNKNOWNS) ** 1.5
+    return max(min(max(accuracy / REFINEMENT, affordable), accuracy / 1.2), FINEST)
+
+
+def _cuts(setup: Setup, field: RadiatedField) -> tuple[Cut, list[Cut]]:
+    """Cut the field through the foci; across each one too where one plane cannot show them all."""
+    scene, foci = setup.scene, setup.target.points
+    energy = np.sum(np.abs(field.sources.strengths[:, :2]) ** 2, axis=0)
+    scales = np.sqrt(energy.min() / energy)
+    surfaces = [obstacle.surface for obstacle in scene.obstacles]
+    solid = [obstacle.surface for obstacle in scene.obstacles if obstacle.boundary != "filled"]
+
+    def cut(window: Window) -> Cut:
+        pressure = field.at(window.points)[:, :2] * scales
+        return Cut(window, {CONSIDERED: pressure[:, 0], IGNORED: pressure[:, 1]}, cut_bodies(window, solid))
+
+    plane = cut(plane_through(foci, np.concatenate([surface.vertices for surface in surfaces]), scene.wavelength))
+    if len(foci) < 3:
+        return plane, []
+    outwards = _away_from_skin(scene, foci)
+    return plane, [cut(close_up(*pair, scene.wavelength)) for pair in zip(foci, outwards, strict=True)]
+
+
+def _away_from_skin(scene: Scene, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
+    """(P, 3) directions in which the distance to the nearest skin grows fastest."""
+    step = 1e-4
+    shifts = step * np.concatenate([np.eye(3), -np.eye(3)])
+    depth = scene.depth((points[:, None] + shifts).reshape(-1, 3)).reshape(-1, 6)
+    return (depth[:, 3:] - depth[:, :3]) / (2 * step)
