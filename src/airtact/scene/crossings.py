@@ -29,15 +29,26 @@ def self_crossings(
     """
     tolerance = CLOSE * float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     pairs = _pairs_within(corners, tolerance)
-    same = triangles[pairs[:, 0]][:, :, None] == triangles[pairs[:, 1]][:, None, :]
+    same = _same_corners(triangles, pairs)
+    pairs = pairs[~_parted(corners, corners, pairs, same.max(axis=2), tolerance)]
+    same = _same_corners(triangles, pairs)
+    pairs = pairs[~_parted(corners, corners, pairs[:, ::-1], same.max(axis=1), tolerance)]
+    same = _same_corners(triangles, pairs)
     shared = np.count_nonzero(same.reshape(-1, 9), axis=1)
     crossing = np.zeros(len(pairs), dtype=bool)
     for count, test in ((0, _strangers_meet), (1, _fans_meet), (2, _folded)):
         some = np.flatnonzero(shared == count)
-        first = _turned(corners, pairs[some, 0], same[some].any(axis=2))
-        second = _turned(corners, pairs[some, 1], same[some].any(axis=1))
+        first = _turned(corners, pairs[some, 0], same[some].max(axis=2))
+        second = _turned(corners, pairs[some, 1], same[some].max(axis=1))
         crossing[some] = test(first, second, tolerance)
     return pairs[crossing]
+
+
+def _same_corners(
+    triangles: Int[np.ndarray, "triangles 3"], pairs: Int64[np.ndarray, "pairs 2"]
+) -> Bool[np.ndarray, "pairs 3 3"]:
+    """Which corner of the first triangle is which of the second."""
+    return triangles[pairs[:, 0]][:, :, None] == triangles[pairs[:, 1]][:, None, :]
 
 
 def crossings_between(
@@ -55,6 +66,11 @@ def crossings_between(
     """
     tolerance = CLOSE * float(np.ptp(np.concatenate([first, second]).reshape(-1, 3), axis=0).max())
     pairs = _pairs_between(first, second, tolerance)
+    nothing = np.zeros((len(pairs), 3), dtype=bool)
+    parted = _parted(first, second, pairs, nothing, tolerance) | _parted(
+        second, first, pairs[:, ::-1], nothing, tolerance
+    )
+    pairs = pairs[~parted]
     return pairs[_strangers_meet(first[pairs[:, 0]], second[pairs[:, 1]], tolerance)]
 
 
@@ -101,14 +117,19 @@ def _heights(points: Real[np.ndarray, "n some 3"], corners: Real[np.ndarray, "n 
 
 
 def _parted(
-    first: Real[np.ndarray, "n 3 3"], second: Real[np.ndarray, "n 3 3"], tolerance: float, shared: int
-) -> Bool[np.ndarray, "n"]:
-    """Whether all corners of one but the first ``shared`` lie on one side of the other's plane."""
-    parted = np.zeros(len(first), dtype=bool)
-    for here, there in ((first, second), (second, first)):
-        height = _heights(here[:, shared:], there)
-        parted |= (height > tolerance).all(axis=1) | (height < -tolerance).all(axis=1)
-    return parted
+    first: Real[np.ndarray, "some 3 3"],
+    second: Real[np.ndarray, "others 3 3"],
+    pairs: Int64[np.ndarray, "pairs 2"],
+    shared: Bool[np.ndarray, "pairs 3"],
+    tolerance: float,
+) -> Bool[np.ndarray, "pairs"]:
+    """Whether all corners of the first triangle that are not shared lie on one side of the second's plane."""
+    normals = np.cross(second[:, 1] - second[:, 0], second[:, 2] - second[:, 0])
+    normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    offsets = np.einsum("ti,ti->t", normals, second[:, 0])
+    here, there = pairs.T
+    height = np.einsum("pki,pi->pk", first[here], normals[there]) - offsets[there, None]
+    return ((height > tolerance) | shared).all(axis=1) | ((height < -tolerance) | shared).all(axis=1)
 
 
 def _turned(
@@ -122,25 +143,19 @@ def _turned(
 def _strangers_meet(
     first: Real[np.ndarray, "n 3 3"], second: Real[np.ndarray, "n 3 3"], tolerance: float
 ) -> Bool[np.ndarray, "n"]:
-    meet = ~_parted(first, second, tolerance, shared=0)
-    one, two = first[meet], second[meet]
-    distance = np.full(len(one), np.inf)
+    distance = np.full(len(first), np.inf)
     for edge in _EDGES:
-        distance = np.minimum(distance, segment_triangle_distances(one[:, edge], two))
-        distance = np.minimum(distance, segment_triangle_distances(two[:, edge], one))
-    meet[meet] = distance <= tolerance
-    return meet
+        distance = np.minimum(distance, segment_triangle_distances(first[:, edge], second))
+        distance = np.minimum(distance, segment_triangle_distances(second[:, edge], first))
+    return distance <= tolerance
 
 
 def _fans_meet(
     first: Real[np.ndarray, "n 3 3"], second: Real[np.ndarray, "n 3 3"], tolerance: float
 ) -> Bool[np.ndarray, "n"]:
     """Whether triangles that share their first corner meet at an edge opposite it."""
-    meet = ~_parted(first, second, tolerance, shared=1)
-    one, two = first[meet], second[meet]
-    distance = np.minimum(segment_triangle_distances(one[:, 1:], two), segment_triangle_distances(two[:, 1:], one))
-    meet[meet] = distance <= tolerance
-    return meet
+    distance = segment_triangle_distances(first[:, 1:], second)
+    return np.minimum(distance, segment_triangle_distances(second[:, 1:], first)) <= tolerance
 
 
 def _folded(
