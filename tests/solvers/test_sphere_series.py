@@ -67,7 +67,7 @@ def test_target_strengths_of_the_published_benchmark(row):
     sea = Medium(sound_speed=1477.3, density=1026.8)
     obstacles = [
         sound_hard(ball()),
-        impedance(ball(), 1e-7),
+        impedance(ball(), 1e-7 + 0j),
         filled(ball(), Medium(345.0, 1.24)),
         filled(ball(), Medium(1480.3, 1028.9)),
     ]
@@ -124,7 +124,7 @@ def test_sound_hard_skin_has_no_normal_slope(ka, off):
     assert np.abs(slope).max() < 1e-5 * size
 
 
-@pytest.mark.parametrize("ratio", [1.0, 3.0 - 2.0j, 0.05, 200.0])
+@pytest.mark.parametrize("ratio", [1.0 + 0j, 3.0 - 2.0j, 0.05 + 0j, 200.0 + 0j])
 def test_impedance_skin_obeys_its_law(ratio):
     normals = directions(6, seed=4)
     source = CENTRE + 0.0105 * normals[2]
@@ -202,14 +202,14 @@ def test_lossless_spheres_keep_the_power(ka, height):
 
 
 def test_lossy_sphere_swallows_power():
-    given, heard = power_given_and_heard(impedance(ball(), 1.0), 7.3, 0.012)
+    given, heard = power_given_and_heard(impedance(ball(), 1.0 + 0j), 7.3, 0.012)
     assert 0.2 * given < heard < 0.9 * given
 
 
 def test_stiff_impedance_is_sound_hard():
     points = np.vstack([0.01 * directions(4), 0.06 * directions(4, seed=1)])
     source = [0.0, 0.0, 0.0103]
-    stiff = radiate(impedance(ball(), 1e9), source).at(points)
+    stiff = radiate(impedance(ball(), 1e9 + 0j), source).at(points)
     np.testing.assert_allclose(stiff, radiate(sound_hard(ball()), source).at(points), rtol=1e-6)
 
 

@@ -172,10 +172,6 @@ class _Tail:
         point, line = image_sums(self.ratio, self.versine)
         return self.scale * (self.images[0] * point - self.images[1] * line)
 
-    def static_term(self, order: int) -> Complex128[np.ndarray, "points sources"]:
-        """Give the static term of one order."""
-        return (self.images[0] - self.images[1] / (order + 1)) * self.scale * self.ratio**order
-
     def beyond(
         self,
         partial: Complex128[np.ndarray, "points sources"],
@@ -219,11 +215,13 @@ def _summed(
 ) -> Complex128[np.ndarray, "points sources"] | None:
     """Add terms until two estimates of the whole, a quarter more terms apart, agree; None if they never do."""
     check, last_estimate = first_check, None
-    partial = tail.closed_form()
+    partial, power = tail.closed_form(), tail.scale
+    point, line = tail.images
     recent: deque[_Term] = deque(maxlen=4)
     for order, (term, point_wave, source_wave, polynomial) in enumerate(waves):
-        rest = term * point_wave[:, None] * source_wave - tail.static_term(order)
+        rest = term * point_wave[:, None] * source_wave - (point - line / (order + 1)) * power
         recent.append((rest, polynomial))
+        power = power * tail.ratio
         partial = partial + rest * polynomial
         if order < max(check, 4):
             continue
