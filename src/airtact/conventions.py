@@ -9,7 +9,7 @@
 import numpy as np
 from jaxtyping import Real
 
-Vector = Real[np.ndarray, "3"] | tuple[float, float, float] | tuple[int, int, int]
+Vector = Real[np.ndarray, "3"] | tuple[float | int, float | int, float | int]
 """One point or direction: an array of three numbers or a tuple of three."""
 
 

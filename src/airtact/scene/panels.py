@@ -9,10 +9,17 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64, Int, Int64, Real
+from scipy.spatial import cKDTree
 
 from airtact.scene.geometry import Surface
 
 SixNodes = Float64[np.ndarray, "panels 6 3"]
+
+LONGEST_TO_EQUILATERAL = 1.2
+"""Longest edge of a typical triangle over the edge of the equilateral triangle of the same area."""
+
+LARGEST_TO_GAP = 3.0
+"""Panels that face another body have edges of at most this many gaps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,34 +91,43 @@ def _piece_references(count: int) -> Float64[np.ndarray, "pieces 6 2"]:
 
 
 def panelled(surface: Surface, edge: float) -> SixNodes:
-    """Panels of a surface whose edges are at most about ``edge`` [m].
+    """Panels of a surface about as large as equilateral triangles of a given edge [m].
 
-    A primitive is meshed anew on its exact shape; the triangles of any other surface are kept and cut where they are
-    too large, so a finer mesh than needed stays as fine as it is.
+    A primitive is meshed anew on its exact shape, as coarsely as its panels' mean area allows; the triangles of any
+    other surface are kept and cut where they are too large, so a finer mesh than needed stays as fine as it is.
     """
-    if surface.primitive is not None:
-        return surface_panels(surface.primitive.mesh(edge))
-    panels = surface_panels(surface)
-    return cut(panels, np.maximum(1, np.ceil(longest_edges(panels) / edge - 1e-9)).astype(np.int64))[0]
+    if surface.primitive is None:
+        panels = surface_panels(surface)
+        parts = np.ceil(longest_edges(panels) / (LONGEST_TO_EQUILATERAL * edge) - 1e-9)
+        return cut(panels, np.maximum(1, parts).astype(np.int64))[0]
+    wanted = surface.primitive.area / (np.sqrt(3) / 4 * edge**2)
+    for stretch in (1.6, 1.5, 1.4, 1.3, 1.2, 1.1):
+        mesh = surface.primitive.mesh(stretch * edge)
+        if len(mesh.triangles) >= wanted:
+            return surface_panels(mesh)
+    return surface_panels(surface.primitive.mesh(edge))
 
 
 def _refined(
-    panels: SixNodes, surface: Surface, points: Real[np.ndarray, "points 3"], smallest: float, growth: float
+    panels: SixNodes,
+    surface: Surface,
+    points: Real[np.ndarray, "points 3"],
+    others: Real[np.ndarray, "others 3"],
+    smallest: float,
 ) -> Float64[np.ndarray, "pieces 6 3"]:
-    """Cut panels near the points in four until their edge is at most max(smallest, growth × distance)."""
-    for _ in range(12):
+    """Cut in four the panels larger than ``smallest`` and than points or other bodies near them allow."""
+    trees = [(cKDTree(points), 1.0), (cKDTree(others), LARGEST_TO_GAP)]
+    while True:
         samples = np.concatenate([panels, panels.mean(axis=1, keepdims=True)], axis=1)
-        distance = np.min(
-            [np.linalg.norm(samples - point, axis=2).min(axis=1) for point in points], axis=0, initial=np.inf
-        )
-        large = longest_edges(panels) > np.maximum(smallest, growth * distance)
+        allowed = np.min([factor * tree.query(samples.reshape(-1, 3))[0] for tree, factor in trees], axis=0)
+        allowed = allowed.reshape(len(panels), -1).min(axis=1)
+        large = longest_edges(panels) > np.maximum(LONGEST_TO_EQUILATERAL * smallest, allowed)
         if not large.any():
-            break
+            return panels
         panels, parents = cut(panels, np.where(large, 2, 1))
         if surface.primitive is not None:
             new = large[parents]
             panels[new] = surface.primitive.project(panels[new].reshape(-1, 3)).reshape(-1, 6, 3)
-    return panels
 
 
 def scene_panels(
@@ -119,17 +135,19 @@ def scene_panels(
     edge: float,
     near: Real[np.ndarray, "points 3"],
     smallest: float,
-    growth: float,
 ) -> Panels:
-    """Panels of all bodies of a scene, finer beside some points.
+    """Panels of all bodies of a scene, finer beside some points and where bodies come close.
 
     Parameters
     ----------
     surfaces : the bodies' skins.
-    edge : longest panel edge wanted [m].
-    near : (P, 3) points beside which panels are cut finer [m].
-    smallest : edge below which no panel is cut for a point's sake [m].
-    growth : panels at distance d of a point have edges of at most max(smallest, growth × d).
+    edge : edge of the equilateral triangle as large as the panels wanted [m].
+    near : (P, 3) points beside which panels are cut finer: at distance d the edge is at most d [m].
+    smallest : edge below which no panel is cut for a point's or another body's sake [m].
     """
-    bodies = [_refined(panelled(surface, edge), surface, near, smallest, growth) for surface in surfaces]
+    whole = [panelled(surface, edge) for surface in surfaces]
+    bodies = []
+    for index, surface in enumerate(surfaces):
+        others = [np.empty((0, 3))] + [panels.reshape(-1, 3) for other, panels in enumerate(whole) if other != index]
+        bodies.append(_refined(whole[index], surface, near, np.concatenate(others), smallest))
     return Panels(np.concatenate(bodies), np.repeat(np.arange(len(bodies)), [len(body) for body in bodies]))

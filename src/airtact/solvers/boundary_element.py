@@ -32,10 +32,6 @@ CITATIONS = (
 )
 
 
-LONGEST_TO_EQUILATERAL = 1.2
-"""Longest edge of a typical panel over the edge of the equilateral triangle of the same area."""
-
-
 @dataclass(frozen=True)
 class BoundaryElement(Solver):
     """Boundary elements for sound-hard bodies, safe at interior resonances.
@@ -77,7 +73,7 @@ class BoundaryElement(Solver):
     @property
     def nodes_per_square_wavelength(self) -> float:
         """Nodes that a square wavelength of skin gets: the error falls as the third power of the panel edge."""
-        return 32.0 * (0.01 / self.accuracy) ** (2 / 3)
+        return 34.0 * (0.01 / self.accuracy) ** (2 / 3)
 
     def radiate(self, scene: Scene, sources: Monopoles) -> BoundaryField:
         """Solve the scene for the monopoles.
@@ -127,11 +123,10 @@ class BoundaryElement(Solver):
         return replace(field, report=replace(report, estimated_error=estimate))
 
     def _panels(self, scene: Scene, sources: Monopoles) -> Panels:
-        equilateral = scene.wavelength * np.sqrt(6 / self.nodes_per_square_wavelength * 4 / np.sqrt(3))
-        edge = LONGEST_TO_EQUILATERAL * equilateral
+        edge = scene.wavelength * np.sqrt(6 / self.nodes_per_square_wavelength * 4 / np.sqrt(3))
         near = sources.positions[scene.depth(sources.positions) > -edge]
         surfaces = [obstacle.surface for obstacle in scene.obstacles]
-        return scene_panels(surfaces, edge, near, smallest=0.5 * edge, growth=1.0)
+        return scene_panels(surfaces, edge, near, smallest=0.5 * edge)
 
     def _near_rule(self) -> NearRule:
         return NearRule(1.6, (4, 4)) if self.precision == "float32" else NearRule(2.5, (6, 6))
