@@ -53,7 +53,7 @@ def picture(figure: Figure, caption: str, alternative: str) -> str:
 def table(header: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "", text: bool = False) -> str:
     """Lay out rows of words; all but the first column to the right, or to the left if ``text``.
 
-    >>> table(["focus", "Pa"], [["thumb", "12"]])[-57:]
+    >>> table(["focus", "Pa"], [["thumb", "12"]])[-63:]
     '<tbody><tr><td>thumb</td><td>12</td></tr></tbody></table></div>'
     """
     head = "".join(f"<th>{escape(word)}</th>" for word in header)

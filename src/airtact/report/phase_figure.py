@@ -14,6 +14,12 @@ from airtact.report.windows import AXES
 
 PHASE_TICKS = {-np.pi: "−π", -np.pi / 2: "−π/2", 0.0: "0", np.pi / 2: "π/2", np.pi: "π"}
 
+SCALES = (
+    ("twilight", (-np.pi, np.pi), "phase [rad]"),
+    ("viridis", (0.0, 1.0), "amplitude [share of full scale]"),
+)
+"""Colours, limits and names of what is drawn of a drive; phase has a cyclic map."""
+
 
 @dataclass(frozen=True, eq=False)
 class Face:
@@ -91,25 +97,26 @@ def draw_phases(
     amplitudes : (E,) the drive; 1 is full scale.
     """
     faces = unfold(positions, normals)
-    spans = [np.ptp(face.places, axis=0) + 0.02 for face in faces]
-    widths = [span[0] for span in spans]
-    tall = max(span[1] for span in spans)
-    inches = min(10.5 / sum(widths), 4.2 / tall)
-    figure = Figure(figsize=(sum(widths) * inches + 2.0, 2 * tall * inches + 1.2), layout="constrained")
-    axes = figure.subplots(2, len(faces), squeeze=False, sharex="col", sharey="row", width_ratios=widths)
-    size = min(spacing(positions[face.elements]) for face in faces) * 0.94
-    rows = (
-        (np.angle(amplitudes), "twilight", (-np.pi, np.pi), "phase [rad]"),
-        (np.abs(amplitudes), "viridis", (0.0, 1.0), "amplitude [share of full scale]"),
+    spans = np.array([np.ptp(face.places, axis=0) + 0.02 for face in faces])
+    beside = len(faces) == 1
+    widths = [*spans[:, 0]] * (2 if beside else 1)
+    heights = [spans[:, 1].max()] * (1 if beside else 2)
+    inches = min(10.5 / sum(widths), 8.4 / sum(heights))
+    figure = Figure(
+        figsize=(sum(widths) * inches + (3.4 if beside else 2.0), sum(heights) * inches + 1.2), layout="constrained"
     )
-    for row, (values, colours, limits, label) in zip(axes, rows, strict=True):
+    axes = figure.subplots(len(heights), len(widths), squeeze=False, sharex="col", sharey="row", width_ratios=widths)
+    rows = axes.T if beside else axes
+    size = min(spacing(positions[face.elements]) for face in faces) * 0.94
+    emitted = (np.angle(amplitudes), np.abs(amplitudes))
+    for row, values, (colours, limits, label) in zip(rows, emitted, SCALES, strict=True):
         scale = ScalarMappable(Normalize(*limits), colours)
         for place, face in zip(row, faces, strict=True):
             _draw_discs(place, 1e3 * face.places, values[face.elements], 1e3 * size, scale)
         bar = figure.colorbar(scale, ax=list(row), label=label, pad=0.01, aspect=25)
         if colours == "twilight":
             bar.set_ticks(list(PHASE_TICKS), labels=list(PHASE_TICKS.values()))
-    for place, face in zip(axes[0], faces, strict=True):
+    for place, face in zip(axes[0], faces * (2 if beside else 1), strict=True):
         place.set_title(_where(face, positions), fontsize=10)
     for place in axes[-1]:
         place.set_xlabel("along the face [mm]")

@@ -139,19 +139,23 @@ def _fields(run: Run) -> Iterable[str]:
         else f"the plane nearest to the foci, which are up to {off:.1f} mm off it"
     )
     yield section("The field, with the hand considered and ignored")
-    yield picture(
-        draw_fields(run.plane, run.target.points, run.foci, normalisation),
-        f"Peak pressure in {plane}, on one colour scale. Left: the drive knows the bodies (Fig. 6 of the paper). "
-        "Right: the drive is made from distances alone, as if nothing were there, and played with them there (Fig. 7). "
-        "Equal energy: the sum of the squared amplitudes of all transducers is the same. Grey: bodies.",
-        f"Two maps of pressure side by side, {considered} and {ignored}",
+    yield paragraph(
+        "Considered: the drive knows the bodies (Fig. 6 of the paper). Ignored: the drive is made from distances "
+        "alone, as if nothing were there, and played with the bodies there (Fig. 7). Both have equal energy: the sum "
+        "of the squared amplitudes of all transducers is the same. Bodies are grey."
     )
     if run.close_ups:
         yield picture(
             draw_close_ups(run.close_ups, run.foci, normalisation),
-            "The same across each focus, at right angles to the skin, which lies below the focus.",
+            "Peak pressure across each focus, at right angles to the skin, which lies below it; one colour scale.",
             "Maps of pressure around each focus",
         )
+    dashed = "" if off < 0.5 else " Foci off the plane are dashed."
+    yield picture(
+        draw_fields(run.plane, run.target.points, run.foci, normalisation),
+        f"Peak pressure in {plane}, on one colour scale.{dashed}",
+        f"Two maps of pressure side by side, {considered} and {ignored}",
+    )
 
 
 def _space(run: Run) -> Iterable[str]:

@@ -97,7 +97,7 @@ def plane_through(
     _, spreads, principal = np.linalg.svd(foci - middle, full_matrices=False)
     candidates = [axis for axis, spread in zip(principal, spreads, strict=True) if spread > wavelength / 10]
     if len(bodies):
-        candidates.append(_direction(bodies.mean(axis=0) - middle))
+        candidates.append(_snapped(_direction(bodies.mean(axis=0) - middle)))
     first, second = _independent([*candidates, AXES["z"], AXES["x"], AXES["y"]])
     right, up = _upright(np.cross(first, second))
     within = (foci - middle) @ np.stack([right, up], axis=1)
@@ -126,6 +126,11 @@ def close_up(focus: Real[np.ndarray, "3"], outward: Real[np.ndarray, "3"], wavel
 def _direction(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
     length = np.linalg.norm(vector)
     return vector / length if length > 0 else np.zeros(3)
+
+
+def _snapped(direction: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
+    """Take the frame's axis for a direction within 18 degrees of it."""
+    return next((axis for axis in AXES.values() if abs(direction @ axis) > 0.95), direction)
 
 
 def _independent(candidates: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

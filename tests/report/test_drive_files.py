@@ -1,0 +1,68 @@
+"""What is written of a drive is read back the same."""
+
+import csv
+
+import h5py
+import numpy as np
+import pytest
+
+from airtact.report.drive_files import COLUMNS, write_drive_csv, write_drive_h5
+from airtact.scene.target import Target
+from airtact.synthesis.quantise import quantise
+from airtact.transducers.layout import autd3_board
+from airtact.transfer import Drive, TransferMatrix
+
+
+@pytest.fixture
+def drive():
+    random = np.random.default_rng(3)
+    return Drive(random.uniform(0, 1, 249) * np.exp(2j * np.pi * random.uniform(size=249)))
+
+
+def read_csv(path):
+    with path.open(newline="") as file:
+        header, *rows = csv.reader(file)
+    return header, np.array(rows, dtype=float).T
+
+
+def test_the_table_holds_places_and_the_drive(tmp_path, drive):
+    array = autd3_board()
+    write_drive_csv(tmp_path / "drive.csv", array, drive, quantise(drive))
+    header, columns = read_csv(tmp_path / "drive.csv")
+    assert tuple(header) == COLUMNS
+    assert ",".join(header) == "index,x,y,z,nx,ny,nz,amplitude,phase,amplitude_level,phase_level"
+    np.testing.assert_array_equal(columns[0], np.arange(249))
+    np.testing.assert_allclose(columns[1:4].T, array.positions, atol=1e-9)
+    np.testing.assert_array_equal(columns[4:7].T, array.normals)
+    np.testing.assert_allclose(columns[7] * np.exp(1j * columns[8]), drive.amplitudes, atol=1e-8)
+
+
+def test_the_levels_are_256_steps_of_full_scale_and_of_a_turn(tmp_path, drive):
+    """Half a step of amplitude and half a step of phase, to first order."""
+    write_drive_csv(tmp_path / "drive.csv", autd3_board(), drive, quantise(drive))
+    columns = read_csv(tmp_path / "drive.csv")[1]
+    levels = columns[9] / 255 * np.exp(2j * np.pi * columns[10] / 256)
+    assert set(columns[9:].ravel()) <= set(range(256))
+    assert np.abs(levels - drive.amplitudes).max() < 0.5 / 255 + np.pi / 256
+
+
+def test_the_archive_holds_all_that_the_drive_came_from(tmp_path, drive):
+    array, matrix = autd3_board(), np.arange(2 * 249).reshape(2, 249) * (1 + 2j)
+    target = Target(np.array([[0.0, 0, 0.1], [0, 0, 0.2]]), pressures=np.array([10.0, 20.0]))
+    frame = quantise(drive)
+    texts = {"scene": "frequency = 4e4 # λ", "report": '{"solver": "x"}'}
+    transfer = TransferMatrix(matrix, 0.01)
+    write_drive_h5(tmp_path / "drive.h5", array, drive, frame, transfer, target, texts)
+    with h5py.File(tmp_path / "drive.h5") as file:
+        np.testing.assert_array_equal(file["positions"][:], array.positions)
+        np.testing.assert_array_equal(file["normals"][:], array.normals)
+        np.testing.assert_allclose(file["amplitude"][:] * np.exp(1j * file["phase"][:]), drive.amplitudes)
+        np.testing.assert_array_equal(file["amplitude_level"][:], frame.amplitude)
+        np.testing.assert_array_equal(file["phase_level"][:], frame.phase)
+        np.testing.assert_array_equal(file["transfer_matrix"][:], matrix)
+        np.testing.assert_array_equal(file["foci"][:], target.points)
+        np.testing.assert_array_equal(file["wanted_pressures"][:], [10.0, 20.0])
+        assert file["scene"].asstr()[()] == texts["scene"]
+        assert file["report"].asstr()[()] == texts["report"]
+        assert file["sensitivity"][()] == array.element.sensitivity
+        assert "uncalibrated" in file["sensitivity"].attrs["unit"]
