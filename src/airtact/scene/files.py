@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-import trimesh
+from jaxtyping import Float, Int
 
 from airtact.conventions import InvalidInput
 from airtact.scene.geometry import Surface
@@ -34,14 +34,16 @@ def load_surface(path: str | Path, scale: float = 1.0) -> Surface:
         raise InvalidInput(f"{path.name} ends in {path.suffix!r}, but surfaces are read from {', '.join(SUFFIXES)}.")
     if not path.is_file():
         raise InvalidInput(f"there is no file {path}; 0 triangles were read.")
-    mesh = _joined(path)
+    vertices, triangles = _joined(path)
     try:
-        return Surface(np.asarray(mesh.vertices) * scale, np.asarray(mesh.faces))
+        return Surface(vertices * scale, triangles)
     except InvalidInput as fault:
         raise InvalidInput(f"{path.name}: {fault}") from fault
 
 
-def _joined(path: Path) -> trimesh.Trimesh:
+def _joined(path: Path) -> tuple[Float[np.ndarray, "vertices 3"], Int[np.ndarray, "triangles 3"]]:
+    import trimesh  # takes as long to import as all the rest of airtact
+
     try:
         mesh = trimesh.load_scene(path, process=False).to_mesh()
     except Exception as fault:  # every reader of trimesh has its own way to fail on a damaged file
@@ -49,4 +51,4 @@ def _joined(path: Path) -> trimesh.Trimesh:
     if len(mesh.faces) == 0:
         raise InvalidInput(f"{path.name} holds 0 triangles; give a file with a closed triangle surface.")
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
-    return mesh
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces)

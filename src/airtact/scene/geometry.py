@@ -135,6 +135,11 @@ class ExactShape(Protocol):
         """Largest distance between two of its points [m]."""
         ...
 
+    @property
+    def area(self) -> float:
+        """Area of the skin [m²]."""
+        ...
+
     def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
         """Distance to the skin [m] of points (P, 3) [m], positive inside."""
         ...

@@ -213,12 +213,12 @@ def winding(nodes: Nodes, points: Real[np.ndarray, "points 3"], near_rule: NearR
     near = near_skin(nodes, points, near_rule.reach)
     share = np.empty(len(points))
     ones = np.ones((len(nodes.points), 1), dtype=np.complex128)
-    share[~near] = -double_layer_pressure(points[~near], nodes, ones, 0j, "float32")[:, 0].real
+    share[~near] = -np.real(double_layer_pressure(points[~near], nodes, ones, 0j, "float32")[:, 0])
     chosen = np.flatnonzero(near)
     for start in range(0, len(chosen), ROWS_AT_ONCE):
         part = chosen[start : start + ROWS_AT_ONCE]
         found = skin_rows(nodes, points[part], 0j, near_rule)
-        share[part] = -np.sum(found.rows.real, axis=1) / found.factor
+        share[part] = -np.sum(np.real(found.rows), axis=1) / found.factor
     return share
 
 
