@@ -47,26 +47,22 @@ def _fail(sentence: str, code: int) -> int:
     return code
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog="Example: airtact render examples/pinch.toml --out out/pinch",
+)
 @click.version_option(package_name="airtact", message="%(prog)s %(version)s")
 def commands() -> None:
-    r"""Compute what a phased array must emit so that a hand feels points while it scatters the sound.
-
-    \b
-    Example:
-      airtact render examples/pinch.toml --out out/pinch
-    """
+    """Compute what a phased array must emit so that a hand feels points while it scatters the sound."""
 
 
-@commands.command(short_help="Say what is in a scene, or what is wrong with it.")
+@commands.command(
+    short_help="Say what is in a scene, or what is wrong with it.",
+    epilog="Example: airtact check examples/pinch.toml",
+)
 @click.argument("scene", type=click.Path(path_type=Path))
 def check(scene: Path) -> None:
-    r"""Read SCENE, say what is in it and what solving it will take, or what is wrong with it.
-
-    \b
-    Example:
-      airtact check examples/pinch.toml
-    """
+    """Read SCENE, say what is in it and what solving it will take, or what is wrong with it."""
     from rich.console import Console
 
     from airtact.scene_file.building import read_setup
@@ -77,16 +73,14 @@ def check(scene: Path) -> None:
         console.print(table)
 
 
-@commands.command(short_help="Compute the drive and the field for a scene.")
+@commands.command(
+    short_help="Compute the drive and the field for a scene.",
+    epilog="Example: airtact render examples/pinch.toml --out out/pinch",
+)
 @click.argument("scene", type=click.Path(path_type=Path))
 @click.option("--out", "folder", required=True, type=click.Path(path_type=Path), help="Folder for the results.")
 def render(scene: Path, folder: Path) -> None:
-    r"""Compute the drive and the field for SCENE and write drive.csv, drive.h5, field.vtkhdf and report.html.
-
-    \b
-    Example:
-      airtact render examples/pinch.toml --out out/pinch
-    """
+    """Compute the drive and the field for SCENE and write drive.csv, drive.h5, field.vtkhdf and report.html."""
     from rich.console import Console
 
     with _progress(Console(stderr=True)) as tell:
@@ -157,7 +151,8 @@ def _summary(setup: "Setup") -> Iterator["Table"]:
 def _results(run: "Run") -> "Table":
     """Tabulate what each focus gets, with the hand considered and ignored."""
     ratios = {name: run.comparison.ratios(name)[1] for name in run.comparison.pressures}
-    table = _table("focus", "pressure", *(f"ignored, {name}" for name in ratios))
+    table = _table("focus", "pressure", *ratios)
+    table.title = "Pressure at the foci, and what ignoring the hand would leave of it"
     for index, name in enumerate(run.foci):
         shares = [f"{ratio[index]:.2f} ×" for ratio in ratios.values()]
         table.add_row(name, f"{run.reached[index]:,.0f} Pa", *shares)
@@ -179,8 +174,9 @@ def _round(number: float) -> float:
 
 
 def _memory(unknowns: float) -> str:
-    """Single precision complex matrix."""
-    return f"{8 * unknowns**2 / 1e9:.2g} GB"
+    """Say how large a complex matrix of single precision is."""
+    size = 8 * unknowns**2
+    return f"{size / 1e9:.2g} GB" if size > 1e9 else f"{size / 1e6:.2g} MB"
 
 
 if __name__ == "__main__":

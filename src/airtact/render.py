@@ -158,17 +158,29 @@ def _write_drive(folder: Path, setup: Setup, made: _Made) -> None:
 def _judge(setup: Setup, made: _Made, clock: _Clock) -> tuple[Comparison, RadiatedField]:
     """Compare the drive with the one that ignores the bodies; the field's first two sounds are these two, loudest 1."""
     control = focus_by_distance(setup.array, setup.target, setup.scene.medium, setup.scene.frequency)
-    judge = _Remembering(BoundaryElement(accuracy=_judging_accuracy(setup.solver.accuracy, made.beacons.nodes)))
+    drives = {CONSIDERED: made.drive, IGNORED: control}
+    accuracies = _judging_accuracies(setup.solver.accuracy, made.beacons.nodes)
     with clock.step("judge", "judging it by a finer solution with all transducers as sources"):
-        drives = {CONSIDERED: made.drive, IGNORED: control}
-        comparison = compare(setup.scene, setup.array, drives, setup.target, solver=judge)
-    return comparison, judge.fields[0]
+        comparison, field = _compare(setup, drives, accuracies[0])
+        for accuracy in accuracies[1:]:
+            if comparison.report.nodes > made.beacons.nodes:
+                break
+            comparison, field = _compare(setup, drives, accuracy)
+    return comparison, field
 
 
-def _judging_accuracy(accuracy: float, unknowns: int) -> float:
-    """Ask for more than the drive's solution had, but for no more than fits; unknowns grow as accuracy^(-2/3)."""
-    affordable = accuracy * (unknowns / MOST_UNKNOWNS) ** 1.5
-    return max(min(max(accuracy / REFINEMENT, affordable), accuracy / 1.2), FINEST)
+def _compare(setup: Setup, drives: dict[str, Drive], accuracy: float) -> tuple[Comparison, RadiatedField]:
+    judge = _Remembering(BoundaryElement(accuracy=accuracy))
+    return compare(setup.scene, setup.array, drives, setup.target, solver=judge), judge.fields[0]
+
+
+def _judging_accuracies(accuracy: float, unknowns: int) -> list[float]:
+    """Ask for more than the drive's solution had, but for no more than fits.
+
+    Unknowns grow as accuracy^(-2/3), but in steps: where the first accuracy brings no more of them, the next may.
+    """
+    affordable = min(accuracy * (unknowns / MOST_UNKNOWNS) ** 1.5, accuracy / 1.2)
+    return [max(accuracy / REFINEMENT**power, affordable, FINEST) for power in (1, 2, 3)]
 
 
 def _cuts(setup: Setup, field: RadiatedField) -> tuple[Cut, list[Cut]]:
