@@ -1,5 +1,6 @@
 """The command line: parse, call, print. Exit codes: 0 done, 1 not converged, 2 bad input, 130 broken off by Ctrl-C."""
 
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -144,7 +145,8 @@ def _summary(setup: "Setup") -> Iterator["Table"]:
     facts.add_row("transducers", f"{len(elements)}, {sensitivity}, {1e3 * clearance:.0f} mm off the bodies or more")
     facts.add_row("wavelength", f"{1e3 * wavelength:.2f} mm at {setup.scene.frequency / 1e3:g} kHz")
     facts.add_row("drive", f"{setup.method.replace('_', ' ')}, accuracy {setup.solver.accuracy:g}")
-    facts.add_row("unknowns", f"about {_round(unknowns):,.0f}, matrix {_memory(unknowns)}")
+    facts.add_row("unknowns", f"{_round(unknowns):,.0f} for the skin's area, matrix {_memory(unknowns)}")
+    facts.add_row("", "more where foci are close to the skin or triangles are uneven")
     yield facts
 
 
@@ -176,7 +178,7 @@ def _round(number: float) -> float:
 def _memory(unknowns: float) -> str:
     """Say how large a complex matrix of single precision is."""
     size = 8 * unknowns**2
-    return f"{size / 1e9:.2g} GB" if size > 1e9 else f"{size / 1e6:.2g} MB"
+    return f"{size / 1e9:.1f} GB" if size > 1e9 else f"{math.ceil(size / 1e6)} MB"
 
 
 if __name__ == "__main__":

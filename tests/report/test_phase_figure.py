@@ -76,7 +76,7 @@ def test_discs_have_the_colour_of_phase_and_amplitude():
         expected = colormaps["twilight"]((np.angle(drive[face.elements]) + np.pi) / (2 * np.pi))
         np.testing.assert_array_equal(drawn[index].get_facecolor(), expected)
         np.testing.assert_array_equal(
-            drawn[4 + index].get_facecolor(), colormaps["viridis"](np.abs(drive[face.elements]))
+            drawn[4 + index].get_facecolor(), colormaps["viridis"](np.abs(drive[face.elements]) / np.abs(drive).max())
         )
         np.testing.assert_allclose(drawn[index].get_offsets(), 1e3 * face.places)
 

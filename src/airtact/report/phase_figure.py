@@ -14,12 +14,6 @@ from airtact.report.windows import AXES
 
 PHASE_TICKS = {-np.pi: "−π", -np.pi / 2: "−π/2", 0.0: "0", np.pi / 2: "π/2", np.pi: "π"}
 
-SCALES = (
-    ("twilight", (-np.pi, np.pi), "phase [rad]"),
-    ("viridis", (0.0, 1.0), "amplitude [share of full scale]"),
-)
-"""Colours, limits and names of what is drawn of a drive; phase has a cyclic map."""
-
 
 @dataclass(frozen=True, eq=False)
 class Face:
@@ -108,13 +102,16 @@ def draw_phases(
     axes = figure.subplots(len(heights), len(widths), squeeze=False, sharex="col", sharey="row", width_ratios=widths)
     rows = axes.T if beside else axes
     size = min(spacing(positions[face.elements]) for face in faces) * 0.94
-    emitted = (np.angle(amplitudes), np.abs(amplitudes))
-    for row, values, (colours, limits, label) in zip(rows, emitted, SCALES, strict=True):
-        scale = ScalarMappable(Normalize(*limits), colours)
+    loudness = np.abs(amplitudes)
+    emitted = (
+        (np.angle(amplitudes), ScalarMappable(Normalize(-np.pi, np.pi), "twilight"), "phase [rad]"),
+        (loudness, ScalarMappable(Normalize(0, loudness.max()), "viridis"), "amplitude [share of full scale]"),
+    )
+    for row, (values, scale, label) in zip(rows, emitted, strict=True):
         for place, face in zip(row, faces, strict=True):
             _draw_discs(place, 1e3 * face.places, values[face.elements], 1e3 * size, scale)
         bar = figure.colorbar(scale, ax=list(row), label=label, pad=0.01, aspect=25)
-        if colours == "twilight":
+        if scale.get_cmap().name == "twilight":
             bar.set_ticks(list(PHASE_TICKS), labels=list(PHASE_TICKS.values()))
     for place, face in zip(axes[0], faces * (2 if beside else 1), strict=True):
         place.set_title(_where(face, positions), fontsize=10)

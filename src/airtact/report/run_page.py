@@ -93,7 +93,7 @@ def _summary(run: Run) -> Iterable[str]:
     yield f"<h1>{escape(run.title)}</h1>"
     yield paragraph(
         f"What {len(run.array)} transducers must emit at {run.scene.frequency / 1e3:g} kHz so that {count} stand "
-        f"beside {', '.join(run.bodies)} while the sound scatters there.",
+        f"beside {_and(run.bodies)}, which {'scatters' if len(run.bodies) == 1 else 'scatter'} the sound.",
         "lead",
     )
     solve = run.seconds["beacons"] + run.seconds["drive"]
@@ -103,7 +103,7 @@ def _summary(run: Run) -> Iterable[str]:
             (f"{share:.2f} ×", "pressure when the hand is ignored, at equal energy, mean over the foci"),
             (f"{share**2:.2f} ×", "the same in pressure squared"),
             (f"{solve:.2f} s", "to solve and make the drive"),
-            (f"{run.comparison.report.estimated_error:.2%}", "estimated error of these pressures"),
+            (_percent(run.comparison.report.estimated_error), "estimated error of these pressures"),
         ]
     )
     warnings = [*run.beacons.warnings, *run.comparison.report.warnings]
@@ -193,8 +193,8 @@ def _foci(run: Run) -> Iterable[str]:
     for held_equal, meaning in HELD_EQUAL.items():
         yield _comparison_table(run, held_equal, f"{held_equal.capitalize()}: {meaning}")
     yield paragraph(
-        "The normalisation can turn the conclusion round: a drive that leaves most transducers quiet is strong at "
-        "equal energy and weak at equal peak."
+        "Ratios are ignored over considered. The normalisation can turn the conclusion round: a drive that leaves most "
+        "transducers quiet is strong at equal energy and weak at equal peak."
     )
 
 
@@ -207,7 +207,8 @@ def _comparison_table(run: Run, held_equal: str, caption: str) -> str:
         ratio = ratios[1, index]
         rows.append([name, _pascal(ours), _pascal(theirs), f"{ratio:.3f}", *squares, f"{ratio**2:.3f}"])
     names = [name.removeprefix("hand ") for name in run.comparison.names]
-    header = [f"{quantity} {name}" for quantity in ("p [Pa]", "p² [kPa²]") for name in (*names, "ratio")]
+    pressure, squared = ([quantity.format(name) for name in names] for quantity in ("p {} [Pa]", "p² {} [kPa²]"))
+    header = [*pressure, "ratio of p", *squared, "ratio of p²"]
     return table(["focus", *header], rows, caption)
 
 
@@ -221,7 +222,7 @@ def _how(run: Run) -> Iterable[str]:
         ["unknowns", *(f"{report.nodes:,}" for report in reports)],
         ["unknowns per λ²", *(f"{report.nodes_per_square_wavelength:.0f}" for report in reports)],
         ["iterations, residual", *(f"{report.iterations}, {report.residual:.1e}" for report in reports)],
-        ["estimated error", *(f"{report.estimated_error:.2%}" for report in reports)],
+        ["estimated error", *(_percent(report.estimated_error) for report in reports)],
         ["seconds", *(_listed({name: f"{time:.2f}" for name, time in report.seconds.items()}) for report in reports)],
     ]
     yield table(["", "for the drive", "to judge it"], rows, text=True)
@@ -263,13 +264,22 @@ def _pascal(pressure: float) -> str:
     return f"{pressure:,.0f}" if pressure >= 100 else f"{pressure:.1f}"
 
 
+def _percent(share: float) -> str:
+    return f"{share:.2%}" if share >= 1e-4 else "< 0.01%"
+
+
+def _and(names: Sequence[str]) -> str:
+    return " and ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)
+
+
 def _rounded(pressure: float) -> str:
     """Three digits, which is what the computation is good for."""
     return f"{float(f'{pressure:.3g}'):,g}"
 
 
 def _kilopascal_squared(pressure: float) -> str:
-    return f"{(pressure / 1e3) ** 2:.4g}"
+    square = (pressure / 1e3) ** 2
+    return f"{square:.3f}" if square < 10 else f"{square:.1f}" if square < 1000 else f"{square:,.0f}"
 
 
 def _share(got: float, asked: float) -> str:

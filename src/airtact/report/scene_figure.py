@@ -44,7 +44,7 @@ def draw_scene(
     bodies : the obstacles.
     foci : (F, 3) [m].
     """
-    figure = Figure(figsize=(8.6, 6.6), layout="constrained")
+    figure = Figure(figsize=(10.4, 8.0), layout="constrained")
     with rc_context(QUIET):
         axes = figure.add_subplot(projection="3d", computed_zorder=False)
     assert isinstance(axes, Axes3D)
@@ -108,7 +108,7 @@ def _shaded(body: Surface, viewer: np.ndarray) -> Poly3DCollection:
     light = LIGHT / np.linalg.norm(LIGHT)
     grey = 0.45 + 0.45 * np.clip(normals[seen] @ light, 0, 1)
     colours = np.stack([grey, grey * 0.97, grey * 0.94, np.ones_like(grey)], axis=1)
-    return Poly3DCollection(1e3 * corners[seen], facecolors=colours, edgecolors=colours, linewidths=0.2, zorder=3)
+    return Poly3DCollection(1e3 * corners[seen], facecolors=colours, edgecolors=colours, linewidths=0.5, zorder=3)
 
 
 def _frame(axes: Axes3D, parts: Sequence[np.ndarray]) -> None:
