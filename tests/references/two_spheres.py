@@ -110,7 +110,7 @@ class Fit:
     def _waves(self, which: int, local: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Multipoles of one sphere (n, m, P) at points of the frame, and their slopes along the normals."""
         offset = local - self.centres[which]
-        flat = np.hypot(offset[:, 0], offset[:, 1])
+        flat = np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 1e-15)  # on the axis there is no azimuth
         azimuth = np.arctan2(offset[:, 1], offset[:, 0])
         around = np.array([-np.sin(azimuth), np.cos(azimuth)])
         flatwise = normals[:, 0] * around[1] - normals[:, 1] * around[0]

@@ -1,0 +1,183 @@
+"""Sound-hard capsules and spheres by fundamental solutions: independent of every solver in src.
+
+The scattered field is a sum of monopoles inside the bodies, fitted by least squares to ∂p/∂n = 0 at more points of the
+skin (G. Fairweather, A. Karageorghis, P. A. Martin, Eng. Anal. Bound. Elem. 27, 759, 2003). The error falls fast in
+depth over spacing as long as the monopoles lie outside the images of the other body, which for a gap d stand
+a (1 - e^{-μ}) deep, cosh μ = 1 + d/(2a). So depth and spacing follow the gap over the skin: fine where bodies come
+close, coarse elsewhere. The own error comes from a second, coarser fit and from the residual at skin points that were
+not fitted.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.blas import zherk
+from scipy.spatial import KDTree
+
+from airtact.scene.primitives import Capsule
+
+DEPTH_OF_IMAGES = 0.75  # share of the images' depth at which the monopoles stand
+KEPT_DIGITS = 2.5  # decimal digits that the highest azimuthal order that matters may lose on its way to the skin
+MOST_MONOPOLES = 4000
+
+
+def pressure_at(
+    capsules: Sequence[Capsule],
+    wavenumber: complex,
+    sources: np.ndarray,
+    receivers: np.ndarray,
+    wanted: float = 3e-3,
+    fineness: float = 3.0,
+) -> tuple[np.ndarray, float]:
+    """Total pressure of unit monopoles e^{ikr}/r beside sound-hard capsules.
+
+    Parameters
+    ----------
+    capsules : one or more, apart; length 0 is a sphere.
+    wavenumber : k [1/m].
+    sources, receivers : (N, 3) and (P, 3) outside [m]. By reciprocity the set that stays further from the skins speaks,
+        so one of the two may touch the skin; the other keeps away by some centimetres.
+    wanted : own error at which to stop refining.
+    fineness : monopoles per depth to begin with.
+
+    Returns
+    -------
+    (P, N) pressure [Pa] and the own error at the worst of the closer points, over all the others: the relative change
+    against a coarser fit times the share to which the residual ∂p/∂n at skin points that were not fitted has fallen,
+    but at least a tenth of that residual.
+    """
+    if clearance(capsules, sources) < clearance(capsules, receivers):
+        pressure, error = pressure_at(capsules, wavenumber, receivers, sources, wanted, fineness)
+        return pressure.T, error
+    coarse = fitted(capsules, wavenumber, sources, fineness / 1.25)
+    while True:
+        fit = fitted(capsules, wavenumber, sources, fineness)
+        pressure, residual = fit.pressure(receivers), fit.residual()
+        change = pressure - coarse.pressure(receivers)
+        change = float(np.max(np.linalg.norm(change, axis=1) / np.linalg.norm(pressure, axis=1)))
+        error = max(change * min(1.0, residual / coarse.residual()), 0.1 * residual)
+        if error < wanted or 1.5 * len(fit.monopoles) > MOST_MONOPOLES:
+            return pressure, error
+        coarse, fineness = fit, 1.25 * fineness
+
+
+def clearance(capsules: Sequence[Capsule], points: np.ndarray) -> float:
+    """Distance of the nearest point from the skins [m]."""
+    return float(min(-capsule.depth(points).max() for capsule in capsules))
+
+
+def waves(points: np.ndarray, sources: np.ndarray, wavenumber: complex) -> np.ndarray:
+    """e^{ikr}/r at (P, 3) points of (N, 3) sources: (P, N)."""
+    distance = np.linalg.norm(points[:, None, :] - sources[None, :, :], axis=2)
+    return np.exp(1j * wavenumber * distance) / distance
+
+
+def slopes(points: np.ndarray, normals: np.ndarray, sources: np.ndarray, wavenumber: complex) -> np.ndarray:
+    """Derivative of e^{ikr}/r along the normals at (P, 3) points: (P, N)."""
+    square = np.zeros((len(points), len(sources)))
+    along = np.zeros_like(square)
+    for axis in range(3):
+        offset = points[:, axis, None] - sources[:, axis]
+        square += offset**2
+        along += offset * normals[:, axis, None]
+    distance = np.sqrt(square)
+    return (1j * wavenumber - 1.0 / distance) * np.exp(1j * wavenumber * distance) * (along / square)
+
+
+def skin_points(capsule: Capsule, number: int, start: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
+    """Spread points over a capsule by the golden angle (equal steps of z are equal areas), with their normals."""
+    height = (capsule.length + 2.0 * capsule.radius) * ((np.arange(number) + start) / number - 0.5)
+    azimuth = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(number)
+    above = np.sign(height) * np.maximum(np.abs(height) - capsule.length / 2.0, 0.0) / capsule.radius
+    flat = np.sqrt(1.0 - above**2)
+    normals = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), above], axis=1)
+    feet = np.stack([0.0 * height, 0.0 * height, height - above * capsule.radius], axis=1)
+    return capsule.pose.apply(feet + capsule.radius * normals), capsule.pose.rotate(normals)
+
+
+def monopole_depths(capsule: Capsule, others: Sequence[Capsule], points: np.ndarray, wavenumber: complex) -> np.ndarray:
+    """How deep under each skin point its monopole stands [m]."""
+    share = np.full(len(points), 1.0 - 10.0 ** (-KEPT_DIGITS / (abs(wavenumber) * capsule.radius + 5.0)))
+    for other in others:
+        gap = np.maximum(-other.depth(points), 1e-6)
+        images = 1.0 - np.exp(-np.arccosh(1.0 + gap / (2.0 * capsule.radius)))
+        share = np.minimum(share, DEPTH_OF_IMAGES * images)
+    return share * capsule.radius
+
+
+def thinned(points: np.ndarray, spacing: np.ndarray) -> np.ndarray:
+    """Indices of a subset of points no two of which are closer than the spacing at the first of them."""
+    tree = KDTree(points)
+    free = np.ones(len(points), dtype=bool)
+    kept = []
+    for index in range(len(points)):
+        if free[index]:
+            kept.append(index)
+            free[tree.query_ball_point(points[index], spacing[index])] = False
+    return np.array(kept)
+
+
+@dataclass
+class Fit:
+    """Monopoles inside the bodies: places (M, 3), strengths (M, N), and the problem they were fitted to."""
+
+    capsules: Sequence[Capsule]
+    wavenumber: complex
+    sources: np.ndarray
+    monopoles: np.ndarray
+    strengths: np.ndarray
+
+    def pressure(self, points: np.ndarray) -> np.ndarray:
+        """Total pressure (P, N)."""
+        blocks = [
+            waves(part, self.sources, self.wavenumber) + waves(part, self.monopoles, self.wavenumber) @ self.strengths
+            for part in np.array_split(points, 1 + len(points) // 500)
+        ]
+        return np.concatenate(blocks)
+
+    def residual(self) -> float:
+        """Norm of ∂p/∂n at skin points that were not fitted over that of the incident sound."""
+        defect, incident = 0.0, 0.0
+        for capsule in self.capsules:
+            points, normals = skin_points(capsule, 1009, start=0.31)
+            arriving = slopes(points, normals, self.sources, self.wavenumber)
+            total = arriving + slopes(points, normals, self.monopoles, self.wavenumber) @ self.strengths
+            incident += capsule.area * np.linalg.norm(arriving) ** 2
+            defect += capsule.area * np.linalg.norm(total) ** 2
+        return float(np.sqrt(defect / incident))
+
+
+def fitted(capsules: Sequence[Capsule], wavenumber: complex, sources: np.ndarray, fineness: float) -> Fit:
+    """Fit monopoles, ``fineness`` of them per depth, to ∂p/∂n = 0 on all skins."""
+    places, points, normals, sides = [], [], [], []
+    for index, capsule in enumerate(capsules):
+        others = [other for position, other in enumerate(capsules) if position != index]
+        sample, _ = skin_points(capsule, 2000)
+        finest = monopole_depths(capsule, others, sample, wavenumber).min() / fineness
+        skin, outward = skin_points(capsule, min(60_000, int(5.0 * capsule.area / finest**2)))
+        depth = monopole_depths(capsule, others, skin, wavenumber)
+        spacing = np.minimum(depth / fineness, np.pi / abs(wavenumber) / fineness)
+        inner = skin - depth[:, None] * outward
+        places.append(inner[thinned(inner, spacing)])
+        chosen = thinned(skin, 0.9 * spacing)
+        points.append(skin[chosen])
+        normals.append(outward[chosen])
+        sides.append(spacing[chosen])
+    monopoles, skin, outward = np.concatenate(places), np.concatenate(points), np.concatenate(normals)
+    weights = np.concatenate(sides)[:, None]
+    matrix = weights * slopes(skin, outward, monopoles, wavenumber)
+    sizes = np.linalg.norm(matrix, axis=0)
+    right = -weights * slopes(skin, outward, sources, wavenumber)
+    return Fit(capsules, wavenumber, sources, monopoles, least_squares(matrix / sizes, right) / sizes[:, None])
+
+
+def least_squares(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Least squares with unit columns by regularised normal equations and one step of refinement."""
+    matrix = np.asfortranarray(matrix)
+    gram = zherk(1.0, matrix, trans=2, lower=1)
+    gram[np.diag_indices(len(gram))] += 1e-13 * len(gram)
+    factor = cho_factor(gram, lower=True, overwrite_a=True, check_finite=False)
+    found = cho_solve(factor, matrix.conj().T @ right)
+    return found + cho_solve(factor, matrix.conj().T @ (right - matrix @ found))

@@ -1,0 +1,97 @@
+"""The fundamental solutions against the multipoles of two spheres, the series of one, and reciprocity."""
+
+import numpy as np
+import pytest
+
+from airtact.scene.geometry import Pose
+from airtact.scene.medium import Medium
+from airtact.scene.primitives import Capsule
+from airtact.scene.scene import Scene, sound_hard
+from airtact.scene.sources import Monopoles
+from airtact.solvers.sphere_series import SphereSeries
+from references import capsules, two_spheres
+
+AIR = Medium(sound_speed=343.1, density=1.293)
+K = AIR.wavenumber(40e3)
+
+
+def around(number, radius, seed=0):
+    vectors = np.random.default_rng(seed).normal(size=(number, 3))
+    return radius * vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+def fingers(first, second, degrees, gap, length):
+    """Two capsules whose tips face each other along x, their axes running down and outward."""
+    bodies = []
+    for side, radius in ((-1.0, first), (1.0, second)):
+        tilt = side * np.radians(degrees)
+        tip = np.array([side * (gap / 2.0 + radius), 0.0, 0.0])
+        pose = Pose.turn((0.0, 1.0, 0.0), -tilt)
+        bodies.append(Capsule(radius, length, Pose(pose.rotation, tip - pose.rotation[:, 2] * length / 2.0)))
+    return bodies
+
+
+@pytest.mark.parametrize(("radius", "off"), [(0.008, 0.0), (0.008, 5e-4), (0.0005, 5e-4)])
+def test_one_sphere_is_the_series(radius, off):
+    ball = Capsule(radius, 0.0, Pose(np.eye(3), np.array([0.001, 0.0, -0.002])))
+    near, far = ball.pose.translation + around(6, radius + off, seed=1), around(8, 0.08, seed=2)
+    pressure, error = capsules.pressure_at([ball], K, near, far)
+    scene = Scene(AIR, [sound_hard(ball.mesh(0.6 * radius))])
+    exact = SphereSeries().radiate(scene, Monopoles(near, np.eye(6))).at(far)
+    true = np.max(np.linalg.norm(pressure - exact, axis=0) / np.linalg.norm(exact, axis=0))
+    assert true < error < 3e-3
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "gap"),
+    [(0.008, 0.008, 0.012), (0.006, 0.012, 0.002), (0.006, 0.006, 0.0005), (0.0005, 0.006, 0.002)],
+)
+def test_two_spheres_are_the_multipoles(first, second, gap):
+    balls = [
+        Capsule(r, 0.0, Pose(np.eye(3), np.array([x, 0, 0]))) for r, x in ((first, 0.0), (second, first + second + gap))
+    ]
+    skin = around(5, first + 5e-4, seed=3)
+    near = np.vstack([skin[balls[1].depth(skin) < 0.0], [[first + gap / 2.0, 0.0, 0.0]]])
+    far = around(10, 0.09, seed=4)
+    pressure, error = capsules.pressure_at(balls, K, near, far)
+    exact, exact_error = two_spheres.pressure_at(balls, K, near, far)
+    true = np.max(np.linalg.norm(pressure - exact, axis=0) / np.linalg.norm(exact, axis=0))
+    assert exact_error < 1e-4
+    assert error < 3e-3
+    assert true < 2.0 * error
+
+
+def test_own_error_of_two_fingers_bounds_the_distance_to_a_finer_fit():
+    bodies = fingers(0.006, 0.007, 30.0, 0.004, 0.012)
+    near, far = np.array([[-0.0015, 0.0, 0.0], [0.0015, 0.0, 0.0], [0.0, 0.003, -0.005]]), around(10, 0.09, seed=5)
+    pressure, error = capsules.pressure_at(bodies, K, near, far)
+    finer = capsules.fitted(bodies, K, far, 4.0).pressure(near).T
+    true = np.max(np.linalg.norm(pressure - finer, axis=0) / np.linalg.norm(finer, axis=0))
+    assert error < 3e-3
+    assert true < 2.0 * error
+
+
+def test_a_coarse_fit_says_so():
+    bodies = fingers(0.006, 0.007, 30.0, 0.004, 0.012)
+    near, far = np.array([[-0.0015, 0.0, 0.0], [0.0, 0.003, -0.005]]), around(6, 0.09, seed=6)
+    pressure, error = capsules.pressure_at(bodies, K, near, far, wanted=np.inf, fineness=1.8)
+    finer = capsules.fitted(bodies, K, far, 3.0).pressure(near).T
+    true = np.max(np.linalg.norm(pressure - finer, axis=0) / np.linalg.norm(finer, axis=0))
+    assert true > 0.01
+    assert error > 0.01
+
+
+def test_talking_and_listening_change_places():
+    bodies = fingers(0.006, 0.008, 20.0, 0.006, 0.012)
+    one, other = around(5, 0.05, seed=7), around(4, 0.045, seed=8)
+    there = capsules.fitted(bodies, K, one, 3.0).pressure(other)
+    back = capsules.fitted(bodies[::-1], K, other, 2.8).pressure(one)
+    assert np.linalg.norm(there - back.T) < 1e-3 * np.linalg.norm(there)
+
+
+def test_points_and_normals_lie_on_the_skin():
+    capsule = fingers(0.006, 0.008, 20.0, 0.006, 0.02)[1]
+    points, normals = capsules.skin_points(capsule, 500)
+    np.testing.assert_allclose(capsule.depth(points), 0.0, atol=1e-15)
+    np.testing.assert_allclose(capsule.depth(points - 1e-3 * normals), 1e-3, atol=1e-12)
+    assert np.abs(np.mean(normals, axis=0)).max() < 0.01
