@@ -140,6 +140,11 @@ class ExactShape(Protocol):
         """Area of the skin [m²]."""
         ...
 
+    @property
+    def volume(self) -> float:
+        """Enclosed volume [m³]."""
+        ...
+
     def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
         """Distance to the skin [m] of points (P, 3) [m], positive inside."""
         ...
@@ -154,6 +159,10 @@ class ExactShape(Protocol):
 
     def moved(self, pose: Pose) -> "ExactShape":
         """Move it rigidly."""
+        ...
+
+    def grown(self, step: float) -> "ExactShape":
+        """Move its skin outwards by a step [m]."""
         ...
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float64, Int, Int64, Real
 from scipy.spatial import KDTree
 
-from airtact.scene.geometry import Surface
+from airtact.scene.geometry import ExactShape, Surface
 
 SixNodes = Float64[np.ndarray, "panels 6 3"]
 
@@ -41,6 +41,15 @@ def shape_functions(points: Real[np.ndarray, "points 2"]) -> Float64[np.ndarray,
     u, v = points[:, 0], points[:, 1]
     w = 1 - u - v
     return np.stack([w * (2 * w - 1), u * (2 * u - 1), v * (2 * v - 1), 4 * w * u, 4 * u * v, 4 * v * w], axis=1)
+
+
+def shape_slopes(points: Real[np.ndarray, "points 2"]) -> tuple[Float64[np.ndarray, "points 6"], ...]:
+    """Differentiate the shape functions along u and v."""
+    u, v = points[:, 0], points[:, 1]
+    w, zero = 1 - u - v, np.zeros_like(u)
+    along_u = np.stack([1 - 4 * w, 4 * u - 1, zero, 4 * (w - u), 4 * v, -4 * v], axis=1)
+    along_v = np.stack([1 - 4 * w, zero, 4 * v - 1, -4 * u, 4 * u, 4 * (w - v)], axis=1)
+    return along_u, along_v
 
 
 def surface_panels(surface: Surface) -> SixNodes:
@@ -104,8 +113,27 @@ def panelled(surface: Surface, edge: float) -> SixNodes:
     for stretch in (1.6, 1.5, 1.4, 1.3, 1.2, 1.1):
         mesh = surface.primitive.mesh(stretch * edge)
         if len(mesh.triangles) >= 0.9 * wanted:
-            return surface_panels(mesh)
-    return surface_panels(surface.primitive.mesh(edge))
+            break
+    else:
+        mesh = surface.primitive.mesh(edge)
+    return _filled_out(surface_panels(mesh), surface.primitive)
+
+
+def _filled_out(panels: SixNodes, shape: ExactShape) -> SixNodes:
+    """Move the nodes outwards until the panels enclose the shape's volume: quadratics through points of it hold less."""
+    missing = shape.volume - enclosed_volume(panels)
+    return shape.grown(missing / shape.area).project(panels.reshape(-1, 3)).reshape(panels.shape)
+
+
+def enclosed_volume(panels: SixNodes) -> float:
+    """Volume inside closed panels [m³], exact for the quadratic surface."""
+    points, weights = np.polynomial.legendre.leggauss(4)
+    u, v = (grid.ravel() for grid in np.meshgrid(0.5 * (points + 1), 0.5 * (points + 1)))
+    reference = np.stack([u, v * (1 - u)], axis=1)
+    weight = np.outer(weights, weights).ravel() / 4 * (1 - u)
+    place = np.einsum("qn,tnd->tqd", shape_functions(reference), panels)
+    along_u, along_v = (np.einsum("qn,tnd->tqd", slope, panels) for slope in shape_slopes(reference))
+    return float(np.einsum("tqd,tqd,q->", place, np.cross(along_u, along_v), weight)) / 3
 
 
 def _refined(

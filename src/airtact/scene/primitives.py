@@ -89,6 +89,10 @@ class Capsule:
         """
         return Capsule(self.radius, self.length, pose @ self.pose)
 
+    def grown(self, step: float) -> "Capsule":
+        """Move its skin outwards by ``step`` [m]."""
+        return Capsule(self.radius + step, self.length, self.pose)
+
     def mesh(self, edge: float) -> Surface:
         """Draw it with curved triangles whose vertices and midpoints lie exactly on it.
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Complex128, Float64, Int64, Real
 
 from airtact import _kernels
-from airtact.scene.panels import Panels, shape_functions
+from airtact.scene.panels import Panels, shape_functions, shape_slopes
 
 
 def _degree_four_rule() -> tuple[Float64[np.ndarray, "6 2"], Float64[np.ndarray, "6"]]:
@@ -37,15 +37,6 @@ def monomials(points: Real[np.ndarray, "points 2"]) -> Float64[np.ndarray, "poin
 
 NODAL = np.linalg.inv(monomials(RULE_POINTS))
 """(6, 6): column j holds the monomial coefficients of the quadratic that is 1 at node j and 0 at the others."""
-
-
-def _tangents(points: Real[np.ndarray, "points 2"]) -> tuple[Float64[np.ndarray, "points 6"], ...]:
-    """Differentiate the shape functions along u and v."""
-    u, v = points[:, 0], points[:, 1]
-    w, zero = 1 - u - v, np.zeros_like(u)
-    along_u = np.stack([1 - 4 * w, 4 * u - 1, zero, 4 * (w - u), 4 * v, -4 * v], axis=1)
-    along_v = np.stack([1 - 4 * w, zero, 4 * v - 1, -4 * u, 4 * u, 4 * (w - v)], axis=1)
-    return along_u, along_v
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +71,7 @@ class Nodes:
 def place_nodes(panels: Panels) -> Nodes:
     """Put the six nodes of the degree-4 rule on every panel."""
     shape = shape_functions(RULE_POINTS)
-    along_u, along_v = _tangents(RULE_POINTS)
+    along_u, along_v = shape_slopes(RULE_POINTS)
     points = np.einsum("qa,tad->tqd", shape, panels.six_nodes)
     cross = np.cross(
         np.einsum("qa,tad->tqd", along_u, panels.six_nodes), np.einsum("qa,tad->tqd", along_v, panels.six_nodes)
