@@ -91,7 +91,7 @@ def plane_through(
 
     Returns
     -------
-    A window of at most about 30,000 points, its sides along the frame's axes where the plane allows.
+    A window of at most about 20,000 points, its sides along the frame's axes where the plane allows.
     """
     middle = foci.mean(axis=0)
     _, spreads, principal = np.linalg.svd(foci - middle, full_matrices=False)
@@ -104,7 +104,7 @@ def plane_through(
     lowest, highest = within.min(axis=0), within.max(axis=0)
     width, height = highest - lowest + 6 * wavelength
     centre = middle + (lowest + highest) / 2 @ np.stack([right, up])
-    step = np.clip(np.sqrt(width * height / 30_000), wavelength / 24, wavelength / 8)
+    step = np.clip(np.sqrt(width * height / 20_000), wavelength / 18, wavelength / 8)
     return Window(centre, right, up, float(width), float(height), float(step))
 
 
@@ -120,7 +120,7 @@ def close_up(focus: Real[np.ndarray, "3"], outward: Real[np.ndarray, "3"], wavel
     up = _direction(np.asarray(outward, dtype=np.float64))
     _, right = _independent([up, AXES["y"], AXES["z"], AXES["x"]])
     right = right * np.sign(right[np.argmax(np.abs(right))])
-    return Window(np.array(focus, dtype=np.float64), right, up, 3 * wavelength, 3 * wavelength, wavelength / 24)
+    return Window(np.array(focus, dtype=np.float64), right, up, 3 * wavelength, 3 * wavelength, wavelength / 18)
 
 
 def _direction(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
@@ -174,8 +174,8 @@ class Box:
         return np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
 
 
-def box_around(foci: Real[np.ndarray, "foci 3"], wavelength: float, most: int = 150_000) -> Box:
-    """Box two wavelengths past the foci on every side, with eight points per wavelength or as many as ``most`` allows.
+def box_around(foci: Real[np.ndarray, "foci 3"], wavelength: float, most: int = 100_000) -> Box:
+    """Box the foci: one and a half wavelengths past them, eight points per wavelength or as many as ``most`` allows.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def box_around(foci: Real[np.ndarray, "foci 3"], wavelength: float, most: int = 
     wavelength : [m].
     most : points that the box may have, about.
     """
-    lowest, highest = foci.min(axis=0) - 2 * wavelength, foci.max(axis=0) + 2 * wavelength
+    lowest, highest = foci.min(axis=0) - 1.5 * wavelength, foci.max(axis=0) + 1.5 * wavelength
     sides = highest - lowest
     step = float(max(wavelength / 8, np.cbrt(np.prod(sides) / most)))
     across, along, deep = (max(2, int(side / step) + 1) for side in sides)
