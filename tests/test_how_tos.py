@@ -1,0 +1,83 @@
+"""The pages of docs/ and the README do what they say: what they show is run, and its output compared."""
+
+import os
+import re
+import subprocess
+import sysconfig
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PAGES = [*sorted((ROOT / "docs").glob("how-to-*.md")), ROOT / "docs/architecture.md"]
+FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+BESIDE = os.pathsep.join([sysconfig.get_path("scripts"), os.environ.get("PATH", "")])
+
+
+@dataclass(frozen=True)
+class Block:
+    """One fenced block of a page, and the line on which its text begins."""
+
+    kind: str
+    text: str
+    line: int
+
+
+def blocks(page: Path) -> list[Block]:
+    text = page.read_text(encoding="utf-8")
+    return [Block(m[1], m[2], text[: m.start(2)].count("\n")) for m in FENCE.finditer(text)]
+
+
+def expected_output(page_blocks: list[Block]) -> Iterator[tuple[Block, str | None]]:
+    """Pair each block that is run with the output that the page shows directly after it."""
+    for block, after in zip(page_blocks, [*page_blocks[1:], None], strict=True):
+        if block.kind in ("python", "sh"):
+            yield block, after.text if after is not None and after.kind == "text" else None
+
+
+def run_python(page: Path, block: Block, names: dict) -> None:
+    # Empty lines before the text make a traceback name the line of the page.
+    exec(compile("\n" * block.line + block.text, str(page), "exec"), names)
+
+
+def run_commands(block: Block) -> None:
+    for command in block.text.splitlines():
+        done = subprocess.run(command.split(), env={**os.environ, "PATH": BESIDE}, capture_output=True, text=True)
+        assert done.returncode == 0, f"{command}: {done.stderr}"
+
+
+def test_there_are_pages() -> None:
+    assert len(PAGES) >= 5
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_page_runs_and_prints_what_it_shows(page, tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    names: dict = {"__name__": page.stem}
+    for block, shown in expected_output(blocks(page)):
+        capsys.readouterr()
+        if block.kind == "sh":
+            run_commands(block)
+        else:
+            run_python(page, block, names)
+        if shown is not None:
+            assert capsys.readouterr().out.strip() == shown.strip(), f"{page.name}, line {block.line}"
+
+
+def test_python_of_the_readme_runs(tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    names: dict = {"__name__": "readme"}
+    python = [block for block in blocks(ROOT / "README.md") if block.kind == "python"]
+    assert python, "the README shows no Python"
+    for block in python:
+        run_python(ROOT / "README.md", block, names)
+
+
+def test_commands_of_the_readme_exist() -> None:
+    targets = set(re.findall(r"^(\w[\w-]*):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    commands = [line for block in blocks(ROOT / "README.md") if block.kind == "sh" for line in block.text.splitlines()]
+    asked = [line.split()[1] for line in commands if line.startswith("make ")]
+    assert {"run", "test"} <= set(asked)
+    assert set(asked) <= targets
