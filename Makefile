@@ -44,9 +44,9 @@ format: $(VENV)/installed-for-tests
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: $(VENV)/installed
-	$(BIN)/python benchmarks/accuracy.py
-	$(BIN)/python benchmarks/speed.py
+bench: $(VENV)/installed-for-tests
+	PYTHONPATH=.:tests $(BIN)/python benchmarks/accuracy.py
+	PYTHONPATH=.:tests $(BIN)/python benchmarks/speed.py
 
 clean:
 	rm -rf $(VENV) build out

@@ -1,7 +1,7 @@
 """How right the boundary element solver is: every accuracy figure of the README, measured anew.
 
-Run ``make bench``, or ``PYTHONPATH=.:tests python benchmarks/accuracy.py [figure ...]``. Truth is the sphere's series, multipoles
-about two spheres, or fundamental solutions; each error is the worst over at least 8 random source directions.
+Run ``make bench``, or ``PYTHONPATH=.:tests python benchmarks/accuracy.py [figure ...]``. Truth is the sphere's series,
+multipoles about two spheres, or fundamental solutions; each error is the worst over at least 8 random directions.
 """
 
 import sys
@@ -9,10 +9,10 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
-from references import capsules as fundamental_solutions
-from references import two_spheres
 
 import airtact as at
+from references import capsules as fundamental_solutions
+from references import two_spheres
 
 PAPER_AIR = at.Medium(sound_speed=343.1, density=1.293)
 FREQUENCY = 40e3
@@ -42,7 +42,7 @@ def ball(radius: float, frequency: float = FREQUENCY) -> at.Scene:
 
 
 def one_each(positions: np.ndarray) -> at.Monopoles:
-    """Unit monopoles, each a sound of its own."""
+    """Give each position a unit monopole that is a sound of its own."""
     return at.Monopoles(positions, np.eye(len(positions)))
 
 
@@ -128,9 +128,9 @@ def slope(edges: np.ndarray, errors: np.ndarray) -> float:
     return float(np.polyfit(np.log(edges), np.log(errors), 1)[0])
 
 
-def reciprocity(accuracy: float = 0.01) -> float:
+def reciprocity(accuracy: float = 0.01, length: float = 0.044) -> float:
     """Worst relative difference of A heard at B and B heard at A over 8 pairs 10 mm or more off the pinch's fingers."""
-    scene = two_fingers(8e-3, 20, 12e-3)
+    scene = two_fingers(8e-3, 20, 12e-3, length)
     here, there = finger_sources(scene, 10e-3), outer_points(scene, 8)
     solver = at.BoundaryElement(accuracy=accuracy)
     forth = solver.radiate(scene, one_each(here)).at(there)
@@ -138,9 +138,9 @@ def reciprocity(accuracy: float = 0.01) -> float:
     return float(np.abs(forth - back).max() / np.abs(forth).mean())
 
 
-def motion(precision: str, away: float = 1.0) -> float:
+def motion(precision: str, away: float = 1.0, length: float = 0.044) -> float:
     """Largest relative change of the pinch's transfer matrix when hand and array move together."""
-    scene = two_fingers(8e-3, 20, 12e-3)
+    scene = two_fingers(8e-3, 20, 12e-3, length)
     sources, points = finger_sources(scene, 0.5e-3), outer_points(scene)
     pose = at.Pose.turn(np.array([1.0, 2.0, -1.0]), 0.7, translation=(away, -0.3 * away, 0.2 * away))
     moved = at.Scene(PAPER_AIR, [at.sound_hard(o.surface.moved(pose)) for o in scene.obstacles], frequency=FREQUENCY)
@@ -151,7 +151,7 @@ def motion(precision: str, away: float = 1.0) -> float:
 
 
 def estimate_scenes(count: int = 50, seed: int = 2014) -> Iterator[tuple[str, at.Scene, np.ndarray]]:
-    """Scenes chosen by a seed: single spheres, pairs of spheres down to a gap of 0.4 mm, thin capsules; 4 sources each."""
+    """Choose scenes by a seed: spheres, pairs of spheres down to a gap of 0.4 mm, thin capsules; 4 sources each."""
     pick = np.random.default_rng(seed)
     for index in range(count):
         kind = index % 5

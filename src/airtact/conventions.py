@@ -18,4 +18,4 @@ class InvalidInput(ValueError):  # noqa: N818 (reads as what it is in a tracebac
 
 
 class NotConverged(RuntimeError):  # noqa: N818
-    """A solver stopped before it reached its tolerance; the message has the residual, the iterations and the likely cause."""
+    """A solver stopped before its tolerance; the message has the residual, the iterations and the likely cause."""

@@ -120,7 +120,7 @@ def panelled(surface: Surface, edge: float) -> SixNodes:
 
 
 def _filled_out(panels: SixNodes, shape: ExactShape) -> SixNodes:
-    """Move the nodes outwards until the panels enclose the shape's volume: quadratics through points of it hold less."""
+    """Move the nodes outwards until the panels enclose the shape's volume: quadratics through its points hold less."""
     missing = shape.volume - enclosed_volume(panels)
     return shape.grown(missing / shape.area).project(panels.reshape(-1, 3)).reshape(panels.shape)
 
