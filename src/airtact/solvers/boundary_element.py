@@ -5,22 +5,15 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Complex128, Float64
+from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
 from airtact.scene.panels import Panels, scene_panels
 from airtact.scene.scene import Scene, check_outside
 from airtact.scene.sources import Monopoles
 from airtact.solvers.boundary_field import BoundaryField
-from airtact.solvers.boundary_operator import (
-    ROWS_AT_ONCE,
-    DualSystem,
-    NearRule,
-    build_system,
-    incident,
-    refuse_too_large,
-    skin_rows,
-)
+from airtact.solvers.boundary_operator import assemble, dual_surface, heard, incident, refuse_too_large
+from airtact.solvers.boundary_pressure import NearRule
 from airtact.solvers.boundary_quadrature import place_nodes
 from airtact.solvers.gmres import gmres
 from airtact.solvers.problem import Solver, SolveReport
@@ -95,15 +88,15 @@ class BoundaryElement(Solver):
         nodes = place_nodes(self._panels(scene, sources))
         refuse_too_large(len(nodes.points), self.precision)
         clock.lap("panels")
-        system = build_system(nodes, scene.wavenumber, self.precision, self._near_rule())
+        surface = dual_surface(nodes, scene.wavenumber, self._near_rule(), self.precision)
+        matrix = assemble(surface)
         clock.lap("matrix")
-        work = system.matrix.dtype
-        rows, factors = _hearing_rows(system, sources)
-        right = incident(system, sources.positions, sources.strengths)
+        rows, factors = heard(surface, sources.positions, sources.strengths)
+        right = incident(surface, sources.positions, sources.strengths)
         clock.lap("right-hand sides")
         tolerance = self._tolerance()
-        direct = gmres(lambda v: system.matrix @ v, right.astype(work), tolerance)
-        transposed = gmres(lambda v: system.matrix.T @ v, rows.astype(work), tolerance)
+        direct = gmres(lambda v: matrix @ v, right.astype(matrix.dtype), tolerance)
+        transposed = gmres(lambda v: matrix.T @ v, rows.astype(matrix.dtype), tolerance)
         clock.lap("gmres")
         report = SolveReport(
             solver="BoundaryElement",
@@ -117,7 +110,7 @@ class BoundaryElement(Solver):
             citations=CITATIONS,
         )
         pressure, density = (result.solution.astype(np.complex128) for result in (direct, transposed))
-        field = BoundaryField(scene, sources, system, pressure, density, factors, report)
+        field = BoundaryField(scene, sources, surface, pressure, density, factors, report)
         estimate = float(field.error_at(_surrounding_points(scene, nodes.points)).max())
         clock.lap("estimate")
         return replace(field, report=replace(report, estimated_error=estimate))
@@ -158,20 +151,6 @@ def _refuse_unfit(scene: Scene, sources: Monopoles) -> None:
                 "SphereSeries for a single sphere."
             )
     check_outside(scene, sources.positions, "source")
-
-
-def _hearing_rows(
-    system: DualSystem, sources: Monopoles
-) -> tuple[Complex128[np.ndarray, "nodes sounds"], Float64[np.ndarray, "sources"]]:
-    """Right-hand sides of the transposed equation: how the skin's pressure is heard where the sources stand."""
-    total = np.zeros((len(system.nodes.points), sources.strengths.shape[1]), dtype=np.complex128)
-    factors = np.empty(len(sources.positions))
-    for start in range(0, len(factors), ROWS_AT_ONCE):
-        part = slice(start, start + ROWS_AT_ONCE)
-        found = skin_rows(system.nodes, sources.positions[part], system.wavenumber, system.near_rule)
-        factors[part] = found.factor
-        total += found.rows.T @ sources.strengths[part]
-    return total, factors
 
 
 def _surrounding_points(scene: Scene, points: Float64[np.ndarray, "nodes 3"]) -> Float64[np.ndarray, "around 3"]:

@@ -8,14 +8,13 @@ from jaxtyping import Bool, Complex128, Float64, Real
 from airtact.scene.panels import Panels, cut
 from airtact.scene.scene import Scene
 from airtact.scene.sources import Monopoles
-from airtact.solvers.boundary_operator import (
-    ROWS_AT_ONCE,
-    DualSystem,
+from airtact.solvers.boundary_operator import DualSurface
+from airtact.solvers.boundary_pressure import (
     double_layer_pressure,
+    is_outside,
     monopole_pressure,
     near_skin,
-    skin_rows,
-    winding,
+    project_contacts,
 )
 from airtact.solvers.boundary_quadrature import Nodes, find_near, place_nodes
 from airtact.solvers.problem import RadiatedField, Skin, SolveReport
@@ -31,7 +30,7 @@ class BoundaryField(RadiatedField):
     Attributes
     ----------
     scene, sources : what was solved.
-    system : the discrete equation.
+    surface : where and how the equation was written down.
     pressure : (M, S) direct solution: the pressure at the nodes [Pa].
     density : (M, S) transposed solution: the monopoles at the nodes that stand for the bodies' scattering.
     factors : (N,) 1 for sources off the skin, 2 for those on it, which speak with their image.
@@ -40,7 +39,7 @@ class BoundaryField(RadiatedField):
 
     scene: Scene
     sources: Monopoles
-    system: DualSystem
+    surface: DualSurface
     pressure: Complex128[np.ndarray, "nodes sounds"]
     density: Complex128[np.ndarray, "nodes sounds"]
     factors: Float64[np.ndarray, "sources"]
@@ -49,12 +48,12 @@ class BoundaryField(RadiatedField):
     @property
     def skin(self) -> Skin:
         """Pressure at the nodes of the skin, from the direct solution."""
-        nodes = self.system.nodes
+        nodes = self.surface.nodes
         return Skin(nodes.points, nodes.normals, nodes.weights, self.pressure)
 
     def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
         """Whether points (P, 3) lie outside the bodies or on their skin."""
-        return winding(self.system.nodes, points, self.system.near_rule) < 0.75
+        return is_outside(self.surface.nodes, points, self.surface.near_rule)
 
     def at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
         """Total pressure [Pa] at points (P, 3) for each of the S sounds; NaN inside the bodies.
@@ -63,7 +62,7 @@ class BoundaryField(RadiatedField):
         source near the skin, and the mean of both for the others, which makes A heard at B equal B heard at A.
         """
         points = np.ascontiguousarray(points, dtype=np.float64)
-        near = near_skin(self.system.nodes, points, self.system.near_rule.reach)
+        near = near_skin(self.surface.nodes, points, self.surface.near_rule.reach)
         outside = self.valid(points)
         out = np.full((len(points), self.density.shape[1]), np.nan, dtype=np.complex128)
         out[outside & near] = self._heard_near(points[outside & near])
@@ -72,7 +71,7 @@ class BoundaryField(RadiatedField):
 
     def _heard_away(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
         transposed = self._heard_from_density(points)
-        near = near_skin(self.system.nodes, self.sources.positions, self.system.near_rule.reach)
+        near = near_skin(self.surface.nodes, self.sources.positions, self.surface.near_rule.reach)
         away = ~(self.sources.strengths[near] != 0).any(axis=0)
         if away.any():
             transposed[:, away] = 0.5 * (transposed[:, away] + self.direct_at(points)[:, away])
@@ -93,22 +92,17 @@ class BoundaryField(RadiatedField):
 
     def direct_at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
         """Total pressure by the direct solution alone [Pa], at points (P, 3) outside the bodies."""
-        return self._heard_from_skin(self.system.nodes, self.pressure, points)
+        return self._heard_from_skin(self.surface.nodes, self.pressure, points)
 
     def _heard_from_skin(
         self, nodes: Nodes, pressure: Complex128[np.ndarray, "nodes sounds"], points: Real[np.ndarray, "points 3"]
     ) -> Complex128[np.ndarray, "points sounds"]:
         """Incident pressure plus the double layer of a pressure on the skin; twice that on the skin itself."""
-        system = self.system
+        surface = self.surface
+        points, contact = project_contacts(nodes, points)
         out = self._free(points, self.sources.strengths)
-        near = near_skin(nodes, points, system.near_rule.reach)
-        out[~near] += double_layer_pressure(points[~near], nodes, pressure, system.wavenumber, system.precision)
-        chosen = np.flatnonzero(near)
-        for start in range(0, len(chosen), ROWS_AT_ONCE):
-            part = chosen[start : start + ROWS_AT_ONCE]
-            found = skin_rows(nodes, points[part], system.wavenumber, system.near_rule)
-            out[part] = found.factor[:, None] * out[part] + found.rows @ pressure
-        return out
+        out += double_layer_pressure(points, nodes, pressure, surface.wavenumber, surface.near_rule, surface.precision)
+        return np.where(contact, 2, 1)[:, None] * out
 
     def _heard_near(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
         """Pressure on and near the skin.
@@ -119,9 +113,9 @@ class BoundaryField(RadiatedField):
         """
         if not len(points):
             return np.empty((0, self.pressure.shape[1]), dtype=np.complex128)
-        nodes = self.system.nodes
+        nodes = self.surface.nodes
         close = np.zeros(len(nodes.centres), dtype=bool)
-        close[find_near(nodes, points, self.system.near_rule.reach)[1]] = True
+        close[find_near(nodes, points, self.surface.near_rule.reach)[1]] = True
         pieces, _ = cut(nodes.six_nodes[close], np.full(int(close.sum()), 2))
         fine = place_nodes(Panels(pieces, np.zeros(len(pieces), dtype=np.int64)))
         fine_pressure = self._heard_from_skin(nodes, self.pressure, fine.points)
@@ -134,13 +128,13 @@ class BoundaryField(RadiatedField):
 
     def _heard_from_density(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
         """Total pressure by the transposed solution: right for beacons near the skin, heard away from it."""
-        system = self.system
-        places = np.concatenate([system.nodes.points, system.shifted])
+        surface = self.surface
+        places = np.concatenate([surface.nodes.points, surface.shifted])
         strengths = np.concatenate([self.density, -1j * self.density])
-        scattered = monopole_pressure(points, places, strengths, system.wavenumber, system.precision)
+        scattered = monopole_pressure(points, places, strengths, surface.wavenumber, surface.precision)
         return self._free(points, self.factors[:, None] * self.sources.strengths) + scattered
 
     def _free(
         self, points: Real[np.ndarray, "points 3"], strengths: Complex128[np.ndarray, "sources sounds"]
     ) -> Complex128[np.ndarray, "points sounds"]:
-        return monopole_pressure(points, self.sources.positions, strengths, self.system.wavenumber, "float64")
+        return monopole_pressure(points, self.sources.positions, strengths, self.surface.wavenumber, "float64")

@@ -1,0 +1,145 @@
+"""Layers of sound on curved panels, heard anywhere: far panels by their nodes, near ones by near integrals."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Complex, Complex128, Float64, Real
+from scipy.sparse import csr_array
+
+from airtact import _kernels
+from airtact.scene.panels import shape_functions
+from airtact.solvers.boundary_quadrature import Nodes, find_near, integrate_near
+
+CONTACT = 1e-2
+"""A point nearer to a panel than this share of the panel's radius is taken to lie on it."""
+
+ROWS_AT_ONCE = 512
+
+
+@dataclass(frozen=True)
+class NearRule:
+    """How panels near a point are integrated.
+
+    Attributes
+    ----------
+    reach : panels whose centre is within this many radii of a point count as near.
+    gauss_points : points along the angle and the radius before the stretching asks for more.
+    """
+
+    reach: float
+    gauss_points: tuple[int, int]
+
+
+def monopole_pressure(
+    points: Real[np.ndarray, "points 3"],
+    positions: Real[np.ndarray, "sources 3"],
+    strengths: Complex[np.ndarray, "sources sounds"],
+    wavenumber: complex,
+    precision: str,
+) -> Complex128[np.ndarray, "points sounds"]:
+    """Free-field pressure Σ_j s_j e^{ikr}/r at points [Pa]."""
+    out = np.empty((len(points), strengths.shape[1]), dtype=np.complex128)
+    getattr(_kernels, f"apply_monopoles_{precision}")(
+        np.ascontiguousarray(points, dtype=np.float64),
+        np.ascontiguousarray(positions, dtype=np.float64),
+        np.ascontiguousarray(strengths, dtype=np.complex128),
+        complex(wavenumber),
+        out,
+    )
+    return out
+
+
+def near_excess(
+    nodes: Nodes, points: Real[np.ndarray, "points 3"], wavenumber: complex, near_rule: NearRule
+) -> csr_array:
+    """Near integrals of the double layer less what the plain nodes give: a sparse (P, M) correction."""
+    pairs = find_near(nodes, points, near_rule.reach)
+    near = integrate_near(nodes, points, pairs, wavenumber, near_rule.gauss_points)
+    columns = near.columns
+    offset = nodes.points[columns] - points[near.target, None]
+    distance = np.linalg.norm(offset, axis=2)
+    safe = np.where(distance > 0, distance, 1)
+    slope = np.einsum("ejd,ejd->ej", offset, nodes.weighted_normals[columns]) / (4 * np.pi * safe**3)
+    plain = np.where(distance > 0, slope * (1j * wavenumber * safe - 1) * np.exp(1j * wavenumber * safe), 0)
+    first = np.searchsorted(near.target, np.arange(len(points) + 1)) * 6
+    return csr_array(((near.values - plain).ravel(), columns.ravel(), first), shape=(len(points), len(nodes.points)))
+
+
+def double_layer_pressure(
+    points: Real[np.ndarray, "points 3"],
+    nodes: Nodes,
+    pressure: Complex128[np.ndarray, "nodes sounds"],
+    wavenumber: complex,
+    near_rule: NearRule,
+    precision: str,
+) -> Complex128[np.ndarray, "points sounds"]:
+    """Double layer D[p] of a pressure on the skin, at points off the panels or exactly on them (principal value)."""
+    near = near_skin(nodes, points, near_rule.reach)
+    out = np.empty((len(points), pressure.shape[1]), dtype=np.complex128)
+    for chosen, kind in ((near, "float64"), (~near, precision)):
+        some = np.empty((int(chosen.sum()), pressure.shape[1]), dtype=np.complex128)
+        getattr(_kernels, f"apply_double_layer_{kind}")(
+            np.ascontiguousarray(points[chosen], dtype=np.float64),
+            nodes.points,
+            nodes.weighted_normals,
+            np.ascontiguousarray(pressure),
+            complex(wavenumber),
+            some,
+        )
+        out[chosen] = some
+    out[near] += near_excess(nodes, points[near], wavenumber, near_rule) @ pressure
+    return out
+
+
+def double_layer_heard(
+    points: Real[np.ndarray, "points 3"],
+    nodes: Nodes,
+    strengths: Complex128[np.ndarray, "points sounds"],
+    wavenumber: complex,
+    near_rule: NearRule,
+    precision: str,
+) -> Complex128[np.ndarray, "nodes sounds"]:
+    """Σ_i s_i D(x_i, y_j): how the pressure at each node is heard by points with weights."""
+    near = near_skin(nodes, points, near_rule.reach)
+    total = near_excess(nodes, points[near], wavenumber, near_rule).T @ strengths[near]
+    for chosen, kind in ((near, "float64"), (~near, precision)):
+        some = np.ascontiguousarray(points[chosen], dtype=np.float64)
+        weights = strengths[chosen]
+        for start in range(0, len(some), ROWS_AT_ONCE):
+            part = slice(start, start + ROWS_AT_ONCE)
+            shape = (len(some[part]), len(nodes.points))
+            rows = np.empty(shape, dtype=np.complex64 if kind == "float32" else np.complex128)
+            fill = getattr(_kernels, f"double_layer_matrix_{kind}")
+            fill(some[part], nodes.points, nodes.weighted_normals, complex(wavenumber), rows)
+            total = total + rows.T @ weights[part].astype(rows.dtype)
+    return total
+
+
+def project_contacts(
+    nodes: Nodes, points: Real[np.ndarray, "points 3"]
+) -> tuple[Float64[np.ndarray, "points 3"], Bool[np.ndarray, "points"]]:
+    """Put points that touch the skin exactly on their panel; says which those are."""
+    points = np.array(points, dtype=np.float64)
+    near = integrate_near(nodes, points, find_near(nodes, points, 1.0 + 2 * CONTACT), 0j, (1, 1))
+    touching = near.distance < CONTACT * nodes.radii[near.panel]
+    order = np.flatnonzero(touching)[np.argsort(-near.distance[touching])]
+    contact = np.zeros(len(points), dtype=bool)
+    contact[near.target[order]] = True
+    shape = shape_functions(near.foot[order])
+    points[near.target[order]] = np.einsum("en,end->ed", shape, nodes.six_nodes[near.panel[order]])
+    return points, contact
+
+
+def is_outside(nodes: Nodes, points: Real[np.ndarray, "points 3"], near_rule: NearRule) -> Bool[np.ndarray, "points"]:
+    """Whether points lie outside the skin or on it, from the solid angle that the skin fills as seen from them."""
+    points, contact = project_contacts(nodes, points)
+    ones = np.ones((len(nodes.points), 1), dtype=np.complex128)
+    filled = -double_layer_pressure(points, nodes, ones, 0j, near_rule, "float32")[:, 0]
+    return contact | (np.real(filled) < 0.5)
+
+
+def near_skin(nodes: Nodes, points: Real[np.ndarray, "points 3"], reach: float) -> Bool[np.ndarray, "points"]:
+    """Whether any panel's centre lies within ``reach`` of its radii from points (P, 3)."""
+    near = np.zeros(len(points), dtype=bool)
+    near[find_near(nodes, points, reach)[0]] = True
+    return near
