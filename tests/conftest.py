@@ -5,6 +5,6 @@ from hypothesis import settings
 from jaxtyping import install_import_hook
 
 mpl.use("Agg")
-install_import_hook("airtact", "beartype.beartype")
+install_import_hook("airtact", "checked_types.check")
 settings.register_profile("airtact", deadline=None, derandomize=True, max_examples=40)
 settings.load_profile("airtact")

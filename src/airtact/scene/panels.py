@@ -30,10 +30,12 @@ class Panels:
     ----------
     six_nodes : (T, 6, 3) corners 0, 1, 2 and mid-edge points 01, 12, 20 of each panel [m], outward.
     body : (T,) which obstacle each panel belongs to.
+    deviation : (T,) how far the panel lies from the true skin at most [m]; 0 where the panel is the skin.
     """
 
     six_nodes: SixNodes
     body: Int64[np.ndarray, "panels"]
+    deviation: Float64[np.ndarray, "panels"]
 
 
 def shape_functions(points: Real[np.ndarray, "points 2"]) -> Float64[np.ndarray, "points 6"]:
@@ -149,13 +151,23 @@ def _refined(
         samples = np.concatenate([panels, panels.mean(axis=1, keepdims=True)], axis=1)
         allowed = np.min([factor * tree.query(samples.reshape(-1, 3))[0] for tree, factor in trees], axis=0)
         allowed = allowed.reshape(len(panels), -1).min(axis=1)
+        if surface.primitive is not None:  # all panels beside a point, or those left whole would stand off the others
+            beside = longest_edges(panels) > allowed
+            panels[beside] = surface.primitive.project(panels[beside].reshape(-1, 3)).reshape(-1, 6, 3)
         large = longest_edges(panels) > np.maximum(LONGEST_TO_EQUILATERAL * smallest, allowed)
         if not large.any():
             return panels
-        panels, parents = cut(panels, np.where(large, 2, 1))
-        if surface.primitive is not None:
-            new = large[parents]
-            panels[new] = surface.primitive.project(panels[new].reshape(-1, 3)).reshape(-1, 6, 3)
+        panels, _ = cut(panels, np.where(large, 2, 1))
+
+
+def _deviation(panels: SixNodes, surface: Surface) -> Float64[np.ndarray, "panels"]:
+    """How far panels lie from the exact shape at their nodes, centre and the middles between them [m]."""
+    if surface.primitive is None:
+        return np.zeros(len(panels))
+    points = np.concatenate([np.eye(3), 1 - np.eye(3), 2 - np.eye(3), np.ones((1, 3)), 1 + 3 * np.eye(3)])
+    shape = shape_functions((points / points.sum(axis=1, keepdims=True))[:, 1:])
+    depth = surface.primitive.depth(np.einsum("qn,tnd->tqd", shape, panels).reshape(-1, 3))
+    return np.abs(depth).reshape(len(panels), -1).max(axis=1)
 
 
 def scene_panels(
@@ -178,4 +190,8 @@ def scene_panels(
     for index, surface in enumerate(surfaces):
         others = [np.empty((0, 3))] + [panels.reshape(-1, 3) for other, panels in enumerate(whole) if other != index]
         bodies.append(_refined(whole[index], surface, near, np.concatenate(others), smallest))
-    return Panels(np.concatenate(bodies), np.repeat(np.arange(len(bodies)), [len(body) for body in bodies]))
+    return Panels(
+        six_nodes=np.concatenate(bodies),
+        body=np.repeat(np.arange(len(bodies)), [len(body) for body in bodies]),
+        deviation=np.concatenate([_deviation(body, surface) for body, surface in zip(bodies, surfaces, strict=True)]),
+    )

@@ -116,12 +116,14 @@ class BoundaryField(RadiatedField):
         nodes = self.surface.nodes
         close = np.zeros(len(nodes.centres), dtype=bool)
         close[find_near(nodes, points, self.surface.near_rule.reach)[1]] = True
-        pieces, _ = cut(nodes.six_nodes[close], np.full(int(close.sum()), 2))
-        fine = place_nodes(Panels(pieces, np.zeros(len(pieces), dtype=np.int64)))
+        pieces, parents = cut(nodes.six_nodes[close], np.full(int(close.sum()), 2))
+        contact = nodes.contact[close][parents]
+        fine = place_nodes(Panels(pieces, np.zeros(len(pieces), dtype=np.int64), contact))
         fine_pressure = self._heard_from_skin(nodes, self.pressure, fine.points)
         mixed = np.concatenate([nodes.six_nodes[~close], pieces])
+        contact = np.concatenate([nodes.contact[~close], contact])
         return self._heard_from_skin(
-            place_nodes(Panels(mixed, np.zeros(len(mixed), dtype=np.int64))),
+            place_nodes(Panels(mixed, np.zeros(len(mixed), dtype=np.int64), contact)),
             np.concatenate([self.pressure[np.repeat(~close, 6)], fine_pressure]),
             points,
         )

@@ -10,9 +10,6 @@ from airtact import _kernels
 from airtact.scene.panels import shape_functions
 from airtact.solvers.boundary_quadrature import Nodes, find_near, integrate_near
 
-CONTACT = 1e-2
-"""A point nearer to a panel than this share of the panel's radius is taken to lie on it."""
-
 ROWS_AT_ONCE = 512
 
 
@@ -120,8 +117,8 @@ def project_contacts(
 ) -> tuple[Float64[np.ndarray, "points 3"], Bool[np.ndarray, "points"]]:
     """Put points that touch the skin exactly on their panel; says which those are."""
     points = np.array(points, dtype=np.float64)
-    near = integrate_near(nodes, points, find_near(nodes, points, 1.0 + 2 * CONTACT), 0j, (1, 1))
-    touching = near.distance < CONTACT * nodes.radii[near.panel]
+    near = integrate_near(nodes, points, find_near(nodes, points, 1.1), 0j, (1, 1))
+    touching = near.distance < nodes.contact[near.panel]
     order = np.flatnonzero(touching)[np.argsort(-near.distance[touching])]
     contact = np.zeros(len(points), dtype=bool)
     contact[near.target[order]] = True

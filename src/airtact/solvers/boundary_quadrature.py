@@ -26,6 +26,9 @@ def _degree_four_rule() -> tuple[Float64[np.ndarray, "6 2"], Float64[np.ndarray,
     return np.array(points), np.array(weights)
 
 
+CONTACT = 1e-3
+"""A point nearer to a panel than this share of the panel's radius is taken to lie on it."""
+
 RULE_POINTS, RULE_WEIGHTS = _degree_four_rule()
 
 
@@ -50,6 +53,7 @@ class Nodes:
     weights : (M,) area that each node stands for [m²].
     body : (M,) obstacle of each node.
     six_nodes : (T, 6, 3) the panels [m].
+    contact : (T,) points nearer to the panel than this are taken to lie on it [m].
     centres : (T, 3) the panels' centres [m].
     radii : (T,) distance from the centre to the farthest of the six nodes [m].
     """
@@ -59,6 +63,7 @@ class Nodes:
     weights: Float64[np.ndarray, "nodes"]
     body: Int64[np.ndarray, "nodes"]
     six_nodes: Float64[np.ndarray, "panels 6 3"]
+    contact: Float64[np.ndarray, "panels"]
     centres: Float64[np.ndarray, "panels 3"]
     radii: Float64[np.ndarray, "panels"]
 
@@ -78,14 +83,16 @@ def place_nodes(panels: Panels) -> Nodes:
     )
     size = np.linalg.norm(cross, axis=2)
     centres = shape_functions(np.full((1, 2), 1 / 3))[0] @ panels.six_nodes
+    radii = np.linalg.norm(panels.six_nodes - centres[:, None], axis=2).max(axis=1)
     return Nodes(
         points=points.reshape(-1, 3),
         normals=(cross / size[:, :, None]).reshape(-1, 3),
         weights=(size * RULE_WEIGHTS).ravel(),
         body=np.repeat(panels.body, 6),
         six_nodes=np.ascontiguousarray(panels.six_nodes),
+        contact=np.maximum(CONTACT * radii, 1.5 * panels.deviation),
         centres=np.ascontiguousarray(centres),
-        radii=np.linalg.norm(panels.six_nodes - centres[:, None], axis=2).max(axis=1),
+        radii=radii,
     )
 
 
