@@ -61,3 +61,8 @@ def test_a_gap_is_above_zero(gap):
 def test_foci_stay_in_the_gap(offset, said):
     with pytest.raises(InvalidInput, match=f"foci {said} off the pads do not lie in the gap of 12 mm"):
         pinch().foci(offset)
+
+
+def test_a_gap_in_millimetres_is_asked_about():
+    with pytest.raises(InvalidInput, match=r"gap is 12 m, but it must lie between 0 and 0.2 m: is it in millimetres\?"):
+        pinch(gap=12)

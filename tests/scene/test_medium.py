@@ -127,3 +127,16 @@ def test_a_frequency_must_be_above_zero(frequency):
 def test_air_outside_its_formulas_is_refused(celsius, humidity, sentence):
     with pytest.raises(InvalidInput, match=sentence):
         air(celsius, humidity)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ((0.343, 1.2), r"sound speed is 0.343 m/s, but it must lie between 100 and 10000 m/s: is it in km/s\?"),
+        ((34300, 1.2), "sound speed is 34300 m/s"),
+        ((343, 0.0012), r"density is 0.0012 kg/m³, but it must lie between 0.01 and 30000 kg/m³: is it in g/cm³\?"),
+    ],
+)
+def test_fluids_in_other_units_are_asked_about(arguments, sentence):
+    with pytest.raises(InvalidInput, match=sentence):
+        Medium(*arguments)

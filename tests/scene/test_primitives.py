@@ -141,3 +141,10 @@ def test_faults_are_refused(make, sentence):
 def test_a_point_has_three_numbers():
     with pytest.raises(InvalidInput, match=r"capsule end has shape \(2,\)"):
         capsule((0, 0, 0), (1, 2), 0.01, 0.01)
+
+
+def test_a_body_in_millimetres_is_asked_about():
+    with pytest.raises(InvalidInput, match=r"spans 16 m, more than 2 m: is this in millimetres\?"):
+        sphere(8.0, 2.5)
+    with pytest.raises(InvalidInput, match=r"spans 60 m, more than 2 m: is this in millimetres\?"):
+        capsule((0, 0, 0), (0, 0, 44), radius=8, edge=0.0025)

@@ -1,14 +1,18 @@
 import math
+import re
 
 import numpy as np
 import pytest
 from meshes import box_mesh, torus_mesh
 
 from airtact.conventions import InvalidInput
-from airtact.scene.geometry import Surface
+from airtact.scene.geometry import Pose, Surface
+from airtact.scene.hand import pinch
 from airtact.scene.medium import Medium, air
 from airtact.scene.primitives import sphere
-from airtact.scene.scene import Obstacle, Scene, check_outside, filled, impedance, sound_hard
+from airtact.scene.scene import Obstacle, Scene, check_outside, check_sources, filled, impedance, sound_hard
+from airtact.scene.sources import Monopoles
+from airtact.scene.target import Target
 
 AIR = Medium(sound_speed=343.1, density=1.293)
 WATER = Medium(sound_speed=1481.0, density=999.7)
@@ -71,7 +75,7 @@ def test_points_inside_a_mesh_are_refused():
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_points_that_are_not_finite_are_refused(ball, value):
-    with pytest.raises(InvalidInput, match=r"focus points hold 1 NaN or infinite values, the first at index \[0, 2\]"):
+    with pytest.raises(InvalidInput, match=r"focus points hold 1 NaN or infinite value, the first at index \[0, 2\]"):
         check_outside(Scene(AIR, [sound_hard(ball)]), np.array([[0.0, 0.0, value]]), "focus")
 
 
@@ -118,3 +122,82 @@ def test_a_boundary_takes_what_it_needs_and_no_more(ball, arguments, sentence):
     boundary, ratio, medium = arguments
     with pytest.raises(InvalidInput, match=sentence):
         Obstacle(ball, boundary, ratio, medium)
+
+
+@pytest.mark.usefixtures("as_outside_the_tests")
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda ball: Scene(AIR, [ball]), "obstacle 0 is a bare Surface; wrap it: sound_hard(surface)."),
+        (lambda ball: Scene(AIR, sound_hard(ball)), "the obstacles of a scene are 1 Obstacle by itself; put it into a"),
+        (lambda ball: Scene(AIR, ball), "the obstacles of a scene are a Surface, but they must be a list with 0 or"),
+        (lambda ball: Scene(AIR, None), "the obstacles of a scene are a NoneType, but they must be a list with 0"),
+        (
+            lambda ball: Scene(AIR, [sound_hard(ball), 3]),
+            "obstacle 1 is 3, but it must be an Obstacle: give sound_hard(",
+        ),
+        (lambda ball: Scene(343.0, []), "the medium of a scene is 343.0, but it must be a Medium: give air() or"),
+        (
+            lambda ball: Scene(Medium, []),
+            "the medium of a scene is the class Medium, but it must be a Medium: give air",
+        ),
+        (lambda ball: Scene(AIR, [], "40e3"), "frequency is '40e3', but it must be one real number, in Hz."),
+        (lambda ball: Scene(AIR, [], None), "frequency is a NoneType, but it must be one real number, in Hz."),
+        (lambda ball: sound_hard(pinch()), "an obstacle's surface is a Pinch, but it must be a Surface: give one Surf"),
+        (lambda ball: sound_hard(ball.vertices), "an obstacle's surface is an array of shape (127, 3), but it must be"),
+        (lambda ball: filled(ball, 999.7), "what fills an obstacle is 999.7, but it must be a Medium: give Medium("),
+        (lambda ball: impedance(ball, "soft"), "the impedance ratio is 'soft', but it must be one number, Z/(ρc)."),
+    ],
+)
+def test_a_scene_of_the_wrong_kinds_is_refused(ball, make, sentence):
+    with pytest.raises(InvalidInput, match="^" + re.escape(sentence)):
+        make(ball)
+
+
+@pytest.mark.usefixtures("as_outside_the_tests")
+def test_what_speaks_is_monopoles(ball):
+    scene, target = Scene(AIR, [sound_hard(ball)]), Target(np.array([[0.0, 0.0, 0.02]]))
+    with pytest.raises(InvalidInput, match=r"^what speaks in the scene is a Target, .*: give target.beacons\(\).$"):
+        check_sources(scene, target)
+    with pytest.raises(
+        InvalidInput, match=r"is an array of shape \(1, 3\), but .*: give Monopoles\(positions, strengths"
+    ):
+        check_sources(scene, target.points)
+    with pytest.raises(InvalidInput, match=r"^the scene is a list of length 1, but it must be a Scene: give Scene\("):
+        check_sources([scene], target.beacons())
+    check_sources(scene, target.beacons())
+
+
+def test_a_source_in_a_body_is_called_what_it_is(ball):
+    scene, inside = Scene(AIR, [sound_hard(ball)]), np.array([[0.0, 0.0, 0.02], [0.0, 0.0, 0.007]])
+    with pytest.raises(InvalidInput, match=r"^1 of 2 focus points lies inside a body: focus 1 at .* is 3 mm deep"):
+        check_sources(scene, Target(inside).beacons())
+    with pytest.raises(InvalidInput, match=r"^1 of 2 source points lies inside a body: source 1 at .* is 3 mm deep"):
+        check_sources(scene, Monopoles(inside, np.eye(2)))
+    with pytest.raises(InvalidInput, match=r"^a focus lies inside a body: focus 0 at .* is 3 mm deep"):
+        check_sources(scene, Target(inside[1:]).beacons())
+
+
+@pytest.mark.parametrize("frequency", [40.0, 999.0, 4e7])
+def test_a_frequency_in_kilohertz_is_asked_about(frequency):
+    with pytest.raises(InvalidInput, match=r"frequency is .* Hz, .*is it in kHz\?"):
+        Scene(AIR, [], frequency)
+
+
+def test_bodies_far_below_a_wavelength_are_asked_about():
+    with pytest.raises(InvalidInput, match=r"spans 2 mm, less than 1/50 of the wavelength of 343.1 mm at 1000 Hz: is"):
+        Scene(AIR, [sound_hard(sphere(0.001, 0.001))], 1e3)
+    assert Scene(AIR, [sound_hard(sphere(0.001, 0.001))], 4e3).obstacles
+    assert Scene(AIR, [sound_hard(sphere(d / 2, 0.01, centre=(d, 0, 0))) for d in (2e-3, 2e-2)], 1e3).obstacles
+
+
+def test_real_ratios_are_numbers_too(ball):
+    assert impedance(ball, 2.5).ratio == impedance(ball, 2.5 + 0j).ratio == 2.5
+    assert impedance(ball, 3).ratio == 3.0
+
+
+def test_a_scene_prints_in_a_line_or_two(ball):
+    printed = repr(Scene(AIR, [sound_hard(ball), impedance(ball.moved(Pose(np.eye(3), np.array([0.1, 0, 0]))), 2.0)]))
+    assert "vertices=float64 (127, 3)" in printed
+    assert len(printed) < 900
+    assert "\n" not in printed

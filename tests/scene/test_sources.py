@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from airtact.conventions import InvalidInput
-from airtact.scene.sources import Monopoles
+from airtact.scene.sources import Monopoles, check_off_sources
 
 
 def test_one_sound_is_kept_as_a_column():
@@ -40,3 +40,22 @@ def test_arrays_are_copied_and_locked():
 def test_faults_are_refused(positions, strengths, sentence):
     with pytest.raises(InvalidInput, match=sentence):
         Monopoles(positions, strengths)
+
+
+@pytest.mark.parametrize("step", [0.0, 5e-10])
+def test_a_point_on_a_source_is_refused(step):
+    sources = Monopoles(np.array([[0.0, 0.0, 0.1], [0.2, 0.0, 0.1]]), np.ones(2))
+    points = np.array([[0.0, 0.0, 0.0], [0.2, step, 0.1]])
+    with pytest.raises(InvalidInput, match=rf"^point 1 stands on source 1 \({1e3 * step:g} mm away\), where"):
+        check_off_sources(points, sources)
+
+
+def test_a_point_beside_a_source_passes():
+    check_off_sources(np.array([[0.0, 0.0, 2e-9]]), Monopoles(np.zeros((1, 3)), np.ones(1)))
+    check_off_sources(np.zeros((0, 3)), Monopoles(np.zeros((1, 3)), np.ones(1)))
+
+
+@pytest.mark.usefixtures("as_outside_the_tests")
+def test_strengths_are_numbers():
+    with pytest.raises(InvalidInput, match="monopole strengths are a list that holds other things than numbers"):
+        Monopoles(np.zeros((1, 3)), ["loud"])

@@ -11,7 +11,8 @@ from jaxtyping import Float64, Int64, Integer, Real
 from airtact.conventions import InvalidInput, Vector
 from airtact.scene.closest_point import SignedDistance, signed_distance
 from airtact.scene.crossings import self_crossings
-from airtact.scene.guards import fixed, place, points_of, refuse_not_finite
+from airtact.scene.guards import counted, fixed, place, points_of, real_numbers, refuse_not_finite
+from airtact.scene.printing import in_short
 from airtact.scene.topology import (
     cone_volumes,
     edge_twins,
@@ -51,9 +52,12 @@ class Pose:
     rotation: Real[np.ndarray, "3 3"]
     translation: Real[np.ndarray, "3"]
 
+    __repr__ = in_short
+
     def __post_init__(self) -> None:
         """Check both arrays and keep them read-only."""
-        rotation, translation = fixed(np.asarray(self.rotation)), fixed(np.asarray(self.translation))
+        rotation = real_numbers(self.rotation, "the pose's rotation")
+        translation = real_numbers(self.translation, "the pose's translation")
         if rotation.shape != (3, 3) or translation.shape != (3,):
             raise InvalidInput(
                 f"a pose has shapes {rotation.shape} and {translation.shape}, but it needs a rotation of shape "
@@ -200,33 +204,21 @@ class Surface:
 
     def __post_init__(self) -> None:
         """Check everything that is quick to check and keep read-only copies."""
-        vertices = points_of(np.asarray(self.vertices), "surface vertices")
+        vertices = points_of(self.vertices, "surface vertices")
         triangles = _triangles_of(self.triangles)
         refuse_bad_indices(len(vertices), triangles)
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "triangles", triangles)
-        self._refuse_wrong_size()
+        refuse_wrong_size(extent_of(self))
         refuse_degenerate(vertices, triangles)
         refuse_open(vertices, triangles)
         refuse_inside_out(vertices, triangles)
         if self.midpoints is not None:
-            midpoints = fixed(np.asarray(self.midpoints))
+            midpoints = real_numbers(self.midpoints, "surface midpoints")
             _refuse_bad_midpoints(midpoints, vertices, triangles)
             object.__setattr__(self, "midpoints", midpoints)
 
-    def _refuse_wrong_size(self) -> None:
-        used = self.corners.reshape(-1, 3)
-        extent = float(np.ptp(used, axis=0).max()) if self.primitive is None else self.primitive.extent
-        if extent > LARGEST * (1.0 + 1e-9):
-            raise InvalidInput(
-                f"the surface spans {extent:.4g} m, more than {LARGEST:g} m: is this in millimetres? Give metres, or "
-                "scale it by 1e-3."
-            )
-        if extent < SMALLEST * (1.0 - 1e-9):
-            raise InvalidInput(
-                f"the surface spans {extent * 1e3:.4g} mm, less than {SMALLEST * 1e3:g} mm: is this in millimetres "
-                "that were brought to metres twice? Check the scale."
-            )
+    __repr__ = in_short
 
     @cached_property
     def corners(self) -> Float64[np.ndarray, "triangles 3 3"]:
@@ -297,6 +289,42 @@ class Surface:
         return copy
 
 
+def extent_of(surface: Surface) -> float:
+    """Largest side of the upright box round a surface, or the largest distance within its exact shape [m].
+
+    Parameters
+    ----------
+    surface : the surface.
+    """
+    if surface.primitive is not None:
+        return surface.primitive.extent
+    return float(np.ptp(surface.corners.reshape(-1, 3), axis=0).max())
+
+
+def refuse_wrong_size(extent: float) -> None:
+    """Refuse bodies so large or small that they must be in another unit.
+
+    Parameters
+    ----------
+    extent : largest extent [m].
+
+    Raises
+    ------
+    InvalidInput
+        Over ``LARGEST`` or under ``SMALLEST``, asking whether it is in millimetres.
+    """
+    if extent > LARGEST * (1.0 + 1e-9):
+        raise InvalidInput(
+            f"the surface spans {extent:.4g} m, more than {LARGEST:g} m: is this in millimetres? Give metres, or "
+            "scale it by 1e-3."
+        )
+    if extent < SMALLEST * (1.0 - 1e-9):
+        raise InvalidInput(
+            f"the surface spans {extent * 1e3:.4g} mm, less than {SMALLEST * 1e3:g} mm: is this in millimetres "
+            "that were brought to metres twice? Check the scale."
+        )
+
+
 def _triangles_of(given: np.ndarray) -> Int64[np.ndarray, "triangles 3"]:
     array = np.asarray(given)
     if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
@@ -324,7 +352,8 @@ def _refuse_bad_midpoints(
     parted = np.flatnonzero(gap > 1e-9 * np.ptp(vertices, axis=0).max())
     if len(parted):
         raise InvalidInput(
-            f"{len(parted) // 2} edges have midpoints that their two triangles do not share, the first near "
+            f"{counted(len(parted) // 2, 'edge has a midpoint', 'edges have midpoints')} that the two triangles do not "
+            f"share, the first near "
             f"{place(flat[parted[0]])}, {gap[parted[0]] * 1e3:.3g} mm apart; the curved skin would be open there."
         )
     ends = vertices[triangles]

@@ -11,13 +11,16 @@ from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
 from airtact.scene.geometry import Surface
-from airtact.scene.guards import fixed, positive
+from airtact.scene.guards import fixed, number, within
 from airtact.scene.primitives import capsule
+from airtact.scene.printing import in_short
 
 RADIUS = 8e-3
 """Radius of a finger [m]."""
 LENGTH = 44e-3
 """Length of a finger's axis [m]."""
+WIDEST = 0.2
+"""Widest gap of a pinch [m]."""
 SPREAD = math.radians(20.0)
 """Angle between each finger and the vertical [rad]."""
 
@@ -39,6 +42,8 @@ class Pinch:
     normals: Float64[np.ndarray, "2 3"]
     gap: float
 
+    __repr__ = in_short
+
     def foci(self, offset: float = 0.5e-3) -> Float64[np.ndarray, "2 3"]:
         """One point (3,) [m] in front of each pad.
 
@@ -51,6 +56,7 @@ class Pinch:
         InvalidInput
             When the offset is negative or reaches the other finger.
         """
+        offset = number(offset, "the offset of the foci", "m")
         if not 0.0 <= offset < self.gap:
             raise InvalidInput(
                 f"foci {offset * 1e3:g} mm off the pads do not lie in the gap of {self.gap * 1e3:g} mm; give an offset "
@@ -64,20 +70,20 @@ def pinch(gap: float = 0.012, edge: float = 2.5e-3) -> Pinch:
 
     Parameters
     ----------
-    gap : distance of the two skins [m], above zero.
+    gap : distance of the two skins [m], above zero and at most 0.2.
     edge : longest edge of the triangles [m].
 
     Raises
     ------
     InvalidInput
-        When a length is not above zero.
+        When a length is not above zero, or the gap is wider than a hand.
 
     Examples
     --------
     >>> pinch(gap=0.012).pads.tolist()
     [[-0.006, 0.0, 0.0], [0.006, 0.0, 0.0]]
     """
-    gap = positive(gap, "gap", "m")
+    gap = within(gap, 0.0, WIDEST, "gap", "m", "is it in millimetres? Give metres.")
     side = np.array([-1.0, 1.0])
     tips = np.outer(side, [gap / 2.0 + RADIUS, 0.0, 0.0])
     roots = tips + LENGTH * np.stack([side * math.sin(SPREAD), np.zeros(2), np.full(2, -math.cos(SPREAD))], axis=1)

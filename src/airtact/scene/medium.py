@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import positive
+from airtact.scene.guards import number, positive, within
 
 _PASCAL = 101325.0  # one standard atmosphere, the reference pressure of ISO 9613-1
 _CARBON_DIOXIDE = 0.0004  # mole fraction, as in CIPM-2007
@@ -33,7 +33,8 @@ class Medium:
     Raises
     ------
     InvalidInput
-        When a number is not finite, zero or negative (absorption may be zero).
+        When a number is not finite, zero or negative (absorption may be zero), or no fluid has it: a speed outside 100
+        to 10000 m/s, a density outside 0.01 to 30000 kg/m³.
 
     Examples
     --------
@@ -48,9 +49,11 @@ class Medium:
 
     def __post_init__(self) -> None:
         """Check the three numbers."""
-        object.__setattr__(self, "sound_speed", positive(self.sound_speed, "sound speed", "m/s"))
-        object.__setattr__(self, "density", positive(self.density, "density", "kg/m³"))
-        absorption = float(self.absorption)
+        object.__setattr__(
+            self, "sound_speed", within(self.sound_speed, 1e2, 1e4, "sound speed", "m/s", "is it in km/s?")
+        )
+        object.__setattr__(self, "density", within(self.density, 1e-2, 3e4, "density", "kg/m³", "is it in g/cm³?"))
+        absorption = number(self.absorption, "absorption", "Np/m")
         if not math.isfinite(absorption) or absorption < 0.0:
             raise InvalidInput(f"absorption is {absorption:g} Np/m, but it must be finite and not negative.")
         object.__setattr__(self, "absorption", absorption)
@@ -97,6 +100,10 @@ def air(celsius: float = 20.0, humidity: float = 0.5, frequency: float = 40e3) -
     (344.0, 1.199)
     """
     frequency = positive(frequency, "frequency", "Hz")
+    celsius, humidity = (
+        number(celsius, "the air's temperature", "°C"),
+        number(humidity, "relative humidity", "parts of 1"),
+    )
     if not -20.0 <= celsius <= 50.0:
         raise InvalidInput(f"the air's temperature is {celsius:g} °C, but the formulas hold from -20 to 50 °C.")
     if not 0.0 <= humidity <= 1.0:

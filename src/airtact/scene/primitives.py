@@ -7,8 +7,9 @@ import numpy as np
 from jaxtyping import Float64, Int64, Real
 
 from airtact.conventions import InvalidInput, Vector
-from airtact.scene.geometry import Pose, Surface
-from airtact.scene.guards import positive, refuse_not_finite
+from airtact.scene.geometry import Pose, Surface, refuse_wrong_size
+from airtact.scene.guards import number, positive, real_numbers, refuse_not_finite
+from airtact.scene.printing import in_short
 
 _SECTORS = 5  # triangles round a pole; five keep every angle above 30 degrees
 _MOST_RINGS = 400  # 1.6 million triangles: beyond it the edge is a slip of units
@@ -40,10 +41,12 @@ class Capsule:
     length: float
     pose: Pose
 
+    __repr__ = in_short
+
     def __post_init__(self) -> None:
         """Check the two lengths."""
         object.__setattr__(self, "radius", positive(self.radius, "radius", "m"))
-        length = float(self.length)
+        length = number(self.length, "the length of a capsule's axis", "m")
         if not math.isfinite(length) or length < 0.0:
             raise InvalidInput(f"a capsule's axis has length {length:g} m, but it must be finite and not negative.")
         object.__setattr__(self, "length", length)
@@ -106,9 +109,11 @@ class Capsule:
         Raises
         ------
         InvalidInput
-            When ``edge`` is not above zero, or so small that a cap would need more than 400 rings.
+            When ``edge`` is not above zero, or so small that a cap would need more than 400 rings, or the body is over
+            2 m or under 0.5 mm.
         """
         edge = positive(edge, "edge", "m")
+        refuse_wrong_size(self.extent)
         rings = max(2, math.ceil(1.6 * self.radius / edge)) if edge > self.radius / _MOST_RINGS else _MOST_RINGS + 1
         while rings <= _MOST_RINGS:
             vertices, triangles = _mesh(rings, self.length / self.radius)
@@ -179,7 +184,7 @@ def capsule(start: Vector, end: Vector, radius: float, edge: float) -> Surface:
 
 
 def _point(given: Vector, what: str) -> Float64[np.ndarray, "3"]:
-    point = np.array(given, dtype=np.float64)
+    point = real_numbers(np.asarray(given), what)
     if point.shape != (3,):
         raise InvalidInput(f"{what} has shape {point.shape}, but a point has shape (3,).")
     refuse_not_finite(point, what)

@@ -1,6 +1,6 @@
 """A scene: bodies in a medium at one frequency."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -8,13 +8,18 @@ import numpy as np
 from jaxtyping import Float64, Real
 
 from airtact.conventions import InvalidInput
-from airtact.scene.geometry import Surface
-from airtact.scene.guards import place, points_of, positive
+from airtact.scene.geometry import Surface, extent_of
+from airtact.scene.guards import check_frequency, of_kind, place, points_of
 from airtact.scene.medium import Medium
+from airtact.scene.sources import Monopoles
 from airtact.scene.surface_checks import check_apart, check_surface
+from airtact.scene.target import Beacons, Target
 
 CONTACT = 1e-9
 """Points up to this deep in a body stand on its skin [m]."""
+
+SMALLEST_SHARE = 1.0 / 50.0
+"""Share of a wavelength that at least one body must measure: smaller ones leave the sound as it is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +36,14 @@ class Obstacle:
 
     surface: Surface
     boundary: Literal["sound_hard", "impedance", "filled"]
-    ratio: complex | None = None
+    ratio: complex | float | None = None
     medium: Medium | None = None
 
     def __post_init__(self) -> None:
         """Check that the boundary has what it needs and no more."""
+        of_kind(
+            self.surface, Surface, "an obstacle's surface", "one Surface, such as sphere(...) or pinch().surfaces[0]"
+        )
         wanted = {"sound_hard": (False, False), "impedance": (True, False), "filled": (False, True)}
         if self.boundary not in wanted:
             raise InvalidInput(f"boundary is {self.boundary!r}, but it is one of {', '.join(wanted)}.")
@@ -45,8 +53,12 @@ class Obstacle:
                 f"an obstacle of boundary {self.boundary} has ratio {self.ratio} and medium {self.medium}, but an "
                 "impedance takes a ratio, a filled one a medium, and none takes both."
             )
+        if self.medium is not None:
+            of_kind(self.medium, Medium, "what fills an obstacle", "Medium(sound_speed, density)")
         if self.ratio is None:
             return
+        if not isinstance(self.ratio, complex | float | int | np.number):
+            raise InvalidInput(f"the impedance ratio is {self.ratio!r}, but it must be one number, Z/(ρc).")
         ratio = complex(self.ratio)
         if not np.isfinite(ratio) or ratio == 0.0 or ratio.real < 0.0:
             raise InvalidInput(
@@ -66,7 +78,7 @@ def sound_hard(surface: Surface) -> Obstacle:
     return Obstacle(surface, "sound_hard")
 
 
-def impedance(surface: Surface, ratio: complex) -> Obstacle:
+def impedance(surface: Surface, ratio: complex | float) -> Obstacle:
     """Build a body with a locally reacting skin: ∂p/∂n + (ik/ratio) p = 0, n outward.
 
     Parameters
@@ -101,12 +113,13 @@ class Scene:
     ----------
     medium : what sound travels in.
     obstacles : the bodies, which do not touch.
-    frequency : [Hz], above zero.
+    frequency : [Hz], 1 kHz to 1 MHz.
 
     Raises
     ------
     InvalidInput
-        When the frequency is not above zero, a surface crosses itself or two bodies overlap.
+        When the frequency is outside its range or so low that every body is under 1/50 of a wavelength, a surface
+        crosses itself, two bodies overlap, or something is of the wrong kind.
 
     Examples
     --------
@@ -120,11 +133,21 @@ class Scene:
 
     def __post_init__(self) -> None:
         """Check the frequency and the bodies."""
-        object.__setattr__(self, "frequency", positive(self.frequency, "frequency", "Hz"))
-        object.__setattr__(self, "obstacles", tuple(self.obstacles))
+        of_kind(self.medium, Medium, "the medium of a scene", "air() or Medium(sound_speed, density)")
+        object.__setattr__(self, "frequency", check_frequency(self.frequency))
+        object.__setattr__(self, "obstacles", _obstacles_of(self.obstacles))
+        self._refuse_far_too_small()
         for obstacle in self.obstacles:
             check_surface(obstacle.surface)
         check_apart([obstacle.surface for obstacle in self.obstacles])
+
+    def _refuse_far_too_small(self) -> None:
+        extent = max((extent_of(obstacle.surface) for obstacle in self.obstacles), default=np.inf)
+        if extent < SMALLEST_SHARE * self.wavelength:
+            raise InvalidInput(
+                f"the largest body spans {extent * 1e3:.3g} mm, less than 1/50 of the wavelength of "
+                f"{self.wavelength * 1e3:.4g} mm at {self.frequency:g} Hz: is the frequency in kHz? Give hertz."
+            )
 
     @property
     def wavenumber(self) -> complex:
@@ -163,12 +186,48 @@ def check_outside(scene: Scene, points: Real[np.ndarray, "points 3"], what: str)
     InvalidInput
         With how many lie inside, the deepest one and how deep it is.
     """
-    given = points_of(np.asarray(points), f"{what} points")
+    given = points_of(points, f"{what} points")
     depth = scene.depth(given)
     inside = np.flatnonzero(depth > CONTACT)
     if len(inside):
         deepest = int(depth.argmax())
+        several = f"{len(inside)} of {len(given)} {what} points {'lies' if len(inside) == 1 else 'lie'}"
         raise InvalidInput(
-            f"{len(inside)} of {len(given)} {what} points lie inside a body: {what} {deepest} at "
+            f"{several if len(given) > 1 else f'a {what} lies'} inside a body: {what} {deepest} at "
             f"{place(given[deepest])} is {depth[deepest] * 1e3:.3g} mm deep; move it out or the body away."
         )
+
+
+def check_sources(scene: Scene, sources: Monopoles) -> None:
+    """Refuse what a solver cannot radiate: things of the wrong kind, sources inside bodies.
+
+    Parameters
+    ----------
+    scene : the bodies.
+    sources : what speaks; those of ``Target.beacons`` are called foci.
+
+    Raises
+    ------
+    InvalidInput
+        If either is of another kind (a target instead of its beacons), or a source lies inside a body (how deep).
+    """
+    of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
+    beacons = "target.beacons()" if isinstance(sources, Target) else "Monopoles(positions, strengths)"
+    of_kind(sources, Monopoles, "what speaks in the scene", beacons)
+    check_outside(scene, sources.positions, "focus" if isinstance(sources, Beacons) else "source")
+
+
+def _obstacles_of(given: Sequence[Obstacle]) -> tuple[Obstacle, ...]:
+    if isinstance(given, Obstacle):
+        raise InvalidInput("the obstacles of a scene are 1 Obstacle by itself; put it into a list: [obstacle].")
+    if isinstance(given, Surface) or not isinstance(given, Iterable):
+        raise InvalidInput(
+            f"the obstacles of a scene are a {type(given).__name__}, but they must be a list with 0 or more of them: "
+            "[sound_hard(surface)]."
+        )
+    obstacles = tuple(given)
+    for index, obstacle in enumerate(obstacles):
+        if isinstance(obstacle, Surface):
+            raise InvalidInput(f"obstacle {index} is a bare Surface; wrap it: sound_hard(surface).")
+        of_kind(obstacle, Obstacle, f"obstacle {index}", "sound_hard(surface)")
+    return obstacles

@@ -3,10 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Num, Real
+from jaxtyping import Complex128, Num, Real
+from scipy.spatial import KDTree
 
 from airtact.conventions import InvalidInput
 from airtact.scene.guards import points_of, refuse_not_finite
+from airtact.scene.printing import in_short
+
+STANDS_ON = 1e-9
+"""A point nearer to a source than this stands on it [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,10 +41,12 @@ class Monopoles:
     positions: Real[np.ndarray, "points 3"]
     strengths: Num[np.ndarray, "points sounds"] | Num[np.ndarray, "points"]
 
+    __repr__ = in_short
+
     def __post_init__(self) -> None:
         """Check both arrays and keep them read-only."""
-        positions = points_of(np.asarray(self.positions), "monopole positions")
-        strengths = np.array(self.strengths, dtype=np.complex128)
+        positions = points_of(self.positions, "monopole positions")
+        strengths = _complex(self.strengths)
         if strengths.ndim == 1:
             strengths = strengths[:, None]
         if strengths.ndim != 2 or len(strengths) != len(positions):
@@ -53,3 +60,36 @@ class Monopoles:
         strengths.flags.writeable = False
         object.__setattr__(self, "positions", positions)
         object.__setattr__(self, "strengths", strengths)
+
+
+def _complex(given: Num[np.ndarray, "..."]) -> Complex128[np.ndarray, "..."]:
+    try:
+        return np.array(given, dtype=np.complex128)
+    except (TypeError, ValueError):
+        raise InvalidInput(
+            f"monopole strengths are a {type(given).__name__} that holds other things than numbers; give an array of "
+            "shape (number of positions,)."
+        ) from None
+
+
+def check_off_sources(points: Real[np.ndarray, "points 3"], sources: Monopoles) -> None:
+    """Refuse points that stand on a source, where the pressure is infinite.
+
+    Parameters
+    ----------
+    points : (P, 3) where to listen [m].
+    sources : the monopoles that speak.
+
+    Raises
+    ------
+    InvalidInput
+        If a point is nearer than ``STANDS_ON`` to a source: which, which source, how near.
+    """
+    distance, source = (np.asarray(found) for found in KDTree(sources.positions).query(points))
+    near = np.flatnonzero(distance < STANDS_ON)
+    if len(near):
+        first = int(near[0])
+        raise InvalidInput(
+            f"point {first} stands on source {int(source[first])} ({1e3 * distance[first]:g} mm away), where the "
+            "pressure is infinite; move it off."
+        )

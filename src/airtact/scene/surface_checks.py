@@ -9,7 +9,7 @@ from airtact.conventions import InvalidInput
 from airtact.scene.closest_point import segment_distances
 from airtact.scene.crossings import crossings_between, segment_triangle_distances
 from airtact.scene.geometry import Surface
-from airtact.scene.guards import place
+from airtact.scene.guards import counted, place
 from airtact.scene.primitives import Capsule
 from airtact.scene.topology import shells
 
@@ -32,8 +32,9 @@ def check_surface(surface: Surface) -> None:
     pairs = surface.crossings
     if len(pairs):
         first = pairs[0]
+        meet = counted(len(pairs), "pair of triangles meets", "pairs of triangles meet")
         raise InvalidInput(
-            f"the surface crosses itself: {len(pairs)} pairs of triangles meet, the first are triangles "
+            f"the surface crosses itself: {meet}, the first are triangles "
             f"{int(first[0])} and {int(first[1])} near {place(surface.corners[first].mean(axis=(0, 1)))}; repair it."
         )
 
@@ -88,7 +89,8 @@ def _capsule_and_mesh(rod: Capsule, mesh: Surface) -> str | None:
 def _meshes(one: Surface, two: Surface) -> str | None:
     pairs = crossings_between(one.corners, two.corners)
     if len(pairs):
-        return f"{len(pairs)} pairs of triangles meet, the first near {place(one.corners[pairs[0, 0]].mean(axis=0))}"
+        meet = counted(len(pairs), "pair of triangles meets", "pairs of triangles meet")
+        return f"{meet}, the first near {place(one.corners[pairs[0, 0]].mean(axis=0))}"
     for inner, outer in ((one, two), (two, one)):
         seeds = inner.corners[np.unique(shells(inner.triangles), return_index=True)[1], 0]
         depth = outer.depth(seeds)

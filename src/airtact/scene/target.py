@@ -6,8 +6,17 @@ import numpy as np
 from jaxtyping import Float64, Real
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import fixed, points_of, refuse_not_finite
+from airtact.scene.guards import counted, fixed, place, points_of, real_numbers, refuse_not_finite
+from airtact.scene.printing import in_short
 from airtact.scene.sources import Monopoles
+
+FARTHEST = 2.0
+"""Farthest that a focus may be from the origin of the obstacles' frame [m], the largest extent of a body."""
+
+
+@dataclass(frozen=True, eq=False)
+class Beacons(Monopoles):
+    """The imagined sources of a target, one in each focus, so that a refusal can call them foci."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +37,8 @@ class Target:
     points: Float64[np.ndarray, "foci 3"]
     pressures: Float64[np.ndarray, "foci"] | None
 
+    __repr__ = in_short
+
     def __init__(
         self, points: Real[np.ndarray, "foci 3"], pressures: Real[np.ndarray, "foci"] | float | int | None = None
     ) -> None:
@@ -41,18 +52,26 @@ class Target:
         Raises
         ------
         InvalidInput
-            No points, NaN or infinity, a negative pressure, no pressure above zero, or not one pressure per focus.
+            No points, NaN or infinity, a point over 2 m from the origin, a negative pressure, no pressure above zero,
+            or not one pressure per focus.
         """
-        object.__setattr__(self, "points", points_of(np.asarray(points), "target points"))
+        object.__setattr__(self, "points", points_of(points, "target points"))
+        away = np.linalg.norm(self.points, axis=1)
+        worst = int(away.argmax())
+        if away[worst] > FARTHEST:
+            raise InvalidInput(
+                f"focus {worst} at {place(self.points[worst])} is {away[worst]:.4g} m from the origin of "
+                f"the obstacles' frame, more than {FARTHEST:g} m: is this in millimetres? Give metres."
+            )
         object.__setattr__(self, "pressures", None if pressures is None else self._wanted(pressures))
 
     def _wanted(self, pressures: Real[np.ndarray, "..."] | float | int) -> Float64[np.ndarray, "foci"]:
-        given = np.asarray(pressures, dtype=np.float64)
+        given = real_numbers(np.asarray(pressures), "target pressures")
         refuse_not_finite(given, "target pressures")
         if given.ndim != 0 and given.shape != (len(self.points),):
             raise InvalidInput(
-                f"target pressures have shape {given.shape}, but there are {len(self.points)} foci; give one number or "
-                f"({len(self.points)},)."
+                f"target pressures have shape {given.shape}, but the target has "
+                f"{counted(len(self.points), 'focus', 'foci')}; give one number or ({len(self.points)},)."
             )
         if given.min() < 0.0:
             raise InvalidInput(f"a target pressure is {given.min():g} Pa, but peak pressures are not negative.")
@@ -62,4 +81,4 @@ class Target:
 
     def beacons(self) -> Monopoles:
         """One imagined source of 1 Pa·m in every focus, each its own sound: strengths are the identity (F, F)."""
-        return Monopoles(self.points, np.eye(len(self.points), dtype=np.complex128))
+        return Beacons(self.points, np.eye(len(self.points), dtype=np.complex128))

@@ -6,7 +6,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import place
+from airtact.scene.guards import counted, place
 
 THINNEST = 1e-6
 """A triangle whose height is below this share of its longest edge counts as degenerate."""
@@ -57,7 +57,8 @@ def refuse_bad_indices(count: int, triangles: Int[np.ndarray, "triangles 3"]) ->
     if wrong.any():
         first = np.argwhere(wrong)[0]
         raise InvalidInput(
-            f"{int(wrong.any(axis=1).sum())} triangles name vertices that do not exist: triangle {int(first[0])} names "
+            f"{counted(int(wrong.any(axis=1).sum()), 'triangle names', 'triangles name')} vertices that do not exist: "
+            f"triangle {int(first[0])} names "
             f"{int(triangles[tuple(first)])}, but indices run from 0 to {count - 1}."
         )
 
@@ -81,8 +82,9 @@ def refuse_degenerate(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[n
     twice_area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
     thin = np.flatnonzero(twice_area <= THINNEST * longest**2)
     if len(thin):
+        many = counted(len(thin), "triangle is", "triangles are")
         raise InvalidInput(
-            f"{len(thin)} triangles are degenerate (no area), the first is triangle {int(thin[0])} near "
+            f"{many} degenerate (no area), the first is triangle {int(thin[0])} near "
             f"{place(corners[thin[0]].mean(axis=0))}; remove them or merge their vertices."
         )
 
@@ -101,9 +103,13 @@ def refuse_open(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[np.ndar
         With the number of edges that do not have exactly one neighbour that runs the other way, and where.
     """
     twins = edge_twins(triangles)
-    for code, fault in (
-        (-2, "edges are run in one direction by more than one triangle (neighbours turned opposite ways, or a fin)"),
-        (-1, "edges have a triangle on one side only, so the surface is open"),
+    for code, (one, many), fault in (
+        (
+            -2,
+            ("is", "are"),
+            "run in one direction by more than one triangle (neighbours turned opposite ways, or a fin)",
+        ),
+        (-1, ("has", "have"), "a triangle on one side only, so the surface is open"),
     ):
         found = np.argwhere(twins == code)
         if len(found):
@@ -111,7 +117,8 @@ def refuse_open(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[np.ndar
             ends = np.stack([triangles[triangle, edge], triangles[triangle, (edge + 1) % 3]], axis=1)
             count = len(np.unique(np.sort(ends, axis=1), axis=0))
             where = place(vertices[ends[0]].mean(axis=0))
-            raise InvalidInput(f"{count} {fault}; the first is near {where}: repair the mesh.")
+            edges = counted(count, f"edge {one}", f"edges {many}")
+            raise InvalidInput(f"{edges} {fault}; the first is near {where}: repair the mesh.")
 
 
 def shells(triangles: Int[np.ndarray, "triangles 3"]) -> Int[np.ndarray, "triangles"]:
@@ -161,8 +168,12 @@ def refuse_inside_out(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[n
     inward = np.flatnonzero(volumes <= 0.0)
     if len(inward):
         first = int(np.flatnonzero(piece == inward[0])[0])
+        number = int(np.isin(piece, inward).sum())
+        where = place(corners[first].mean(axis=0))
+        encloses = f"encloses {volumes[inward[0]] * 1e6:.4g} cm³, near {where}"
+        if len(volumes) == 1:
+            raise InvalidInput(f"the surface is inside out (it {encloses}); turn its {number} triangles round.")
         raise InvalidInput(
-            f"{len(inward)} of {len(volumes)} closed pieces are inside out (the first encloses "
-            f"{volumes[inward[0]] * 1e6:.4g} cm³, near {place(corners[first].mean(axis=0))}); "
-            f"turn their {int(np.isin(piece, inward).sum())} triangles round."
+            f"{len(inward)} of {len(volumes)} closed pieces {'is' if len(inward) == 1 else 'are'} inside out (the "
+            f"first {encloses}); turn their {number} triangles round."
         )

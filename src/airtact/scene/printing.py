@@ -1,0 +1,37 @@
+"""One line for objects that hold arrays, so that printing a scene does not print every vertex."""
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+
+FEW = 9
+"""So many numbers are printed themselves: a rotation, three points."""
+
+
+def in_short(self: object) -> str:
+    """Say a dataclass in one line, its arrays by their shapes unless they are small; a class takes it by ``__repr__ = in_short``.
+
+    Parameters
+    ----------
+    self : an object of a dataclass.
+
+    Examples
+    --------
+    >>> from airtact.scene.sources import Monopoles
+    >>> Monopoles(np.zeros((2, 3)), np.ones(2))
+    Monopoles(positions=[[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]], strengths=[[(1+0j)], [(1+0j)]])
+    >>> Monopoles(np.zeros((20, 3)), np.eye(20))
+    Monopoles(positions=float64 (20, 3), strengths=complex128 (20, 20))
+    """
+    fields = dataclasses.fields(self) if dataclasses.is_dataclass(self) else ()
+    parts = [f"{field.name}={_short(getattr(self, field.name))}" for field in fields if field.repr]
+    return f"{type(self).__name__}({', '.join(parts)})"
+
+
+def _short(value: object) -> str:
+    if isinstance(value, np.ndarray):
+        return str(value.tolist()) if value.size <= FEW else f"{value.dtype} {value.shape}"
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key!r}: {_short(part)}" for key, part in value.items()) + "}"
+    return repr(value)
