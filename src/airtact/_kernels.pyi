@@ -18,10 +18,22 @@ def double_layer_matrix_float64(
     targets: np.ndarray, sources: np.ndarray, normals: np.ndarray, k: complex, out: np.ndarray
 ) -> None: ...
 def apply_double_layer_float32(
-    targets: np.ndarray, sources: np.ndarray, normals: np.ndarray, density: np.ndarray, k: complex, out: np.ndarray
+    targets: np.ndarray,
+    sources: np.ndarray,
+    normals: np.ndarray,
+    density: np.ndarray,
+    k: complex,
+    least: float,
+    out: np.ndarray,
 ) -> None: ...
 def apply_double_layer_float64(
-    targets: np.ndarray, sources: np.ndarray, normals: np.ndarray, density: np.ndarray, k: complex, out: np.ndarray
+    targets: np.ndarray,
+    sources: np.ndarray,
+    normals: np.ndarray,
+    density: np.ndarray,
+    k: complex,
+    least: float,
+    out: np.ndarray,
 ) -> None: ...
 def apply_monopoles_float32(
     targets: np.ndarray, sources: np.ndarray, strength: np.ndarray, k: complex, out: np.ndarray

@@ -54,12 +54,13 @@ inline void monopole_row(const Real *x, const Real *sx, const Real *sy, const Re
 
 template <class Real, bool Lossy>
 inline void double_layer_row(const Real *x, const Real *sx, const Real *sy, const Real *sz, const Real *nx,
-                             const Real *ny, const Real *nz, std::int64_t n, Wave<Real> k, Real *re, Real *im) {
+                             const Real *ny, const Real *nz, std::int64_t n, Wave<Real> k, Real least, Real *re,
+                             Real *im) {
 #pragma omp simd
     for (std::int64_t j = 0; j < n; j++) {
         const Real dx = sx[j] - x[0], dy = sy[j] - x[1], dz = sz[j] - x[2];
         const Real r2 = dx * dx + dy * dy + dz * dz;
-        const Real inverse = r2 > Real(0) ? Real(1) / std::sqrt(r2) : Real(0);
+        const Real inverse = r2 > least ? Real(1) / std::sqrt(r2) : Real(0);
         const Real r = r2 * inverse;
         Real s, c, g = (dx * nx[j] + dy * ny[j] + dz * nz[j]) * inverse * inverse * inverse * Real(1 / (4 * pi));
         if (Lossy) g *= decay(k.imag * r);
@@ -86,9 +87,10 @@ void dual_rows(const Planes<Real> &t, const Planes<Real> &t2, const Planes<Real>
         Real *o = reinterpret_cast<Real *>(out + i * m);
         for (std::int64_t j = 0; j < m; j += block) {
             const std::int64_t n = std::min(block, m - j);
-            double_layer_row<Real, Lossy>(x, y[0] + j, y[1] + j, y[2] + j, a[0] + j, a[1] + j, a[2] + j, n, k, re, im);
-            double_layer_row<Real, Lossy>(x2, y[0] + j, y[1] + j, y[2] + j, a[0] + j, a[1] + j, a[2] + j, n, k, re2,
-                                          im2);
+            double_layer_row<Real, Lossy>(x, y[0] + j, y[1] + j, y[2] + j, a[0] + j, a[1] + j, a[2] + j, n, k, Real(0), re,
+                                         im);
+            double_layer_row<Real, Lossy>(x2, y[0] + j, y[1] + j, y[2] + j, a[0] + j, a[1] + j, a[2] + j, n, k, Real(0),
+                                          re2, im2);
             for (std::int64_t l = 0; l < n; l++) {
                 o[2 * (j + l)] = -re[l] - im2[l];
                 o[2 * (j + l) + 1] = -im[l] + re2[l];
@@ -106,7 +108,8 @@ void double_layer_rows(const Planes<Real> &t, const Planes<Real> &y, const Plane
         const Real x[3] = {t[0][i], t[1][i], t[2][i]};
         for (std::int64_t j = 0; j < m; j += block) {
             const std::int64_t n = std::min(block, m - j);
-            double_layer_row<Real, Lossy>(x, y[0] + j, y[1] + j, y[2] + j, a[0] + j, a[1] + j, a[2] + j, n, k, re, im);
+            double_layer_row<Real, Lossy>(x, y[0] + j, y[1] + j, y[2] + j, a[0] + j, a[1] + j, a[2] + j, n, k, Real(0), re,
+                                         im);
             for (std::int64_t l = 0; l < n; l++) out[i * m + j + l] = {re[l], im[l]};
         }
     });
@@ -170,8 +173,9 @@ void double_layer_matrix(const double *targets, std::int64_t n, const double *so
 template <class Real>
 void apply_double_layer(const double *targets, std::int64_t n, const double *sources, const double *normals,
                         std::int64_t m, const std::complex<double> *density, std::int64_t sounds, Wavenumber k,
-                        std::complex<double> *out) {
+                        double least, std::complex<double> *out) {
     const double zero[3] = {0, 0, 0};
+    const Real least_squared = Real(least * least);
     const Origin origin(sources, m);
     const Planes<Real> t(targets, n, origin.at), y(sources, m, origin.at), a(normals, m, zero);
     const Wave<Real> wave(k);
@@ -180,10 +184,10 @@ void apply_double_layer(const double *targets, std::int64_t n, const double *sou
                        const Real x[3] = {t[0][i], t[1][i], t[2][i]};
                        if (k.imag > 0)
                            double_layer_row<Real, true>(x, y[0] + j, y[1] + j, y[2] + j, a[0] + j, a[1] + j, a[2] + j,
-                                                        count, wave, re, im);
+                                                        count, wave, least_squared, re, im);
                        else
                            double_layer_row<Real, false>(x, y[0] + j, y[1] + j, y[2] + j, a[0] + j, a[1] + j,
-                                                         a[2] + j, count, wave, re, im);
+                                                         a[2] + j, count, wave, least_squared, re, im);
                    });
 }
 
@@ -211,7 +215,7 @@ void apply_monopoles(const double *targets, std::int64_t n, const double *source
                                             std::int64_t, Wavenumber, std::complex<Real> *);                          \
     template void apply_double_layer<Real>(const double *, std::int64_t, const double *, const double *,              \
                                            std::int64_t, const std::complex<double> *, std::int64_t, Wavenumber,      \
-                                           std::complex<double> *);                                                   \
+                                           double, std::complex<double> *);                                                   \
     template void apply_monopoles<Real>(const double *, std::int64_t, const double *, std::int64_t,                   \
                                         const std::complex<double> *, std::int64_t, Wavenumber,                       \
                                         std::complex<double> *);

@@ -34,11 +34,11 @@ template <class Real>
 void double_layer_matrix(const double *targets, std::int64_t n, const double *sources, const double *normals,
                          std::int64_t m, Wavenumber k, std::complex<Real> *out);
 
-// out[i, s] = sum_j D(x_i, y_j) density[j, s]
+// out[i, s] = sum_j D(x_i, y_j) density[j, s], over the sources farther than `least`
 template <class Real>
 void apply_double_layer(const double *targets, std::int64_t n, const double *sources, const double *normals,
                         std::int64_t m, const std::complex<double> *density, std::int64_t sounds, Wavenumber k,
-                        std::complex<double> *out);
+                        double least, std::complex<double> *out);
 
 // out[i, s] = sum_j e^{ikr}/r strength[j, s]
 template <class Real>

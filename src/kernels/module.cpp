@@ -98,12 +98,13 @@ void layer_matrix(Points x, Points y, Points a, Complex k, Write<std::complex<Re
 }
 
 template <class Real>
-void layer(Points x, Points y, Points a, Read<Complex, -1, -1> density, Complex k, Write<Complex, -1, -1> out) {
+void layer(Points x, Points y, Points a, Read<Complex, -1, -1> density, Complex k, double least,
+           Write<Complex, -1, -1> out) {
     same(y.shape(0), a.shape(0)), same(density.shape(0), y.shape(0));
     same(out.shape(0), x.shape(0)), same(out.shape(1), density.shape(1));
     nb::gil_scoped_release release;
     far<Real>().apply_double_layer(x.data(), x.shape(0), y.data(), a.data(), y.shape(0), density.data(), density.shape(1),
-                             wave(k), out.data());
+                             wave(k), least, out.data());
 }
 
 template <class Real>

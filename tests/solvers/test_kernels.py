@@ -50,10 +50,13 @@ def test_double_layer_loops_equal_numpy(precision, kind, tolerance, wavenumber):
     getattr(_kernels, f"double_layer_matrix_{precision}")(points, sources, normals, wavenumber, single)
     density = np.random.default_rng(5).normal(size=(700, 3)) + 1j
     applied = np.empty((40, 3), np.complex128)
-    getattr(_kernels, f"apply_double_layer_{precision}")(points, sources, normals, density, wavenumber, applied)
+    getattr(_kernels, f"apply_double_layer_{precision}")(points, sources, normals, density, wavenumber, 0.0, applied)
     assert relative(single, first) < tolerance
     assert relative(dual, -first + 1j * second) < tolerance
     assert relative(applied, first @ density) < 3 * tolerance
+    far = np.linalg.norm(points[:, None] - sources[None], axis=2) > 0.02
+    getattr(_kernels, f"apply_double_layer_{precision}")(points, sources, normals, density, wavenumber, 0.02, applied)
+    assert relative(applied, np.where(far, first, 0) @ density) < 3 * tolerance
 
 
 @pytest.mark.parametrize("wavenumber", WAVENUMBERS)

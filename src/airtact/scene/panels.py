@@ -18,6 +18,9 @@ SixNodes = Float64[np.ndarray, "panels 6 3"]
 LONGEST_TO_EQUILATERAL = 1.2
 """Longest edge of a typical triangle over the edge of the equilateral triangle of the same area."""
 
+LONGEST_OF_A_FILE = 1.5
+"""The same for the uneven triangles of files, whose small ones make up for it."""
+
 LARGEST_TO_GAP = 3.0
 """Panels that face another body have edges of at most this many gaps."""
 
@@ -101,6 +104,26 @@ def _piece_references(count: int) -> Float64[np.ndarray, "pieces 6 2"]:
     return np.concatenate([corner, 0.5 * (corner + np.roll(corner, -1, axis=1))], axis=1)
 
 
+def _halved(panels: SixNodes, longest: float) -> Float64[np.ndarray, "pieces 6 3"]:
+    """Halve panels across their longest edge until none is longer than ``longest`` [m]."""
+    middle = [(0.5, 0.0), (0.5, 0.5), (0.0, 0.5)]
+    corners = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)]
+    shapes = []
+    for edge in range(3):
+        start, end, apex = (corners[(edge + step) % 3] for step in range(3))
+        halves = np.array([[start, middle[edge], apex], [middle[edge], end, apex]])
+        nodes = np.concatenate([halves, 0.5 * (halves + np.roll(halves, -1, axis=1))], axis=1)
+        shapes.append(shape_functions(nodes.reshape(-1, 2)).reshape(2, 6, 6))
+    done = []
+    while len(panels):
+        lengths = np.linalg.norm(panels[:, :3] - np.roll(panels[:, :3], -1, axis=1), axis=2)
+        large = lengths.max(axis=1) > longest
+        done.append(panels[~large])
+        halves = np.einsum("thna,tad->thnd", np.array(shapes)[lengths[large].argmax(axis=1)], panels[large])
+        panels = halves.reshape(-1, 6, 3)
+    return np.concatenate(done)
+
+
 def panelled(surface: Surface, edge: float) -> SixNodes:
     """Panels of a surface about as large as equilateral triangles of a given edge [m].
 
@@ -108,9 +131,7 @@ def panelled(surface: Surface, edge: float) -> SixNodes:
     other surface are kept and cut where they are too large, so a finer mesh than needed stays as fine as it is.
     """
     if surface.primitive is None:
-        panels = surface_panels(surface)
-        parts = np.ceil(longest_edges(panels) / (LONGEST_TO_EQUILATERAL * edge) - 1e-9)
-        return cut(panels, np.maximum(1, parts).astype(np.int64))[0]
+        return _halved(surface_panels(surface), LONGEST_OF_A_FILE * edge)
     wanted = surface.primitive.area / (np.sqrt(3) / 4 * edge**2)
     for stretch in (1.6, 1.5, 1.4, 1.3, 1.2, 1.1):
         mesh = surface.primitive.mesh(stretch * edge)

@@ -1,6 +1,7 @@
 """BoundaryElement: the sound of monopoles around rigid bodies, from the pressure on the bodies' skin alone."""
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -113,7 +114,8 @@ class BoundaryElement(Solver):
         field = BoundaryField(scene, sources, surface, pressure, density, factors, report)
         estimate = float(field.error_at(_surrounding_points(scene, nodes.points)).max())
         clock.lap("estimate")
-        return replace(field, report=replace(report, estimated_error=estimate))
+        warnings = tuple(_warnings(estimate, self.accuracy))
+        return replace(field, report=replace(report, estimated_error=estimate, warnings=warnings))
 
     def _panels(self, scene: Scene, sources: Monopoles) -> Panels:
         edge = scene.wavelength * np.sqrt(6 / self.nodes_per_square_wavelength * 4 / np.sqrt(3))
@@ -151,6 +153,14 @@ def _refuse_unfit(scene: Scene, sources: Monopoles) -> None:
                 "SphereSeries for a single sphere."
             )
     check_outside(scene, sources.positions, "source")
+
+
+def _warnings(estimate: float, accuracy: float) -> Iterator[str]:
+    if estimate > 1.5 * accuracy:
+        yield (
+            f"the direct solution is estimated to be {100 * estimate:.1f} % off, where {100 * accuracy:.1f} % was asked: "
+            "uneven triangles, a narrow gap, or a source on the skin (which the transposed solution bears better)"
+        )
 
 
 def _surrounding_points(scene: Scene, points: Float64[np.ndarray, "nodes 3"]) -> Float64[np.ndarray, "around 3"]:

@@ -47,9 +47,9 @@ def monopole_pressure(
 
 
 def near_excess(
-    nodes: Nodes, points: Real[np.ndarray, "points 3"], wavenumber: complex, near_rule: NearRule
+    nodes: Nodes, points: Real[np.ndarray, "points 3"], wavenumber: complex, near_rule: NearRule, least: float = 0.0
 ) -> csr_array:
-    """Near integrals of the double layer less what the plain nodes give: a sparse (P, M) correction."""
+    """Near integrals of the double layer less what the plain nodes farther than ``least`` give: a sparse (P, M)."""
     pairs = find_near(nodes, points, near_rule.reach)
     near = integrate_near(nodes, points, pairs, wavenumber, near_rule.gauss_points)
     columns = near.columns
@@ -57,7 +57,7 @@ def near_excess(
     distance = np.linalg.norm(offset, axis=2)
     safe = np.where(distance > 0, distance, 1)
     slope = np.einsum("ejd,ejd->ej", offset, nodes.weighted_normals[columns]) / (4 * np.pi * safe**3)
-    plain = np.where(distance > 0, slope * (1j * wavenumber * safe - 1) * np.exp(1j * wavenumber * safe), 0)
+    plain = np.where(distance > least, slope * (1j * wavenumber * safe - 1) * np.exp(1j * wavenumber * safe), 0)
     first = np.searchsorted(near.target, np.arange(len(points) + 1)) * 6
     return csr_array(((near.values - plain).ravel(), columns.ravel(), first), shape=(len(points), len(nodes.points)))
 
@@ -71,21 +71,29 @@ def double_layer_pressure(
     precision: str,
 ) -> Complex128[np.ndarray, "points sounds"]:
     """Double layer D[p] of a pressure on the skin, at points off the panels or exactly on them (principal value)."""
-    near = near_skin(nodes, points, near_rule.reach)
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    least, precision = _least_distance(nodes, near_rule, precision)
     out = np.empty((len(points), pressure.shape[1]), dtype=np.complex128)
-    for chosen, kind in ((near, "float64"), (~near, precision)):
-        some = np.empty((int(chosen.sum()), pressure.shape[1]), dtype=np.complex128)
-        getattr(_kernels, f"apply_double_layer_{kind}")(
-            np.ascontiguousarray(points[chosen], dtype=np.float64),
-            nodes.points,
-            nodes.weighted_normals,
-            np.ascontiguousarray(pressure),
-            complex(wavenumber),
-            some,
-        )
-        out[chosen] = some
-    out[near] += near_excess(nodes, points[near], wavenumber, near_rule) @ pressure
+    getattr(_kernels, f"apply_double_layer_{precision}")(
+        points,
+        nodes.points,
+        nodes.weighted_normals,
+        np.ascontiguousarray(pressure),
+        complex(wavenumber),
+        least,
+        out,
+    )
+    near = near_skin(nodes, points, near_rule.reach)
+    out[near] += near_excess(nodes, points[near], wavenumber, near_rule, least) @ pressure
     return out
+
+
+def _least_distance(nodes: Nodes, near_rule: NearRule, precision: str) -> tuple[float, str]:
+    """Distance below which float32 cannot tell a node's place, if panels so close are near ones; else float64."""
+    least = 1e-3 * float(np.abs(nodes.points - nodes.points.mean(axis=0)).max())
+    if precision == "float32" and least < 0.5 * (near_rule.reach - 1) * float(nodes.radii.min()):
+        return least, precision
+    return 0.0, "float64"
 
 
 def double_layer_heard(
@@ -130,9 +138,15 @@ def project_contacts(
 def is_outside(nodes: Nodes, points: Real[np.ndarray, "points 3"], near_rule: NearRule) -> Bool[np.ndarray, "points"]:
     """Whether points lie outside the skin or on it, from the solid angle that the skin fills as seen from them."""
     points, contact = project_contacts(nodes, points)
+    near = near_skin(nodes, points, near_rule.reach)
+    filled = np.empty((len(points), 1), dtype=np.complex128)
     ones = np.ones((len(nodes.points), 1), dtype=np.complex128)
-    filled = -double_layer_pressure(points, nodes, ones, 0j, near_rule, "float32")[:, 0]
-    return contact | (np.real(filled) < 0.5)
+    filled[near] = double_layer_pressure(points[near], nodes, ones, 0j, near_rule, "float32")
+    some = np.empty((int((~near).sum()), 1), dtype=np.complex128)
+    whole = nodes.weighted_normals.reshape(-1, 6, 3).sum(axis=1)  # a panel's own area will do where it is far
+    _kernels.apply_double_layer_float32(points[~near], nodes.centres, whole, ones[::6].copy(), 0j, 0.0, some)
+    filled[~near] = some
+    return contact | (np.real(filled[:, 0]) > -0.5)
 
 
 def near_skin(nodes: Nodes, points: Real[np.ndarray, "points 3"], reach: float) -> Bool[np.ndarray, "points"]:
