@@ -21,6 +21,9 @@ LONGEST_TO_EQUILATERAL = 1.2
 LONGEST_OF_A_FILE = 1.5
 """The same for the uneven triangles of files, whose small ones make up for it."""
 
+LARGEST_TO_POINT = 1.7
+"""Panels beside a point that asks for finer ones have edges of at most this many distances."""
+
 LARGEST_TO_GAP = 3.0
 """Panels that face another body have edges of at most this many gaps."""
 
@@ -167,7 +170,7 @@ def _refined(
     smallest: float,
 ) -> Float64[np.ndarray, "pieces 6 3"]:
     """Cut in four the panels larger than ``smallest`` and than points or other bodies near them allow."""
-    trees = [(KDTree(points), 1.0), (KDTree(others), LARGEST_TO_GAP)]
+    trees = [(KDTree(points), LARGEST_TO_POINT), (KDTree(others), LARGEST_TO_GAP)]
     while True:
         samples = np.concatenate([panels, panels.mean(axis=1, keepdims=True)], axis=1)
         allowed = np.min([factor * tree.query(samples.reshape(-1, 3))[0] for tree, factor in trees], axis=0)
@@ -203,7 +206,7 @@ def scene_panels(
     ----------
     surfaces : the bodies' skins.
     edge : edge of the equilateral triangle as large as the panels wanted [m].
-    near : (P, 3) points beside which panels are cut finer: at distance d the edge is at most d [m].
+    near : (P, 3) points beside which panels are cut finer [m].
     smallest : edge below which no panel is cut for a point's or another body's sake [m].
     """
     whole = [panelled(surface, edge) for surface in surfaces]

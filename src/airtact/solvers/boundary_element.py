@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Complex, Float64
 
 from airtact.conventions import InvalidInput
 from airtact.scene.panels import Panels, scene_panels
@@ -96,8 +96,8 @@ class BoundaryElement(Solver):
         right = incident(surface, sources.positions, sources.strengths)
         clock.lap("right-hand sides")
         tolerance = self._tolerance()
-        direct = gmres(lambda v: matrix @ v, right.astype(matrix.dtype), tolerance)
-        transposed = gmres(lambda v: matrix.T @ v, rows.astype(matrix.dtype), tolerance)
+        direct = gmres(lambda v: _times(matrix, v), right.astype(matrix.dtype), tolerance)
+        transposed = gmres(lambda v: _times(matrix.T, v), rows.astype(matrix.dtype), tolerance)
         clock.lap("gmres")
         report = SolveReport(
             solver="BoundaryElement",
@@ -155,10 +155,19 @@ def _refuse_unfit(scene: Scene, sources: Monopoles) -> None:
     check_outside(scene, sources.positions, "source")
 
 
+def _times(
+    matrix: Complex[np.ndarray, "nodes nodes"], vectors: Complex[np.ndarray, "nodes columns"]
+) -> Complex[np.ndarray, "nodes columns"]:
+    """Multiply by a matrix; for up to three columns one at a time is twice as fast in OpenBLAS as all at once."""
+    if vectors.shape[1] > 3:
+        return matrix @ vectors
+    return np.stack([matrix @ vector for vector in vectors.T], axis=1)
+
+
 def _warnings(estimate: float, accuracy: float) -> Iterator[str]:
     if estimate > 1.5 * accuracy:
         yield (
-            f"the direct solution is estimated to be {100 * estimate:.1f} % off, where {100 * accuracy:.1f} % was asked: "
+            f"the direct solution is estimated to be {100 * estimate:.1f} % off, and {100 * accuracy:.1f} % was asked: "
             "uneven triangles, a narrow gap, or a source on the skin (which the transposed solution bears better)"
         )
 
