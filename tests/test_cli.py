@@ -84,7 +84,7 @@ def test_render_tells_its_steps_and_what_the_foci_get(capsys, tmp_path):
     ("old", "new", "sentence"),
     [
         ("[medium]", "[medum]", "airtact: scene.toml: medum is not a key of a scene file; did you mean medium?"),
-        ("radius = 5e-3", "radius = 5.0", "needs more than 400 rings"),
+        ("radius = 5e-3", "radius = 5.0", "spans 10 m, more than 2 m: is this in millimetres?"),
         ("-5.5e-3", "-4.5e-3", "is 0.5 mm deep"),
         ("density = 1.293", "density = 0.0", "density is 0"),
         ("[medium]", "medium", "this is not TOML"),

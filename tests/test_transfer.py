@@ -219,5 +219,5 @@ def test_bad_matrices_and_drives_are_refused(make, number: str, monkeypatch: pyt
 
 def test_full_scale_allows_for_rounding_only() -> None:
     assert len(Drive(np.array([1.0 + 1e-10 + 0j]))) == 1
-    with pytest.raises(InvalidInput, match="1 elements are driven over full scale"):
+    with pytest.raises(InvalidInput, match="1 element is driven over full scale"):
         Drive(np.array([1.0 + 1e-8 + 0j]))

@@ -6,8 +6,9 @@ import numpy as np
 from jaxtyping import Complex128, Float64
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import refuse_not_finite
+from airtact.scene.guards import check_frequency, complex_numbers, counted, of_kind, refuse_not_finite
 from airtact.scene.medium import Medium
+from airtact.scene.printing import in_short
 from airtact.scene.target import Target
 from airtact.solvers.problem import RadiatedField
 from airtact.transducers.layout import PhasedArray
@@ -33,16 +34,18 @@ class Drive:
 
     amplitudes: Complex128[np.ndarray, "elements"]
 
+    __repr__ = in_short
+
     def __post_init__(self) -> None:
-        amplitudes = np.array(self.amplitudes, dtype=np.complex128)
+        amplitudes = complex_numbers(self.amplitudes, "the drive's amplitudes")
         if amplitudes.ndim != 1 or len(amplitudes) == 0:
             raise InvalidInput(f"a drive needs one amplitude per element, not an array of shape {amplitudes.shape}.")
         refuse_not_finite(amplitudes, "the drive's amplitudes")
         magnitude = np.abs(amplitudes)
         if magnitude.max() > FULL_SCALE:
+            count = counted(int(np.sum(magnitude > FULL_SCALE)), "element is", "elements are")
             raise InvalidInput(
-                f"{np.sum(magnitude > FULL_SCALE)} elements are driven over full scale, the loudest at "
-                f"{magnitude.max():.4g}: divide the drive by that."
+                f"{count} driven over full scale, the loudest at {magnitude.max():.4g}: divide the drive by that."
             )
         amplitudes.flags.writeable = False
         object.__setattr__(self, "amplitudes", amplitudes)
@@ -53,6 +56,22 @@ class Drive:
     def phase_only(self) -> "Drive":
         """Keep the phases, all at full scale; an element with amplitude 0 has no phase and stays silent."""
         return Drive(np.sign(self.amplitudes))
+
+
+def check_drive(drive: Drive, what: str) -> None:
+    """Refuse what is no drive, such as a frame.
+
+    Parameters
+    ----------
+    drive : what the caller gave.
+    what : its name, for the sentence.
+
+    Raises
+    ------
+    InvalidInput
+        Saying what to give instead.
+    """
+    of_kind(drive, Drive, what, "frame.drive()" if hasattr(drive, "drive") else "Drive(amplitudes)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +92,10 @@ class TransferMatrix:
     matrix: Complex128[np.ndarray, "foci elements"]
     estimated_error: float
 
+    __repr__ = in_short
+
     def __post_init__(self) -> None:
-        matrix = np.array(self.matrix, dtype=np.complex128)
+        matrix = complex_numbers(self.matrix, "the transfer matrix")
         if matrix.ndim != 2 or matrix.size == 0:
             raise InvalidInput(f"a transfer matrix has the shape (foci, elements), not {matrix.shape}.")
         refuse_not_finite(matrix, "the transfer matrix (focus, element)")
@@ -91,9 +112,11 @@ class TransferMatrix:
         InvalidInput
             If the drive is for another number of elements.
         """
+        check_drive(drive, "the drive")
         if len(drive) != self.matrix.shape[1]:
             raise InvalidInput(
-                f"a drive of {len(drive)} elements does not fit a transfer matrix of {self.matrix.shape[1]} elements."
+                f"a drive of {counted(len(drive), 'element', 'elements')} does not fit a transfer matrix of "
+                f"{counted(self.matrix.shape[1], 'element', 'elements')}."
             )
         return self.matrix @ drive.amplitudes
 
@@ -121,6 +144,8 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
         If the sources are not unit beacons, an element is inside a body, a focus or a body is behind the face of a
         directional element, or the field is not finite at an element.
     """
+    of_kind(beacons, RadiatedField, "the field of the beacons", "solver.radiate(scene, target.beacons())")
+    of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     sources = beacons.sources
     count = len(sources.positions)
     if sources.strengths.shape != (count, count) or not np.array_equal(sources.strengths, np.eye(count)):
@@ -160,7 +185,8 @@ def focus_by_distance(array: PhasedArray, target: Target, medium: Medium, freque
     Raises
     ------
     InvalidInput
-        If a focus is behind the face of a directional element.
+        If a focus is behind the face of a directional element, the frequency is outside 1 kHz to 1 MHz, or something is
+        of the wrong kind.
     """
     amplitudes = _by_distance(array, target, medium, frequency)
     return Drive(amplitudes / np.abs(amplitudes).max())
@@ -175,6 +201,10 @@ def _by_distance(
     array: PhasedArray, target: Target, medium: Medium, frequency: float
 ) -> Complex128[np.ndarray, "elements"]:
     """Sum over the foci e^{−ik r_ef} for every element."""
+    of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
+    of_kind(target, Target, "the target", "Target(points, pressures)")
+    of_kind(medium, Medium, "the medium", "air() or Medium(sound_speed, density)")
+    check_frequency(frequency)
     if array.element.directional:
         check_before_faces(array, target.points, "focus")
     distance = np.linalg.norm(array.positions[:, None, :] - target.points[None, :, :], axis=-1)

@@ -68,7 +68,7 @@ def test_a_map_is_linear_in_the_drive_and_not_a_number_inside_a_body() -> None:
 
 def test_drives_that_do_not_fit_are_refused() -> None:
     array = autd3_board()
-    with pytest.raises(InvalidInput, match="drive 0 is for 1 elements, and the array has 249"):
+    with pytest.raises(InvalidInput, match="drive 0 is for 1 element, and the array has 249"):
         field_map(Scene(AIR, []), array, FULL, FORWARD, solver=FreeField())
     with pytest.raises(InvalidInput, match="at least 1 drive to speak, not 0"):
         drive_sources(array, [])

@@ -50,5 +50,5 @@ def test_a_point_on_a_source_is_refused():
 
 def test_obstacles_are_refused():
     scene = Scene(AIR, [sound_hard(sphere(0.01, 0.005))])
-    with pytest.raises(InvalidInput, match=r"1 obstacle\(s\)"):
+    with pytest.raises(InvalidInput, match=r"1 obstacle;"):
         FreeField().radiate(scene, Monopoles(np.ones((1, 3)), np.ones(1)))

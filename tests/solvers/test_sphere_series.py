@@ -10,6 +10,7 @@ from airtact.scene.primitives import capsule, sphere
 from airtact.scene.scene import Obstacle, Scene, filled, impedance, sound_hard
 from airtact.scene.sources import Monopoles
 from airtact.solvers.free_field import unit_monopoles
+from airtact.solvers.sphere_modes import SphereModes
 from airtact.solvers.sphere_series import SphereSeries
 
 AIR = Medium(sound_speed=343.1, density=1.293)
@@ -80,16 +81,16 @@ def test_target_strengths_of_the_published_benchmark(row):
 
 def test_small_rigid_sphere_scatters_as_rayleigh_says():
     """Morse & Ingard, Theoretical Acoustics, 8.2: f = -(k²a³/3)(1 - 3/2 cos θ), cross section (7/9)π a² (ka)⁴."""
-    ka = 0.1
-    field = radiate(sound_hard(ball()), [[0.0, 0.0, -400.0]], frequency=frequency_of(ka))
+    ka, radius = 0.1, 0.003
+    field = radiate(sound_hard(ball(radius)), [[0.0, 0.0, -400.0]], frequency=frequency_of(ka, radius))
     cosine, weight = np.polynomial.legendre.leggauss(12)
     points = 200.0 * np.stack([np.sqrt(1.0 - cosine**2), 0.0 * cosine, cosine], axis=1)
     wavenumber = field.scene.wavenumber
     scattered = field.at(points) - unit_monopoles(points, field.sources.positions, wavenumber)
     amplitude = scattered[:, 0] / (np.exp(1j * wavenumber * (400.0 + 200.0)) / (400.0 * 200.0))
-    np.testing.assert_allclose(amplitude, -(ka**2 * 0.01 / 3.0) * (1.0 - 1.5 * cosine), atol=0.02 * ka**2 * 0.01)
+    np.testing.assert_allclose(amplitude, -(ka**2 * radius / 3.0) * (1.0 - 1.5 * cosine), atol=0.02 * ka**2 * radius)
     cross_section = 2.0 * np.pi * np.sum(weight * abs(amplitude) ** 2)
-    assert cross_section == pytest.approx(7.0 / 9.0 * np.pi * 0.01**2 * ka**4, rel=0.02)
+    assert cross_section == pytest.approx(7.0 / 9.0 * np.pi * radius**2 * ka**4, rel=0.02)
 
 
 def test_large_rigid_sphere_doubles_the_pressure_where_it_faces_the_source():
@@ -103,15 +104,16 @@ def test_large_rigid_sphere_doubles_the_pressure_where_it_faces_the_source():
 def test_static_limit_is_the_image_and_its_line():
     """Laplace: 1/R + (1/a) Σ n/(n+1) (a²/(r r0))^(n+1) P_n, summed here term by term."""
     radius, distance, angle, height = 0.01, 0.013, 0.9, 0.0115
-    field = radiate(sound_hard(ball(radius)), [[0.0, 0.0, distance]], frequency=1e-3)
-    point = height * np.array([[np.sin(angle), 0.0, np.cos(angle)]])
+    modes = SphereModes(radius, wavenumber=2e-5 + 0j)  # a thousandth of a hertz, far below what a scene takes
+    heights, distances, ones = np.array([height]), np.array([distance]), np.ones((1, 1))
+    found = modes.scattered(False, heights, distances, ones - np.cos(angle), ones)
     orders = np.arange(600)
     terms = orders / (orders + 1.0) / radius * (radius**2 / (height * distance)) ** (orders + 1.0)
-    wanted = np.polynomial.legendre.legval(np.cos(angle), terms) + 1.0 / np.linalg.norm(point - [0.0, 0.0, distance])
-    assert field.at(point)[0, 0].real == pytest.approx(wanted, rel=1e-8)
+    wanted = np.polynomial.legendre.legval(np.cos(angle), terms)
+    assert found[0, 0].real == pytest.approx(wanted, rel=1e-8)
 
 
-@pytest.mark.parametrize("ka", [0.1, 1.0, 4.4934095, 6.98793, 9.0, 22.0, 60.0])
+@pytest.mark.parametrize("ka", [0.2, 1.0, 4.4934095, 6.98793, 9.0, 22.0, 60.0])
 @pytest.mark.parametrize("off", [0.0, 1e-4, 5e-4, 0.02])
 def test_sound_hard_skin_has_no_normal_slope(ka, off):
     normals = directions(6, seed=3)
@@ -233,7 +235,7 @@ def test_water_is_almost_sound_hard():
         assert np.linalg.norm(water - hard) / np.linalg.norm(hard) == pytest.approx(measured, rel=0.1)
 
 
-@pytest.mark.parametrize("ka", [0.1, 7.3, 60.0])
+@pytest.mark.parametrize("ka", [0.2, 7.3, 60.0])
 def test_contact_is_the_limit_of_a_source_that_comes_near(ka):
     points = np.vstack([0.01 * directions(5), 0.0103 * directions(5, 1), 0.09 * directions(5, 2)])
     up = np.array([0.36, 0.48, 0.8])

@@ -140,7 +140,7 @@ POINT, UP = np.zeros((2, 3)), np.tile([0.0, 0.0, 1.0], (2, 1))
         (lambda: PhasedArray(POINT + [[0], [np.inf]], UP), "3 NaN or infinite"),
         (
             lambda: PhasedArray(POINT, UP * [[1.0], [0.0]]),
-            "normals of 1 elements have no direction, first that of element 1",
+            "normals of 1 element have no direction, first that of element 1",
         ),
         (lambda: PhasedArray(POINT, UP * np.nan), "normals of 2 elements"),
         (lambda: PhasedArray(POINT, UP, None, UP + [0.0, 1.0, 0.0]), "tangent of element 0 .* cosine is 0.707"),

@@ -8,11 +8,13 @@ from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
 from airtact.evaluation.metrics import NOT_MODELLED, pressures_at_foci
+from airtact.scene.guards import of_kind
+from airtact.scene.printing import in_short
 from airtact.scene.scene import Scene
 from airtact.scene.target import Target
 from airtact.solvers.problem import Solver, SolveReport
 from airtact.transducers.layout import PhasedArray
-from airtact.transfer import Drive
+from airtact.transfer import Drive, check_drive
 
 HELD_EQUAL = {
     "equal peak": "the loudest element of every drive is at full scale",
@@ -38,6 +40,8 @@ class Comparison:
     target: Target
     pressures: Mapping[str, Float64[np.ndarray, "drives foci"]]
     report: SolveReport
+
+    __repr__ = in_short
 
     def ratios(self, held_equal: str) -> Float64[np.ndarray, "drives foci"]:
         """(D, F) pressure of each drive over that of the first, at each focus, under one normalisation.
@@ -108,6 +112,9 @@ def compare(
         If there is no drive, a drive is silent or for another number of elements, or the array, the scene and the foci
         do not go together (see ``evaluate``).
     """
+    of_kind(drives, Mapping, "the drives", 'a dict of drives by name, {"hand considered": drive}')
+    for name, drive in drives.items():
+        check_drive(drive, f"drive {name!r}")
     peaks = {name: np.abs(drive.amplitudes).max() for name, drive in drives.items()}
     for name, peak in peaks.items():
         if peak == 0.0:

@@ -6,12 +6,19 @@ import numpy as np
 from jaxtyping import Complex128, Real
 
 from airtact.conventions import InvalidInput
+from airtact.scene.guards import counted, of_kind, points_of
 from airtact.scene.scene import Scene
-from airtact.scene.sources import Monopoles
+from airtact.scene.sources import Monopoles, check_off_sources
 from airtact.solvers.problem import Solver
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
-from airtact.transfer import Drive
+from airtact.transfer import Drive, check_drive
+
+
+def check_solver(solver: Solver) -> None:
+    """Refuse what is no solver, such as a solver's class (``InvalidInput``, with what to give)."""
+    name = solver.__name__ if isinstance(solver, type) else "BoundaryElement"
+    of_kind(solver, Solver, "the solver", f"one such as {name}()")
 
 
 def drive_sources(array: PhasedArray, drives: Sequence[Drive]) -> Monopoles:
@@ -29,13 +36,19 @@ def drive_sources(array: PhasedArray, drives: Sequence[Drive]) -> Monopoles:
     Raises
     ------
     InvalidInput
-        If there is no drive, or a drive is for another number of elements.
+        If there is no drive, or a drive is silent, for another number of elements or of another kind.
     """
+    of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     if len(drives) == 0:
         raise InvalidInput("an array needs at least 1 drive to speak, not 0.")
     for index, drive in enumerate(drives):
+        check_drive(drive, f"drive {index}" if len(drives) > 1 else "the drive")
         if len(drive) != len(array):
-            raise InvalidInput(f"drive {index} is for {len(drive)} elements, and the array has {len(array)}.")
+            raise InvalidInput(
+                f"drive {index} is for {counted(len(drive), 'element', 'elements')}, and the array has {len(array)}."
+            )
+        if not drive.amplitudes.any():
+            raise InvalidInput(f"drive {index} is silent: all {len(drive)} amplitudes are 0, so nothing is heard.")
     amplitudes = np.stack([drive.amplitudes for drive in drives], axis=1)
     strengths = array.element.sensitivity * array.element.weights[None, :, None] * amplitudes[:, None, :]
     return Monopoles(array.face_points.reshape(-1, 3), strengths.reshape(-1, len(drives)))
@@ -70,9 +83,12 @@ def field_map(
     Raises
     ------
     InvalidInput
-        If the drive is for another number of elements, an element is inside a body, or a body is behind the face of a
-        directional element.
+        If the drive is silent or for another number of elements, an element is inside a body, a body is behind the face
+        of a directional element, a point is NaN, infinite or on a source, or something is of the wrong kind.
     """
+    check_solver(solver)
+    points = points_of(points, "points", least=0)
     sources = drive_sources(array, [drive])
     check_placement(scene, array)
+    check_off_sources(points, sources)
     return solver.radiate(scene, sources).at(points)[:, 0]

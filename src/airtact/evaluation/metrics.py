@@ -5,8 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex128, Float64
 
-from airtact.evaluation.field import drive_sources
+from airtact.evaluation.field import check_solver, drive_sources
+from airtact.scene.guards import of_kind
+from airtact.scene.printing import in_short
 from airtact.scene.scene import Scene, check_outside
+from airtact.scene.sources import check_off_sources
 from airtact.scene.target import Target
 from airtact.solvers.problem import Solver, SolveReport
 from airtact.synthesis.reach import share
@@ -34,6 +37,8 @@ class Evaluation:
     target: Target
     pressures: Complex128[np.ndarray, "foci"]
     report: SolveReport
+
+    __repr__ = in_short
 
     @property
     def magnitudes(self) -> Float64[np.ndarray, "foci"]:
@@ -104,8 +109,8 @@ def evaluate(scene: Scene, array: PhasedArray, drive: Drive, target: Target, *, 
     Raises
     ------
     InvalidInput
-        If the drive is for another number of elements, an element or a focus is inside a body, or a focus or a body is
-        behind the face of a directional element.
+        If the drive is silent or for another number of elements, an element or a focus is inside a body, a focus or a
+        body is behind the face of a directional element, a focus is on an element, or something is of the wrong kind.
     """
     pressures, report = pressures_at_foci(scene, array, [drive], target, solver)
     return Evaluation(target, pressures[0], report)
@@ -130,8 +135,11 @@ def pressures_at_foci(
     InvalidInput
         As ``evaluate``.
     """
+    check_solver(solver)
+    of_kind(target, Target, "the target", "Target(points, pressures)")
     sources = drive_sources(array, drives)
     check_placement(scene, array, target.points)
     check_outside(scene, target.points, "focus")
+    check_off_sources(target.points, sources)
     field = solver.radiate(scene, sources)
     return np.ascontiguousarray(field.at(target.points).T), field.report

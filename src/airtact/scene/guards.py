@@ -1,7 +1,7 @@
 """Sentences for bad input that every constructor of a scene says the same way."""
 
 import numpy as np
-from jaxtyping import Float64, Real
+from jaxtyping import Complex128, Float64, Num, Real
 
 from airtact.conventions import InvalidInput
 
@@ -200,6 +200,25 @@ def real_numbers(array: Real[np.ndarray, "..."], what: str) -> Float64[np.ndarra
             f"{what} are {_kind_of(array)} of type {given.dtype} and shape {given.shape}; give real numbers."
         )
     return fixed(given)
+
+
+def complex_numbers(array: Num[np.ndarray, "..."], what: str) -> Complex128[np.ndarray, "..."]:
+    """Return numbers of any shape as a complex128 copy, or refuse what is no array of numbers.
+
+    Parameters
+    ----------
+    array : what the caller gave: an array, or nested lists of numbers.
+    what : name of the numbers, for the sentence.
+
+    Raises
+    ------
+    InvalidInput
+        When it holds rows of different lengths, text or other things.
+    """
+    try:
+        return np.array(array, dtype=np.complex128)
+    except (TypeError, ValueError):
+        raise InvalidInput(f"{what} are {_kind_of(array)}, but they must be an array of numbers.") from None
 
 
 def refuse_not_finite(array: np.ndarray, what: str) -> None:

@@ -10,7 +10,7 @@ FEW = 9
 
 
 def in_short(self: object) -> str:
-    """Say a dataclass in one line, its arrays by their shapes unless they are small; a class takes it by ``__repr__ = in_short``.
+    """Say a dataclass in one line, its larger arrays by their shapes; a class takes it by ``__repr__ = in_short``.
 
     Parameters
     ----------

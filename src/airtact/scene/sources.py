@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex128, Num, Real
+from jaxtyping import Num, Real
 from scipy.spatial import KDTree
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import points_of, refuse_not_finite
+from airtact.scene.guards import complex_numbers, points_of, refuse_not_finite
 from airtact.scene.printing import in_short
 
 STANDS_ON = 1e-9
@@ -46,7 +46,7 @@ class Monopoles:
     def __post_init__(self) -> None:
         """Check both arrays and keep them read-only."""
         positions = points_of(self.positions, "monopole positions")
-        strengths = _complex(self.strengths)
+        strengths = complex_numbers(self.strengths, "monopole strengths")
         if strengths.ndim == 1:
             strengths = strengths[:, None]
         if strengths.ndim != 2 or len(strengths) != len(positions):
@@ -60,16 +60,6 @@ class Monopoles:
         strengths.flags.writeable = False
         object.__setattr__(self, "positions", positions)
         object.__setattr__(self, "strengths", strengths)
-
-
-def _complex(given: Num[np.ndarray, "..."]) -> Complex128[np.ndarray, "..."]:
-    try:
-        return np.array(given, dtype=np.complex128)
-    except (TypeError, ValueError):
-        raise InvalidInput(
-            f"monopole strengths are a {type(given).__name__} that holds other things than numbers; give an array of "
-            "shape (number of positions,)."
-        ) from None
 
 
 def check_off_sources(points: Real[np.ndarray, "points 3"], sources: Monopoles) -> None:

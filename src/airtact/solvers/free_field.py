@@ -6,8 +6,10 @@ import numpy as np
 from jaxtyping import Bool, Complex128, Real
 
 from airtact.conventions import InvalidInput
-from airtact.scene.scene import Scene
-from airtact.scene.sources import Monopoles
+from airtact.scene.guards import counted, points_of
+from airtact.scene.printing import in_short
+from airtact.scene.scene import Scene, check_sources
+from airtact.scene.sources import Monopoles, check_off_sources
 from airtact.solvers.problem import RadiatedField, Skin, Solver, SolveReport
 
 _PAIRS_AT_ONCE = 1 << 20
@@ -26,17 +28,9 @@ def unit_monopoles(
 
     Returns
     -------
-    (P, N) pressure [Pa].
-
-    Raises
-    ------
-    InvalidInput
-        If a point stands on a monopole, where the pressure is infinite.
+    (P, N) pressure [Pa]; the points must stand off the monopoles, see ``check_off_sources``.
     """
     distance = np.sqrt(np.sum((points[:, None, :] - positions[None, :, :]) ** 2, axis=-1))
-    if np.any(distance == 0.0):
-        point, source = np.argwhere(distance == 0.0)[0]
-        raise InvalidInput(f"point {point} stands on source {source}, where the pressure is infinite; move it off.")
     return np.exp(1j * wavenumber * distance) / distance
 
 
@@ -67,6 +61,8 @@ class OpenAirField(RadiatedField):
     sources: Monopoles
     report: SolveReport
 
+    __repr__ = in_short
+
     @property
     def skin(self) -> Skin:
         """No skin: arrays of length 0."""
@@ -80,13 +76,15 @@ class OpenAirField(RadiatedField):
         Raises
         ------
         InvalidInput
-            If a point stands on a source.
+            If the points are of another shape than (P, 3), NaN or infinite, or one stands on a source.
         """
+        points = points_of(points, "points", least=0)
+        check_off_sources(points, self.sources)
         return open_air_pressure(points, self.sources, self.scene.wavenumber)
 
     def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
         """Everywhere: there is no body."""
-        return np.ones(len(points), dtype=np.bool_)
+        return np.ones(len(points_of(points, "points", least=0)), dtype=np.bool_)
 
 
 @dataclass(frozen=True)
@@ -99,11 +97,13 @@ class FreeField(Solver):
         Raises
         ------
         InvalidInput
-            If the scene has obstacles.
+            If the scene has obstacles, or one of the two is of another kind.
         """
+        check_sources(scene, sources)
         if len(scene.obstacles) > 0:
+            bodies = counted(len(scene.obstacles), "obstacle", "obstacles")
             raise InvalidInput(
-                f"FreeField knows open air only, and the scene has {len(scene.obstacles)} obstacle(s); "
+                f"FreeField knows open air only, and the scene has {bodies}; "
                 "take a solver that scatters, such as BoundaryElement."
             )
         report = SolveReport(

@@ -8,10 +8,11 @@ from jaxtyping import Bool, Complex128, Float64, Real
 from scipy.spatial import KDTree
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import refuse_not_finite
+from airtact.scene.guards import points_of
 from airtact.scene.primitives import Capsule
-from airtact.scene.scene import CONTACT, Obstacle, Scene, check_outside
-from airtact.scene.sources import Monopoles
+from airtact.scene.printing import in_short
+from airtact.scene.scene import CONTACT, Obstacle, Scene, check_sources
+from airtact.scene.sources import Monopoles, check_off_sources
 from airtact.solvers.free_field import open_air_pressure, unit_monopoles
 from airtact.solvers.problem import RadiatedField, Skin, Solver, SolveReport
 from airtact.solvers.sphere_modes import ACCURACY, SphereModes
@@ -44,6 +45,8 @@ class SphereField(RadiatedField):
     centre: Float64[np.ndarray, "3"]
     report: SolveReport
 
+    __repr__ = in_short
+
     @property
     def skin(self) -> Skin:
         """Pressure at Gauss-Legendre latitudes and equal longitudes, with the exact area of the sphere.
@@ -71,6 +74,7 @@ class SphereField(RadiatedField):
 
     def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
         """Whether the field exists at points (P, 3) [m]: not inside a sphere that is hard or has an impedance."""
+        points = points_of(points, "points", least=0)
         if self.modes.inner_wavenumber is not None:
             return np.ones(len(points), dtype=np.bool_)
         return ~self._inside(points)
@@ -83,11 +87,12 @@ class SphereField(RadiatedField):
         Raises
         ------
         InvalidInput
-            If a point is NaN or infinite, or stands on a source.
+            If the points are of another shape than (P, 3), NaN or infinite, or one stands on a source.
         NotConverged
             If a point lies within micrometres of a source that touches the skin.
         """
-        refuse_not_finite(points, "points")
+        points = points_of(points, "points", least=0)
+        check_off_sources(points, self.sources)
         pressure = np.full((len(points), self.sources.strengths.shape[1]), np.nan + 0j)
         inside = self._inside(points)
         outside = np.flatnonzero(~inside)
@@ -147,11 +152,11 @@ class SphereSeries(Solver):
         Raises
         ------
         InvalidInput
-            If the scene is not one sphere, or a source lies inside it.
+            If the scene is not one sphere, a source lies inside it, or one of the two is of another kind.
         """
+        check_sources(scene, sources)
         started = time.perf_counter()
         obstacle, sphere = _only_sphere(scene)
-        check_outside(scene, sources.positions, "source")
         modes = _modes(scene, obstacle, float(sphere.radius))
         report = SolveReport(
             solver="SphereSeries",

@@ -6,7 +6,9 @@ import numpy as np
 from jaxtyping import UInt8
 
 from airtact.conventions import InvalidInput
-from airtact.transfer import Drive
+from airtact.scene.guards import counted
+from airtact.scene.printing import in_short
+from airtact.transfer import Drive, check_drive
 
 LEVELS = 256
 
@@ -29,8 +31,11 @@ class Frame:
     amplitude: UInt8[np.ndarray, "elements"]
     phase: UInt8[np.ndarray, "elements"]
 
+    __repr__ = in_short
+
     def __post_init__(self) -> None:
-        for name, levels in (("amplitude", self.amplitude), ("phase", self.phase)):
+        for name, given in (("amplitude", self.amplitude), ("phase", self.phase)):
+            levels = np.asarray(given)
             if levels.dtype != np.uint8 or levels.ndim != 1 or len(levels) == 0:
                 raise InvalidInput(
                     f"the {name} of a frame is one uint8 per element, not {levels.dtype} of shape {levels.shape}."
@@ -39,7 +44,10 @@ class Frame:
             fixed.flags.writeable = False
             object.__setattr__(self, name, fixed)
         if len(self.amplitude) != len(self.phase):
-            raise InvalidInput(f"a frame of {len(self.amplitude)} amplitudes has {len(self.phase)} phases.")
+            raise InvalidInput(
+                f"a frame of {counted(len(self.amplitude), 'amplitude', 'amplitudes')} has "
+                f"{counted(len(self.phase), 'phase', 'phases')}; give one of each per element."
+            )
 
     def drive(self) -> Drive:
         """Return the drive that the bytes stand for: amplitude/255 · exp(2πi phase/256)."""
@@ -62,6 +70,7 @@ def quantise(drive: Drive) -> Frame:
     >>> frame.amplitude.tolist(), frame.phase.tolist()
     ([255, 128, 255, 0], [0, 64, 128, 0])
     """
+    check_drive(drive, "what is quantised")
     amplitude = np.rint(np.abs(drive.amplitudes) * 255.0).astype(np.uint8)
     turns = np.rint(np.angle(drive.amplitudes) * (LEVELS / (2.0 * np.pi))).astype(np.int64)
     return Frame(amplitude, np.where(amplitude > 0, turns & 255, 0).astype(np.uint8))

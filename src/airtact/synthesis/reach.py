@@ -4,15 +4,19 @@ import numpy as np
 from jaxtyping import Complex, Float64
 
 from airtact.conventions import InvalidInput
+from airtact.scene.guards import counted, of_kind
 from airtact.scene.target import Target
 from airtact.transfer import Drive, TransferMatrix
 
 
 def check_sizes(transfer: TransferMatrix, target: Target) -> None:
     """Refuse a target that has not one focus per row of the transfer matrix (``InvalidInput``, with both numbers)."""
+    of_kind(transfer, TransferMatrix, "the transfer matrix", "transfer_matrix(beacons, array)")
+    of_kind(target, Target, "the target", "Target(points, pressures)")
     if len(transfer.matrix) != len(target.points):
         raise InvalidInput(
-            f"a transfer matrix for {len(transfer.matrix)} foci does not fit a target of {len(target.points)}."
+            f"a transfer matrix for {counted(len(transfer.matrix), 'focus', 'foci')} does not fit a target of "
+            f"{len(target.points)}."
         )
 
 

@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Complex, Float64, Real
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import fixed, points_of, positive
+from airtact.scene.guards import counted, number, points_of, positive, real_numbers
+from airtact.scene.printing import in_short
 
 DEFAULT_SENSITIVITY = 4.38
 """Peak pressure of one transducer at full scale, 1 m away on its axis [Pa·m].
@@ -49,16 +50,19 @@ class Element:
     directional: bool = False
     radius: float = 0.0
 
+    __repr__ = in_short
+
     def __post_init__(self) -> None:
-        object.__setattr__(self, "points", points_of(np.asarray(self.points), "face points"))
-        object.__setattr__(self, "weights", fixed(np.asarray(self.weights)))
+        object.__setattr__(self, "points", points_of(self.points, "face points"))
+        object.__setattr__(self, "weights", real_numbers(self.weights, "face weights"))
         if self.weights.shape != (len(self.points),):
-            raise InvalidInput(
-                f"an element of {len(self.points)} face points needs as many weights, not {self.weights.shape}."
-            )
+            count = counted(len(self.points), "face point", "face points")
+            raise InvalidInput(f"an element of {count} needs as many weights, not {self.weights.shape}.")
         if not abs(self.weights.sum() - 1.0) < 1e-9:
             raise InvalidInput(f"the weights of an element must add up to 1, not {self.weights.sum():g}.")
-        positive(self.sensitivity, "the sensitivity of an element", "Pa·m")
+        sensitivity = positive(self.sensitivity, "the sensitivity of an element", "Pa·m")
+        object.__setattr__(self, "sensitivity", sensitivity)
+        object.__setattr__(self, "radius", number(self.radius, "the radius of an element", "m"))
         if not 0.0 <= self.radius < np.inf:
             raise InvalidInput(f"the radius of an element cannot be {self.radius:g} m: give 0 or a length in metres.")
 
@@ -141,7 +145,7 @@ def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY) -> Element:
     >>> round(float(piston(4.8e-3).far_pattern(sideways, 3.5 / 4.8e-3)[0].real), 3)
     0.216
     """
-    positive(radius, "the radius of a piston", "m")
+    radius = positive(radius, "the radius of a piston", "m")
     root = np.sqrt(111.0)
     rings = (
         (np.sqrt((96 - 4 * root) / 155), (110297 + 5713 * root) / 2045952, 0.0),

@@ -8,8 +8,12 @@ from jaxtyping import Float64, Real
 
 from airtact.conventions import InvalidInput
 from airtact.scene.geometry import Pose
-from airtact.scene.guards import fixed, points_of
+from airtact.scene.guards import counted, fixed, of_kind, points_of, real_numbers
+from airtact.scene.printing import in_short
 from airtact.transducers.element import Element, monopole
+
+WIDEST = 10.0
+"""Largest extent of an array [m]."""
 
 PITCH = 10.16e-3
 """Distance of neighbouring transducers on an AUTD3 board [m]."""
@@ -37,14 +41,16 @@ class PhasedArray:
     Raises
     ------
     InvalidInput
-        If there is no element, shapes do not match, a number is not finite, a normal is zero, or a tangent is not
-        across its normal.
+        If there is no element, shapes do not match, a number is not finite, the elements span over 10 m, a normal is
+        zero, or a tangent is not across its normal.
     """
 
     positions: Float64[np.ndarray, "elements 3"]
     normals: Float64[np.ndarray, "elements 3"]
     element: Element
     tangents: Float64[np.ndarray, "elements 3"]
+
+    __repr__ = in_short
 
     def __init__(
         self,
@@ -53,15 +59,18 @@ class PhasedArray:
         element: Element | None = None,
         tangents: Real[np.ndarray, "tangents 3"] | None = None,
     ) -> None:
-        places = points_of(np.asarray(positions), "element positions")
-        if len(normals) != len(places):
-            raise InvalidInput(f"{len(places)} positions need as many normals, not {len(normals)}.")
-        unit_normals = _unit(normals, "normal")
+        places = points_of(positions, "element positions")
+        spread = float(np.ptp(places, axis=0).max())
+        if spread > WIDEST:
+            raise InvalidInput(
+                f"the elements span {spread:.4g} m, more than {WIDEST:g} m: is this in millimetres? Give metres."
+            )
+        if element is not None:
+            of_kind(element, Element, "what stands at every position", "monopole() or piston(radius)")
+        unit_normals = _unit(_as_many(normals, places, "normal"), "normal")
         if tangents is None:
             tangents = _crosswise(unit_normals)
-        elif len(tangents) != len(places):
-            raise InvalidInput(f"{len(places)} positions need as many tangents, not {len(tangents)}.")
-        unit_tangents = _unit(tangents, "tangent")
+        unit_tangents = _unit(_as_many(tangents, places, "tangent"), "tangent")
         slant = np.abs(np.sum(unit_normals * unit_tangents, axis=1))
         if slant.max() > 1e-5:
             first = int(np.argmax(slant))
@@ -84,6 +93,7 @@ class PhasedArray:
 
     def moved(self, pose: Pose) -> "PhasedArray":
         """Move the array rigidly: positions x become pose.apply(x), and the faces turn with it."""
+        of_kind(pose, Pose, "the motion of an array", "Pose(rotation, translation)")
         return PhasedArray(
             pose.apply(self.positions), pose.rotate(self.normals), self.element, pose.rotate(self.tangents)
         )
@@ -99,7 +109,21 @@ class PhasedArray:
         -------
         The array moved by the inverse of the pose: moving the hand one way is moving the array the other way.
         """
+        of_kind(pose, Pose, "where the hand is", "Pose(rotation, translation)")
         return self.moved(pose.inverse())
+
+
+def _as_many(
+    given: Real[np.ndarray, "directions 3"], places: Float64[np.ndarray, "elements 3"], name: str
+) -> Float64[np.ndarray, "elements 3"]:
+    """Return one direction for each element, or refuse another number of them."""
+    vectors = real_numbers(given, f"element {name}s")
+    if vectors.ndim != 2 or vectors.shape[1] != 3:
+        raise InvalidInput(f"element {name}s have shape {vectors.shape}, but they need ({len(places)}, 3).")
+    if len(vectors) != len(places):
+        need = counted(len(places), "position needs", "positions need")
+        raise InvalidInput(f"{need} as many {name}s, not {len(vectors)}.")
+    return vectors
 
 
 def _unit(vectors: Real[np.ndarray, "elements 3"], name: str) -> Float64[np.ndarray, "elements 3"]:
@@ -108,8 +132,9 @@ def _unit(vectors: Real[np.ndarray, "elements 3"], name: str) -> Float64[np.ndar
     bad = ~np.isfinite(lengths) | (lengths < 1e-12)
     if bad.any():
         first = int(np.argmax(bad))
+        count = counted(int(bad.sum()), "element", "elements")
         raise InvalidInput(
-            f"the {name}s of {bad.sum()} elements have no direction, first that of element {first}: {vectors[first]}."
+            f"the {name}s of {count} have no direction, first that of element {first}: {vectors[first]}."
         )
     return fixed(vectors / lengths[:, None])
 
@@ -207,6 +232,9 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
     >>> len(flat_boards(2, 2))
     996
     """
+    for name, count in (("rows", rows), ("columns", columns)):
+        if not isinstance(count, int | np.integer):
+            raise InvalidInput(f"flat boards need a whole number of {name}, not {count!r}.")
     if rows < 1 or columns < 1:
         raise InvalidInput(f"flat boards need at least 1 row and 1 column, not {rows} and {columns}.")
     board = _centred_board(element)
@@ -227,9 +255,12 @@ def join(arrays: Sequence[PhasedArray]) -> PhasedArray:
     InvalidInput
         If there is no array, or the elements differ.
     """
+    if not isinstance(arrays, Sequence):
+        raise InvalidInput(f"joining needs a list of 1 or more arrays, not a {type(arrays).__name__}.")
     if len(arrays) == 0:
         raise InvalidInput("joining needs at least 1 array, not 0.")
     for index, array in enumerate(arrays):
+        of_kind(array, PhasedArray, f"array {index}", "such as autd3_board(pose)")
         if not array.element.same_as(arrays[0].element):
             raise InvalidInput(f"array {index} has another element than array 0: only equal elements can be joined.")
     return PhasedArray(

@@ -5,10 +5,13 @@ from jaxtyping import Float64, Real
 from scipy.spatial import ConvexHull
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import place
+from airtact.scene.guards import counted, of_kind, place
 from airtact.scene.scene import CONTACT, Scene, check_outside
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
+
+FARTHEST = 10.0
+"""Farthest that an element may stand from the nearest body [m]."""
 
 
 def check_placement(scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "foci 3"] | None = None) -> None:
@@ -26,6 +29,8 @@ def check_placement(scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "fo
         If an element reaches into a body (which one, how deep); if, with directional elements, a focus or a body stands
         behind a face (how many faces, which first, how far); if a face is too large for its points at this frequency.
     """
+    of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
+    of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     check_pattern(array.element, scene.wavenumber)
     _check_outside_bodies(scene, array)
     if not array.element.directional:
@@ -39,18 +44,25 @@ def check_placement(scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "fo
 
 def _check_outside_bodies(scene: Scene, array: PhasedArray) -> None:
     """Refuse elements whose centre or face points lie in a body; only faces near a skin are looked at in full."""
+    depth = scene.depth(array.positions)
+    farthest = int(depth.argmin())
+    if FARTHEST < -depth[farthest] < np.inf:
+        raise InvalidInput(
+            f"element {farthest} stands {-depth[farthest]:.4g} m from the nearest body, more than {FARTHEST:g} m: is "
+            "the array or its pose in millimetres? Give metres."
+        )
     if array.element.reach == 0.0:
         check_outside(scene, array.positions, "element")
         return
-    depth = scene.depth(array.positions)
     near = np.flatnonzero(depth > -array.element.reach)
     if len(near):
         depth[near] = scene.depth(array.face_points[near].reshape(-1, 3)).reshape(len(near), -1).max(axis=1)
     inside = np.flatnonzero(depth > CONTACT)
     if len(inside):
         deepest = int(depth.argmax())
+        count = counted(len(array), "element", "elements")
         raise InvalidInput(
-            f"the faces of {len(inside)} of {len(array)} elements reach into a body: element {deepest} at "
+            f"the faces of {len(inside)} of {count} reach into a body: element {deepest} at "
             f"{place(array.positions[deepest])} by {depth[deepest] * 1e3:.3g} mm; move the array or the body away."
         )
 
@@ -74,8 +86,9 @@ def check_before_faces(array: PhasedArray, points: Real[np.ndarray, "points 3"],
     if worst.max() > CONTACT:
         point = int(np.argmax(worst))
         faces = np.flatnonzero(behind[point] > CONTACT)
+        count = counted(len(faces), "element", "elements")
         raise InvalidInput(
-            f"{what} {point} stands behind the faces of {len(faces)} elements, first element {faces[0]} by "
+            f"{what} {point} stands behind the faces of {count}, first element {faces[0]} by "
             f"{behind[point, faces[0]] * 1e3:.3g} mm: they radiate forwards only, so move it before them."
         )
 
@@ -85,8 +98,9 @@ def _check_body_before_faces(array: PhasedArray, vertices: Float64[np.ndarray, "
     behind = -_height(array, vertices).min(axis=0)
     faces = np.flatnonzero(behind > CONTACT)
     if len(faces):
+        count = counted(len(faces), "element", "elements")
         raise InvalidInput(
-            f"body {index} reaches behind the faces of {len(faces)} elements, first element {faces[0]} by "
+            f"body {index} reaches behind the faces of {count}, first element {faces[0]} by "
             f"{behind[faces[0]] * 1e3:.3g} mm: they radiate forwards only, so move it before them."
         )
 
