@@ -1,7 +1,7 @@
 """How long the main job takes and how much memory: every speed figure of the README, measured anew.
 
-Run ``make bench``, or ``PYTHONPATH=.:tests python benchmarks/speed.py``. Each job runs in a process of its own; times are
-the best of several, for machines are noisy.
+Run ``make bench``, or ``PYTHONPATH=.:tests python benchmarks/speed.py``. Each job runs in a process of its own; times
+are the best of several, for machines are noisy.
 """
 
 import resource

@@ -41,6 +41,16 @@ def apply_monopoles_float32(
 def apply_monopoles_float64(
     targets: np.ndarray, sources: np.ndarray, strength: np.ndarray, k: complex, out: np.ndarray
 ) -> None: ...
+def panel_entries(
+    targets: np.ndarray,
+    pair_target: np.ndarray,
+    pair_panel: np.ndarray,
+    sources: np.ndarray,
+    normals: np.ndarray,
+    k: complex,
+    least: float,
+    out: np.ndarray,
+) -> None: ...
 def count_near(targets: np.ndarray, centres: np.ndarray, reach: np.ndarray, first: np.ndarray) -> None: ...
 def list_near(
     targets: np.ndarray, centres: np.ndarray, reach: np.ndarray, first: np.ndarray, panel: np.ndarray

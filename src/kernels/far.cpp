@@ -208,6 +208,22 @@ void apply_monopoles(const double *targets, std::int64_t n, const double *source
                    });
 }
 
+void panel_entries(const double *targets, std::int64_t n, const std::int64_t *pair_target,
+                   const std::int64_t *pair_panel, std::int64_t pairs, const double *sources, const double *normals,
+                   std::int64_t m, Wavenumber k, double least, std::complex<double> *out) {
+    const double zero[3] = {0, 0, 0};
+    const Planes<double> t(targets, n, zero), y(sources, m, zero), a(normals, m, zero);
+    const Wave<double> wave(k);
+    over_rows(pairs, [&](std::int64_t e) {
+        double re[6], im[6];
+        const std::int64_t i = pair_target[e], j = 6 * pair_panel[e];
+        const double x[3] = {t[0][i], t[1][i], t[2][i]};
+        double_layer_row<double, true>(x, y[0] + j, y[1] + j, y[2] + j, a[0] + j, a[1] + j, a[2] + j, 6, wave,
+                                       least * least, re, im);
+        for (int l = 0; l < 6; l++) out[6 * e + l] = {re[l], im[l]};
+    });
+}
+
 #define AIRTACT_FAR(Real)                                                                                             \
     template void dual_matrix<Real>(const double *, const double *, std::int64_t, const double *, const double *,     \
                                     std::int64_t, Wavenumber, std::complex<Real> *);                                  \

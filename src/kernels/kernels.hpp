@@ -40,6 +40,11 @@ void apply_double_layer(const double *targets, std::int64_t n, const double *sou
                         std::int64_t m, const std::complex<double> *density, std::int64_t sounds, Wavenumber k,
                         double least, std::complex<double> *out);
 
+// out[e, l] = D(x, y) for target pair_target[e] and node l of the six of panel pair_panel[e], if farther than `least`
+void panel_entries(const double *targets, std::int64_t n, const std::int64_t *pair_target,
+                   const std::int64_t *pair_panel, std::int64_t pairs, const double *sources, const double *normals,
+                   std::int64_t m, Wavenumber k, double least, std::complex<double> *out);
+
 // out[i, s] = sum_j e^{ikr}/r strength[j, s]
 template <class Real>
 void apply_monopoles(const double *targets, std::int64_t n, const double *sources, std::int64_t m,

@@ -33,6 +33,7 @@ struct Variant {
     const char *name;
     Far<float> single;
     Far<double> twice;
+    decltype(&baseline::panel_entries) panel_entries;
     decltype(&baseline::near_pairs) near_pairs;
     decltype(&baseline::inscribed_diameter) inscribed_diameter;
     decltype(&baseline::near_integrals) near_integrals;
@@ -41,7 +42,8 @@ struct Variant {
 #define AIRTACT_FAR(v, Real)                                                                                         \
     { &v::dual_matrix<Real>, &v::double_layer_matrix<Real>, &v::apply_double_layer<Real>, &v::apply_monopoles<Real> }
 #define AIRTACT_TABLE(v)                                                                                             \
-    { #v, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::near_pairs, &v::inscribed_diameter, &v::near_integrals }
+    { #v, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::panel_entries, &v::near_pairs, &v::inscribed_diameter,     \
+      &v::near_integrals }
 
 static std::vector<Variant> runnable() {  // on this machine, the best last
     std::vector<Variant> found{AIRTACT_TABLE(baseline)};
@@ -119,6 +121,15 @@ void monopoles(Points x, Points y, Read<Complex, -1, -1> strength, Complex k, Wr
 using Index = Read<std::int64_t, -1>;
 using Line = Read<double, -1>;
 
+static void entries(Points x, Index pair_target, Index pair_panel, Points y, Points a, Complex k, double least,
+                    Write<Complex, -1, 6> out) {
+    same(pair_target.shape(0), pair_panel.shape(0)), same(pair_target.shape(0), out.shape(0));
+    same(y.shape(0), a.shape(0));
+    nb::gil_scoped_release release;
+    active->panel_entries(x.data(), x.shape(0), pair_target.data(), pair_panel.data(), pair_target.shape(0), y.data(),
+                          a.data(), y.shape(0), wave(k), least, out.data());
+}
+
 static void count_near(Points x, Points centres, Line reach, Write<std::int64_t, -1> first) {
     same(centres.shape(0), reach.shape(0)), same(first.shape(0), x.shape(0) + 1);
     nb::gil_scoped_release release;
@@ -169,6 +180,7 @@ NB_MODULE(_kernels, m) {
     m.def("apply_double_layer_float64", &layer<double>);
     m.def("apply_monopoles_float32", &monopoles<float>);
     m.def("apply_monopoles_float64", &monopoles<double>);
+    m.def("panel_entries", &entries);
     m.def("count_near", &count_near);
     m.def("list_near", &list_near);
     m.def("inscribed_diameter", &thickness);

@@ -60,6 +60,19 @@ def test_double_layer_loops_equal_numpy(precision, kind, tolerance, wavenumber):
 
 
 @pytest.mark.parametrize("wavenumber", WAVENUMBERS)
+def test_entries_of_single_panels_equal_numpy(wavenumber):
+    points, sources, normals = scattered_points(1, 9), scattered_points(3, 30), scattered_points(4, 30) * 1e-3
+    target, panel = np.array([0, 4, 8, 8]), np.array([3, 0, 2, 4])
+    out, columns = np.empty((4, 6), complex), 6 * panel[:, None] + np.arange(6)
+    expected = double_layer(points, sources, normals, wavenumber)[target[:, None], columns]
+    _kernels.panel_entries(points, target, panel, sources, normals, wavenumber, 0.0, out)
+    assert relative(out, expected) < 1e-13
+    distance = np.linalg.norm(points[target, None] - sources[columns], axis=2)
+    _kernels.panel_entries(points, target, panel, sources, normals, wavenumber, 0.03, out)
+    assert relative(out, np.where(distance > 0.03, expected, 0)) < 1e-13
+
+
+@pytest.mark.parametrize("wavenumber", WAVENUMBERS)
 @pytest.mark.parametrize(("precision", "kind", "tolerance"), PRECISIONS)
 def test_monopole_loop_equals_numpy(precision, kind, tolerance, wavenumber):
     points, sources = scattered_points(1, 40), scattered_points(3, 700)

@@ -52,14 +52,20 @@ def near_excess(
     """Near integrals of the double layer less what the plain nodes farther than ``least`` give: a sparse (P, M)."""
     pairs = find_near(nodes, points, near_rule.reach)
     near = integrate_near(nodes, points, pairs, wavenumber, near_rule.gauss_points)
-    columns = near.columns
-    offset = nodes.points[columns] - points[near.target, None]
-    distance = np.linalg.norm(offset, axis=2)
-    safe = np.where(distance > 0, distance, 1)
-    slope = np.einsum("ejd,ejd->ej", offset, nodes.weighted_normals[columns]) / (4 * np.pi * safe**3)
-    plain = np.where(distance > least, slope * (1j * wavenumber * safe - 1) * np.exp(1j * wavenumber * safe), 0)
+    plain = np.empty_like(near.values)
+    _kernels.panel_entries(
+        np.ascontiguousarray(points, dtype=np.float64),
+        *pairs,
+        nodes.points,
+        nodes.weighted_normals,
+        complex(wavenumber),
+        least,
+        plain,
+    )
     first = np.searchsorted(near.target, np.arange(len(points) + 1)) * 6
-    return csr_array(((near.values - plain).ravel(), columns.ravel(), first), shape=(len(points), len(nodes.points)))
+    return csr_array(
+        ((near.values - plain).ravel(), near.columns.ravel(), first), shape=(len(points), len(nodes.points))
+    )
 
 
 def double_layer_pressure(
