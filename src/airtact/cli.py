@@ -1,4 +1,4 @@
-"""The command line: parse, call, print. Exit codes: 0 done, 1 not converged, 2 bad input, 130 broken off by Ctrl-C."""
+"""The command line: parse, call, print. Exit codes: 0 done, 2 bad input or not converged, 130 broken off by Ctrl-C."""
 
 import math
 import sys
@@ -32,12 +32,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except click.ClickException as error:
         error.show()
         return error.exit_code
-    except InvalidInput as error:
+    except (InvalidInput, NotConverged) as error:
         return _fail(str(error), 2)
     except OSError as error:
         return _fail(f"{error.filename or 'a file'}: {error.strerror or error}", 2)
-    except NotConverged as error:
-        return _fail(str(error), 1)
     except (KeyboardInterrupt, click.Abort):
         return _fail("broken off; what was finished is whole", 130)
     return 0

@@ -243,6 +243,10 @@ def test_an_unknown_place_names_the_nearest(read):
     assert sentence == 'foci[0]: at = "thumb.pat" is not a place of a body; did you mean thumb.pad?'
     sentence = refusal(read, MEDIUM, ARRAY, pinch, '[[foci]]\nat = "thumb.pad"\noffset = -1e-3\n')
     assert sentence == "foci[0]: offset = -0.001 m must be 0 (on the skin) or more."
+    sentence = refusal(read, MEDIUM, ARRAY, pinch, '[[foci]]\nat = "thumb.pad"\noffset = 0.5\n')
+    assert sentence.startswith(
+        "foci[0]: offset = 0.5 m does not lie in the gap of 12 mm before thumb.pad: is it in mill"
+    )
 
 
 def test_a_focus_inside_a_body_is_refused_with_its_depth(read):

@@ -1,5 +1,7 @@
 """Surfaces from files: STL, PLY, OBJ and GLB, read by trimesh."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +9,8 @@ from jaxtyping import Float, Int
 
 from airtact.conventions import InvalidInput
 from airtact.scene.geometry import Surface
-from airtact.scene.guards import positive
+from airtact.scene.guards import positive, refuse_not_finite
+from airtact.scene.topology import refuse_bad_indices
 
 SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".gltf")
 """File name endings that are read."""
@@ -35,8 +38,15 @@ def load_surface(path: str | Path, scale: float = 1.0) -> Surface:
     if not path.is_file():
         raise InvalidInput(f"there is no file {path}; 0 triangles were read.")
     vertices, triangles = _joined(path)
-    try:
+    with _named(path):
         return Surface(vertices * scale, triangles)
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Put the file's name in front of any refusal."""
+    try:
+        yield
     except InvalidInput as fault:
         raise InvalidInput(f"{path.name}: {fault}") from fault
 
@@ -50,5 +60,8 @@ def _joined(path: Path) -> tuple[Float[np.ndarray, "vertices 3"], Int[np.ndarray
         raise InvalidInput(f"{path.name} ({path.stat().st_size} bytes) cannot be read: {fault}.") from fault
     if len(mesh.faces) == 0:
         raise InvalidInput(f"{path.name} holds 0 triangles; give a file with a closed triangle surface.")
+    with _named(path):
+        refuse_not_finite(np.asarray(mesh.vertices), "surface vertices")
+        refuse_bad_indices(len(mesh.vertices), np.asarray(mesh.faces))
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
     return np.asarray(mesh.vertices), np.asarray(mesh.faces)

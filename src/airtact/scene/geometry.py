@@ -11,7 +11,7 @@ from jaxtyping import Float64, Int64, Integer, Real
 from airtact.conventions import InvalidInput, Vector
 from airtact.scene.closest_point import SignedDistance, signed_distance
 from airtact.scene.crossings import self_crossings
-from airtact.scene.guards import counted, fixed, place, points_of, real_numbers, refuse_not_finite
+from airtact.scene.guards import counted, fixed, number, of_kind, place, points_of, real_numbers, refuse_not_finite
 from airtact.scene.printing import in_short
 from airtact.scene.topology import (
     cone_volumes,
@@ -94,7 +94,9 @@ class Pose:
         InvalidInput
             When the axis has no length.
         """
-        along = np.asarray(axis, dtype=np.float64)
+        along, angle = real_numbers(np.asarray(axis), "the axis of a turn"), number(angle, "the angle of a turn", "rad")
+        if along.shape != (3,):
+            raise InvalidInput(f"the axis of a turn has shape {along.shape}, but a direction has shape (3,).")
         length = float(np.linalg.norm(along))
         if not length > 0.0:
             raise InvalidInput(f"the axis of a turn has length {length:g}; give a direction.")
@@ -279,6 +281,7 @@ class Surface:
         ----------
         pose : the motion.
         """
+        of_kind(pose, Pose, "the motion of a surface", "Pose(rotation, translation)")
         copy = object.__new__(Surface)  # a rigid motion keeps all that was checked, so nothing is checked again
         object.__setattr__(copy, "vertices", fixed(pose.apply(self.vertices)))
         object.__setattr__(copy, "triangles", self.triangles)

@@ -44,8 +44,8 @@ BOUNDARIES = {"boundary_element": ("sound_hard",)}
 METHODS = {"time_reversal": time_reversal, "phase_conjugate": phase_conjugate}
 """The ways to make a drive that a file can name."""
 
-Places = dict[str, tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]]
-"""Named points of bodies and the outward normals there."""
+Places = dict[str, tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"], float]]
+"""Named points of bodies, the outward normals there, and how far off the next body is [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +203,7 @@ def _bodies(table: ObstacleTable, folder: Path, places: Places) -> dict[str, Sur
     if table.pinch is not None:
         fingers = pinch(gap=table.pinch.gap)
         for name, pad, normal in zip(("thumb", "finger"), fingers.pads, fingers.normals, strict=True):
-            places[f"{name}.pad"] = (pad, normal)
+            places[f"{name}.pad"] = (pad, normal, fingers.gap)
         return {"thumb": fingers.surfaces[0], "finger": fingers.surfaces[1]}
     if table.capsule is not None:
         rod = table.capsule
@@ -274,9 +274,11 @@ def _layout(table: ArrayTable, element: Element, folder: Path) -> PhasedArray:
 
 def _array_from_csv(path: Path, element: Element) -> PhasedArray:
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8").rstrip().splitlines()
     except OSError as error:
         raise InvalidInput(f"cannot read {path.name}: {error.strerror}.") from None
+    except UnicodeDecodeError as error:
+        raise InvalidInput(f"{path.name} is not a text file: byte {error.start} is not UTF-8.") from None
     if not lines or [word.strip() for word in lines[0].split(",")] != ["x", "y", "z", "nx", "ny", "nz"]:
         raise InvalidInput(f"line 1 of {path.name} must be x,y,z,nx,ny,nz.")
     rows = [_numbers(line) for line in lines[1:]]
@@ -323,5 +325,10 @@ def _focus(table: FocusTable, places: Places) -> Float64[np.ndarray, "3"]:
     offset = 0.5e-3 if table.offset is None else table.offset
     if not (math.isfinite(offset) and offset >= 0):
         raise InvalidInput(f"offset = {offset} m must be 0 (on the skin) or more.")
-    point, normal = places[table.at]
+    point, normal, room = places[table.at]
+    if offset >= room:
+        raise InvalidInput(
+            f"offset = {offset:g} m does not lie in the gap of {1e3 * room:g} mm before {table.at}: is it in "
+            "millimetres? Give metres."
+        )
     return point + offset * normal
