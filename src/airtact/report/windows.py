@@ -174,7 +174,7 @@ class Box:
         return np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
 
 
-def box_around(foci: Real[np.ndarray, "foci 3"], wavelength: float, most: int = 100_000) -> Box:
+def box_around(foci: Real[np.ndarray, "foci 3"], wavelength: float, most: int = 60_000) -> Box:
     """Box the foci: one and a half wavelengths past them, eight points per wavelength or as many as ``most`` allows.
 
     Parameters
