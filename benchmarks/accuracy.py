@@ -110,8 +110,8 @@ def finger_error(
     return float(relative(found, true).max()), own
 
 
-def convergence(gap: float = 2e-3, radius: float = 0.01) -> tuple[np.ndarray, np.ndarray]:
-    """Mean panel edge and error over four meshes of a sphere, in float64."""
+def convergence(gap: float = 20e-3, radius: float = 0.01) -> tuple[np.ndarray, np.ndarray]:
+    """Mean panel edge (in proportion) and error over four even meshes of a sphere, in float64."""
     edges, errors = [], []
     scene, points = ball(radius), far_points()
     sources = one_each(directions(8, 0) * (radius + gap))
