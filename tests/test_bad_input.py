@@ -163,6 +163,12 @@ def test_render_refuses_before_it_makes_a_folder(name, tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("name", ["[/]", "[bold]pole"])
+def test_names_are_words_whatever_they_hold(name, tmp_path, capsys):
+    assert main(["check", str(write(tmp_path / "scene.toml", [("south pole", name)]))]) == 0
+    assert name in capsys.readouterr().out
+
+
 def test_a_solver_that_does_not_converge_is_refused(tmp_path, capsys, monkeypatch):
     # No closed body was found that needs more than the 120 iterations allowed, so two are allowed here.
     monkeypatch.setattr(boundary_element, "gmres", functools.partial(gmres, most_iterations=2))
@@ -185,6 +191,7 @@ SCENE = at.Scene(AIR, [])
 TARGET = at.Target(np.array([[0.0, 0.0, 0.02]]))
 DRIVE = at.Drive(np.array([1.0, 0.5j]))
 SILENT = at.Drive(np.zeros(2, dtype=complex))
+FAR = at.Pose(np.eye(3), np.array([0.0, 0.0, 99.92]))
 FRAME = at.quantise(DRIVE)
 FIELD = at.FreeField().radiate(SCENE, TARGET.beacons())
 TRANSFER = at.transfer_matrix(FIELD, ARRAY)
@@ -274,6 +281,27 @@ KINDS = {
         lambda: at.Pose.turn((0, 0, 1), "90"),
         "the angle of a turn is '90', but it must be one real number",
     ),
+    "array far off": (
+        lambda: at.evaluate(SCENE, ARRAY.moved(FAR), DRIVE, TARGET, solver=FREE),
+        r"element \d stands 100 m from focus 0, more than 10 m: is the array or its pose in millimetres\?",
+    ),
+    "focus from far off": (
+        lambda: at.focus_by_distance(ARRAY.moved(FAR), TARGET, AIR, 40e3),
+        "element . stands 100 m from focus 0",
+    ),
+    "focus by pistons in mm": (
+        lambda: at.focus_by_distance(at.surrounding_box(at.piston(4.5)), TARGET, AIR, 40e3),
+        r"ka = 3296.34, .* a radius of at most 6.55 mm",
+    ),
+    "many boards": (lambda: at.flat_boards(10**6, 10**6), r"span 1\.92e\+05 m, more than 10 m"),
+    "depth at a point": (lambda: WATER_DROP.depth(np.zeros(3)), r"points have shape \(3,\)"),
+    "depth nowhere": (lambda: at.Surface(*box_mesh()).depth(np.full((1, 3), np.nan)), "points hold 3 NaN or infinite"),
+    "boundary in a list": (lambda: at.Obstacle(at.sphere(0.01, 0.005), ["sound_hard"]), "it is one of sound_hard"),
+    "ragged triangles": (
+        lambda: at.Surface(box_mesh()[0], [[0, 1], [0, 1, 2]]),
+        "the 2 surface triangles do not have three indices each",
+    ),
+    "no path": (lambda: at.load_surface(None), "the path of a surface is a NoneType, but it must be a str . "),
     "drive in words": (lambda: at.Drive(["loud", "quiet"]), "the drive's amplitudes are a list of length 2, but they"),
     "warm air": (lambda: at.air(celsius="warm"), "the air's temperature is 'warm', but it must be one real number"),
 }

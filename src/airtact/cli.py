@@ -118,6 +118,8 @@ def _progress(console: "Console") -> Iterator[Callable[[str], None]]:
 
 def _summary(setup: "Setup") -> Iterator["Table"]:
     """Tables of the bodies, the foci, and what solving takes."""
+    from rich.markup import escape
+
     wavelength = setup.scene.wavelength
     bodies = _table("bodies", "boundary", "triangles", "area")
     area = 0.0
@@ -125,7 +127,7 @@ def _summary(setup: "Setup") -> Iterator["Table"]:
         surface = obstacle.surface
         area += surface.area
         size = f"{1e4 * surface.area:.1f} cm² = {surface.area / wavelength**2:.0f} λ²"
-        bodies.add_row(name, obstacle.boundary.replace("_", "-"), f"{len(surface.triangles):,}", size)
+        bodies.add_row(escape(name), obstacle.boundary.replace("_", "-"), f"{len(surface.triangles):,}", size)
     yield bodies
     foci = _table("foci", "x", "y", "z", "off the skin", "pressure")
     asked = setup.target.pressures
@@ -133,7 +135,7 @@ def _summary(setup: "Setup") -> Iterator["Table"]:
     for index, (name, point) in enumerate(zip(setup.foci, setup.target.points, strict=True)):
         wanted = "strongest" if asked is None else f"{asked[index]:g} Pa"
         place = [f"{1e3 * number:.2f} mm" for number in point]
-        foci.add_row(name, *place, f"{1e3 * off_skin[index]:.3g} mm", wanted)
+        foci.add_row(escape(name), *place, f"{1e3 * off_skin[index]:.3g} mm", wanted)
     yield foci
     unknowns = setup.solver.nodes_per_square_wavelength * area / wavelength**2
     elements = setup.array
@@ -150,12 +152,14 @@ def _summary(setup: "Setup") -> Iterator["Table"]:
 
 def _results(run: "Run") -> "Table":
     """Tabulate what each focus gets, with the hand considered and ignored."""
+    from rich.markup import escape
+
     ratios = {name: run.comparison.ratios(name)[1] for name in run.comparison.pressures}
     table = _table("focus", "pressure", *ratios)
     table.title = "Pressure at the foci, and what ignoring the hand would leave of it"
     for index, name in enumerate(run.foci):
         shares = [f"{ratio[index]:.2f} ×" for ratio in ratios.values()]
-        table.add_row(name, f"{run.reached[index]:,.0f} Pa", *shares)
+        table.add_row(escape(name), f"{run.reached[index]:,.0f} Pa", *shares)
     return table
 
 

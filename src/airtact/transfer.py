@@ -11,8 +11,9 @@ from airtact.scene.medium import Medium
 from airtact.scene.printing import in_short
 from airtact.scene.target import Target
 from airtact.solvers.problem import RadiatedField
+from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
-from airtact.transducers.placement import check_before_faces, check_placement
+from airtact.transducers.placement import check_placement, check_reach
 
 FULL_SCALE = 1.0 + 1e-9
 """Largest magnitude of a drive: full scale, and what rounding adds to it."""
@@ -205,7 +206,7 @@ def _by_distance(
     of_kind(target, Target, "the target", "Target(points, pressures)")
     of_kind(medium, Medium, "the medium", "air() or Medium(sound_speed, density)")
     check_frequency(frequency)
-    if array.element.directional:
-        check_before_faces(array, target.points, "focus")
+    check_pattern(array.element, medium.wavenumber(frequency))
+    check_reach(array, target.points)
     distance = np.linalg.norm(array.positions[:, None, :] - target.points[None, :, :], axis=-1)
     return np.exp(-1j * medium.wavenumber(frequency).real * distance).sum(axis=1)

@@ -315,3 +315,10 @@ def test_midpoints_far_off_their_edges_are_refused():
     middles[np.isclose(middles, [0.01, 0.0, 0.0]).all(axis=2)] -= [0.0, 0.0, 0.011]  # of an edge of 20 mm, in both
     with pytest.raises(InvalidInput, match=r"lies 11 mm off the middle of its edge, 0.55 of the edge's length"):
         Surface(vertices, triangles, middles)
+
+
+def test_a_primitive_that_is_another_shape_is_refused():
+    ball = sphere(0.01, 0.004)
+    with pytest.raises(InvalidInput, match=r"a corner of triangle \d+ lies 10 mm off the exact shape"):
+        Surface(2.0 * ball.vertices, ball.triangles, primitive=ball.primitive)
+    assert Surface(ball.vertices, ball.triangles, primitive=ball.primitive).primitive is ball.primitive

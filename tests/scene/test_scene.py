@@ -201,3 +201,15 @@ def test_a_scene_prints_in_a_line_or_two(ball):
     assert "vertices=float64 (127, 3)" in printed
     assert len(printed) < 900
     assert "\n" not in printed
+
+
+def test_bodies_placed_in_millimetres_are_asked_about(ball):
+    far = sphere(0.01, 0.005, centre=(0.0, 0.0, 50.0))
+    with pytest.raises(InvalidInput, match=r"body 1 stands 50\.01 m from the origin, .* is its place in millimetres\?"):
+        Scene(AIR, [sound_hard(ball), sound_hard(far)])
+
+
+def test_an_absorption_in_decibels_is_asked_about():
+    with pytest.raises(InvalidInput, match=r"an absorption of 1300 Np/m leaves 1\.\de-05 of .*: is it in dB/km\?"):
+        Scene(Medium(343.1, 1.293, absorption=1300), [])
+    assert Scene(Medium(343.1, 1.293, absorption=100), []).wavenumber.imag == 100

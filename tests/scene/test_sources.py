@@ -57,5 +57,7 @@ def test_a_point_beside_a_source_passes():
 
 @pytest.mark.usefixtures("as_outside_the_tests")
 def test_strengths_are_numbers():
-    with pytest.raises(InvalidInput, match="monopole strengths are a list that holds other things than numbers"):
+    with pytest.raises(
+        InvalidInput, match="monopole strengths are a list of length 1, but they must be an array of numbers"
+    ):
         Monopoles(np.zeros((1, 3)), ["loud"])

@@ -124,3 +124,15 @@ def test_a_hand_and_a_rod(hand_file):
     check_apart([hand, sphere(0.01, 0.005, centre=tuple(palm + [0.2, 0.0, 0.0]))])
     with pytest.raises(InvalidInput, match="bodies 0 and 1 overlap"):
         check_apart([hand, capsule(tuple(palm - [0.2, 0, 0]), tuple(palm + [0.2, 0, 0]), 0.003, 0.003)])
+
+
+def test_a_piece_inside_another_is_refused():
+    outer, inner = box_mesh((0, 0, 0), (0.02, 0.03, 0.04)), box_mesh((0.01, 0.01, 0.01), (0.015, 0.02, 0.02))
+    both = Surface(np.vstack([outer[0], inner[0]]), np.vstack([outer[1], inner[1] + 8]))
+    with pytest.raises(InvalidInput, match=r"closed piece 1 of 2 lies inside piece 0, 10 mm deep near .*: no sound"):
+        check_surface(both)
+
+
+def test_pieces_side_by_side_pass():
+    left, right = box_mesh((0, 0, 0), (0.01, 0.01, 0.01)), box_mesh((0.02, 0, 0), (0.03, 0.01, 0.01))
+    check_surface(Surface(np.vstack([left[0], right[0]]), np.vstack([left[1], right[1] + 8])))

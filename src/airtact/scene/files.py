@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 
 from airtact.conventions import InvalidInput
 from airtact.scene.geometry import Surface
-from airtact.scene.guards import positive, refuse_not_finite
+from airtact.scene.guards import of_kind, positive, refuse_not_finite
 from airtact.scene.topology import refuse_bad_indices
 
 SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".gltf")
@@ -32,6 +32,7 @@ def load_surface(path: str | Path, scale: float = 1.0) -> Surface:
     InvalidInput
         When there is no such file, it cannot be read, holds no triangles, or the surface is at fault (see ``Surface``).
     """
+    of_kind(path, str | Path, "the path of a surface", "the name of a file")
     path, scale = Path(path), positive(scale, "scale", "m per unit of the file")
     if path.suffix.lower() not in SUFFIXES:
         raise InvalidInput(f"{path.name} ends in {path.suffix!r}, but surfaces are read from {', '.join(SUFFIXES)}.")

@@ -219,6 +219,8 @@ class Surface:
             midpoints = real_numbers(self.midpoints, "surface midpoints")
             _refuse_bad_midpoints(midpoints, vertices, triangles)
             object.__setattr__(self, "midpoints", midpoints)
+        if self.primitive is not None:
+            _refuse_other_shape(self.primitive, self.corners)
 
     __repr__ = in_short
 
@@ -269,7 +271,13 @@ class Surface:
         Parameters
         ----------
         points : (P, 3) [m].
+
+        Raises
+        ------
+        InvalidInput
+            When they are of another shape, NaN or infinite.
         """
+        points = points_of(points, "points", least=0)
         if self.primitive is not None:
             return self.primitive.depth(points)
         return self._distance.depth(points)
@@ -329,7 +337,10 @@ def refuse_wrong_size(extent: float) -> None:
 
 
 def _triangles_of(given: np.ndarray) -> Int64[np.ndarray, "triangles 3"]:
-    array = np.asarray(given)
+    try:
+        array = np.asarray(given)
+    except ValueError:
+        raise InvalidInput(f"the {len(given)} surface triangles do not have three indices each.") from None
     if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
         raise InvalidInput(
             f"surface triangles have shape {array.shape}, but they are an array of shape (triangles, 3)."
@@ -339,6 +350,15 @@ def _triangles_of(given: np.ndarray) -> Int64[np.ndarray, "triangles 3"]:
     triangles = np.array(array, dtype=np.int64, order="C")
     triangles.flags.writeable = False
     return triangles
+
+
+def _refuse_other_shape(primitive: ExactShape, corners: Float64[np.ndarray, "triangles 3 3"]) -> None:
+    off = np.abs(primitive.depth(corners.reshape(-1, 3)))
+    if off.max() > 1e-6 * primitive.extent:
+        raise InvalidInput(
+            f"a corner of triangle {int(off.argmax()) // 3} lies {off.max() * 1e3:.3g} mm off the exact shape that the "
+            "surface is said to be; leave the primitive out or take its own mesh."
+        )
 
 
 def _refuse_bad_midpoints(

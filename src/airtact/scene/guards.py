@@ -1,5 +1,7 @@
 """Sentences for bad input that every constructor of a scene says the same way."""
 
+from types import UnionType
+
 import numpy as np
 from jaxtyping import Complex128, Float64, Num, Real
 
@@ -22,7 +24,7 @@ def counted(number: int, one: str, many: str) -> str:
     return f"{number} {one if number == 1 else many}"
 
 
-def of_kind(value: object, kind: type, what: str, instead: str) -> None:
+def of_kind(value: object, kind: type | UnionType, what: str, instead: str) -> None:
     """Refuse an object of the wrong kind, before it fails somewhere inside.
 
     Parameters
@@ -39,7 +41,8 @@ def of_kind(value: object, kind: type, what: str, instead: str) -> None:
     """
     if not isinstance(value, kind):
         given = f"the class {value.__name__}" if isinstance(value, type) else _kind_of(value)
-        wanted = f"{_article(kind.__name__)} {kind.__name__}"
+        name = kind.__name__ if isinstance(kind, type) else str(kind)
+        wanted = f"{_article(name)} {name}"
         raise InvalidInput(f"{what} is {given}, but it must be {wanted}: give {instead}.")
 
 

@@ -18,6 +18,9 @@ from airtact.scene.target import Beacons, Target
 CONTACT = 1e-9
 """Points up to this deep in a body stand on its skin [m]."""
 
+FARTHEST = 10.0
+"""Farthest that a body may stand from the origin [m]."""
+
 SMALLEST_SHARE = 1.0 / 50.0
 """Share of a wavelength that at least one body must measure: smaller ones leave the sound as it is."""
 
@@ -45,7 +48,7 @@ class Obstacle:
             self.surface, Surface, "an obstacle's surface", "one Surface, such as sphere(...) or pinch().surfaces[0]"
         )
         wanted = {"sound_hard": (False, False), "impedance": (True, False), "filled": (False, True)}
-        if self.boundary not in wanted:
+        if not isinstance(self.boundary, str) or self.boundary not in wanted:
             raise InvalidInput(f"boundary is {self.boundary!r}, but it is one of {', '.join(wanted)}.")
         given = (self.ratio is not None, self.medium is not None)
         if given != wanted[self.boundary]:
@@ -118,8 +121,9 @@ class Scene:
     Raises
     ------
     InvalidInput
-        When the frequency is outside its range or so low that every body is under 1/50 of a wavelength, a surface
-        crosses itself, two bodies overlap, or something is of the wrong kind.
+        When the frequency is outside its range or so low that every body is under 1/50 of a wavelength, a body is
+        over 10 m from the origin, the medium swallows the sound within a wavelength, a surface crosses itself, two
+        bodies overlap, or something is of the wrong kind.
 
     Examples
     --------
@@ -137,6 +141,8 @@ class Scene:
         object.__setattr__(self, "frequency", check_frequency(self.frequency))
         object.__setattr__(self, "obstacles", _obstacles_of(self.obstacles))
         self._refuse_far_too_small()
+        self._refuse_too_far()
+        self._refuse_soundless()
         for obstacle in self.obstacles:
             check_surface(obstacle.surface)
         check_apart([obstacle.surface for obstacle in self.obstacles])
@@ -147,6 +153,23 @@ class Scene:
             raise InvalidInput(
                 f"the largest body spans {extent * 1e3:.3g} mm, less than 1/50 of the wavelength of "
                 f"{self.wavelength * 1e3:.4g} mm at {self.frequency:g} Hz: is the frequency in kHz? Give hertz."
+            )
+
+    def _refuse_too_far(self) -> None:
+        for index, obstacle in enumerate(self.obstacles):
+            away = float(np.linalg.norm(obstacle.surface.corners[0, 0]))
+            if away > FARTHEST:
+                raise InvalidInput(
+                    f"body {index} stands {away:.4g} m from the origin, more than {FARTHEST:g} m: is its place in "
+                    "millimetres? Give metres."
+                )
+
+    def _refuse_soundless(self) -> None:
+        decay = self.medium.absorption * self.wavelength
+        if decay > 1.0:
+            raise InvalidInput(
+                f"an absorption of {self.medium.absorption:g} Np/m leaves {np.exp(-decay):.2g} of the sound after one "
+                "wavelength: is it in dB/km? Divide that by 8686."
             )
 
     @property
@@ -165,7 +188,13 @@ class Scene:
         Parameters
         ----------
         points : (P, 3) [m].
+
+        Raises
+        ------
+        InvalidInput
+            When they are of another shape, NaN or infinite.
         """
+        points = points_of(points, "points", least=0)
         depth = np.full(len(points), -np.inf)
         for obstacle in self.obstacles:
             depth = np.maximum(depth, obstacle.surface.depth(points))

@@ -6,7 +6,7 @@ from itertools import combinations
 import numpy as np
 
 from airtact.conventions import InvalidInput
-from airtact.scene.closest_point import segment_distances
+from airtact.scene.closest_point import segment_distances, signed_distance
 from airtact.scene.crossings import crossings_between, segment_triangle_distances
 from airtact.scene.geometry import Surface
 from airtact.scene.guards import counted, place
@@ -18,7 +18,7 @@ TOUCH = 1e-9
 
 
 def check_surface(surface: Surface) -> None:
-    """Refuse a surface that crosses or touches itself.
+    """Refuse a surface that crosses or touches itself, or has one closed piece inside another.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def check_surface(surface: Surface) -> None:
     Raises
     ------
     InvalidInput
-        With the number of pairs of triangles that meet and where the first does.
+        With the number of pairs of triangles that meet and where the first does, or how deep a piece lies in another.
     """
     pairs = surface.crossings
     if len(pairs):
@@ -37,6 +37,24 @@ def check_surface(surface: Surface) -> None:
             f"the surface crosses itself: {meet}, the first are triangles "
             f"{int(first[0])} and {int(first[1])} near {place(surface.corners[first].mean(axis=(0, 1)))}; repair it."
         )
+    if surface.primitive is None:
+        _refuse_nested(surface)
+
+
+def _refuse_nested(surface: Surface) -> None:
+    piece = shells(surface.triangles)
+    seeds = surface.corners[np.unique(piece, return_index=True)[1], 0]
+    if len(seeds) == 1:
+        return
+    for outer in range(len(seeds)):
+        depth = signed_distance(surface.vertices, surface.triangles[piece == outer]).depth(seeds)
+        depth[outer] = -np.inf
+        inner = int(depth.argmax())
+        if depth[inner] > 0.0:
+            raise InvalidInput(
+                f"closed piece {inner} of {len(seeds)} lies inside piece {outer}, {depth[inner] * 1e3:.3g} mm deep "
+                f"near {place(seeds[inner])}: no sound gets there, so remove it."
+            )
 
 
 def check_apart(surfaces: Sequence[Surface]) -> None:

@@ -225,7 +225,7 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
     Raises
     ------
     InvalidInput
-        If there is no board.
+        If there is no board, or they span over 10 m.
 
     Examples
     --------
@@ -237,8 +237,11 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
             raise InvalidInput(f"flat boards need a whole number of {name}, not {count!r}.")
     if rows < 1 or columns < 1:
         raise InvalidInput(f"flat boards need at least 1 row and 1 column, not {rows} and {columns}.")
-    board = _centred_board(element)
     width, height = OUTLINE
+    extent = max(rows * height, columns * width)
+    if extent > WIDEST:
+        raise InvalidInput(f"{rows} by {columns} flat boards span {extent:.4g} m, more than {WIDEST:g} m; take fewer.")
+    board = _centred_board(element)
     places = [
         np.array([(column - (columns - 1) / 2) * width, (row - (rows - 1) / 2) * height, 0.0])
         for row in range(rows)

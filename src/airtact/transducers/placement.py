@@ -11,7 +11,7 @@ from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
 
 FARTHEST = 10.0
-"""Farthest that an element may stand from the nearest body [m]."""
+"""Farthest that an element may stand from a focus or the nearest body [m]."""
 
 
 def check_placement(scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "foci 3"] | None = None) -> None:
@@ -33,24 +33,20 @@ def check_placement(scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "fo
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     check_pattern(array.element, scene.wavenumber)
     _check_outside_bodies(scene, array)
+    if foci is not None:
+        check_reach(array, foci)
     if not array.element.directional:
         return
-    if foci is not None:
-        check_before_faces(array, foci, "focus")
     for index, obstacle in enumerate(scene.obstacles):
-        vertices = obstacle.surface.vertices
+        vertices = obstacle.surface.corners.reshape(-1, 3)
         _check_body_before_faces(array, vertices[ConvexHull(vertices).vertices], index)
 
 
 def _check_outside_bodies(scene: Scene, array: PhasedArray) -> None:
     """Refuse elements whose centre or face points lie in a body; only faces near a skin are looked at in full."""
     depth = scene.depth(array.positions)
-    farthest = int(depth.argmin())
-    if FARTHEST < -depth[farthest] < np.inf:
-        raise InvalidInput(
-            f"element {farthest} stands {-depth[farthest]:.4g} m from the nearest body, more than {FARTHEST:g} m: is "
-            "the array or its pose in millimetres? Give metres."
-        )
+    if scene.obstacles:
+        _refuse_far(-depth, "the nearest body")
     if array.element.reach == 0.0:
         check_outside(scene, array.positions, "element")
         return
@@ -65,6 +61,34 @@ def _check_outside_bodies(scene: Scene, array: PhasedArray) -> None:
             f"the faces of {len(inside)} of {count} reach into a body: element {deepest} at "
             f"{place(array.positions[deepest])} by {depth[deepest] * 1e3:.3g} mm; move the array or the body away."
         )
+
+
+def _refuse_far(distance: Float64[np.ndarray, "elements"], what: str) -> None:
+    farthest = int(distance.argmax())
+    if distance[farthest] > FARTHEST:
+        raise InvalidInput(
+            f"element {farthest} stands {distance[farthest]:.4g} m from {what}, more than {FARTHEST:g} m: is the array "
+            "or its pose in millimetres? Give metres."
+        )
+
+
+def check_reach(array: PhasedArray, foci: Real[np.ndarray, "foci 3"]) -> None:
+    """Refuse foci that an array cannot reach.
+
+    Parameters
+    ----------
+    array : the transducers.
+    foci : (F, 3) points [m].
+
+    Raises
+    ------
+    InvalidInput
+        If an element stands over 10 m from a focus, or a focus behind the face of a directional element.
+    """
+    for index, focus in enumerate(foci):
+        _refuse_far(np.linalg.norm(array.positions - focus, axis=1), f"focus {index}")
+    if array.element.directional:
+        check_before_faces(array, foci, "focus")
 
 
 def check_before_faces(array: PhasedArray, points: Real[np.ndarray, "points 3"], what: str) -> None:
