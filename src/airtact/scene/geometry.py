@@ -20,12 +20,8 @@ from airtact.scene.topology import (
     refuse_degenerate,
     refuse_inside_out,
     refuse_open,
+    refuse_wrong_size,
 )
-
-LARGEST = 2.0
-"""Largest extent of a body [m]."""
-SMALLEST = 0.5e-3
-"""Smallest extent of a body [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,30 +306,6 @@ def extent_of(surface: Surface) -> float:
     if surface.primitive is not None:
         return surface.primitive.extent
     return float(np.ptp(surface.corners.reshape(-1, 3), axis=0).max())
-
-
-def refuse_wrong_size(extent: float) -> None:
-    """Refuse bodies so large or small that they must be in another unit.
-
-    Parameters
-    ----------
-    extent : largest extent [m].
-
-    Raises
-    ------
-    InvalidInput
-        Over ``LARGEST`` or under ``SMALLEST``, asking whether it is in millimetres.
-    """
-    if extent > LARGEST * (1.0 + 1e-9):
-        raise InvalidInput(
-            f"the surface spans {extent:.4g} m, more than {LARGEST:g} m: is this in millimetres? Give metres, or "
-            "scale it by 1e-3."
-        )
-    if extent < SMALLEST * (1.0 - 1e-9):
-        raise InvalidInput(
-            f"the surface spans {extent * 1e3:.4g} mm, less than {SMALLEST * 1e3:g} mm: is this in millimetres "
-            "that were brought to metres twice? Check the scale."
-        )
 
 
 def _triangles_of(given: np.ndarray) -> Int64[np.ndarray, "triangles 3"]:

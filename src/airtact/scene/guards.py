@@ -1,11 +1,14 @@
 """Sentences for bad input that every constructor of a scene says the same way."""
 
 from types import UnionType
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Complex128, Float64, Num, Real
 
 from airtact.conventions import InvalidInput
+
+Given = TypeVar("Given")
 
 
 def counted(number: int, one: str, many: str) -> str:
@@ -24,8 +27,8 @@ def counted(number: int, one: str, many: str) -> str:
     return f"{number} {one if number == 1 else many}"
 
 
-def of_kind(value: object, kind: type | UnionType, what: str, instead: str) -> None:
-    """Refuse an object of the wrong kind, before it fails somewhere inside.
+def of_kind(value: Given, kind: type | UnionType, what: str, instead: str) -> Given:
+    """Return an object, or refuse it where it is of the wrong kind, before it fails somewhere inside.
 
     Parameters
     ----------
@@ -44,6 +47,7 @@ def of_kind(value: object, kind: type | UnionType, what: str, instead: str) -> N
         name = kind.__name__ if isinstance(kind, type) else str(kind)
         wanted = f"{_article(name)} {name}"
         raise InvalidInput(f"{what} is {given}, but it must be {wanted}: give {instead}.")
+    return value
 
 
 def _kind_of(value: object) -> str:

@@ -7,9 +7,10 @@ import numpy as np
 from jaxtyping import Float64, Int64, Real
 
 from airtact.conventions import InvalidInput, Vector
-from airtact.scene.geometry import Pose, Surface, refuse_wrong_size
+from airtact.scene.geometry import Pose, Surface
 from airtact.scene.guards import number, positive, real_numbers, refuse_not_finite
 from airtact.scene.printing import in_short
+from airtact.scene.topology import refuse_wrong_size
 
 _SECTORS = 5  # triangles round a pole; five keep every angle above 30 degrees
 _MOST_RINGS = 400  # 1.6 million triangles: beyond it the edge is a slip of units

@@ -2,14 +2,21 @@
 
 import dataclasses
 from collections.abc import Mapping
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
+
+
+@runtime_checkable
+class _Dataclass(Protocol):
+    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
+
 
 FEW = 9
 """So many numbers are printed themselves: a rotation, three points."""
 
 
-def in_short(self: object) -> str:
+def in_short(self: _Dataclass) -> str:
     """Say a dataclass in one line, its larger arrays by their shapes; a class takes it by ``__repr__ = in_short``.
 
     Parameters
@@ -24,8 +31,7 @@ def in_short(self: object) -> str:
     >>> Monopoles(np.zeros((20, 3)), np.eye(20))
     Monopoles(positions=float64 (20, 3), strengths=complex128 (20, 20))
     """
-    fields = dataclasses.fields(self) if dataclasses.is_dataclass(self) else ()
-    parts = [f"{field.name}={_short(getattr(self, field.name))}" for field in fields if field.repr]
+    parts = [f"{field.name}={_short(getattr(self, field.name))}" for field in dataclasses.fields(self) if field.repr]
     return f"{type(self).__name__}({', '.join(parts)})"
 
 

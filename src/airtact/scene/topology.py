@@ -1,4 +1,4 @@
-"""How the triangles of a mesh hang together, on plain arrays."""
+"""How the triangles of a mesh hang together, and whether they can be a body, on plain arrays."""
 
 import numpy as np
 from jaxtyping import Float64, Int, Int64, Real
@@ -10,6 +10,10 @@ from airtact.scene.guards import counted, place
 
 THINNEST = 1e-6
 """A triangle whose height is below this share of its longest edge counts as degenerate."""
+LARGEST = 2.0
+"""Largest extent of a body [m]."""
+SMALLEST = 0.5e-3
+"""Smallest extent of a body [m]."""
 
 
 def edge_twins(triangles: Int[np.ndarray, "triangles 3"]) -> Int64[np.ndarray, "triangles 3"]:
@@ -38,6 +42,30 @@ def edge_twins(triangles: Int[np.ndarray, "triangles 3"]) -> Int64[np.ndarray, "
     again[:-1] |= ranked[1:] == ranked[:-1]
     twins[order[again]] = -2
     return twins.reshape(-1, 3)
+
+
+def refuse_wrong_size(extent: float) -> None:
+    """Refuse bodies so large or small that they must be in another unit.
+
+    Parameters
+    ----------
+    extent : largest extent [m].
+
+    Raises
+    ------
+    InvalidInput
+        Over ``LARGEST`` or under ``SMALLEST``, asking whether it is in millimetres.
+    """
+    if extent > LARGEST * (1.0 + 1e-9):
+        raise InvalidInput(
+            f"the surface spans {extent:.4g} m, more than {LARGEST:g} m: is this in millimetres? Give metres, or "
+            "scale it by 1e-3."
+        )
+    if extent < SMALLEST * (1.0 - 1e-9):
+        raise InvalidInput(
+            f"the surface spans {extent * 1e3:.4g} mm, less than {SMALLEST * 1e3:g} mm: is this in millimetres "
+            "that were brought to metres twice? Check the scale."
+        )
 
 
 def refuse_bad_indices(count: int, triangles: Int[np.ndarray, "triangles 3"]) -> None:
