@@ -183,7 +183,12 @@ def test_the_search_for_missing_shapes_finds_them() -> None:
     assert len(arrays) >= 20  # the search does look at arrays
 
 
-ANY_ARRAY = {"airtact.scene.guards.refuse_not_finite", "airtact.solvers.gmres.gmres"}
+ANY_ARRAY = {
+    "airtact.scene.guards.of_kind",
+    "airtact.scene.guards.refuse_not_finite",
+    "airtact.scene.printing.in_short",
+    "airtact.solvers.gmres.gmres",
+}
 """Inner functions that take arrays of any shape and type, or a product that does."""
 
 

@@ -107,3 +107,21 @@ def test_twelve_iterations_for_two_fingers():
     )
     assert report.residual < 1e-2
     assert report.iterations <= 12
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-7, 1e-6, 1e-5, 3e-5])
+@pytest.mark.parametrize("radius", [2e-3, 5e-3])
+def test_sources_micrometres_off_the_skin_are_as_good_as_on_it(radius, gap):
+    assert accuracy.sphere_error(radius, gap) < 0.02
+    assert accuracy.skin_error(radius, gap) < 0.02
+
+
+@pytest.mark.parametrize("asked", [0.03, 0.01, 0.004])
+def test_contact_beacons_on_both_pads_are_heard_alike(asked):
+    """The pinch is its own mirror image, pads standing where panels meet."""
+    fingers = at.pinch()
+    scene = at.Scene(accuracy.PAPER_AIR, [at.sound_hard(surface) for surface in fingers.surfaces])
+    field = at.BoundaryElement(accuracy=asked).radiate(scene, at.Target(fingers.foci(0.0)).beacons())
+    points = accuracy.far_points(30)
+    heard, mirrored = field.at(points), field.at(points * [-1, 1, 1])
+    assert np.linalg.norm(heard[:, 0] - mirrored[:, 1]) < 0.02 * np.linalg.norm(heard[:, 0])

@@ -10,7 +10,7 @@ from jaxtyping import Complex, Float64
 
 from airtact.conventions import InvalidInput
 from airtact.scene.panels import Panels, scene_panels
-from airtact.scene.scene import Scene, check_outside
+from airtact.scene.scene import Scene, check_sources
 from airtact.scene.sources import Monopoles
 from airtact.solvers.boundary_field import BoundaryField
 from airtact.solvers.boundary_operator import assemble, dual_surface, heard, incident, refuse_too_large
@@ -144,6 +144,7 @@ class _Clock:
 
 
 def _refuse_unfit(scene: Scene, sources: Monopoles) -> None:
+    check_sources(scene, sources)
     if not scene.obstacles:
         raise InvalidInput("the scene has 0 obstacles; use FreeField for open air.")
     for index, obstacle in enumerate(scene.obstacles):
@@ -152,7 +153,6 @@ def _refuse_unfit(scene: Scene, sources: Monopoles) -> None:
                 f"obstacle {index} is {obstacle.boundary}, but BoundaryElement solves sound-hard bodies only; use "
                 "SphereSeries for a single sphere."
             )
-    check_outside(scene, sources.positions, "source")
 
 
 def _times(

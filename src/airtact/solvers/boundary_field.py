@@ -1,13 +1,15 @@
 """The field around rigid bodies, heard from the boundary element solution."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Real
 
+from airtact.scene.guards import points_of
 from airtact.scene.panels import Panels, cut
+from airtact.scene.printing import in_short
 from airtact.scene.scene import Scene
-from airtact.scene.sources import Monopoles
+from airtact.scene.sources import Monopoles, check_off_sources
 from airtact.solvers.boundary_operator import DualSurface
 from airtact.solvers.boundary_pressure import (
     double_layer_pressure,
@@ -43,7 +45,9 @@ class BoundaryField(RadiatedField):
     pressure: Complex128[np.ndarray, "nodes sounds"]
     density: Complex128[np.ndarray, "nodes sounds"]
     factors: Float64[np.ndarray, "sources"]
-    report: SolveReport = field(repr=False)
+    report: SolveReport
+
+    __repr__ = in_short
 
     @property
     def skin(self) -> Skin:
@@ -52,16 +56,22 @@ class BoundaryField(RadiatedField):
         return Skin(nodes.points, nodes.normals, nodes.weights, self.pressure)
 
     def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
-        """Whether points (P, 3) lie outside the bodies or on their skin."""
-        return is_outside(self.surface.nodes, points, self.surface.near_rule)
+        """Whether points (P, 3) [m] lie outside the bodies or on their skin."""
+        return is_outside(self.surface.nodes, points_of(points, "points", least=0), self.surface.near_rule)
 
     def at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
         """Total pressure [Pa] at points (P, 3) for each of the S sounds; NaN inside the bodies.
 
         On and near the skin it is the direct solution's. Elsewhere it is the transposed one's for sounds that have a
         source near the skin, and the mean of both for the others, which makes A heard at B equal B heard at A.
+
+        Raises
+        ------
+        InvalidInput
+            A point is NaN or infinite, or stands on a source.
         """
-        points = np.ascontiguousarray(points, dtype=np.float64)
+        points = points_of(points, "points", least=0)
+        check_off_sources(points, self.sources)
         near = near_skin(self.surface.nodes, points, self.surface.near_rule.reach)
         outside = self.valid(points)
         out = np.full((len(points), self.density.shape[1]), np.nan, dtype=np.complex128)
