@@ -17,6 +17,7 @@ from airtact.report.run_page import Run, write_page
 from airtact.report.vtkhdf import write_field
 from airtact.report.whole_file import writable_folder
 from airtact.report.windows import Window, box_around, close_up, plane_through
+from airtact.scene.guards import counted
 from airtact.scene.scene import Scene
 from airtact.scene.sources import Monopoles
 from airtact.scene_file.building import Setup, read_setup
@@ -28,10 +29,10 @@ from airtact.transfer import Drive, TransferMatrix, focus_by_distance, transfer_
 FILES = ("drive.csv", "drive.h5", "field.vtkhdf", "report.html")
 """What a run writes, in this order."""
 
-REFINEMENT = 3.0
-"""How much more accurate the solution that judges a drive is than the one that made it, where memory allows."""
+REFINEMENT = 2
+"""How many times the unknowns of the drive's solution the one that judges it gets, where memory allows."""
 
-MOST_UNKNOWNS = 20_000
+MOST_UNKNOWNS = 19_000
 """Where the judging solution stops to be finer by that much: its matrix would pass 3 GB."""
 
 FINEST = 1e-4
@@ -138,9 +139,9 @@ def render(path: Path, folder: Path, tell: Callable[[str], None] = lambda step: 
 
 def _make_drive(setup: Setup, clock: _Clock) -> _Made:
     count = len(setup.target.points)
-    with clock.step("beacons", f"solving for a beacon in each of {count} foci around {', '.join(setup.bodies)}"):
+    with clock.step("beacons", f"solving for a beacon in each focus ({count}) around {', '.join(setup.bodies)}"):
         beacons = setup.solver.radiate(setup.scene, setup.target.beacons())
-    with clock.step("drive", f"making the drive of {len(setup.array)} transducers"):
+    with clock.step("drive", f"making the drive of {counted(len(setup.array), 'transducer', 'transducers')}"):
         transfer = transfer_matrix(beacons, setup.array)
         drive = setup.synthesise(transfer, setup.target)
     return _Made(beacons.report, transfer, drive, quantise(drive))
@@ -159,28 +160,25 @@ def _judge(setup: Setup, made: _Made, clock: _Clock) -> tuple[Comparison, Radiat
     """Compare the drive with the one that ignores the bodies; the field's first two sounds are these two, loudest 1."""
     control = focus_by_distance(setup.array, setup.target, setup.scene.medium, setup.scene.frequency)
     drives = {CONSIDERED: made.drive, IGNORED: control}
-    accuracies = _judging_accuracies(setup.solver.accuracy, made.beacons.nodes)
     with clock.step("judge", "judging it by a finer solution with all transducers as sources"):
-        comparison, field = _compare(setup, drives, accuracies[0])
-        for accuracy in accuracies[1:]:
-            if comparison.report.nodes > made.beacons.nodes:
-                break
-            comparison, field = _compare(setup, drives, accuracy)
-    return comparison, field
+        judge = _Remembering(BoundaryElement(accuracy=_judging_accuracy(setup, made.beacons.nodes)))
+        comparison = compare(setup.scene, setup.array, drives, setup.target, solver=judge)
+    return comparison, judge.fields[0]
 
 
-def _compare(setup: Setup, drives: dict[str, Drive], accuracy: float) -> tuple[Comparison, RadiatedField]:
-    judge = _Remembering(BoundaryElement(accuracy=accuracy))
-    return compare(setup.scene, setup.array, drives, setup.target, solver=judge), judge.fields[0]
-
-
-def _judging_accuracies(accuracy: float, unknowns: int) -> list[float]:
-    """Ask for more than the drive's solution had, but for no more than fits.
-
-    Unknowns grow as accuracy^(-2/3), but in steps: where the first accuracy brings no more of them, the next may.
-    """
-    affordable = min(accuracy * (unknowns / MOST_UNKNOWNS) ** 1.5, accuracy / 1.2)
-    return [max(accuracy / REFINEMENT**power, affordable, FINEST) for power in (1, 2, 3)]
+def _judging_accuracy(setup: Setup, unknowns: int) -> float:
+    """Find an accuracy that brings ``REFINEMENT`` times the unknowns of the drive's solution, or as many as fit."""
+    speakers = Monopoles(setup.array.positions, np.ones(len(setup.array)))
+    fitting = finer = setup.solver.accuracy / 1.2
+    while finer > FINEST:
+        count = BoundaryElement(accuracy=finer).unknowns(setup.scene, speakers)
+        if count > MOST_UNKNOWNS:
+            break
+        fitting = finer
+        if count >= REFINEMENT * unknowns:
+            break
+        finer /= 1.2
+    return fitting
 
 
 def _cuts(setup: Setup, field: RadiatedField) -> tuple[Cut, list[Cut]]:

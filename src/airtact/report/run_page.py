@@ -15,6 +15,7 @@ from airtact.report.page import document, folded, paragraph, picture, section, t
 from airtact.report.phase_figure import draw_phases
 from airtact.report.scene_figure import draw_scene
 from airtact.report.whole_file import whole_file
+from airtact.scene.guards import counted
 from airtact.scene.scene import Scene
 from airtact.scene.target import Target
 from airtact.solvers.problem import SolveReport
@@ -92,7 +93,7 @@ def _summary(run: Run) -> Iterable[str]:
     count = f"{len(run.foci)} {'focus' if len(run.foci) == 1 else 'foci'}"
     yield f"<h1>{escape(run.title)}</h1>"
     yield paragraph(
-        f"What {len(run.array)} transducers must emit at {run.scene.frequency / 1e3:g} kHz so that {count} stand "
+        f"What {counted(len(run.array), 'transducer', 'transducers')} must emit at {run.scene.frequency / 1e3:g} kHz so that {count} stand "
         f"beside {_and(run.bodies)}, which {'scatters' if len(run.bodies) == 1 else 'scatter'} the sound.",
         "lead",
     )
@@ -234,7 +235,10 @@ def _how(run: Run) -> Iterable[str]:
         ["medium", f"{medium.sound_speed:g} m/s, {medium.density:g} kg/m³, absorption {medium.absorption:g} Np/m"],
         ["frequency", f"{scene.frequency:g} Hz, wavelength {1e3 * scene.wavelength:.2f} mm"],
         ["bodies", ", ".join(_body(*pair) for pair in zip(run.bodies, scene.obstacles, strict=True))],
-        ["array", f"{len(run.array)} transducers of {run.array.element.sensitivity:g} Pa·m (peak, uncalibrated)"],
+        [
+            "array",
+            f"{counted(len(run.array), 'transducer', 'transducers')} of {run.array.element.sensitivity:g} Pa·m (peak, uncalibrated)",
+        ],
         ["not in the model", NOT_MODELLED],
         ["wall time", _listed({name: f"{time:.2f} s" for name, time in run.seconds.items()})],
     ]
