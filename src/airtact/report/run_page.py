@@ -88,12 +88,16 @@ def write_page(path: Path, run: Run) -> None:
         partial.write_text(document(f"airtact: {run.title}", pieces), encoding="utf-8")
 
 
+def _transducers(run: Run) -> str:
+    return counted(len(run.array), "transducer", "transducers")
+
+
 def _summary(run: Run) -> Iterable[str]:
     share = float(run.comparison.ratios("equal energy")[1].mean())
     count = f"{len(run.foci)} {'focus' if len(run.foci) == 1 else 'foci'}"
     yield f"<h1>{escape(run.title)}</h1>"
     yield paragraph(
-        f"What {counted(len(run.array), 'transducer', 'transducers')} must emit at {run.scene.frequency / 1e3:g} kHz so that {count} stand "
+        f"What {_transducers(run)} must emit at {run.scene.frequency / 1e3:g} kHz so that {count} stand "
         f"beside {_and(run.bodies)}, which {'scatters' if len(run.bodies) == 1 else 'scatter'} the sound.",
         "lead",
     )
@@ -237,7 +241,7 @@ def _how(run: Run) -> Iterable[str]:
         ["bodies", ", ".join(_body(*pair) for pair in zip(run.bodies, scene.obstacles, strict=True))],
         [
             "array",
-            f"{counted(len(run.array), 'transducer', 'transducers')} of {run.array.element.sensitivity:g} Pa·m (peak, uncalibrated)",
+            f"{_transducers(run)} of {run.array.element.sensitivity:g} Pa·m (peak, uncalibrated)",
         ],
         ["not in the model", NOT_MODELLED],
         ["wall time", _listed({name: f"{time:.2f} s" for name, time in run.seconds.items()})],
