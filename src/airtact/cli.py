@@ -122,10 +122,8 @@ def _summary(setup: "Setup") -> Iterator["Table"]:
 
     wavelength = setup.scene.wavelength
     bodies = _table("bodies", "boundary", "triangles", "area")
-    area = 0.0
     for name, obstacle in zip(setup.bodies, setup.scene.obstacles, strict=True):
         surface = obstacle.surface
-        area += surface.area
         size = f"{1e4 * surface.area:.1f} cm² = {surface.area / wavelength**2:.0f} λ²"
         bodies.add_row(escape(name), obstacle.boundary.replace("_", "-"), f"{len(surface.triangles):,}", size)
     yield bodies
@@ -137,7 +135,7 @@ def _summary(setup: "Setup") -> Iterator["Table"]:
         place = [f"{1e3 * number:.2f} mm" for number in point]
         foci.add_row(escape(name), *place, f"{1e3 * off_skin[index]:.3g} mm", wanted)
     yield foci
-    unknowns = setup.solver.nodes_per_square_wavelength * area / wavelength**2
+    unknowns = setup.solver.unknowns(setup.scene, setup.target.beacons())
     elements = setup.array
     clearance = -setup.scene.depth(elements.positions).max()
     facts = _table("", "")
@@ -145,8 +143,7 @@ def _summary(setup: "Setup") -> Iterator["Table"]:
     facts.add_row("transducers", f"{len(elements)}, {sensitivity}, {1e3 * clearance:.0f} mm off the bodies or more")
     facts.add_row("wavelength", f"{1e3 * wavelength:.2f} mm at {setup.scene.frequency / 1e3:g} kHz")
     facts.add_row("drive", f"{setup.method.replace('_', ' ')}, accuracy {setup.solver.accuracy:g}")
-    facts.add_row("unknowns", f"{_round(unknowns):,.0f} for the skin's area, matrix {_memory(unknowns)}")
-    facts.add_row("", "more where foci are close to the skin or triangles are uneven")
+    facts.add_row("unknowns", f"{unknowns:,}, matrix {_memory(unknowns)}")
     yield facts
 
 
@@ -171,10 +168,6 @@ def _table(*columns: str) -> "Table":
     for index, column in enumerate(columns):
         table.add_column(column, justify="right" if index and any(columns) else "left")
     return table
-
-
-def _round(number: float) -> float:
-    return float(f"{number:.2g}")
 
 
 def _memory(unknowns: float) -> str:

@@ -69,6 +69,10 @@ class BoundaryElement(Solver):
         """Nodes that a square wavelength of skin gets: the error falls as the third power of the panel edge."""
         return 34.0 * (0.01 / self.accuracy) ** (2 / 3)
 
+    def unknowns(self, scene: Scene, sources: Monopoles) -> int:
+        """Count the nodes that a solve would have; its matrix takes 8 or 16 bytes for each pair of them."""
+        return 6 * len(self._panels(scene, sources).six_nodes)
+
     def radiate(self, scene: Scene, sources: Monopoles) -> BoundaryField:
         """Solve the scene for the monopoles.
 
