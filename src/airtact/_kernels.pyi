@@ -64,6 +64,7 @@ def near_integrals(
     pair_target: np.ndarray,
     pair_panel: np.ndarray,
     panels: np.ndarray,
+    contact: np.ndarray,
     k: complex,
     nodes: np.ndarray,
     weights: np.ndarray,

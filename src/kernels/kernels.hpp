@@ -60,10 +60,12 @@ void inscribed_diameter(const double *points, const double *normals, const std::
                         double largest, double *diameter);
 
 // out[e, m] = integral over the panel of kernel(x, y) * monomial_m(reference point) dS, m in 1, x, y, xx, xy, yy;
-// distance[e] and foot[e] = the closest point's distance and reference coordinates
+// distance[e] and foot[e] = the closest point's distance and reference coordinates. A target nearer to a panel than its
+// contact counts as on it, at its foot.
 void near_integrals(bool single_layer, const double *targets, const std::int64_t *pair_target,
-                    const std::int64_t *pair_panel, std::int64_t pairs, const double *six_nodes, Wavenumber k,
-                    NearRule rule, std::complex<double> *out, double *distance, double *foot);
+                    const std::int64_t *pair_panel, std::int64_t pairs, const double *six_nodes,
+                    const double *contact, Wavenumber k, NearRule rule, std::complex<double> *out, double *distance,
+                    double *foot);
 
 }  // namespace AIRTACT_VARIANT
 }  // namespace airtact

@@ -151,15 +151,16 @@ static void thickness(Points x, Points a, Index body, double largest, Write<doub
 }
 
 static void near(bool single_layer, Points targets, Index pair_target, Index pair_panel, Read<double, -1, 6, 3> panels,
-                 Complex k, Line nodes, Line weights, int largest, int angular, int radial, Write<Complex, -1, 6> out,
+                 Line contact, Complex k, Line nodes, Line weights, int largest, int angular, int radial, Write<Complex, -1, 6> out,
                  Write<double, -1> distance, Write<double, -1, 2> foot) {
     const std::size_t pairs = pair_target.shape(0);
     same(pairs, pair_panel.shape(0)), same(pairs, out.shape(0)), same(pairs, distance.shape(0));
+    same(panels.shape(0), contact.shape(0));
     same(pairs, foot.shape(0)), same(nodes.shape(0), std::size_t(largest * (largest + 1) / 2));
     same(nodes.shape(0), weights.shape(0));
     nb::gil_scoped_release release;
     active->near_integrals(single_layer, targets.data(), pair_target.data(), pair_panel.data(), std::int64_t(pairs),
-                   panels.data(), wave(k), {nodes.data(), weights.data(), largest, angular, radial}, out.data(),
+                   panels.data(), contact.data(), wave(k), {nodes.data(), weights.data(), largest, angular, radial}, out.data(),
                    distance.data(), foot.data());
 }
 

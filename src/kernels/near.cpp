@@ -170,22 +170,24 @@ void add_triangle(const Patch &patch, const double *foot, double distance, const
     const double from[2] = {corner[edge][0] - foot[0], corner[edge][1] - foot[1]};
     const double along[2] = {corner[edge + 1][0] - corner[edge][0], corner[edge + 1][1] - corner[edge][1]};
     const double jacobian = from[0] * along[1] - from[1] * along[0];
-    if (jacobian < 1e-12) return;
+    if (jacobian < 1e-10) return;  // the foot stands on this edge
     double start[3], run[3];
     for (int d = 0; d < 3; d++) {
         start[d] = a[d] * from[0] + b[d] * from[1];
         run[d] = a[d] * along[0] + b[d] * along[1];
     }
     const double length = std::sqrt(dot(run, run)), middle = -dot(start, run) / (length * length);
-    const double height2 = dot(start, start) - middle * middle * length * length;
-    const double width = std::sqrt(std::max(height2, 0.0) + distance * distance) / length;
+    const double cross[3] = {start[1] * run[2] - start[2] * run[1], start[2] * run[0] - start[0] * run[2],
+                             start[0] * run[1] - start[1] * run[0]};
+    const double height2 = dot(cross, cross) / (length * length);  // no difference of squares: it may be tiny
+    const double width = std::sqrt(height2 + distance * distance) / length;
     const double t0 = std::asinh(-middle / width), t1 = std::asinh((1 - middle) / width);
     const GaussRule angular(rule, int(rule.angular) + int((t1 - t0) / 1.5));
     for (int i = 0; i < angular.n; i++) {
         const double t = t0 + angular.nodes[i] * (t1 - t0), h = middle + width * std::sinh(t);
         const double angular_weight = angular.weights[i] * (t1 - t0) * width * std::cosh(t) * jacobian;
         const double ray[2] = {from[0] + h * along[0], from[1] + h * along[1]};
-        const double reach = std::sqrt(std::max(height2, 0.0) + (h - middle) * (h - middle) * length * length);
+        const double reach = std::sqrt(height2 + (h - middle) * (h - middle) * length * length);
         const bool stretched = distance > 1e-9 * reach;
         const double scale = stretched ? distance / reach : 1.0, stretch = stretched ? std::asinh(1 / scale) : 1.0;
         const GaussRule radial(rule, int(rule.radial) + (stretched ? int(2 * stretch) : 0));
@@ -202,16 +204,20 @@ void add_triangle(const Patch &patch, const double *foot, double distance, const
 }
 
 template <bool SingleLayer>
-void one_pair(const double *six_nodes, const double *target, Wavenumber k, const NearRule &rule,
+void one_pair(const double *six_nodes, const double *target, double contact, Wavenumber k, const NearRule &rule,
               std::complex<double> *out, double *distance, double *foot) {
-    const Patch patch(six_nodes, target);
+    Patch patch(six_nodes, target);
     *distance = std::sqrt(closest_point(patch, foot));
-    double x[3], a[3], b[3];
+    double x[3], a[3], b[3], height = *distance;
     patch.at(foot[0], foot[1], x, a, b);
+    if (height < contact) {  // the target counts as on the panel: the principal value at its foot
+        for (int d = 0; d < 3; d++) patch.c[0][d] -= x[d];
+        height = 0;
+    }
     Moments sum;
     Points points;
     for (int edge = 0; edge < 3; edge++)
-        add_triangle<SingleLayer>(patch, foot, *distance, a, b, edge, k, rule, points, sum);
+        add_triangle<SingleLayer>(patch, foot, height, a, b, edge, k, rule, points, sum);
     add_points<SingleLayer>(patch, points, k, sum);
     for (int m = 0; m < 6; m++) out[m] = {sum.re[m], sum.im[m]};
 }
@@ -219,13 +225,14 @@ void one_pair(const double *six_nodes, const double *target, Wavenumber k, const
 }  // namespace
 
 void near_integrals(bool single_layer, const double *targets, const std::int64_t *pair_target,
-                    const std::int64_t *pair_panel, std::int64_t pairs, const double *six_nodes, Wavenumber k,
-                    NearRule rule, std::complex<double> *out, double *distance, double *foot) {
+                    const std::int64_t *pair_panel, std::int64_t pairs, const double *six_nodes,
+                    const double *contact, Wavenumber k, NearRule rule,
+                    std::complex<double> *out, double *distance, double *foot) {
 #pragma omp parallel for schedule(dynamic, 64)
     for (std::int64_t e = 0; e < pairs; e++) {
         const auto one = single_layer ? one_pair<true> : one_pair<false>;
-        one(six_nodes + 18 * pair_panel[e], targets + 3 * pair_target[e], k, rule, out + 6 * e, distance + e,
-            foot + 2 * e);
+        one(six_nodes + 18 * pair_panel[e], targets + 3 * pair_target[e], contact[pair_panel[e]], k, rule,
+            out + 6 * e, distance + e, foot + 2 * e);
     }
 }
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import airtact as at
+from airtact.scene.panels import panelled
 from benchmarks import accuracy
 from references import two_spheres
 
@@ -125,3 +126,18 @@ def test_contact_beacons_on_both_pads_are_heard_alike(asked):
     points = accuracy.far_points(30)
     heard, mirrored = field.at(points), field.at(points * [-1, 1, 1])
     assert np.linalg.norm(heard[:, 0] - mirrored[:, 1]) < 0.02 * np.linalg.norm(heard[:, 0])
+
+
+@pytest.mark.parametrize("offset", [-9e-10, -5e-10, 0.0, 1e-12, 1e-9, 1e-7])
+@pytest.mark.parametrize("asked", [0.05, 0.01])
+def test_contact_where_panels_meet_is_not_a_matter_of_rounding(asked, offset):
+    """Sources on poles, vertices and edge midpoints of the mesh that the solver makes itself."""
+    ball = at.sphere(0.01, 0.004)
+    scene = at.Scene(accuracy.PAPER_AIR, [at.sound_hard(ball)])
+    panels = panelled(ball, accuracy.PAPER_AIR.wavelength(40e3) * 0.6)
+    ways = np.concatenate([[[0, 0, 1.0], [0, 0, -1.0]], panels[::9, 0], panels[::7, 4]])
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    sources = accuracy.one_each(ways * (0.01 + offset))
+    found = at.BoundaryElement(accuracy=asked).radiate(scene, sources).at(accuracy.far_points(30))
+    exact = at.SphereSeries().radiate(scene, sources).at(accuracy.far_points(30))
+    assert accuracy.relative(found, exact).max() < max(0.02, asked)

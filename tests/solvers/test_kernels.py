@@ -102,14 +102,27 @@ FLAT = np.array([[[0, 0, 0], [4, 0, 0], [1, 3, 0], [2, 0, 0], [2.5, 1.5, 0], [0.
 CURVED = FLAT + np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 4e-4], [0, 0, 5e-4], [0, 0, 3e-4]])
 
 
-def near_moments(panel, target, wavenumber, points, single_layer=False):
+def near_moments(panel, target, wavenumber, points, single_layer=False, contact=0.0):
     rules = [np.polynomial.legendre.leggauss(n) for n in range(1, 41)]
     nodes = np.concatenate([0.5 * (x + 1) for x, _ in rules])
     weights = np.concatenate([0.5 * w for _, w in rules])
     out, distance, foot = np.empty((1, 6), complex), np.empty(1), np.empty((1, 2))
     zero = np.zeros(1, dtype=np.int64)
     _kernels.near_integrals(
-        single_layer, target[None], zero, zero, panel, wavenumber, nodes, weights, 40, *points, out, distance, foot
+        single_layer,
+        target[None],
+        zero,
+        zero,
+        panel,
+        np.array([contact]),
+        wavenumber,
+        nodes,
+        weights,
+        40,
+        *points,
+        out,
+        distance,
+        foot,
     )
     return out[0], distance[0], foot[0]
 
@@ -155,6 +168,17 @@ def test_few_points_suffice_at_any_height_over_a_panel(height, single_layer):
     assert np.abs(few - many).max() < 2e-3 * np.abs(many).max()
     assert distance == pytest.approx(height, abs=1e-15)
     assert place == pytest.approx([0.2, 0.3], abs=1e-6)
+
+
+@pytest.mark.parametrize("place", [(0.2, 0.3), (0.0, 0.0), (0.0, 1.0), (0.5, 0.0), (0.4, 0.6)])
+def test_a_point_in_contact_is_heard_as_on_the_panel(place):
+    foot, normal = panel_at(CURVED, *place)
+    exact, _, _ = near_moments(CURVED, foot, 732.5 + 0j, (12, 12), contact=1e-12)
+    for height in (-1e-6, -1e-9, 1e-12, 1e-8, 1e-6):
+        target = foot + height * normal / np.linalg.norm(normal)
+        found, distance, _ = near_moments(CURVED, target, 732.5 + 0j, (12, 12), contact=2e-6)
+        assert np.abs(found - exact).max() < 1e-4 * np.abs(exact).max()
+        assert distance == pytest.approx(abs(height), rel=1e-3)
 
 
 def test_flat_panel_fills_its_solid_angle():

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Complex, Float64
 
 from airtact.conventions import InvalidInput
+from airtact.scene.guards import number
 from airtact.scene.panels import Panels, scene_panels
 from airtact.scene.scene import Scene, check_sources
 from airtact.scene.sources import Monopoles
@@ -59,6 +60,7 @@ class BoundaryElement(Solver):
 
     def __post_init__(self) -> None:
         """Check both settings."""
+        number(self.accuracy, "accuracy", "parts of 1")
         if not 1e-4 <= self.accuracy <= 0.3:
             raise InvalidInput(f"accuracy is {self.accuracy:g}, but it must lie between 0.0001 and 0.3 (0.01 is 1 %).")
         if self.precision not in ("float32", "float64"):

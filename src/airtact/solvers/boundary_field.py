@@ -93,16 +93,17 @@ class BoundaryField(RadiatedField):
         It is the difference of the direct and the transposed solution, together with ``SHARED_ERROR`` of the accuracy
         asked for, as far as the pressure is scattered: what panels and quadrature do wrong alike shows in neither.
         """
+        points = points_of(points, "points")
         transposed = self._heard_from_density(points)
         size = np.linalg.norm(transposed, axis=0)
         difference = np.linalg.norm(self.direct_at(points) - transposed, axis=0)
         scattered = np.linalg.norm(transposed - self._free(points, self.sources.strengths), axis=0)
         accuracy = float(self.report.settings["accuracy"])
-        return np.hypot(difference, SHARED_ERROR * accuracy * scattered) / size
+        return np.hypot(difference, SHARED_ERROR * accuracy * scattered) / np.where(size > 0, size, 1)
 
     def direct_at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
         """Total pressure by the direct solution alone [Pa], at points (P, 3) outside the bodies."""
-        return self._heard_from_skin(self.surface.nodes, self.pressure, points)
+        return self._heard_from_skin(self.surface.nodes, self.pressure, points_of(points, "points", least=0))
 
     def _heard_from_skin(
         self, nodes: Nodes, pressure: Complex128[np.ndarray, "nodes sounds"], points: Real[np.ndarray, "points 3"]

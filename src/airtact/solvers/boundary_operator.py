@@ -18,6 +18,7 @@ from jaxtyping import Complex, Complex128, Float64, Real
 
 from airtact import _kernels
 from airtact.conventions import InvalidInput
+from airtact.scene.printing import in_short
 from airtact.solvers.boundary_pressure import (
     NearRule,
     double_layer_heard,
@@ -46,6 +47,8 @@ class DualSurface:
     wavenumber: complex
     near_rule: NearRule
     precision: str
+
+    __repr__ = in_short
 
 
 def dual_surface(nodes: Nodes, wavenumber: complex, near_rule: NearRule, precision: str) -> DualSurface:

@@ -12,6 +12,7 @@ from jaxtyping import Complex128, Float64, Int64, Real
 
 from airtact import _kernels
 from airtact.scene.panels import Panels, shape_functions, shape_slopes
+from airtact.scene.printing import in_short
 
 
 def _degree_four_rule() -> tuple[Float64[np.ndarray, "6 2"], Float64[np.ndarray, "6"]]:
@@ -66,6 +67,8 @@ class Nodes:
     contact: Float64[np.ndarray, "panels"]
     centres: Float64[np.ndarray, "panels 3"]
     radii: Float64[np.ndarray, "panels"]
+
+    __repr__ = in_short
 
     @property
     def weighted_normals(self) -> Float64[np.ndarray, "nodes 3"]:
@@ -155,7 +158,7 @@ def integrate_near(
 
     Parameters
     ----------
-    points : (P, 3) targets [m], on the panels or off them.
+    points : (P, 3) targets [m], on the panels (nearer than their contact) or off them.
     pairs : target and panel of each pair, as ``find_near`` gives them.
     gauss_points : points along the angle and the radius before the stretching asks for more.
     """
@@ -169,6 +172,7 @@ def integrate_near(
         target,
         panel,
         nodes.six_nodes,
+        nodes.contact,
         complex(wavenumber),
         *rules,
         LARGEST_RULE,

@@ -46,8 +46,13 @@ def gmres(
     Raises
     ------
     NotConverged
-        The tolerance was not reached in ``most_iterations``.
+        The tolerance was not reached in ``most_iterations``, or the right-hand sides are not finite.
     """
+    if not np.isfinite(right_sides).all():
+        raise NotConverged(
+            f"{np.count_nonzero(~np.isfinite(right_sides))} of {right_sides.size} numbers of the right-hand sides are "
+            "NaN or infinite before the 1st iteration; are the sources' strengths beyond the range of float32?"
+        )
     unknowns, columns = right_sides.shape
     norms = np.linalg.norm(right_sides, axis=0)
     scale = np.where(norms > 0, norms, 1)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Real
 
+from airtact.scene.printing import in_short
 from airtact.scene.scene import Scene
 from airtact.scene.sources import Monopoles
 
@@ -57,6 +58,8 @@ class Skin:
     normals: Float64[np.ndarray, "nodes 3"]
     areas: Float64[np.ndarray, "nodes"]
     pressure: Complex128[np.ndarray, "nodes sounds"]
+
+    __repr__ = in_short
 
 
 class RadiatedField(ABC):
