@@ -29,7 +29,7 @@ from airtact.transfer import Drive, TransferMatrix, focus_by_distance, transfer_
 FILES = ("drive.csv", "drive.h5", "field.vtkhdf", "report.html")
 """What a run writes, in this order."""
 
-REFINEMENT = 2
+REFINEMENT = 1.8
 """How many times the unknowns of the drive's solution the one that judges it gets, where memory allows."""
 
 MOST_UNKNOWNS = 19_000
