@@ -147,3 +147,11 @@ def test_wrong_sizes_and_foci_that_cancel_are_refused(method) -> None:
     opposite = TransferMatrix(np.concatenate([transfer.matrix[:1], -transfer.matrix[:1]]), 0.0)
     with pytest.raises(InvalidInput, match="all 40 amplitudes are 0"):
         method(opposite, Target(any_points(2)))
+
+
+def test_a_target_elsewhere_than_the_beacons_is_refused():
+    transfer = TransferMatrix(np.ones((2, 3), dtype=np.complex128), 0.0, np.array([[0.0, 0, 0], [0, 0, 0.01]]))
+    moved = Target(np.array([[0.0, 0, 0], [0, 0.002, 0.01]]))
+    for method in (time_reversal, phase_conjugate):
+        with pytest.raises(InvalidInput, match="focus 1 of the target is 2 mm from"):
+            method(transfer, moved)

@@ -8,9 +8,12 @@ from airtact.scene.guards import counted, of_kind
 from airtact.scene.target import Target
 from airtact.transfer import Drive, TransferMatrix
 
+SAME_PLACE = 1e-6
+"""Foci nearer than this to each other are the same [m]."""
 
-def check_sizes(transfer: TransferMatrix, target: Target) -> None:
-    """Refuse a target that has not one focus per row of the transfer matrix (``InvalidInput``, with both numbers)."""
+
+def check_foci(transfer: TransferMatrix, target: Target) -> None:
+    """Refuse a target whose foci are not those of the transfer matrix (``InvalidInput``: how many, how far off)."""
     of_kind(transfer, TransferMatrix, "the transfer matrix", "transfer_matrix(beacons, array)")
     of_kind(target, Target, "the target", "Target(points, pressures)")
     if len(transfer.matrix) != len(target.points):
@@ -18,6 +21,13 @@ def check_sizes(transfer: TransferMatrix, target: Target) -> None:
             f"a transfer matrix for {counted(len(transfer.matrix), 'focus', 'foci')} does not fit a target of "
             f"{len(target.points)}."
         )
+    if transfer.foci is not None:
+        apart = np.linalg.norm(target.points - transfer.foci, axis=1)
+        if apart.max() > SAME_PLACE:
+            raise InvalidInput(
+                f"focus {int(apart.argmax())} of the target is {1e3 * apart.max():.3g} mm from where the transfer "
+                "matrix has it; give the target whose beacons were solved, in the obstacles' frame."
+            )
 
 
 def focus_weights(target: Target) -> Float64[np.ndarray, "foci"]:
@@ -46,7 +56,7 @@ def share_reached(transfer: TransferMatrix, target: Target, drive: Drive) -> Flo
     InvalidInput
         If foci or elements do not match in number.
     """
-    check_sizes(transfer, target)
+    check_foci(transfer, target)
     return share(np.abs(transfer.pressure(drive)), target)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Complex128
 
 from airtact.scene.target import Target
-from airtact.synthesis.reach import check_sizes, focus_weights, scaled_to_target
+from airtact.synthesis.reach import check_foci, focus_weights, scaled_to_target
 from airtact.transfer import Drive, TransferMatrix
 
 
@@ -58,5 +58,5 @@ def phase_conjugate(transfer: TransferMatrix, target: Target) -> Drive:
 
 def _reversed(transfer: TransferMatrix, target: Target) -> Complex128[np.ndarray, "elements"]:
     """Σ_f w_f conj(H_fe) for every element e."""
-    check_sizes(transfer, target)
+    check_foci(transfer, target)
     return transfer.matrix.conj().T @ focus_weights(target).astype(np.complex128)
