@@ -40,6 +40,7 @@ def test_every_vertex_order_of_a_triangle_counts_the_same():
     turned = np.stack([np.roll(t, i) for i, t in enumerate(triangles)])
     refuse_open(vertices, turned)
     refuse_inside_out(vertices, turned)
+    assert cone_volumes(vertices[turned]) == pytest.approx(cone_volumes(vertices[triangles]))
 
 
 def test_shells_are_counted():

@@ -63,16 +63,25 @@ def shape_slopes(points: Real[np.ndarray, "points 2"]) -> tuple[Float64[np.ndarr
 def surface_panels(surface: Surface) -> SixNodes:
     """Six nodes of each triangle of a surface as it is; without mid-edge points the panels are flat."""
     corners = surface.vertices[surface.triangles]
-    midpoints = surface.midpoints
-    if midpoints is None:
-        midpoints = 0.5 * (corners + np.roll(corners, -1, axis=1))
-    return np.concatenate([corners, midpoints], axis=1)
+    if surface.midpoints is None:
+        return _with_middles(corners)
+    return np.concatenate([corners, surface.midpoints], axis=1)
+
+
+def _with_middles(corners: Float64[np.ndarray, "triangles 3 axes"]) -> Float64[np.ndarray, "triangles 6 axes"]:
+    """Add the middles of edges 01, 12, 20 to the corners of straight triangles."""
+    return np.concatenate([corners, 0.5 * (corners + np.roll(corners, -1, axis=1))], axis=1)
 
 
 def longest_edges(six_nodes: SixNodes) -> Float64[np.ndarray, "panels"]:
     """Longest corner-to-corner edge of each panel [m]."""
+    return _edge_lengths(six_nodes).max(axis=1)
+
+
+def _edge_lengths(six_nodes: SixNodes) -> Float64[np.ndarray, "panels 3"]:
+    """Corner-to-corner lengths of edges 01, 12, 20 [m]."""
     corners = six_nodes[:, :3]
-    return np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1)
+    return np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
 
 
 def cut(
@@ -103,8 +112,7 @@ def _piece_references(count: int) -> Float64[np.ndarray, "pieces 6 2"]:
             corners.append([(i, j), (i + 1, j), (i, j + 1)])
             if i + j < count - 1:
                 corners.append([(i + 1, j + 1), (i, j + 1), (i + 1, j)])
-    corner = np.array(corners, dtype=np.float64) / count
-    return np.concatenate([corner, 0.5 * (corner + np.roll(corner, -1, axis=1))], axis=1)
+    return _with_middles(np.array(corners, dtype=np.float64) / count)
 
 
 def _halved(panels: SixNodes, longest: float) -> Float64[np.ndarray, "pieces 6 3"]:
@@ -115,11 +123,10 @@ def _halved(panels: SixNodes, longest: float) -> Float64[np.ndarray, "pieces 6 3
     for edge in range(3):
         start, end, apex = (corners[(edge + step) % 3] for step in range(3))
         halves = np.array([[start, middle[edge], apex], [middle[edge], end, apex]])
-        nodes = np.concatenate([halves, 0.5 * (halves + np.roll(halves, -1, axis=1))], axis=1)
-        shapes.append(shape_functions(nodes.reshape(-1, 2)).reshape(2, 6, 6))
+        shapes.append(shape_functions(_with_middles(halves).reshape(-1, 2)).reshape(2, 6, 6))
     done = []
     while len(panels):
-        lengths = np.linalg.norm(panels[:, :3] - np.roll(panels[:, :3], -1, axis=1), axis=2)
+        lengths = _edge_lengths(panels)
         large = lengths.max(axis=1) > longest
         done.append(panels[~large])
         halves = np.einsum("thna,tad->thnd", np.array(shapes)[lengths[large].argmax(axis=1)], panels[large])
