@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from airtact.conventions import InvalidInput
 from airtact.evaluation.field import field_map
-from airtact.scene.geometry import Pose
 from airtact.scene.medium import Medium, air
+from airtact.scene.pose import Pose
 from airtact.scene.primitives import sphere
 from airtact.scene.scene import Scene, filled, impedance, sound_hard
 from airtact.scene.sources import Monopoles

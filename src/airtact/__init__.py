@@ -9,9 +9,10 @@ from airtact.evaluation.comparison import Comparison, compare
 from airtact.evaluation.field import field_map
 from airtact.evaluation.metrics import Evaluation, evaluate
 from airtact.scene.files import load_surface
-from airtact.scene.geometry import Pose, Surface
+from airtact.scene.geometry import Surface
 from airtact.scene.hand import Pinch, pinch
 from airtact.scene.medium import Medium, air
+from airtact.scene.pose import Pose
 from airtact.scene.primitives import capsule, sphere
 from airtact.scene.scene import Obstacle, Scene, filled, impedance, sound_hard
 from airtact.scene.sources import Monopoles

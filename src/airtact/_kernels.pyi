@@ -55,6 +55,16 @@ def count_near(targets: np.ndarray, centres: np.ndarray, reach: np.ndarray, firs
 def list_near(
     targets: np.ndarray, centres: np.ndarray, reach: np.ndarray, first: np.ndarray, panel: np.ndarray
 ) -> None: ...
+def closest_on_panels(
+    targets: np.ndarray,
+    six_nodes: np.ndarray,
+    order: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    panel: np.ndarray,
+    foot: np.ndarray,
+    distance: np.ndarray,
+) -> None: ...
 def inscribed_diameter(
     points: np.ndarray, normals: np.ndarray, body: np.ndarray, largest: float, diameter: np.ndarray
 ) -> None: ...

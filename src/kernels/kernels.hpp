@@ -55,6 +55,13 @@ void apply_monopoles(const double *targets, std::int64_t n, const double *source
 void near_pairs(const double *targets, std::int64_t n, const double *centres, const double *reach, std::int64_t panels,
                 std::int64_t *first, std::int64_t *pair_panel);
 
+// For each target the panel that is closest, the reference coordinates of its closest point and how far that is. The
+// boxes are a binary tree as a heap: box 1 holds all, box b holds boxes 2 b and 2 b + 1, box leaves + l holds the l-th
+// share of `order`; panels of one share are searched one by one.
+void closest_on_panels(const double *targets, std::int64_t n, const double *six_nodes, const std::int64_t *order,
+                       std::int64_t panels, const double *lower, const double *upper, std::int64_t leaves,
+                       std::int64_t *panel, double *foot, double *distance);
+
 // Diameter of the largest ball that touches the skin at each node from inside and meets no other node of its body
 void inscribed_diameter(const double *points, const double *normals, const std::int64_t *body, std::int64_t n,
                         double largest, double *diameter);

@@ -35,6 +35,7 @@ struct Variant {
     Far<double> twice;
     decltype(&baseline::panel_entries) panel_entries;
     decltype(&baseline::near_pairs) near_pairs;
+    decltype(&baseline::closest_on_panels) closest_on_panels;
     decltype(&baseline::inscribed_diameter) inscribed_diameter;
     decltype(&baseline::near_integrals) near_integrals;
 };
@@ -42,7 +43,8 @@ struct Variant {
 #define AIRTACT_FAR(v, Real)                                                                                         \
     { &v::dual_matrix<Real>, &v::double_layer_matrix<Real>, &v::apply_double_layer<Real>, &v::apply_monopoles<Real> }
 #define AIRTACT_TABLE(v)                                                                                             \
-    { #v, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::panel_entries, &v::near_pairs, &v::inscribed_diameter,     \
+    { #v, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::panel_entries, &v::near_pairs, &v::closest_on_panels,      \
+            &v::inscribed_diameter, \
       &v::near_integrals }
 
 static std::vector<Variant> runnable() {  // on this machine, the best last
@@ -164,6 +166,16 @@ static void near(bool single_layer, Points targets, Index pair_target, Index pai
                    distance.data(), foot.data());
 }
 
+static void closest(Points targets, Read<double, -1, 6, 3> panels, Index order, Points lower, Points upper,
+                    Write<std::int64_t, -1> panel, Write<double, -1, 2> foot, Write<double, -1> distance) {
+    same(panels.shape(0), order.shape(0)), same(lower.shape(0), upper.shape(0));
+    same(targets.shape(0), panel.shape(0)), same(targets.shape(0), foot.shape(0));
+    same(targets.shape(0), distance.shape(0));
+    nb::gil_scoped_release release;
+    active->closest_on_panels(targets.data(), targets.shape(0), panels.data(), order.data(), panels.shape(0), lower.data(),
+                              upper.data(), lower.shape(0) / 2, panel.data(), foot.data(), distance.data());
+}
+
 NB_MODULE(_kernels, m) {
     m.doc() = "The compiled loops of the boundary element solver; kernels.hpp says what each computes.";
     m.def("variants", [] {
@@ -184,6 +196,7 @@ NB_MODULE(_kernels, m) {
     m.def("panel_entries", &entries);
     m.def("count_near", &count_near);
     m.def("list_near", &list_near);
+    m.def("closest_on_panels", &closest);
     m.def("inscribed_diameter", &thickness);
     m.def("near_integrals", &near);
 }

@@ -5,8 +5,8 @@ import pytest
 
 from airtact.conventions import InvalidInput
 from airtact.evaluation.field import drive_sources, field_map
-from airtact.scene.geometry import Pose
 from airtact.scene.medium import Medium
+from airtact.scene.pose import Pose
 from airtact.scene.primitives import sphere
 from airtact.scene.scene import Scene, sound_hard
 from airtact.solvers.free_field import FreeField

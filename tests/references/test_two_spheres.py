@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from airtact.scene.geometry import Pose
 from airtact.scene.medium import Medium
+from airtact.scene.pose import Pose
 from airtact.scene.primitives import Capsule
 from airtact.scene.scene import Scene, sound_hard
 from airtact.scene.sources import Monopoles

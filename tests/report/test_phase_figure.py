@@ -8,7 +8,7 @@ from matplotlib import colormaps
 from matplotlib.collections import EllipseCollection
 
 from airtact.report.phase_figure import draw_phases, spacing, unfold
-from airtact.scene.geometry import Pose
+from airtact.scene.pose import Pose
 from airtact.transducers.layout import autd3_board, flat_boards, surrounding_box
 
 ARRAYS = {

@@ -7,9 +7,11 @@ import numpy as np
 from jaxtyping import Float64, Int64, Real
 
 from airtact.conventions import InvalidInput, Vector
-from airtact.scene.geometry import Pose, Surface
+from airtact.scene.geometry import Surface
 from airtact.scene.guards import number, positive, real_numbers, refuse_not_finite
+from airtact.scene.pose import Pose
 from airtact.scene.printing import in_short
+from airtact.scene.six_nodes import SixNodes, enclosed_volume
 from airtact.scene.topology import refuse_wrong_size
 
 _SECTORS = 5  # triangles round a pole; five keep every angle above 30 degrees
@@ -93,9 +95,24 @@ class Capsule:
         """
         return Capsule(self.radius, self.length, pose @ self.pose)
 
-    def grown(self, step: float) -> "Capsule":
-        """Move its skin outwards by ``step`` [m]."""
-        return Capsule(self.radius + step, self.length, self.pose)
+    def panels(self, edge: float) -> SixNodes:
+        """Cover it with curved panels about as large as equilateral triangles of a given edge [m].
+
+        The mesh is as coarse as its panels' mean area allows, and moved outwards until it holds the exact volume:
+        quadratics through points of a round skin hold less.
+        """
+        wanted = self.area / (np.sqrt(3) / 4 * edge**2)
+        for stretch in (1.6, 1.5, 1.4, 1.3, 1.2, 1.1):
+            mesh = self.mesh(stretch * edge)
+            if len(mesh.triangles) >= 0.9 * wanted:
+                break
+        else:
+            mesh = self.mesh(edge)
+        assert mesh.midpoints is not None
+        panels = np.concatenate([mesh.corners, mesh.midpoints], axis=1)
+        missing = self.volume - enclosed_volume(panels)
+        grown = Capsule(self.radius + missing / self.area, self.length, self.pose)
+        return grown.project(panels.reshape(-1, 3)).reshape(panels.shape)
 
     def mesh(self, edge: float) -> Surface:
         """Draw it with curved triangles whose vertices and midpoints lie exactly on it.

@@ -11,9 +11,10 @@ from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
 from airtact.scene.files import load_surface
-from airtact.scene.geometry import Pose, Surface
+from airtact.scene.geometry import Surface
 from airtact.scene.hand import pinch
 from airtact.scene.medium import Medium, air
+from airtact.scene.pose import Pose
 from airtact.scene.primitives import capsule, sphere
 from airtact.scene.scene import Obstacle, Scene, check_outside, filled, impedance, sound_hard
 from airtact.scene.target import Target

@@ -10,7 +10,7 @@ from jaxtyping import Complex, Float64
 
 from airtact.conventions import InvalidInput
 from airtact.scene.guards import number
-from airtact.scene.panels import Panels, scene_panels
+from airtact.scene.panels import Panels, panels_of
 from airtact.scene.scene import Scene, check_sources
 from airtact.scene.sources import Monopoles
 from airtact.solvers.boundary_field import BoundaryField
@@ -126,8 +126,8 @@ class BoundaryElement(Solver):
     def _panels(self, scene: Scene, sources: Monopoles) -> Panels:
         edge = scene.wavelength * np.sqrt(6 / self.nodes_per_square_wavelength * 4 / np.sqrt(3))
         near = sources.positions[scene.depth(sources.positions) > -edge]
-        surfaces = [obstacle.surface for obstacle in scene.obstacles]
-        return scene_panels(surfaces, edge, near, smallest=0.5 * edge)
+        shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
+        return panels_of(shapes, edge, near, smallest=0.5 * edge)
 
     def _near_rule(self) -> NearRule:
         return NearRule(1.6, (4, 4)) if self.precision == "float32" else NearRule(2.5, (6, 6))

@@ -6,9 +6,10 @@ import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Real
 
 from airtact.scene.guards import points_of
-from airtact.scene.panels import Panels, cut
+from airtact.scene.panels import Panels
 from airtact.scene.printing import in_short
 from airtact.scene.scene import Scene
+from airtact.scene.six_nodes import cut
 from airtact.scene.sources import Monopoles, check_off_sources
 from airtact.solvers.boundary_operator import DualSurface
 from airtact.solvers.boundary_pressure import (

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Complex, Complex128, Float64, Real
 from scipy.sparse import csr_array
 
 from airtact import _kernels
-from airtact.scene.panels import shape_functions
+from airtact.scene.six_nodes import shape_functions
 from airtact.solvers.boundary_quadrature import Nodes, find_near, integrate_near
 
 ROWS_AT_ONCE = 512

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float64, Real
 
 from airtact.conventions import InvalidInput
-from airtact.scene.geometry import Pose
 from airtact.scene.guards import counted, fixed, of_kind, points_of, real_numbers
+from airtact.scene.pose import Pose
 from airtact.scene.printing import in_short
 from airtact.transducers.element import Element, monopole
 

@@ -1,0 +1,45 @@
+"""What a skin can be asked, whatever it is made of."""
+
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float64, Real
+
+from airtact.scene.pose import Pose
+from airtact.scene.six_nodes import SixNodes
+
+
+@runtime_checkable
+class Shape(Protocol):
+    """The true skin of a body: a closed form, or the curved panels of a mesh."""
+
+    @property
+    def extent(self) -> float:
+        """Largest distance between two of its points, or largest side of the box round it [m]."""
+        ...
+
+    @property
+    def area(self) -> float:
+        """Area of the skin [m²]."""
+        ...
+
+    @property
+    def volume(self) -> float:
+        """Enclosed volume [m³]."""
+        ...
+
+    def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
+        """Distance to the skin [m] of points (P, 3) [m], positive inside."""
+        ...
+
+    def project(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
+        """Nearest points of the skin (P, 3) [m] to points (P, 3) [m]."""
+        ...
+
+    def panels(self, edge: float) -> SixNodes:
+        """Cover it with curved panels about as large as equilateral triangles of a given edge [m]."""
+        ...
+
+    def moved(self, pose: Pose) -> "Shape":
+        """Move it rigidly."""
+        ...

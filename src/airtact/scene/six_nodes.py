@@ -1,0 +1,126 @@
+"""Curved six-node panels, on plain arrays: their shape, their pieces, their area and what they enclose.
+
+A panel is a quadratic triangle: corners 0, 1, 2 and the mid-edge points of its edges 01, 12, 20.
+"""
+
+import numpy as np
+from jaxtyping import Float64, Int, Int64, Real
+
+SixNodes = Float64[np.ndarray, "panels 6 3"]
+
+NODE_PLACES = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0], [0.5, 0.5], [0, 0.5]])
+"""Reference coordinates of the six nodes."""
+
+
+def shape_functions(points: Real[np.ndarray, "points 2"]) -> Float64[np.ndarray, "points 6"]:
+    """Quadratic shape functions of the six nodes at reference points (P, 2) of the unit triangle."""
+    u, v = points[:, 0], points[:, 1]
+    w = 1 - u - v
+    return np.stack([w * (2 * w - 1), u * (2 * u - 1), v * (2 * v - 1), 4 * w * u, 4 * u * v, 4 * v * w], axis=1)
+
+
+def shape_slopes(points: Real[np.ndarray, "points 2"]) -> tuple[Float64[np.ndarray, "points 6"], ...]:
+    """Differentiate the shape functions along u and v."""
+    u, v = points[:, 0], points[:, 1]
+    w, zero = 1 - u - v, np.zeros_like(u)
+    along_u = np.stack([1 - 4 * w, 4 * u - 1, zero, 4 * (w - u), 4 * v, -4 * v], axis=1)
+    along_v = np.stack([1 - 4 * w, zero, 4 * v - 1, -4 * u, 4 * u, 4 * (w - v)], axis=1)
+    return along_u, along_v
+
+
+def points_at(
+    six_nodes: SixNodes, references: Real[np.ndarray, "panels 2"]
+) -> tuple[Float64[np.ndarray, "panels 3"], Float64[np.ndarray, "panels 3"]]:
+    """One point of each panel, and the outward normal there, as long as twice the panel's area is round it.
+
+    Parameters
+    ----------
+    six_nodes : (T, 6, 3) the panels [m].
+    references : (T, 2) reference coordinates of the point of each.
+    """
+    along_u, along_v = (np.einsum("tn,tnd->td", slope, six_nodes) for slope in shape_slopes(references))
+    return np.einsum("tn,tnd->td", shape_functions(references), six_nodes), np.cross(along_u, along_v)
+
+
+def with_middles(corners: Float64[np.ndarray, "triangles 3 axes"]) -> Float64[np.ndarray, "triangles 6 axes"]:
+    """Add the middles of edges 01, 12, 20 to the corners of straight triangles."""
+    return np.concatenate([corners, 0.5 * (corners + np.roll(corners, -1, axis=1))], axis=1)
+
+
+def edge_lengths(six_nodes: SixNodes) -> Float64[np.ndarray, "panels 3"]:
+    """Corner-to-corner lengths of edges 01, 12, 20 [m]."""
+    corners = six_nodes[:, :3]
+    return np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+
+
+def longest_edges(six_nodes: SixNodes) -> Float64[np.ndarray, "panels"]:
+    """Longest corner-to-corner edge of each panel [m]."""
+    return edge_lengths(six_nodes).max(axis=1)
+
+
+def smallest_angles(six_nodes: SixNodes) -> Float64[np.ndarray, "panels"]:
+    """Smallest angle between the straight edges of each panel [degrees]."""
+    corners = six_nodes[:, :3]
+    along = np.roll(corners, -1, axis=1) - corners
+    along = along / np.linalg.norm(along, axis=2, keepdims=True)
+    cosine = -np.einsum("tki,tki->tk", along, np.roll(along, 1, axis=1))
+    return np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))).min(axis=1)
+
+
+def cut(
+    six_nodes: SixNodes, parts: Int[np.ndarray, "panels"]
+) -> tuple[Float64[np.ndarray, "pieces 6 3"], Int64[np.ndarray, "pieces"]]:
+    """Cut each panel into ``parts``² pieces of the same quadratic surface.
+
+    Returns
+    -------
+    pieces : (P, 6, 3) the pieces, and (P,) the panel that each came from.
+    """
+    pieces, parents = [], []
+    for count in np.unique(parts):
+        chosen = np.flatnonzero(parts == count)
+        references = _piece_references(int(count))
+        shape = shape_functions(references.reshape(-1, 2)).reshape(-1, 6, 6)
+        pieces.append(np.einsum("sna,tad->tsnd", shape, six_nodes[chosen]).reshape(-1, 6, 3))
+        parents.append(np.repeat(chosen, len(references)))
+    order = np.argsort(np.concatenate(parents), kind="stable")
+    return np.concatenate(pieces)[order], np.concatenate(parents)[order]
+
+
+def _piece_references(count: int) -> Float64[np.ndarray, "pieces 6 2"]:
+    """Place the six nodes of each of the count² pieces of a triangle, in its reference coordinates."""
+    corners = []
+    for i in range(count):
+        for j in range(count - i):
+            corners.append([(i, j), (i + 1, j), (i, j + 1)])
+            if i + j < count - 1:
+                corners.append([(i + 1, j + 1), (i, j + 1), (i + 1, j)])
+    return with_middles(np.array(corners, dtype=np.float64) / count)
+
+
+def gauss_square(points: int) -> tuple[Float64[np.ndarray, "points 2"], Float64[np.ndarray, "points"]]:
+    """Gauss rule of points² on the unit triangle, by collapsing the unit square."""
+    x, weights = np.polynomial.legendre.leggauss(points)
+    u, v = (grid.ravel() for grid in np.meshgrid(0.5 * (x + 1), 0.5 * (x + 1)))
+    return np.stack([u, v * (1 - u)], axis=1), np.outer(weights, weights).ravel() / 4 * (1 - u)
+
+
+def enclosed_volume(six_nodes: SixNodes) -> float:
+    """Volume inside closed panels [m³], exact for the quadratic surface."""
+    references, weights = gauss_square(4)
+    centre = six_nodes.mean(axis=(0, 1))
+    volume = 0.0
+    for reference, weight in zip(references, weights, strict=True):
+        place, normal = points_at(six_nodes, np.broadcast_to(reference, (len(six_nodes), 2)))
+        volume += weight * float(np.einsum("td,td->", place - centre, normal)) / 3
+    return volume
+
+
+def panel_areas(six_nodes: SixNodes) -> Float64[np.ndarray, "panels"]:
+    """Area of each panel [m²], exact for flat ones."""
+    references, weights = gauss_square(3)
+    area = np.zeros(len(six_nodes))
+    for reference, weight in zip(references, weights, strict=True):
+        _, normal = points_at(six_nodes, np.broadcast_to(reference, (len(six_nodes), 2)))
+        area += weight * np.linalg.norm(normal, axis=1)
+    return area
