@@ -7,6 +7,7 @@ from meshes import box_mesh, torus_mesh
 
 from airtact.conventions import InvalidInput
 from airtact.scene.files import load_surface
+from airtact.scene.topology import cone_volumes
 
 
 def written(path, mesh: trimesh.Trimesh | trimesh.Scene):
@@ -26,7 +27,8 @@ def test_every_kind_of_file_gives_the_surface_back(tmp_path, suffix):
     assert surface.vertices.shape == vertices.shape
     corners = surface.corners.mean(axis=1)
     assert np.allclose(np.sort(corners, axis=0), np.sort(vertices[triangles].mean(axis=1), axis=0), rtol=0, atol=1e-8)
-    assert surface.volume == pytest.approx(trimesh.Trimesh(vertices, triangles).volume, rel=1e-5)
+    assert cone_volumes(surface.corners).sum() == pytest.approx(trimesh.Trimesh(vertices, triangles).volume, rel=1e-5)
+    assert surface.mended == ()
 
 
 def test_vertices_doubled_for_normals_and_textures_are_merged(tmp_path):
@@ -61,24 +63,41 @@ def test_a_file_in_millimetres_is_refused_until_it_is_scaled(tmp_path):
 def test_the_open_hand_is_as_its_readme_says(hand_file):
     hand = load_surface(hand_file)
     assert len(hand.triangles) == 2314
-    assert hand.area == pytest.approx(425e-4, abs=0.5e-4)
+    assert trimesh.Trimesh(hand.vertices, hand.triangles).area == pytest.approx(425e-4, abs=0.5e-4)
     assert np.round(1e3 * np.ptp(hand.vertices, axis=0)).tolist() == [77, 212, 146]
     assert hand.edge_lengths.mean() == pytest.approx(6.7e-3, abs=0.05e-3)
     assert hand.edge_lengths.max() == pytest.approx(39e-3, abs=0.5e-3)
     assert hand.midpoints is None
+    assert hand.mended == ()
 
 
 def test_an_open_surface_is_refused_with_the_name_of_its_file(tmp_path):
     lidless = box()
     lidless.update_faces(np.arange(12) != 3)
-    with pytest.raises(InvalidInput, match=r"lidless.ply: 3 edges have a triangle on one side only"):
+    with pytest.raises(InvalidInput, match=r"lidless.ply: .* open: 1 hole is wider than 2 mm, the largest 36"):
         load_surface(written(tmp_path / "lidless.ply", lidless))
 
 
-def test_an_inside_out_surface_is_refused(tmp_path):
+def test_an_inside_out_surface_is_turned_and_says_so(tmp_path):
     inside_out = trimesh.Trimesh(*(lambda v, t: (v, t[:, ::-1]))(*box_mesh()), process=False)
-    with pytest.raises(InvalidInput, match=r"box.stl: the surface is inside out"):
-        load_surface(written(tmp_path / "box.stl", inside_out))
+    surface = load_surface(written(tmp_path / "box.stl", inside_out))
+    assert surface.volume == pytest.approx(24e-6, rel=1e-6)
+    assert [note[:44] for note in surface.mended] == ["1 closed piece was inside out and turned rou"]
+
+
+def test_holes_are_filled_as_wide_as_asked_for(tmp_path):
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=8.0)
+    ball.update_faces(np.arange(len(ball.faces)) != 77)
+    path = written(tmp_path / "ball.stl", ball)
+    assert load_surface(path, scale=1e-3).mended[0].startswith("1 hole of up to 0.63 mm was filled, the first near (")
+    with pytest.raises(InvalidInput, match=r"ball.stl: .* 1 hole is wider than 0.4 mm, the largest 0.6"):
+        load_surface(path, scale=1e-3, largest_hole=0.4e-3)
+
+
+def test_what_cannot_be_mended_names_the_file(tmp_path):
+    crowded = trimesh.util.concatenate([box(), box((0.02, 0.0, 0.0), (0.03, 0.03, 0.04))])
+    with pytest.raises(InvalidInput, match=r"two.obj: 4 edges have more than two triangles, .* mm"):
+        load_surface(written(tmp_path / "two.obj", crowded))
 
 
 @pytest.mark.parametrize("scale", [0.0, -1.0, np.nan])

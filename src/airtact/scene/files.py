@@ -9,28 +9,31 @@ from jaxtyping import Float, Int
 
 from airtact.conventions import InvalidInput
 from airtact.scene.geometry import Surface
-from airtact.scene.guards import of_kind, positive, refuse_not_finite
-from airtact.scene.topology import refuse_bad_indices
+from airtact.scene.guards import of_kind, positive
+from airtact.scene.mending import mended
 
 SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".gltf")
 """File name endings that are read."""
 
 
-def load_surface(path: str | Path, scale: float = 1.0) -> Surface:
-    """Read a closed surface from a file.
+def load_surface(path: str | Path, scale: float = 1.0, largest_hole: float = 2e-3) -> Surface:
+    """Read a closed surface from a file, and mend what is damaged.
 
     The nodes of a scene graph are put where their transforms place them and joined; vertices at the same place are
-    merged, whatever their texture or normal.
+    merged, whatever their texture or normal. What was mended stands in ``mended`` of the surface, a sentence each; see
+    ``airtact.scene.mending.mended`` for what can be.
 
     Parameters
     ----------
     path : an STL, PLY, OBJ or GLB file.
     scale : metres per unit of the file: 1e-3 for a file in millimetres.
+    largest_hole : widest hole that is filled [m], 0 for none.
 
     Raises
     ------
     InvalidInput
-        When there is no such file, it cannot be read, holds no triangles, or the surface is at fault (see ``Surface``).
+        When there is no such file, it cannot be read, holds no triangles, or the surface is at fault in a way that
+        cannot be mended.
     """
     of_kind(path, str | Path, "the path of a surface", "the name of a file")
     path, scale = Path(path), positive(scale, "scale", "m per unit of the file")
@@ -40,7 +43,8 @@ def load_surface(path: str | Path, scale: float = 1.0) -> Surface:
         raise InvalidInput(f"there is no file {path}; 0 triangles were read.")
     vertices, triangles = _joined(path)
     with _named(path):
-        return Surface(vertices * scale, triangles)
+        whole = mended(vertices * scale, triangles, largest_hole)
+        return Surface(whole.vertices, whole.triangles, mended=whole.notes)
 
 
 @contextmanager
@@ -61,8 +65,4 @@ def _joined(path: Path) -> tuple[Float[np.ndarray, "vertices 3"], Int[np.ndarray
         raise InvalidInput(f"{path.name} ({path.stat().st_size} bytes) cannot be read: {fault}.") from fault
     if len(mesh.faces) == 0:
         raise InvalidInput(f"{path.name} holds 0 triangles; give a file with a closed triangle surface.")
-    with _named(path):
-        refuse_not_finite(np.asarray(mesh.vertices), "surface vertices")
-        refuse_bad_indices(len(mesh.vertices), np.asarray(mesh.faces))
-    mesh.merge_vertices(merge_tex=True, merge_norm=True)
     return np.asarray(mesh.vertices), np.asarray(mesh.faces)

