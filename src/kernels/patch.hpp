@@ -36,14 +36,17 @@ double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] 
 
 constexpr double corner[4][2] = {{0, 0}, {1, 0}, {0, 1}, {0, 0}};
 
-// Gauss-Newton along one edge, held inside it
+// Newton along one edge, held inside it; Gauss-Newton where the distance is not convex
 double closest_on_edge(const Patch &patch, int edge, double *best) {
     const double *from = corner[edge], du = corner[edge + 1][0] - from[0], dv = corner[edge + 1][1] - from[1];
     double t = 0.5, x[3], a[3], b[3];
     for (int step = 0; step < 12; step++) {
         patch.at(from[0] + t * du, from[1] + t * dv, x, a, b);
         const double along[3] = {a[0] * du + b[0] * dv, a[1] * du + b[1] * dv, a[2] * du + b[2] * dv};
-        const double move = -dot(x, along) / dot(along, along);
+        const double straight = dot(along, along);
+        const double bent =
+            straight + 2 * (du * du * dot(x, patch.c[3]) + du * dv * dot(x, patch.c[4]) + dv * dv * dot(x, patch.c[5]));
+        const double move = -dot(x, along) / (bent > 0.1 * straight ? bent : straight);
         const double next = std::min(1.0, std::max(0.0, t + move));
         if (std::abs(next - t) < 1e-14) break;
         t = next;
@@ -59,8 +62,16 @@ double closest_point(const Patch &patch, double *foot) {
     bool settled = false;
     for (int step = 0; step < 20 && !settled; step++) {
         patch.at(u, v, x, a, b);
-        const double aa = dot(a, a), ab = dot(a, b), bb = dot(b, b), ra = -dot(x, a), rb = -dot(x, b);
-        const double det = aa * bb - ab * ab;
+        double aa = dot(a, a), ab = dot(a, b), bb = dot(b, b), det = aa * bb - ab * ab;
+        const double ra = -dot(x, a), rb = -dot(x, b);
+        const double aa_bent = aa + 2 * dot(x, patch.c[3]), ab_bent = ab + dot(x, patch.c[4]);
+        const double bb_bent = bb + 2 * dot(x, patch.c[5]), det_bent = aa_bent * bb_bent - ab_bent * ab_bent;
+        if (aa_bent > 0 && det_bent > 0.1 * det) {  // Newton where the distance is convex, else Gauss-Newton
+            aa = aa_bent;
+            ab = ab_bent;
+            bb = bb_bent;
+            det = det_bent;
+        }
         const double du = (bb * ra - ab * rb) / det, dv = (aa * rb - ab * ra) / det;
         u += du;
         v += dv;

@@ -5,7 +5,6 @@ import pytest
 from scipy.special import roots_legendre
 
 import airtact as at
-from airtact.scene.panels import panels_of
 from airtact.solvers.boundary_operator import assemble, dual_surface
 from airtact.solvers.boundary_pressure import NearRule, double_layer_pressure, monopole_pressure
 from airtact.solvers.boundary_quadrature import Nodes, find_near, integrate_near, place_nodes
@@ -120,7 +119,8 @@ def test_a_source_inside_the_body_is_heard_outside(name):
     With v = ∂u/∂n of the monopole u the dual-surface equation reads A p = −(S v)(x) + i (S v)(x').
     """
     wavenumber, inner = 732.53 + 0j, np.array([[0.0005, -0.0003, 0.001]])
-    nodes = place_nodes(panels_of([BODIES[name].shape], 3.2e-3, np.empty((0, 3)), 1e-3))
+    panels = BODIES[name].panelled(3.2e-3)
+    nodes = place_nodes(panels.six_nodes, panels.body, panels.deviation)
     rule = NearRule(2.5, (8, 8))
     surface = dual_surface(nodes, wavenumber, rule, "float64")
     matrix = assemble(surface)

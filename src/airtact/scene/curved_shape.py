@@ -20,6 +20,7 @@ from airtact.scene.six_nodes import (
     panel_areas,
     points_at,
     shape_functions,
+    with_middles,
 )
 from airtact.scene.splitting import split
 from airtact.scene.topology import edge_twins
@@ -86,6 +87,12 @@ class CurvedMesh:
     def tree(self) -> PanelTree:
         """The panels, ready to be searched."""
         return panel_tree(self.six_nodes)
+
+    @cached_property
+    def flat_tree(self) -> PanelTree:
+        """The flat triangles under the panels, ready to be searched."""
+        corners = self.six_nodes[:, :3]
+        return panel_tree(with_middles(corners))
 
     @cached_property
     def _twins(self) -> Int64[np.ndarray, "triangles 3"]:
@@ -333,6 +340,10 @@ class CurvedShape:
     def project(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
         """Nearest points of the skin (P, 3) [m] to points (P, 3) [m]."""
         return self.pose.apply(self.mesh.project(self.pose.inverse().apply(points)))
+
+    def off_triangles(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
+        """Distance of points (P, 3) [m] from the flat triangles that it was made from [m]."""
+        return self.mesh.flat_tree.closest(self.pose.inverse().apply(points))[2]
 
     def panels(self, edge: float) -> SixNodes:
         """Cover it with curved panels about as large as equilateral triangles of a given edge [m]."""

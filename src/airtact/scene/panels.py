@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 
 from airtact.scene.curved_shape import PROBES
 from airtact.scene.shape import Shape
-from airtact.scene.six_nodes import SixNodes, cut, longest_edges
+from airtact.scene.six_nodes import SixNodes, cut, longest_edges, panel_areas
 
 LONGEST_TO_EQUILATERAL = 1.2
 """Longest edge of a typical triangle over the edge of the equilateral triangle of the same area."""
@@ -33,11 +33,15 @@ class Panels:
     six_nodes : (T, 6, 3) corners 0, 1, 2 and mid-edge points 01, 12, 20 of each panel [m], outward.
     body : (T,) which obstacle each panel belongs to.
     deviation : (T,) how far the panel lies from the true skin at most [m].
+    farthest : (B,) how far the panels of each body lie from the triangles that it was given as, at most [m].
+    mean_distance : (B,) the same in the mean over the panels [m].
     """
 
     six_nodes: SixNodes
     body: Int64[np.ndarray, "panels"]
     deviation: Float64[np.ndarray, "panels"]
+    farthest: Float64[np.ndarray, "bodies"]
+    mean_distance: Float64[np.ndarray, "bodies"]
 
 
 def panels_of(
@@ -60,10 +64,13 @@ def panels_of(
     for index, shape in enumerate(shapes):
         others = [np.empty((0, 3))] + [panels.reshape(-1, 3) for other, panels in enumerate(whole) if other != index]
         bodies.append(_refined(whole[index], shape, near, np.concatenate(others), smallest))
+    distances = [_off_triangles(body, shape) for body, shape in zip(bodies, shapes, strict=True)]
     return Panels(
         six_nodes=np.concatenate(bodies),
         body=np.repeat(np.arange(len(bodies)), [len(body) for body in bodies]),
         deviation=np.concatenate([_deviation(body, shape) for body, shape in zip(bodies, shapes, strict=True)]),
+        farthest=np.array([farthest for farthest, _ in distances]),
+        mean_distance=np.array([mean for _, mean in distances]),
     )
 
 
@@ -93,3 +100,10 @@ def _deviation(panels: SixNodes, shape: Shape) -> Float64[np.ndarray, "panels"]:
     """How far panels lie from the true skin at their nodes, centre and the middles between them [m]."""
     depth = shape.depth(np.einsum("qn,tnd->tqd", PROBES, panels).reshape(-1, 3))
     return np.abs(depth).reshape(len(panels), -1).max(axis=1)
+
+
+def _off_triangles(panels: SixNodes, shape: Shape) -> tuple[float, float]:
+    """Largest and mean distance of panels from the triangles that the body was given as [m]."""
+    distance = shape.off_triangles(np.einsum("qn,tnd->tqd", PROBES, panels).reshape(-1, 3)).reshape(len(panels), -1)
+    areas = panel_areas(panels)
+    return float(distance.max()), float(areas @ distance.mean(axis=1) / areas.sum())

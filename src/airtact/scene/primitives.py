@@ -95,6 +95,10 @@ class Capsule:
         """
         return Capsule(self.radius, self.length, pose @ self.pose)
 
+    def off_triangles(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
+        """Return 0 for each of the points (P, 3) [m]: a closed form was made from no triangles."""
+        return np.zeros(len(points))
+
     def panels(self, edge: float) -> SixNodes:
         """Cover it with curved panels about as large as equilateral triangles of a given edge [m].
 

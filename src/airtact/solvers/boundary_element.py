@@ -92,7 +92,8 @@ class BoundaryElement(Solver):
         """
         _refuse_unfit(scene, sources)
         clock = _Clock()
-        nodes = place_nodes(self._panels(scene, sources))
+        panels = self._panels(scene, sources)
+        nodes = place_nodes(panels.six_nodes, panels.body, panels.deviation)
         refuse_too_large(len(nodes.points), self.precision)
         clock.lap("panels")
         surface = dual_surface(nodes, scene.wavenumber, self._near_rule(), self.precision)
@@ -115,12 +116,14 @@ class BoundaryElement(Solver):
             seconds=clock.laps,
             settings={"accuracy": self.accuracy, "precision": self.precision, "gmres_tolerance": tolerance},
             citations=CITATIONS,
+            farthest_off_triangles=float(panels.farthest.max()),
+            mean_off_triangles=float(panels.mean_distance.max()),
         )
         pressure, density = (result.solution.astype(np.complex128) for result in (direct, transposed))
         field = BoundaryField(scene, sources, surface, pressure, density, factors, report)
         estimate = float(field.error_at(_surrounding_points(scene, nodes.points)).max())
         clock.lap("estimate")
-        warnings = tuple(_warnings(estimate, self.accuracy))
+        warnings = (*_warnings(estimate, self.accuracy), *_off_triangles(panels, scene.wavelength))
         return replace(field, report=replace(report, estimated_error=estimate, warnings=warnings))
 
     def _panels(self, scene: Scene, sources: Monopoles) -> Panels:
@@ -176,6 +179,16 @@ def _warnings(estimate: float, accuracy: float) -> Iterator[str]:
             f"the direct solution is estimated to be {100 * estimate:.1f} % off, and {100 * accuracy:.1f} % was asked: "
             "uneven triangles, a narrow gap, or a source on the skin (which the transposed solution bears better)"
         )
+
+
+def _off_triangles(panels: Panels, wavelength: float) -> Iterator[str]:
+    for body, (farthest, mean) in enumerate(zip(panels.farthest, panels.mean_distance, strict=True)):
+        if farthest > wavelength / 20:
+            yield (
+                f"the panels of body {body} lie up to {1e3 * farthest:.2g} mm ({1e3 * mean:.2g} mm in the mean) off "
+                "the triangles that it was given as, more than 1/20 of the wavelength: these are coarse for a curved "
+                "skin; give a finer mesh, or sharp_degrees = 0 if it shall be faceted"
+            )
 
 
 def _surrounding_points(scene: Scene, points: Float64[np.ndarray, "nodes 3"]) -> Float64[np.ndarray, "around 3"]:

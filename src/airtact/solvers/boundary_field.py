@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Real
 
 from airtact.scene.guards import points_of
-from airtact.scene.panels import Panels
 from airtact.scene.printing import in_short
 from airtact.scene.scene import Scene
 from airtact.scene.six_nodes import cut
@@ -130,12 +129,12 @@ class BoundaryField(RadiatedField):
         close[find_near(nodes, points, self.surface.near_rule.reach)[1]] = True
         pieces, parents = cut(nodes.six_nodes[close], np.full(int(close.sum()), 2))
         contact = nodes.contact[close][parents]
-        fine = place_nodes(Panels(pieces, np.zeros(len(pieces), dtype=np.int64), contact))
+        fine = place_nodes(pieces, np.zeros(len(pieces), dtype=np.int64), contact)
         fine_pressure = self._heard_from_skin(nodes, self.pressure, fine.points)
         mixed = np.concatenate([nodes.six_nodes[~close], pieces])
         contact = np.concatenate([nodes.contact[~close], contact])
         return self._heard_from_skin(
-            place_nodes(Panels(mixed, np.zeros(len(mixed), dtype=np.int64), contact)),
+            place_nodes(mixed, np.zeros(len(mixed), dtype=np.int64), contact),
             np.concatenate([self.pressure[np.repeat(~close, 6)], fine_pressure]),
             points,
         )

@@ -12,9 +12,8 @@ from jaxtyping import Complex128, Float64, Int64, Real
 
 from airtact import _kernels
 from airtact.scene.panel_tree import panel_tree
-from airtact.scene.panels import Panels
 from airtact.scene.printing import in_short
-from airtact.scene.six_nodes import points_at, shape_functions, shape_slopes
+from airtact.scene.six_nodes import SixNodes, points_at, shape_functions, shape_slopes
 
 
 def _degree_four_rule() -> tuple[Float64[np.ndarray, "6 2"], Float64[np.ndarray, "6"]]:
@@ -78,24 +77,31 @@ class Nodes:
         return self.normals * self.weights[:, None]
 
 
-def place_nodes(panels: Panels) -> Nodes:
-    """Put the six nodes of the degree-4 rule on every panel."""
+def place_nodes(
+    six_nodes: SixNodes, body: Int64[np.ndarray, "panels"], deviation: Float64[np.ndarray, "panels"]
+) -> Nodes:
+    """Put the six nodes of the degree-4 rule on every panel.
+
+    Parameters
+    ----------
+    six_nodes : (T, 6, 3) the panels [m].
+    body : (T,) the obstacle of each.
+    deviation : (T,) how far each lies from the true skin at most [m].
+    """
     shape = shape_functions(RULE_POINTS)
     along_u, along_v = shape_slopes(RULE_POINTS)
-    points = np.einsum("qa,tad->tqd", shape, panels.six_nodes)
-    cross = np.cross(
-        np.einsum("qa,tad->tqd", along_u, panels.six_nodes), np.einsum("qa,tad->tqd", along_v, panels.six_nodes)
-    )
+    points = np.einsum("qa,tad->tqd", shape, six_nodes)
+    cross = np.cross(np.einsum("qa,tad->tqd", along_u, six_nodes), np.einsum("qa,tad->tqd", along_v, six_nodes))
     size = np.linalg.norm(cross, axis=2)
-    centres = shape_functions(np.full((1, 2), 1 / 3))[0] @ panels.six_nodes
-    radii = np.linalg.norm(panels.six_nodes - centres[:, None], axis=2).max(axis=1)
+    centres = shape_functions(np.full((1, 2), 1 / 3))[0] @ six_nodes
+    radii = np.linalg.norm(six_nodes - centres[:, None], axis=2).max(axis=1)
     return Nodes(
         points=points.reshape(-1, 3),
         normals=(cross / size[:, :, None]).reshape(-1, 3),
         weights=(size * RULE_WEIGHTS).ravel(),
-        body=np.repeat(panels.body, 6),
-        six_nodes=np.ascontiguousarray(panels.six_nodes),
-        contact=np.maximum(CONTACT * radii, 1.5 * panels.deviation),
+        body=np.repeat(body, 6),
+        six_nodes=np.ascontiguousarray(six_nodes),
+        contact=np.maximum(CONTACT * radii, 1.5 * deviation),
         centres=np.ascontiguousarray(centres),
         radii=radii,
     )

@@ -28,6 +28,8 @@ class SolveReport:
     settings : what the solver was asked for.
     warnings : sentences that a reader of the result must see.
     citations : sources of the method.
+    farthest_off_triangles, mean_off_triangles : how far the panels lie from the triangles that the bodies were given
+        as, at most and in the mean of the worst body [m]; 0 for primitives.
     """
 
     solver: str
@@ -40,6 +42,8 @@ class SolveReport:
     settings: Mapping[str, str | float | int] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     citations: tuple[str, ...] = ()
+    farthest_off_triangles: float = 0.0
+    mean_off_triangles: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
