@@ -14,7 +14,16 @@ Vector = Real[np.ndarray, "3"] | tuple[float | int, float | int, float | int]
 
 
 class InvalidInput(ValueError):  # noqa: N818 (reads as what it is in a traceback)
-    """The input is at fault; the message is one sentence with the number that is wrong and what to change."""
+    """The input is at fault; the message is one sentence with the number that is wrong and what to change.
+
+    Attributes
+    ----------
+    place : (3,) where the fault is [m], as far as one point can say it, so that it can be drawn; None where it has none.
+    """
+
+    def __init__(self, sentence: str, place: Real[np.ndarray, "3"] | None = None) -> None:
+        super().__init__(sentence)
+        self.place = place
 
 
 class NotConverged(RuntimeError):  # noqa: N818
