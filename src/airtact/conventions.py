@@ -18,7 +18,7 @@ class InvalidInput(ValueError):  # noqa: N818 (reads as what it is in a tracebac
 
     Attributes
     ----------
-    place : (3,) where the fault is [m], as far as one point can say it, so that it can be drawn; None where it has none.
+    place : (3,) where the fault is [m], as far as one point can tell, so that it can be drawn; or None.
     """
 
     def __init__(self, sentence: str, place: Real[np.ndarray, "3"] | None = None) -> None:
