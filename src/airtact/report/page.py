@@ -5,11 +5,10 @@ import io
 from collections.abc import Iterable, Sequence
 from html import escape
 
-import numpy as np
-from jaxtyping import UInt8
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imsave
+
+from airtact.report.picture_file import PIXELS, drawn
 
 STYLE = """
 :root { color-scheme: light; --ink: #1d2430; --soft: #5b6675; --line: #dde2e9; --accent: #5a2a83; }
@@ -37,9 +36,6 @@ thead th { color: var(--soft); font-weight: 600; }
 pre { background: #f6f7f9; padding: 1rem; overflow-x: auto; font-size: .85rem; }
 """
 
-PIXELS = 1.35
-"""Pixels drawn per pixel of the page, for screens that have more."""
-
 
 def picture(figure: Figure, caption: str, alternative: str) -> str:
     """Embed a figure as PNG.
@@ -51,26 +47,12 @@ def picture(figure: Figure, caption: str, alternative: str) -> str:
     alternative : what it shows, for those who cannot see it.
     """
     buffer = io.BytesIO()
-    pixels = _drawn(figure)
+    pixels = drawn(figure)
     imsave(buffer, pixels, format="png")
     data = base64.b64encode(buffer.getvalue()).decode("ascii")
     width = round(pixels.shape[1] / PIXELS)
     image = f'<img alt="{escape(alternative)}" width="{width}" src="data:image/png;base64,{data}">'
     return f"<figure>{image}<figcaption>{escape(caption)}</figcaption></figure>"
-
-
-def _drawn(figure: Figure) -> UInt8[np.ndarray, "rows columns 4"]:
-    """Draw a figure and cut off its empty margins, which are wide around a view in space."""
-    figure.set_dpi(96 * PIXELS)
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    pixels = np.asarray(canvas.buffer_rgba())
-    inked = np.any(pixels[:, :, :3] < 255, axis=2)
-    spans = []
-    for axis in (1, 0):
-        used = np.flatnonzero(inked.any(axis=axis))
-        spans.append(slice(max(used[0] - 8, 0), used[-1] + 9))
-    return np.ascontiguousarray(pixels[spans[0], spans[1]])
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "", text: bool = False) -> str:

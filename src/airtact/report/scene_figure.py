@@ -1,11 +1,10 @@
 """The array, the bodies and the foci in space."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from jaxtyping import Complex, Float64, Real
-from matplotlib import colormaps, rc_context
+from matplotlib import colormaps
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -13,16 +12,8 @@ from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from airtact.report.phase_figure import PHASE_TICKS, spacing, unfold
+from airtact.report.space_axes import LIGHT, View, frame, space_axes
 from airtact.scene.geometry import Surface
-
-LIGHT = np.array([0.35, -0.45, 0.82])
-
-QUIET: Any = {
-    **{f"axes3d.{axis}axis.panecolor": (1.0, 1.0, 1.0, 0.0) for axis in "xyz"},
-    "grid.color": "0.9",
-    "grid.linewidth": 0.6,
-}
-"""No walls behind the axes and a faint grid."""
 
 
 def draw_scene(
@@ -45,12 +36,8 @@ def draw_scene(
     foci : (F, 3) [m].
     """
     figure = Figure(figsize=(10.4, 8.0), layout="constrained")
-    with rc_context(QUIET):
-        axes = figure.add_subplot(projection="3d", computed_zorder=False)
-    assert isinstance(axes, Axes3D)
-    azimuth, elevation = _viewpoint(normals)
-    axes.view_init(elev=elevation, azim=azimuth)
-    viewer = _towards_viewer(azimuth, elevation)
+    view = _view_of(normals)
+    axes, viewer = space_axes(figure, view), view.towards_viewer
     turned_away = normals @ viewer < -1e-6
     size = min(spacing(positions[face.elements]) for face in unfold(positions, normals))
     discs = _discs(positions, normals, 0.47 * size)
@@ -68,25 +55,20 @@ def draw_scene(
         axes.add_collection3d(
             Poly3DCollection(discs[turned_away], facecolors="none", edgecolors=faint, linewidths=0.5, zorder=2)
         )
-    _frame(axes, [discs.reshape(-1, 3), *(1e3 * body.vertices for body in bodies), 1e3 * foci])
+    frame(axes, [discs.reshape(-1, 3), *(1e3 * body.vertices for body in bodies), 1e3 * foci])
     _phase_bar(figure, axes)
     return figure
 
 
-def _viewpoint(normals: Real[np.ndarray, "elements 3"]) -> tuple[float, float]:
-    """Azimuth and elevation [degrees]: into an array that surrounds, past the edge of one that looks one way."""
+def _view_of(normals: Real[np.ndarray, "elements 3"]) -> View:
+    """Look into an array that surrounds, past the edge of one that looks one way."""
     mean = normals.mean(axis=0)
     if np.linalg.norm(mean) < 0.3:
-        return -58.0, 26.0
+        return View(-58.0, 26.0)
     azimuth = np.degrees(np.arctan2(mean[1], mean[0]))
     if abs(mean[2]) > 0.9:
-        return -58.0, 22.0
-    return float(azimuth - 52.0), 20.0
-
-
-def _towards_viewer(azimuth: float, elevation: float) -> np.ndarray:
-    around, above = np.radians(azimuth), np.radians(elevation)
-    return np.array([np.cos(above) * np.cos(around), np.cos(above) * np.sin(around), np.sin(above)])
+        return View(-58.0, 22.0)
+    return View(float(azimuth - 52.0), 20.0)
 
 
 def _discs(positions: np.ndarray, normals: np.ndarray, radius: float) -> Float64[np.ndarray, "elements corners 3"]:
@@ -105,19 +87,9 @@ def _shaded(body: Surface, viewer: np.ndarray) -> Poly3DCollection:
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     seen = normals @ viewer > 0
-    light = LIGHT / np.linalg.norm(LIGHT)
-    grey = 0.45 + 0.45 * np.clip(normals[seen] @ light, 0, 1)
+    grey = 0.45 + 0.45 * np.clip(normals[seen] @ LIGHT, 0, 1)
     colours = np.stack([grey, grey * 0.97, grey * 0.94, np.ones_like(grey)], axis=1)
     return Poly3DCollection(1e3 * corners[seen], facecolors=colours, edgecolors=colours, linewidths=0.5, zorder=3)
-
-
-def _frame(axes: Axes3D, parts: Sequence[np.ndarray]) -> None:
-    everything = np.concatenate(parts)
-    lowest, highest = everything.min(axis=0), everything.max(axis=0)
-    axes.set(xlim=(lowest[0], highest[0]), ylim=(lowest[1], highest[1]), zlim=(lowest[2], highest[2]))
-    axes.set_aspect("equal")
-    axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
-    axes.tick_params(labelsize=8)
 
 
 def _phase_bar(figure: Figure, axes: Axes3D) -> None:
