@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float64, Real
 from matplotlib import rc_context
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FixedLocator, MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 
@@ -48,9 +49,15 @@ class View:
     @property
     def lamp(self) -> Float64[np.ndarray, "3"]:
         """(3,) unit vector towards a lamp over the viewer's left shoulder."""
-        right = np.cross([0.0, 0.0, 1.0], self.towards_viewer)
-        lamp = self.towards_viewer - 0.35 * right + [0.0, 0.0, 0.5]
+        lamp = self.towards_viewer - 0.35 * self.plane[:, 0] + [0.0, 0.0, 0.5]
         return lamp / np.linalg.norm(lamp)
+
+    @property
+    def plane(self) -> Float64[np.ndarray, "3 2"]:
+        """(3, 2) unit vectors to the viewer's right and up, which bring points (P, 3) into the picture."""
+        right = np.cross([0.0, 0.0, 1.0], self.towards_viewer)
+        right /= np.linalg.norm(right)
+        return np.stack([right, np.cross(self.towards_viewer, right)], axis=1)
 
     @property
     def opposite(self) -> "View":
@@ -78,6 +85,16 @@ def space_axes(figure: Figure, view: View) -> Axes3D:
     view : from where they are seen.
     """
     return _quiet_axes(figure, view, (1, 1, 1))
+
+
+def wide_figure(height: float) -> Figure:
+    """Begin a figure for ``two_sides``, with room at its sides for labels in space.
+
+    Parameters
+    ----------
+    height : [inches].
+    """
+    return Figure(figsize=(13.0, height), layout=ConstrainedLayoutEngine(w_pad=0.35, h_pad=0.12))
 
 
 def two_sides(figure: Figure, view: View) -> list[tuple[View, Axes3D]]:

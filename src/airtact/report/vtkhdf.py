@@ -1,4 +1,4 @@
-"""Fields and bodies for ParaView: the VTKHDF format, version 2.2 (https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format)."""
+"""Fields, bodies and panels for ParaView: the VTKHDF format, version 2.2 (https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format)."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,9 +11,14 @@ from airtact.conventions import InvalidInput
 from airtact.report.whole_file import whole_file
 from airtact.report.windows import Box
 from airtact.scene.geometry import Surface
+from airtact.scene.panels import Panels
+from airtact.scene.six_nodes import panel_areas, smallest_angles
 
 if TYPE_CHECKING:
     import h5py
+
+QUADRATIC_TRIANGLE = 22
+"""VTK's number for a triangle of six nodes: the corners, then the middles of edges 01, 12, 20."""
 
 
 def write_field(path: Path, box: Box, pressure: Complex[np.ndarray, "points"], bodies: Sequence[Surface]) -> None:
@@ -44,6 +49,38 @@ def write_field(path: Path, box: Box, pressure: Complex[np.ndarray, "points"], b
         assembly = root.create_group("Assembly", track_order=True)
         for name in names:
             assembly.create_group(name, track_order=True)[name] = h5py.SoftLink(f"/VTKHDF/{name}")
+
+
+def write_panels_vtkhdf(path: Path, panels: Panels) -> None:
+    """Write curved panels as an unstructured grid of quadratic triangles.
+
+    Cell data: ``smallest_angle`` [degrees], ``area`` [m²], ``deviation`` from the true skin [m], ``body``.
+
+    Parameters
+    ----------
+    path : the file to write; it appears only once it is whole.
+    panels : what to write; each keeps its own six points, for neighbours need not share them.
+    """
+    import h5py
+
+    count = len(panels.six_nodes)
+    numbers = {
+        "smallest_angle": smallest_angles(panels.six_nodes),
+        "area": panel_areas(panels.six_nodes),
+        "deviation": panels.deviation,
+        "body": panels.body,
+    }
+    with whole_file(path) as partial, h5py.File(partial, "w") as file:
+        root = _group(file, "VTKHDF", "UnstructuredGrid")
+        for name, number in (("Points", 6 * count), ("Cells", count), ("ConnectivityIds", 6 * count)):
+            root.create_dataset(f"NumberOf{name}", data=np.array([number]))
+        root.create_dataset("Points", data=panels.six_nodes.reshape(-1, 3))
+        root.create_dataset("Connectivity", data=np.arange(6 * count))
+        root.create_dataset("Offsets", data=6 * np.arange(count + 1))
+        root.create_dataset("Types", data=np.full(count, QUADRATIC_TRIANGLE, dtype=np.uint8))
+        data = root.create_group("CellData")
+        for name, values in numbers.items():
+            data.create_dataset(name, data=values)
 
 
 def _group(parent: "h5py.Group", name: str, kind: str) -> "h5py.Group":

@@ -1,0 +1,62 @@
+"""Panels as files: curved ones for ParaView, flat triangles for everything else."""
+
+from pathlib import Path
+
+from airtact.conventions import InvalidInput
+from airtact.report.flat_triangles import flat_triangles
+from airtact.report.vtkhdf import write_panels_vtkhdf
+from airtact.report.whole_file import whole_file
+from airtact.scene.panels import Panels
+from airtact.scene.topology import edge_twins
+
+CURVED = ".vtkhdf"
+FLAT = (".stl", ".ply", ".glb")
+"""File name endings that are written, in metres."""
+
+
+def check_ending(path: Path) -> None:
+    """Refuse a file name that does not say which format to write.
+
+    Parameters
+    ----------
+    path : the file that shall be written.
+
+    Raises
+    ------
+    InvalidInput
+        With the ending and those that are written.
+    """
+    if path.suffix.lower() not in (CURVED, *FLAT):
+        raise InvalidInput(
+            f"{path.name} ends in {path.suffix!r}, but panels are written to {', '.join((CURVED, *FLAT))}."
+        )
+
+
+def write_panels(path: Path, panels: Panels) -> int:
+    """Write panels in the format that the ending of the file's name says.
+
+    Parameters
+    ----------
+    path : the file to write; it appears only once it is whole.
+    panels : what to write.
+
+    Returns
+    -------
+    How many edges of the flat triangles have no neighbour; 0 for curved panels, which need not meet.
+
+    Raises
+    ------
+    InvalidInput
+        See ``check_ending``.
+    """
+    check_ending(path)
+    if path.suffix.lower() == CURVED:
+        write_panels_vtkhdf(path, panels)
+        return 0
+    import trimesh  # takes as long to import as all the rest of airtact
+
+    vertices, triangles = flat_triangles(panels.six_nodes)
+    content = trimesh.Trimesh(vertices, triangles, process=False).export(file_type=path.suffix.lower()[1:])
+    with whole_file(path) as partial:
+        partial.write_bytes(content if isinstance(content, bytes) else str(content).encode())
+    return int((edge_twins(triangles) < 0).sum())
