@@ -25,7 +25,6 @@ double squared_distance_to_box(const double *lower, const double *upper, const d
 void closest_on_panels(const double *targets, std::int64_t n, const double *six_nodes, const std::int64_t *order,
                        std::int64_t panels, const double *lower, const double *upper, std::int64_t leaves,
                        std::int64_t *panel, double *foot, double *distance) {
-    const std::int64_t share = (panels + leaves - 1) / leaves;
 #pragma omp parallel for schedule(dynamic, 64)
     for (std::int64_t i = 0; i < n; i++) {
         const double *x = targets + 3 * i;
@@ -44,16 +43,15 @@ void closest_on_panels(const double *targets, std::int64_t n, const double *six_
                 if ((left_first ? to_right : to_left) < best) stack[depth++] = left_first ? right : left;
                 box = left_first ? left : right;
             }
-            const std::int64_t end = std::min(panels, (box - leaves + 1) * share);
-            for (std::int64_t slot = (box - leaves) * share; slot < end; slot++) {
-                double candidate[2];
-                const double squared = closest_point(Patch(six_nodes + 18 * order[slot], x), candidate);
-                if (squared < best) {
-                    best = squared;
-                    panel[i] = order[slot];
-                    foot[2 * i] = candidate[0];
-                    foot[2 * i + 1] = candidate[1];
-                }
+            if (box - leaves >= panels) continue;
+            const std::int64_t found = order[box - leaves];
+            double candidate[2];
+            const double squared = closest_point(Patch(six_nodes + 18 * found, x), candidate);
+            if (squared < best) {
+                best = squared;
+                panel[i] = found;
+                foot[2 * i] = candidate[0];
+                foot[2 * i + 1] = candidate[1];
             }
         }
         distance[i] = std::sqrt(best);

@@ -56,8 +56,8 @@ void near_pairs(const double *targets, std::int64_t n, const double *centres, co
                 std::int64_t *first, std::int64_t *pair_panel);
 
 // For each target the panel that is closest, the reference coordinates of its closest point and how far that is. The
-// boxes are a binary tree as a heap: box 1 holds all, box b holds boxes 2 b and 2 b + 1, box leaves + l holds the l-th
-// share of `order`; panels of one share are searched one by one.
+// boxes are a binary tree as a heap: box 1 holds all, box b holds boxes 2 b and 2 b + 1, box leaves + l holds panel
+// order[l].
 void closest_on_panels(const double *targets, std::int64_t n, const double *six_nodes, const std::int64_t *order,
                        std::int64_t panels, const double *lower, const double *upper, std::int64_t leaves,
                        std::int64_t *panel, double *foot, double *distance);

@@ -7,10 +7,11 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int, Int64, Real
 from scipy.spatial import KDTree
 
+from airtact.scene.bends import bend_sizes, strip_sizes
 from airtact.scene.panel_tree import PanelTree, panel_tree
 from airtact.scene.pose import Pose
 from airtact.scene.printing import in_short
-from airtact.scene.remeshing import remeshed
+from airtact.scene.remeshing import Ridged, remeshed, thinned
 from airtact.scene.six_nodes import (
     NODE_PLACES,
     SixNodes,
@@ -34,8 +35,8 @@ TOO_FAR = 0.006
 SPLIT = 1.5
 """Longest edge of the triangles that MMG is given, over the edge wanted."""
 
-LARGEST_TO_STRIP = 2.0
-"""Longest edge beside a narrow strip between two sharp edges, over its width."""
+LARGEST = 1.5
+"""Longest edge over the edge wanted."""
 
 CREASE_CANDIDATES = 8
 """Places on creases, nearest first, from which the nearest one is sought."""
@@ -197,46 +198,28 @@ class CurvedMesh:
             When MMG cannot mesh the surface.
         """
         if edge not in self._kept:
+            mesh = thinned(self._split(SPLIT * edge), edge)
+            sizes = np.minimum(
+                strip_sizes(mesh.vertices, mesh.ridges, LARGEST * edge),
+                bend_sizes(mesh.vertices, mesh.triangles, mesh.ridges, LARGEST * edge),
+            )
             wanted = self.area / (np.sqrt(3) / 4 * edge**2)
-            fine = split(self.six_nodes, self.triangles, self.sharp, SPLIT * edge)
-            vertices = np.empty((int(fine[1].max()) + 1, 3))
-            vertices[fine[1]] = fine[0][:, :3]
-            triangle, corner = np.nonzero(fine[2])
-            ridges = np.stack([fine[1][triangle, corner], fine[1][triangle, (corner + 1) % 3]], axis=1)
-            ridges = ridges[ridges[:, 0] < ridges[:, 1]]
-            sizes = LARGEST_TO_STRIP * self._strip_widths(vertices, ridges, edge)
-            self._kept[edge] = self._fitted(*remeshed(vertices, fine[1], ridges, sizes, edge, wanted), edge)
+            panels = self._fitted(remeshed(mesh, sizes, edge, wanted), edge)
+            self._kept[edge] = self._cut_where_it_helps(panels, edge)
         return self._kept[edge].copy()
 
-    def _strip_widths(
-        self, vertices: Float64[np.ndarray, "vertices 3"], ridges: Int64[np.ndarray, "ridges 2"], farthest: float
-    ) -> Float64[np.ndarray, "vertices"]:
-        """How far across from each end of a ridge another ridge runs [m]; ``farthest`` where none is nearer."""
-        width = np.full(len(vertices), farthest)
-        if not len(ridges):
-            return width
-        ends = vertices[ridges]
-        share = np.arange(CREASE_PIECES) / CREASE_PIECES
-        samples = (ends[:, :1] + share[:, None] * (ends[:, 1:] - ends[:, :1])).reshape(-1, 3)
-        tree = KDTree(samples)
-        for start, finish in (ridges.T, ridges.T[::-1]):
-            along = _unit(vertices[finish] - vertices[start])
-            row, sample = _flattened(tree.query_ball_point(vertices[start], farthest))
-            gap = samples[sample] - vertices[start][row]
-            distance = np.linalg.norm(gap, axis=1)
-            across = np.abs(np.einsum("pd,pd->p", gap, along[row])) < 0.5 * distance
-            foreign = (ridges[sample // CREASE_PIECES] != start[row][:, None]).all(axis=1) & across
-            np.minimum.at(width, start[row[foreign]], distance[foreign])
-        return width
+    def _split(self, longest: float) -> Ridged:
+        """Mesh the skin with triangles that have no edge longer than that [m]."""
+        six_nodes, triangles, sharp = split(self.six_nodes, self.triangles, self.sharp, longest)
+        vertices = np.empty((int(triangles.max()) + 1, 3))
+        vertices[triangles] = six_nodes[:, :3]
+        triangle, corner = np.nonzero(sharp)
+        ridges = np.stack([triangles[triangle, corner], triangles[triangle, (corner + 1) % 3]], axis=1)
+        return Ridged(vertices, triangles, ridges[ridges[:, 0] < ridges[:, 1]])
 
-    def _fitted(
-        self,
-        vertices: Float64[np.ndarray, "corners 3"],
-        triangles: Int64[np.ndarray, "pieces 3"],
-        ridges: Int64[np.ndarray, "ridges 2"],
-        edge: float,
-    ) -> SixNodes:
+    def _fitted(self, mesh: Ridged, edge: float) -> SixNodes:
         """Bring new triangles onto the skin."""
+        vertices, triangles, ridges = mesh.vertices, mesh.triangles, mesh.ridges
         corners = self.project(vertices)
         creased = np.unique(ridges)
         if len(creased):
@@ -252,12 +235,14 @@ class CurvedMesh:
             along = np.isin(unique @ [key, 1], np.sort(ridges, axis=1) @ [key, 1])
             middles[along] = self.project_on_creases(straight[along])
         panels = np.concatenate([corners[triangles], middles[inverse.ravel()].reshape(-1, 3, 3)], axis=1)
-        return self._cut_where_it_helps(self.levelled(panels), edge)
+        return self.levelled(panels)
 
     def _cut_where_it_helps(self, panels: SixNodes, edge: float) -> Float64[np.ndarray, "pieces 6 3"]:
         """Cut panels in four that leave the skin by too much, unless their pieces leave it as much: a rough skin."""
         done = []
         for _ in range(CUTS):
+            if not len(panels):
+                break
             leaving = self._leaving(panels)
             far = leaving > TOO_FAR * edge
             if not far.any():
@@ -360,14 +345,6 @@ def _along_crease(
     """Quadratics of start, middle and end of an edge at a share of it, and their slopes."""
     shape = np.stack([(1 - share) * (1 - 2 * share), 4 * share * (1 - share), share * (2 * share - 1)], axis=-1)
     return shape, np.stack([4 * share - 3, 4 - 8 * share, 4 * share - 1], axis=-1)
-
-
-def _flattened(lists: np.ndarray) -> tuple[Int64[np.ndarray, "pairs"], Int64[np.ndarray, "pairs"]]:
-    """Turn a list of indices for each row into pairs of row and index."""
-    counts = np.fromiter(map(len, lists), dtype=np.int64, count=len(lists))
-    return np.repeat(np.arange(len(lists)), counts), np.concatenate(
-        [np.asarray(part, dtype=np.int64) for part in lists]
-    )
 
 
 def _unit(vectors: Float64[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 3"]:

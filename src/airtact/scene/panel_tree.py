@@ -8,9 +8,6 @@ from jaxtyping import Float64, Int64, Real
 from airtact import _kernels
 from airtact.scene.six_nodes import SixNodes
 
-LEAF = 4
-"""Panels that are searched one by one."""
-
 
 @dataclass(frozen=True, eq=False)
 class PanelTree:
@@ -45,14 +42,12 @@ def panel_tree(six_nodes: SixNodes) -> PanelTree:
     corners, middles = six_nodes[:, :3], six_nodes[:, 3:]
     hull = np.concatenate([corners, 2 * middles - 0.5 * (corners + np.roll(corners, -1, axis=1))], axis=1)
     order = np.argsort(_morton(six_nodes.mean(axis=1)), kind="stable")
-    leaves = 1 << max(0, int(np.ceil(np.log2(max(1, len(order)) / LEAF))))
-    share = -(-len(order) // leaves)
-    padded = np.full(leaves * share, order[-1])
+    leaves = 1 << (len(order) - 1).bit_length()
+    padded = np.full(leaves, order[-1])
     padded[: len(order)] = order
     lower, upper = np.empty((2 * leaves, 3)), np.empty((2 * leaves, 3))
     lower[0] = upper[0] = 0.0
-    lower[leaves:] = hull.min(axis=1)[padded].reshape(leaves, share, 3).min(axis=1)
-    upper[leaves:] = hull.max(axis=1)[padded].reshape(leaves, share, 3).max(axis=1)
+    lower[leaves:], upper[leaves:] = hull.min(axis=1)[padded], hull.max(axis=1)[padded]
     while leaves > 1:
         leaves //= 2
         lower[leaves : 2 * leaves] = lower[2 * leaves : 4 * leaves].reshape(leaves, 2, 3).min(axis=1)

@@ -4,9 +4,10 @@ Source: C. Dapogny, C. Dobrzynski, P. Frey, "Three-dimensional adaptive domain r
 applications to free and moving boundary problems", J. Comput. Phys. 262, 358 (2014); MMG's surface remesher.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
-from jaxtyping import Float64, Int, Int64, Real
-from scipy.spatial import KDTree
+from jaxtyping import Float64, Int64, Real
 
 from airtact.conventions import InvalidInput
 
@@ -17,105 +18,99 @@ ENOUGH = 0.9
 """Share of the wanted number of triangles that will do."""
 
 FLATTEST = 0.15
-"""Distance of a straight triangle from the curved skin, over the edge wanted, above which it is made smaller."""
+"""Distance of a straight triangle from the curved skin, over the edge wanted, that MMG takes for too large."""
 
 FINE = 0.25
-"""Mean edge over the edge wanted of a mesh that is thinned out first, and ..."""
+"""Mean edge over the edge wanted of a mesh that is thinned out first."""
 
-COARSE = 0.5
-"""... the longest edge that it is thinned out to."""
+ROUGH = 0.06
+"""Distance of the thinned mesh from its skin, over the edge wanted: about the roughness of a scan."""
 
 GRADING = 1.5
 """Ratio of neighbouring edges at most."""
 
-SMALLEST = 0.1
+SMALLEST = 0.06
 """Edges are not made shorter than this share of the edge wanted, but for the shape's own sharp edges."""
 
 
-def remeshed(
-    vertices: Real[np.ndarray, "vertices 3"],
-    triangles: Int[np.ndarray, "triangles 3"],
-    ridges: Int[np.ndarray, "ridges 2"],
-    sizes: Real[np.ndarray, "vertices"],
-    edge: float,
-    wanted: float,
-) -> tuple[Float64[np.ndarray, "corners 3"], Int64[np.ndarray, "pieces 3"], Int64[np.ndarray, "creases 2"]]:
-    """Mesh a closed surface anew with triangles about as large as equilateral ones of a given edge.
+@dataclass(frozen=True, eq=False)
+class Ridged:
+    """A closed mesh with the edges that stay sharp.
 
-    Parameters
+    Attributes
     ----------
     vertices : (V, 3) [m].
     triangles : (T, 3) vertex indices.
-    ridges : (K, 2) ends of the edges that stay sharp.
-    sizes : (V,) longest edge allowed at each vertex, beside what ``edge`` asks for [m].
-    edge : edge of the equilateral triangle wanted [m].
-    wanted : number of triangles that the area asks for.
+    ridges : (K, 2) ends of the sharp edges.
+    """
 
-    Returns
-    -------
-    vertices : (W, 3) near the curved skin of the surface [m], triangles (S, 3) and sharp edges (J, 2).
+    vertices: Float64[np.ndarray, "vertices 3"]
+    triangles: Int64[np.ndarray, "triangles 3"]
+    ridges: Int64[np.ndarray, "ridges 2"]
+
+
+def thinned(mesh: Ridged, edge: float) -> Ridged:
+    """Thin out a mesh far finer than an edge [m], or MMG takes the roughness of a scan for bends of the skin.
 
     Raises
     ------
     InvalidInput
         When MMG cannot mesh the surface.
     """
-    vertices, sizes, found = vertices / edge, sizes / edge, None
-    for stretch in STRETCHES:
-        try:
-            if _mean_edge(vertices, triangles) < FINE:
-                vertices, triangles, ridges, sizes = _coarser(vertices, triangles, ridges, sizes)
-            found = _meshed(vertices, triangles, ridges, np.clip(sizes, SMALLEST, stretch), FLATTEST)
-        except RuntimeError as fault:
-            raise InvalidInput(
-                f"the surface of {len(triangles)} triangles cannot be meshed anew with an edge of {1e3 * edge:.3g} mm "
-                f"({fault}); repair it, or give a mesh with fewer slivers."
-            ) from fault
-        if len(found[1]) >= ENOUGH * wanted:
-            break
-    assert found is not None
-    return edge * found[0], found[1], found[2]
+    corners = mesh.vertices[mesh.triangles]
+    if np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).mean() > FINE * edge:
+        return mesh
+    return _meshed(mesh, np.full(len(mesh.vertices), FINE), edge, ROUGH)
 
 
-def _mean_edge(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[np.ndarray, "triangles 3"]) -> float:
-    corners = vertices[triangles]
-    return float(np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).mean())
+def remeshed(mesh: Ridged, sizes: Real[np.ndarray, "vertices"], edge: float, wanted: float) -> Ridged:
+    """Mesh a closed surface anew with triangles about as large as equilateral ones of a given edge.
+
+    Parameters
+    ----------
+    mesh : the surface.
+    sizes : (V,) longest edge allowed at each vertex, beside what ``edge`` asks for [m].
+    edge : edge of the equilateral triangle wanted [m].
+    wanted : number of triangles that the area asks for.
+
+    Returns
+    -------
+    A mesh near the curved skin of the surface.
+
+    Raises
+    ------
+    InvalidInput
+        When MMG cannot mesh the surface.
+    """
+    for stretch in STRETCHES[:-1]:
+        found = _meshed(mesh, np.clip(sizes / edge, SMALLEST, stretch), edge, FLATTEST)
+        if len(found.triangles) >= ENOUGH * wanted:
+            return found
+    return _meshed(mesh, np.clip(sizes / edge, SMALLEST, STRETCHES[-1]), edge, FLATTEST)
 
 
-def _coarser(
-    vertices: Real[np.ndarray, "vertices 3"],
-    triangles: Int[np.ndarray, "triangles 3"],
-    ridges: Int[np.ndarray, "ridges 2"],
-    sizes: Real[np.ndarray, "vertices"],
-) -> tuple[
-    Float64[np.ndarray, "corners 3"],
-    Int64[np.ndarray, "pieces 3"],
-    Int64[np.ndarray, "creases 2"],
-    Float64[np.ndarray, "corners"],
-]:
-    """Thin out a fine mesh first, or MMG takes the roughness of a scan for curvature and keeps its triangles small."""
-    found = _meshed(vertices, triangles, ridges, np.clip(sizes, SMALLEST, COARSE), FLATTEST / 3)
-    return *found, sizes[KDTree(vertices).query(found[0])[1]]
-
-
-def _meshed(
-    vertices: Float64[np.ndarray, "vertices 3"],
-    triangles: Int[np.ndarray, "triangles 3"],
-    ridges: Int[np.ndarray, "ridges 2"],
-    sizes: Real[np.ndarray, "vertices"],
-    flattest: float,
-) -> tuple[Float64[np.ndarray, "corners 3"], Int64[np.ndarray, "pieces 3"], Int64[np.ndarray, "creases 2"]]:
-    """Run MMG on a surface whose wanted edge has length 1."""
+def _meshed(surface: Ridged, sizes: Real[np.ndarray, "vertices"], edge: float, flattest: float) -> Ridged:
+    """Run MMG in units of the edge."""
     import mmgpy  # brings its own libraries, which only surfaces from meshes need
 
     mesh = mmgpy.MmgMeshS()
-    mesh.set_mesh_size(vertices=len(vertices), triangles=len(triangles), edges=len(ridges))
-    mesh.set_vertices(np.ascontiguousarray(vertices))
-    mesh.set_triangles(np.ascontiguousarray(triangles, dtype=np.int32))
+    ridges, triangles = surface.ridges.astype(np.int32), surface.triangles.astype(np.int32)
+    mesh.set_mesh_size(vertices=len(surface.vertices), triangles=len(triangles), edges=len(ridges))
+    mesh.set_vertices(np.ascontiguousarray(surface.vertices / edge))
+    mesh.set_triangles(triangles)
     if len(ridges):
-        mesh.set_edges(np.ascontiguousarray(ridges, dtype=np.int32))
+        mesh.set_edges(ridges)
         mesh.set_ridge_edges(np.arange(len(ridges), dtype=np.int32))
     mesh.set_field("metric", sizes.reshape(-1, 1))
-    mesh.remesh(hmax=sizes.max(), hmin=SMALLEST, hausd=flattest, hgrad=GRADING, angle=0, verbose=-1)
-    creases = np.asarray(mesh.get_edges(), dtype=np.int64).reshape(-1, 2)
-    return np.array(mesh.get_vertices()), np.asarray(mesh.get_triangles(), dtype=np.int64), creases
+    try:
+        mesh.remesh(hmax=sizes.max(), hmin=SMALLEST, hausd=flattest, hgrad=GRADING, angle=0, verbose=-1)
+    except RuntimeError as fault:
+        raise InvalidInput(
+            f"the surface of {len(triangles)} triangles cannot be meshed anew with an edge of {1e3 * edge:.3g} mm "
+            f"({fault}); repair it, or give a mesh with fewer slivers."
+        ) from fault
+    return Ridged(
+        np.array(mesh.get_vertices()) * edge,
+        np.asarray(mesh.get_triangles(), dtype=np.int64),
+        np.asarray(mesh.get_edges(), dtype=np.int64).reshape(-1, 2),
+    )
