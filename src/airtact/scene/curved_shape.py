@@ -29,7 +29,7 @@ from airtact.scene.topology import edge_twins
 EDGE = 1e-9
 """A closest point with a barycentric coordinate below this lies on the edge."""
 
-TOO_FAR = 0.006
+TOO_FAR = 0.004
 """Root mean square distance of a panel from the skin, over the edge wanted, above which it is cut in four."""
 
 SPLIT = 1.5
@@ -204,7 +204,7 @@ class CurvedMesh:
                 bend_sizes(mesh.vertices, mesh.triangles, mesh.ridges, LARGEST * edge),
             )
             wanted = self.area / (np.sqrt(3) / 4 * edge**2)
-            panels = self._fitted(remeshed(mesh, sizes, edge, wanted), edge)
+            panels = self._covered(remeshed(mesh, sizes, edge, wanted), edge)
             self._kept[edge] = self._cut_where_it_helps(panels, edge)
         return self._kept[edge].copy()
 
@@ -217,7 +217,7 @@ class CurvedMesh:
         ridges = np.stack([triangles[triangle, corner], triangles[triangle, (corner + 1) % 3]], axis=1)
         return Ridged(vertices, triangles, ridges[ridges[:, 0] < ridges[:, 1]])
 
-    def _fitted(self, mesh: Ridged, edge: float) -> SixNodes:
+    def _covered(self, mesh: Ridged, edge: float) -> SixNodes:
         """Bring new triangles onto the skin."""
         vertices, triangles, ridges = mesh.vertices, mesh.triangles, mesh.ridges
         corners = self.project(vertices)
@@ -241,14 +241,12 @@ class CurvedMesh:
         """Cut panels in four that leave the skin by too much, unless their pieces leave it as much: a rough skin."""
         done = []
         for _ in range(CUTS):
-            if not len(panels):
-                break
             leaving = self._leaving(panels)
             far = leaving > TOO_FAR * edge
             if not far.any():
                 break
             pieces, _ = cut(panels[far], np.full(int(far.sum()), 2))
-            pieces = self.levelled(self.project(pieces.reshape(-1, 3)).reshape(-1, 6, 3))
+            pieces = self.fitted(pieces)
             better = np.sqrt(np.mean(self._leaving(pieces).reshape(-1, 4) ** 2, axis=1)) < 0.5 * leaving[far]
             done += [panels[~far], panels[far][~better]]
             panels = pieces.reshape(-1, 4, 6, 3)[better].reshape(-1, 6, 3)
@@ -257,7 +255,11 @@ class CurvedMesh:
     def _leaving(self, panels: SixNodes) -> Float64[np.ndarray, "panels"]:
         """Root mean square distance of panels (P, 6, 3) from the skin [m]."""
         points = np.einsum("qn,tnd->tqd", LEVEL_SHAPE, panels).reshape(-1, 3)
-        return np.sqrt(self.tree.closest(points)[2].reshape(len(panels), -1) ** 2 @ (2 * LEVEL_WEIGHTS))
+        return np.sqrt(self.tree.closest(points)[2].reshape(-1, len(LEVEL_PLACES)) ** 2 @ (2 * LEVEL_WEIGHTS))
+
+    def fitted(self, panels: SixNodes) -> SixNodes:
+        """Bring panels (P, 6, 3) near the skin to where it lies evenly on both sides of each [m]."""
+        return self.levelled(self.project(panels.reshape(-1, 3)).reshape(-1, 6, 3))
 
     def levelled(self, panels: SixNodes) -> SixNodes:
         """Move the nodes of panels (P, 6, 3) along their normals until the skin lies evenly on both sides of each.
@@ -266,7 +268,7 @@ class CurvedMesh:
         nodes; the quadratic nearest to the skin in the mean square does neither.
         """
         depth = self.depth(np.einsum("qn,tnd->tqd", LEVEL_SHAPE, panels).reshape(-1, 3))
-        rise = depth.reshape(len(panels), -1) @ LEVEL_FIT.T
+        rise = depth.reshape(-1, len(LEVEL_PLACES)) @ LEVEL_FIT.T
         normals = np.stack(
             [points_at(panels, np.broadcast_to(node, (len(panels), 2)))[1] for node in NODE_PLACES], axis=1
         )
@@ -325,6 +327,10 @@ class CurvedShape:
     def project(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
         """Nearest points of the skin (P, 3) [m] to points (P, 3) [m]."""
         return self.pose.apply(self.mesh.project(self.pose.inverse().apply(points)))
+
+    def fitted(self, panels: SixNodes) -> SixNodes:
+        """Bring panels (P, 6, 3) near the skin to where it lies evenly on both sides of each [m]."""
+        return self.pose.apply(self.mesh.fitted(self.pose.inverse().apply(panels)))
 
     def off_triangles(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
         """Distance of points (P, 3) [m] from the flat triangles that it was made from [m]."""

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from airtact.conventions import InvalidInput
+from airtact.scene.curving import SHARP_DEGREES
 from airtact.scene.geometry import Surface
 from airtact.scene.guards import of_kind, positive
 from airtact.scene.mending import mended
@@ -16,7 +17,12 @@ SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".gltf")
 """File name endings that are read."""
 
 
-def load_surface(path: str | Path, scale: float = 1.0, largest_hole: float = 2e-3) -> Surface:
+def load_surface(
+    path: str | Path,
+    scale: float = 1.0,
+    largest_hole: float = 2e-3,
+    sharp_degrees: float = SHARP_DEGREES,
+) -> Surface:
     """Read a closed surface from a file, and mend what is damaged.
 
     The nodes of a scene graph are put where their transforms place them and joined; vertices at the same place are
@@ -28,6 +34,7 @@ def load_surface(path: str | Path, scale: float = 1.0, largest_hole: float = 2e-
     path : an STL, PLY, OBJ or GLB file.
     scale : metres per unit of the file: 1e-3 for a file in millimetres.
     largest_hole : widest hole that is filled [m], 0 for none.
+    sharp_degrees : edges whose triangles turn by more than this stay sharp; the rest of the skin is curved.
 
     Raises
     ------
@@ -44,7 +51,7 @@ def load_surface(path: str | Path, scale: float = 1.0, largest_hole: float = 2e-
     vertices, triangles = _joined(path)
     with _named(path):
         whole = mended(vertices * scale, triangles, largest_hole)
-        return Surface(whole.vertices, whole.triangles, mended=whole.notes)
+        return Surface(whole.vertices, whole.triangles, sharp_degrees=sharp_degrees, mended=whole.notes)
 
 
 @contextmanager

@@ -87,9 +87,9 @@ def _refined(
         samples = np.concatenate([panels, panels.mean(axis=1, keepdims=True)], axis=1)
         allowed = np.min([factor * tree.query(samples.reshape(-1, 3))[0] for tree, factor in trees], axis=0)
         allowed = allowed.reshape(len(panels), -1).min(axis=1)
-        # all panels beside a point are brought onto the skin, or those left whole would stand off the others
+        # all panels beside a point are fitted to the skin, or those left whole would stand off the others
         beside = longest_edges(panels) > allowed
-        panels[beside] = shape.project(panels[beside].reshape(-1, 3)).reshape(-1, 6, 3)
+        panels[beside] = shape.fitted(panels[beside])
         large = longest_edges(panels) > np.maximum(LONGEST_TO_EQUILATERAL * smallest, allowed)
         if not large.any():
             return panels

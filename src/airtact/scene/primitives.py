@@ -95,6 +95,10 @@ class Capsule:
         """
         return Capsule(self.radius, self.length, pose @ self.pose)
 
+    def fitted(self, panels: SixNodes) -> SixNodes:
+        """Bring the nodes of panels (P, 6, 3) near the skin onto it [m]."""
+        return self.project(panels.reshape(-1, 3)).reshape(panels.shape)
+
     def off_triangles(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
         """Return 0 for each of the points (P, 3) [m]: a closed form was made from no triangles."""
         return np.zeros(len(points))

@@ -103,7 +103,9 @@ def _meshed(surface: Ridged, sizes: Real[np.ndarray, "vertices"], edge: float, f
         mesh.set_ridge_edges(np.arange(len(ridges), dtype=np.int32))
     mesh.set_field("metric", sizes.reshape(-1, 1))
     try:
-        mesh.remesh(hmax=sizes.max(), hmin=SMALLEST, hausd=flattest, hgrad=GRADING, angle=0, verbose=-1)
+        mesh.remesh(
+            hmax=max(sizes.max(), 1.1 * SMALLEST), hmin=SMALLEST, hausd=flattest, hgrad=GRADING, angle=0, verbose=-1
+        )
     except RuntimeError as fault:
         raise InvalidInput(
             f"the surface of {len(triangles)} triangles cannot be meshed anew with an edge of {1e3 * edge:.3g} mm "

@@ -36,6 +36,10 @@ class Shape(Protocol):
         """Nearest points of the skin (P, 3) [m] to points (P, 3) [m]."""
         ...
 
+    def fitted(self, panels: SixNodes) -> SixNodes:
+        """Bring the nodes of panels (P, 6, 3) near the skin to where the panels follow it best [m]."""
+        ...
+
     def off_triangles(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
         """Distance of points (P, 3) [m] from the flat triangles that it was made from [m]; 0 for a closed form."""
         ...

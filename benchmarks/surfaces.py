@@ -1,0 +1,195 @@
+"""How well any surface is solved: every figure of scanned, drawn and damaged meshes, measured anew.
+
+Run ``PYTHONPATH=.:tests python benchmarks/surfaces.py [figure ...]``; ``hand`` and ``damaged`` take minutes. Truth is
+fundamental solutions inside an ellipsoid, or the same body with finer panels.
+"""
+
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+import airtact as at
+from airtact.scene.six_nodes import enclosed_volume, longest_edges, smallest_angles
+from assorted_meshes import assorted
+from benchmarks.accuracy import FREQUENCY, PAPER_AIR, directions, far_points, one_each, relative
+from damage import damaged
+from references import ellipsoid
+
+HAND = Path(__file__).parent.parent / "examples/hands/generic-hand-right.glb"
+OPEN_HAND = Path(__file__).parent.parent / "examples/open_hand.toml"
+WAVENUMBER = 2 * np.pi / PAPER_AIR.wavelength(FREQUENCY)
+EDGE = 0.638 * PAPER_AIR.wavelength(FREQUENCY)
+"""Edge of the panels for an accuracy of 1 %."""
+
+
+def scene_of(vertices: np.ndarray, triangles: np.ndarray) -> at.Scene:
+    """Put a body of flat triangles into the air, as it comes from a file."""
+    return at.Scene(PAPER_AIR, [at.sound_hard(at.Surface(vertices, triangles))], frequency=FREQUENCY)
+
+
+def scanned(axes: np.ndarray, level: int, noise: float) -> at.Scene:
+    """Mesh an ellipsoid by trimesh: 5,120 triangles at level 4, 81,920 at level 6, rough along its normals."""
+    mesh = trimesh.creation.icosphere(level)
+    points = np.array(mesh.vertices) * axes
+    normals = points / axes**2
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    rough = noise * np.random.default_rng(1).standard_normal((len(points), 1))
+    return scene_of(points + rough * normals, np.array(mesh.faces))
+
+
+def scanned_error(axes: np.ndarray, gap: float, level: int, noise: float) -> tuple[float, float, float, int]:
+    """Worst error of 8 sources a gap off the skin, seconds with and without panelling, and unknowns."""
+    skin, normals, _ = ellipsoid.skin_points(axes, 8)
+    positions, points = skin + gap * normals, far_points()
+    true, own = ellipsoid.pressure_at(axes, WAVENUMBER, positions, points)
+    assert own < 1e-3, own
+    scene = scanned(axes, level, noise)
+    seconds = []
+    for _ in range(3):
+        began = time.perf_counter()
+        field = at.BoundaryElement().radiate(scene, one_each(positions))
+        seconds.append(time.perf_counter() - began)
+    return float(relative(field.at(points), true).max()), seconds[0], min(seconds[1:]), field.report.nodes
+
+
+def against_finer(dimensions: tuple[float, float, float], positions: np.ndarray) -> tuple[float, float, float]:
+    """Worst error of a box at 1 % against 0.0005, relative error of its volume, smallest angle of its panels."""
+    box = trimesh.creation.box(dimensions)
+    scene = scene_of(np.array(box.vertices), np.array(box.faces))
+    fields = [at.BoundaryElement(accuracy=asked).radiate(scene, one_each(positions)) for asked in (0.01, 0.0005)]
+    found, true = (field.at(far_points()) for field in fields)
+    panels = fields[0].surface.nodes.six_nodes
+    volume = enclosed_volume(panels) / np.prod(dimensions) - 1
+    return float(relative(found, true).max()), abs(volume), float(smallest_angles(panels).min())
+
+
+def scanned_figures() -> Iterator[str]:
+    for name, axes in (("sphere 10 mm", np.full(3, 0.01)), ("ellipsoid 15, 10, 7 mm", np.array([15, 10, 7]) * 1e-3)):
+        for gap in (0.002, 0.02):
+            few, many = scanned_error(axes, gap, 4, 0.0), scanned_error(axes, gap, 6, 2e-5)
+            yield (
+                f"{name}, sources {1e3 * gap:g} mm off: 5,120 triangles {100 * few[0]:.2f} %, 81,920 rough ones "
+                f"{100 * many[0]:.2f} %; solves {few[2]:.2f} and {many[2]:.2f} s, ratio {many[2] / few[2]:.2f}; first "
+                f"ones, with curving and panelling, {few[1]:.2f} and {many[1]:.2f} s, ratio {many[1] / few[1]:.2f}; "
+                f"{few[3]} and {many[3]} unknowns"
+            )
+
+
+def box_figures() -> Iterator[str]:
+    beside = np.array([[0, 0, 9.5], [3, 5, 9.5], [9.5, 9, 2], [20, 10, 3], [10, 10, 10], [0, 0, 30]]) * 1e-3
+    error, volume, angle = against_finer((0.015, 0.015, 0.015), beside)
+    yield f"cube of 15 mm: {100 * error:.2f} %, volume {100 * volume:.1g} % off, smallest angle {angle:.0f} degrees"
+    before = np.array([[0, 0, 2], [3, 5, 1], [10.5, 4, 1], [0, 0, 10], [10, 0, 10], [0, 0, 30]]) * 1e-3
+    error, volume, angle = against_finer((0.02, 0.02, 0.0006), before)
+    off = f"volume {100 * volume:.1g} % off, smallest angle {angle:.0f} degrees"
+    yield f"plate 20 x 20 x 0.6 mm: {100 * error:.2f} %, {off}"
+
+
+def hand_figures() -> Iterator[str]:
+    import tomllib
+
+    points = [focus["point"] for focus in tomllib.loads(OPEN_HAND.read_text())["foci"]][:5]
+    beacons, heard = one_each(np.array(points)), np.array([0.01, -0.02, 0.0]) + 0.25 * directions(200, 3)
+    air = at.air(celsius=20.0, humidity=0.5, frequency=FREQUENCY)
+    found = []
+    for asked in (0.03, 0.0125):
+        scene = at.Scene(air, [at.sound_hard(at.load_surface(HAND))], frequency=FREQUENCY)
+        began = time.perf_counter()
+        field = at.BoundaryElement(accuracy=asked).radiate(scene, beacons)
+        found.append((field.at(heard), field.report, time.perf_counter() - began))
+    (coarse, report, seconds), (fine, finer, _) = found
+    yield (
+        f"open hand at 3 %, five fingertips: {100 * relative(coarse, fine).max():.1f} % from the solve at "
+        f"{finer.nodes / report.nodes:.2f} times the nodes ({report.nodes}, {finer.nodes}); estimated "
+        f"{100 * report.estimated_error:.1f} %; {seconds:.0f} s, matrix {8 * report.nodes**2 / 1e9:.1f} GB; panels "
+        f"up to {1e3 * report.farthest_off_triangles:.1f} mm off the file, {1e3 * report.mean_off_triangles:.2f} mm in "
+        "the mean"
+    )
+
+
+def panelling_figures() -> Iterator[str]:
+    def timed(surfaces: list[at.Surface], edge: float) -> tuple[float, int]:
+        began = time.perf_counter()
+        panels = [surface.panelled(edge) for surface in surfaces]
+        return time.perf_counter() - began, sum(len(part.six_nodes) for part in panels)
+
+    at.load_surface(HAND).panelled(0.01)  # MMG's libraries are loaded once
+    for edge in (8.0e-3, EDGE):
+        seconds, count = min(timed([at.load_surface(HAND)], edge) for _ in range(3))
+        yield f"panelling the hand, edge {1e3 * edge:.1f} mm: {seconds:.2f} s, {count} panels"
+    fingers = [(surface.vertices, surface.triangles) for surface in at.pinch().surfaces]
+    seconds, count = min(timed([at.Surface(*finger) for finger in fingers], EDGE) for _ in range(3))
+    yield f"panelling two fingers from flat triangles, edge {1e3 * EDGE:.1f} mm: {seconds:.2f} s, {count} panels"
+    seconds, count = min(timed(list(at.pinch().surfaces), EDGE) for _ in range(3))
+    yield f"panelling two fingers from capsules: {seconds:.3f} s, {count} panels"
+
+
+def angle_figures() -> Iterator[str]:
+    worst = []
+    for name, mesh in assorted():
+        panels = at.Surface(*mesh).panelled(EDGE)
+        angles = smallest_angles(panels.six_nodes)
+        worst.append((float(angles.min()), name, float(np.mean(angles < 15)), len(angles)))
+        assert np.isfinite(longest_edges(panels.six_nodes)).all()
+    worst.sort()
+    above = sum(angle >= 15 for angle, *_ in worst)
+    below = ", ".join(
+        f"{name} {angle:.1f} ({100 * share:.1f} % of {count})" for angle, name, share, count in worst if angle < 15
+    )
+    yield f"{above} of {len(worst)} meshes have no angle below 15 degrees, edge {1e3 * EDGE:.1f} mm; others: {below}"
+
+
+def damaged_figures(count: int = 500) -> Iterator[str]:
+    outcome = {"mended": 0, "refused": 0}
+    wrong, worst = [], 0.0
+    for seed in range(count):
+        name, whole, broken = damaged(np.random.default_rng(seed))
+        try:
+            with_fault = scene_of(*_mended(broken))
+        except at.InvalidInput:
+            outcome["refused"] += 1
+            continue
+        outcome["mended"] += 1
+        error = _difference(scene_of(*whole), with_fault)
+        worst = max(worst, error)
+        if error > 0.03:
+            wrong.append(f"{seed} {name}: {100 * error:.1f} %")
+        print(seed, name, f"{100 * error:.2f} %", file=sys.stderr, flush=True)
+    yield f"{count} damaged meshes: {outcome}, {len(wrong)} wrong by more than 3 %, worst {100 * worst:.2f} %; {wrong}"
+
+
+def _mended(mesh: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    from airtact.scene.mending import mended
+
+    found = mended(*mesh)
+    return found.vertices, found.triangles
+
+
+def _difference(one: at.Scene, other: at.Scene) -> float:
+    """Relative difference of two scenes' sound, of sources about a wavelength off the body, where an array would be."""
+    skin = one.obstacles[0].surface.vertices
+    centre, radius = 0.5 * (skin.min(axis=0) + skin.max(axis=0)), np.ptp(skin, axis=0).max() / 2
+    asked = 0.01 if one.obstacles[0].surface.area < 50 * PAPER_AIR.wavelength(FREQUENCY) ** 2 else 0.1
+    sources = one_each(centre + (1.8 * radius + 0.005) * directions(4, 11))
+    points = centre + (2 * radius + 0.08) * directions(60, 12)
+    fields = [at.BoundaryElement(accuracy=asked).radiate(scene, sources).at(points) for scene in (one, other)]
+    return float(relative(fields[1], fields[0]).max())
+
+
+FIGURES = {
+    "scanned": scanned_figures,
+    "box": box_figures,
+    "panelling": panelling_figures,
+    "angle": angle_figures,
+    "hand": hand_figures,
+    "damaged": damaged_figures,
+}
+
+if __name__ == "__main__":
+    for figure in sys.argv[1:] or FIGURES:
+        for line in FIGURES[figure]():
+            print(f"{figure}: {line}", flush=True)
