@@ -16,7 +16,10 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
+    from airtact.meshing import Meshed
     from airtact.report.run_page import Run
+    from airtact.scene.geometry import Surface
+    from airtact.scene.scene import Scene
     from airtact.scene_file.building import Setup
 
 
@@ -55,21 +58,79 @@ def commands() -> None:
     """Compute what a phased array must emit so that a hand feels points while it scatters the sound."""
 
 
+SCALE = click.option("--scale", type=float, help="Metres per unit of a surface file: 1e-3 for millimetres.")
+SHARP = click.option("--sharp", type=float, help="Edges that turn by more degrees than this stay sharp; 75 by default.")
+
+
 @commands.command(
-    short_help="Say what is in a scene, or what is wrong with it.",
+    short_help="Say what is in a scene or a surface, or what is wrong with it.",
     epilog="Example: airtact check examples/pinch.toml",
 )
-@click.argument("scene", type=click.Path(path_type=Path))
-def check(scene: Path) -> None:
-    """Read SCENE, say what is in it and what solving it will take, or what is wrong with it."""
+@click.argument("scene", metavar="SCENE_OR_SURFACE", type=click.Path(path_type=Path))
+@click.option(
+    "--out", "folder", type=click.Path(path_type=Path), help="Folder for a picture of the bodies or the fault."
+)
+@SCALE
+@SHARP
+def check(scene: Path, folder: Path | None, scale: float | None, sharp: float | None) -> None:
+    """Read a scene file or a surface file (STL, PLY, OBJ, GLB) and say what is in it, or what is wrong with it.
+
+    With --out a picture of the bodies is written, or of the place of the fault where it is refused.
+    """
     from rich.console import Console
 
-    from airtact.scene_file.building import read_setup
+    from airtact.checking import check_scene, check_surface_file
+    from airtact.scene.files import SUFFIXES
 
-    setup = read_setup(scene)
+    settings = _given(scale=scale, sharp_degrees=sharp)
     console = Console()
-    for table in _summary(setup):
+    with _progress(Console(stderr=True)) as tell:
+        if scene.suffix.lower() in SUFFIXES:
+            facts = _surface_summary(scene.name, check_surface_file(scene, folder=folder, tell=tell, **settings))
+        elif settings:
+            key, value = next(iter(settings.items()))
+            raise InvalidInput(
+                f"{key} = {value:g} stands in a scene file, beside its surface, not on the command line."
+            )
+        else:
+            facts = _summary(check_scene(scene, folder, tell))
+        tell("counting unknowns")
+        tables = list(facts)
+    for table in tables:
         console.print(table)
+
+
+@commands.command(
+    short_help="Cover a surface with curved panels and say how good they are.",
+    epilog="Example: airtact mesh examples/hands/generic-hand-right.glb --out out.vtkhdf",
+)
+@click.argument("surface", type=click.Path(path_type=Path))
+@click.option("--edge", type=float, help="Edge of the panels in metres; by default what 1 % takes at 40 kHz.")
+@click.option("--out", "file", required=True, type=click.Path(path_type=Path), help="File for the panels.")
+@SCALE
+@SHARP
+def mesh(surface: Path, edge: float | None, file: Path, scale: float | None, sharp: float | None) -> None:
+    """Cover SURFACE (STL, PLY, OBJ, GLB) with curved panels, as the solvers do, and say how good they are.
+
+    The panels are written to a .vtkhdf file for ParaView, or as flat triangles in metres to .stl, .ply or .glb; a
+    picture of them, .png, stands beside it.
+    """
+    from rich.console import Console
+
+    with _progress(Console(stderr=True)) as tell:
+        from airtact.meshing import mesh as run_mesh
+
+        meshed = run_mesh(surface, file, edge, tell=tell, **_given(scale=scale, sharp_degrees=sharp))
+    console = Console()
+    for table in _quality(meshed):
+        console.print(table)
+    if meshed.warning:
+        console.print(f"[yellow]Warning:[/yellow] {meshed.warning}", soft_wrap=True, highlight=False)
+    console.print(f"The panels: {meshed.file}, their picture: {meshed.picture}", soft_wrap=True, highlight=False)
+
+
+def _given(**settings: float | None) -> dict[str, float]:
+    return {name: value for name, value in settings.items() if value is not None}
 
 
 @commands.command(
@@ -127,6 +188,8 @@ def _summary(setup: "Setup") -> Iterator["Table"]:
         size = f"{1e4 * surface.area:.1f} cm² = {surface.area / wavelength**2:.0f} λ²"
         bodies.add_row(escape(name), obstacle.boundary.replace("_", "-"), f"{len(surface.triangles):,}", size)
     yield bodies
+    notes = [(name, one.surface) for name, one in zip(setup.bodies, setup.scene.obstacles, strict=True)]
+    yield from (_mended(surface, name) for name, surface in notes if surface.mended)
     foci = _table("foci", "x", "y", "z", "off the skin", "pressure")
     asked = setup.target.pressures
     off_skin = -setup.scene.depth(setup.target.points)
@@ -145,6 +208,80 @@ def _summary(setup: "Setup") -> Iterator["Table"]:
     facts.add_row("drive", f"{setup.method.replace('_', ' ')}, accuracy {setup.solver.accuracy:g}")
     facts.add_row("unknowns", f"{unknowns:,}, matrix {_memory(unknowns)}")
     yield facts
+
+
+def _surface_summary(name: str, scene: "Scene") -> Iterator["Table"]:
+    """Tables of what is in a surface, what was mended, and what solving it takes."""
+    from airtact.checking import unknowns_by_accuracy
+    from airtact.scene.topology import shells
+
+    surface = scene.obstacles[0].surface
+    pieces = int(shells(surface.triangles).max()) + 1
+    facts = _table("", "")
+    facts.add_row("accepted", f"{name}: {len(surface.triangles):,} triangles, {_pieces(pieces)}")
+    facts.add_row("extent", f"{_sides(surface)} mm along x, y, z")
+    facts.add_row("area", f"{1e4 * surface.area:.4g} cm² = {surface.area / scene.wavelength**2:.3g} λ² at 40 kHz")
+    facts.add_row("volume", f"{1e6 * surface.volume:.4g} cm³")
+    facts.add_row("sharp edges", _sharp(surface))
+    for accuracy, unknowns in unknowns_by_accuracy(scene).items():
+        facts.add_row(f"accuracy {accuracy:g}", f"{unknowns:,} unknowns, matrix {_memory(unknowns)}")
+    yield facts
+    yield _mended(surface)
+
+
+def _quality(meshed: "Meshed") -> Iterator["Table"]:
+    """Tables of panels beside the triangles that they were made from."""
+    sizes = _table("", "given", "panels")
+    sizes.add_row("triangles, panels", f"{len(meshed.surface.triangles):,}", f"{len(meshed.panels.six_nodes):,}")
+    sizes.add_row("area", f"{1e4 * meshed.given_area:.4g} cm²", f"{1e4 * meshed.area:.4g} cm²")
+    sizes.add_row("volume", f"{1e6 * meshed.given_volume:.4g} cm³", f"{1e6 * meshed.volume:.4g} cm³")
+    yield sizes
+    worst, first = meshed.angles
+    facts = _table("", "")
+    facts.add_row("smallest angle", f"{worst:.1f}°, 1 of 100 panels below {first:.1f}°")
+    facts.add_row("edge", f"{1e3 * meshed.edge:.3g} mm asked, the longest has {1e3 * meshed.longest_edge:.3g} mm")
+    panels = meshed.panels
+    farthest, mean = _gap(panels.farthest.max()), _gap(panels.mean_distance.max())
+    facts.add_row("off the triangles given", f"{farthest} at most, {mean} in the mean")
+    facts.add_row("off the curved skin", f"{_gap(panels.deviation.max())} at most")
+    facts.add_row("sharp edges", _sharp(meshed.surface))
+    if meshed.open_edges:
+        facts.add_row("open edges", f"{meshed.open_edges} in {meshed.file.name}: its triangles are not quite closed")
+    yield facts
+    yield _mended(meshed.surface)
+
+
+def _mended(surface: "Surface", name: str = "") -> "Table":
+    from rich.markup import escape
+
+    table = _table("", "")
+    for index, note in enumerate(surface.mended or ("nothing",)):
+        table.add_row(escape(f"mended in {name}" if name else "mended") if index == 0 else "", escape(note))
+    return table
+
+
+def _gap(distance: float) -> str:
+    return f"{1e3 * distance:.2g} mm" if distance >= 1e-7 else "under 0.1 µm"
+
+
+def _pieces(count: int) -> str:
+    return f"{count} closed {'piece' if count == 1 else 'pieces'}"
+
+
+def _sides(surface: "Surface") -> str:
+    spans = surface.vertices.max(axis=0) - surface.vertices.min(axis=0)
+    return " x ".join(f"{1e3 * span:.4g}" for span in spans)
+
+
+def _sharp(surface: "Surface") -> str:
+    from airtact.report.body_figure import sharp_edges
+
+    sharp = sharp_edges(surface)
+    length = 1e3 * surface.edge_lengths[sharp].sum() / 2
+    count = int(sharp.sum()) // 2
+    if count == 0:
+        return f"none turns by over {surface.sharp_degrees:g}°"
+    return f"{count:,}, {length:.4g} mm together, that turn by over {surface.sharp_degrees:g}° or end a flat cap"
 
 
 def _results(run: "Run") -> "Table":

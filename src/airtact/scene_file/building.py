@@ -1,8 +1,7 @@
 """From the tables of a scene file to the scene, the array, the target and the way to make the drive."""
 
 import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +9,6 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
-from airtact.scene.files import load_surface
 from airtact.scene.geometry import Surface
 from airtact.scene.hand import pinch
 from airtact.scene.medium import Medium, air
@@ -18,6 +16,8 @@ from airtact.scene.pose import Pose
 from airtact.scene.primitives import capsule, sphere
 from airtact.scene.scene import Obstacle, Scene, check_outside, filled, impedance, sound_hard
 from airtact.scene.target import Target
+from airtact.scene_file.refusals import about
+from airtact.scene_file.surface_files import Triangles, bare_triangles, read_surface
 from airtact.scene_file.tables import (
     ArrayTable,
     FocusTable,
@@ -93,7 +93,7 @@ def read_setup(path: Path) -> Setup:
         file's name and the table at fault.
     """
     text = _text(path)
-    with _within(path.name):
+    with about(path.name):
         return _set_up(path, text, parse_scene(text))
 
 
@@ -106,28 +106,19 @@ def _text(path: Path) -> str:
         raise InvalidInput(f"{path.name} is not a text file: byte {error.start} is not UTF-8.") from None
 
 
-@contextmanager
-def _within(place: str) -> Iterator[None]:
-    """Put the place in front of any refusal."""
-    try:
-        yield
-    except InvalidInput as error:
-        raise InvalidInput(f"{place}: {error}") from None
-
-
 def _set_up(path: Path, text: str, file: SceneFile) -> Setup:
-    with _within("medium"):
+    with about("medium"):
         medium = _medium(file.medium, file.frequency)
     scene, bodies, places = _scene(file, medium, path.parent)
-    with _within("array"):
+    with about("array"):
         array = _array(file.array, path.parent)
     target, foci = _target(file.foci, places)
     solver = _solver(file, scene)
-    with _within("foci"):
+    with about("foci"):
         check_outside(scene, target.points, "focus")
-    with _within("array"):
+    with about("array"):
         check_placement(scene, array, target.points)
-    with _within("drive"):
+    with about("drive"):
         if file.drive.method not in METHODS:
             raise InvalidInput(f'"{file.drive.method}" is not a method here; {nearest(file.drive.method, METHODS)}')
         if file.drive.levels != 256:
@@ -147,7 +138,7 @@ def _set_up(path: Path, text: str, file: SceneFile) -> Setup:
 
 
 def _solver(file: SceneFile, scene: Scene) -> BoundaryElement:
-    with _within("solver"):
+    with about("solver"):
         name = file.solver.name
         if name not in SOLVERS:
             raise InvalidInput(f'"{name}" is not a solver here; {nearest(name, SOLVERS)}')
@@ -190,7 +181,7 @@ def _scene(file: SceneFile, medium: Medium, folder: Path) -> tuple[Scene, tuple[
     bodies: list[str] = []
     places: Places = {}
     for index, table in enumerate(file.obstacles):
-        with _within(f"obstacles[{index}]"):
+        with about(f"obstacles[{index}]"):
             for name, surface in _bodies(table, folder, places).items():
                 obstacles.append(_obstacle(table, surface, file.frequency))
                 bodies.append(f"{name} {index + 1}" if name in bodies else name)
@@ -200,7 +191,8 @@ def _scene(file: SceneFile, medium: Medium, folder: Path) -> tuple[Scene, tuple[
 def _bodies(table: ObstacleTable, folder: Path, places: Places) -> dict[str, Surface]:
     """Build an obstacle's bodies by name, and note the places that foci can ask for."""
     kind = _one_of(table, ("pinch", "capsule", "sphere", "surface"))
-    _goes_with(table, "scale", "surface", kind == "surface")
+    for key in ("scale", "sharp_degrees"):
+        _goes_with(table, key, "surface", kind == "surface")
     if table.pinch is not None:
         fingers = pinch(gap=table.pinch.gap)
         for name, pad, normal in zip(("thumb", "finger"), fingers.pads, fingers.normals, strict=True):
@@ -213,8 +205,31 @@ def _bodies(table: ObstacleTable, folder: Path, places: Places) -> dict[str, Sur
         ball = table.sphere
         return {"sphere": sphere(radius=ball.radius, edge=ball.edge, centre=np.array(ball.centre))}
     file = Path(str(table.surface))
-    scale = {} if table.scale is None else {"scale": table.scale}
-    return {file.stem: load_surface(folder / file, **scale)}
+    settings = {key: value for key in ("scale", "sharp_degrees") if (value := getattr(table, key)) is not None}
+    return {file.stem: read_surface(folder / file, **settings)}
+
+
+def drawable_bodies(path: Path) -> list[Triangles]:
+    """Find the triangles of the bodies of a scene file that is refused, as far as they can be read.
+
+    Parameters
+    ----------
+    path : the TOML file.
+
+    Raises
+    ------
+    InvalidInput
+        The file itself cannot be read or is no scene file.
+    """
+    found = []
+    for table in parse_scene(_text(path)).obstacles:
+        try:
+            found += [(body.vertices, body.triangles) for body in _bodies(table, path.parent, {}).values()]
+        except InvalidInput:
+            scale = 1.0 if table.scale is None else table.scale
+            bare = None if table.surface is None else bare_triangles(path.parent / table.surface, scale)
+            found += [] if bare is None else [bare]
+    return found
 
 
 def _obstacle(table: ObstacleTable, surface: Surface, frequency: float) -> Obstacle:
@@ -227,7 +242,7 @@ def _obstacle(table: ObstacleTable, surface: Surface, frequency: float) -> Obsta
     if table.boundary == "filled":
         if table.medium is None:
             raise InvalidInput('boundary = "filled" needs medium, what the body is filled with.')
-        with _within("medium"):
+        with about("medium"):
             return filled(surface, _medium(table.medium, frequency))
     return sound_hard(surface)
 
@@ -253,7 +268,7 @@ def _array(table: ArrayTable, folder: Path) -> PhasedArray:
     array = _layout(table, element, folder)
     if table.pose is None:
         return array
-    with _within("pose"):
+    with about("pose"):
         return array.moved(_pose(table.pose))
 
 
@@ -302,11 +317,11 @@ def _numbers(line: str) -> list[float]:
 def _target(tables: list[FocusTable], places: Places) -> tuple[Target, tuple[str, ...]]:
     points, names = [], []
     for index, table in enumerate(tables):
-        with _within(f"foci[{index}]"):
+        with about(f"foci[{index}]"):
             points.append(_focus(table, places))
             names.append(table.name or table.at or f"focus {index + 1}")
     pressures = [table.pressure for table in tables if table.pressure is not None]
-    with _within("foci"):
+    with about("foci"):
         if len(pressures) not in (0, len(tables)):
             asked = f"{len(pressures)} of {len(tables)} have a pressure"
             raise InvalidInput(f"{asked}; give it to all, or to none for as strong as possible.")

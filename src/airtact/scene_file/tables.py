@@ -76,13 +76,17 @@ class SphereTable(Table, frozen=True):
 
 
 class ObstacleTable(Table, frozen=True):
-    """A ``pinch``, ``capsule``, ``sphere`` or ``surface`` (a mesh file beside the scene file), and its skin."""
+    """A ``pinch``, ``capsule``, ``sphere`` or ``surface`` (a mesh file beside the scene file), and its skin.
+
+    ``scale`` is metres per unit of the mesh file; its edges that turn by more than ``sharp_degrees`` stay sharp.
+    """
 
     pinch: PinchTable | None = None
     capsule: CapsuleTable | None = None
     sphere: SphereTable | None = None
     surface: str | None = None
     scale: float | None = None
+    sharp_degrees: float | None = None
     boundary: Literal["sound_hard", "impedance", "filled"] = "sound_hard"
     ratio: float | tuple[float, float] | None = None
     medium: MediumTable | None = None
