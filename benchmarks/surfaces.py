@@ -96,7 +96,7 @@ def hand_figures() -> Iterator[str]:
     beacons, heard = one_each(np.array(points)), np.array([0.01, -0.02, 0.0]) + 0.25 * directions(200, 3)
     air = at.air(celsius=20.0, humidity=0.5, frequency=FREQUENCY)
     found = []
-    for asked in (0.03, 0.0125):
+    for asked in (0.03, 0.006):
         scene = at.Scene(air, [at.sound_hard(at.load_surface(HAND))], frequency=FREQUENCY)
         began = time.perf_counter()
         field = at.BoundaryElement(accuracy=asked).radiate(scene, beacons)

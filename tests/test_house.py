@@ -40,6 +40,7 @@ PUBLIC_NAMES = [
     "Monopoles",
     "NotConverged",
     "Obstacle",
+    "Panels",
     "PhasedArray",
     "Pinch",
     "Pose",

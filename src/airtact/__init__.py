@@ -12,6 +12,7 @@ from airtact.scene.files import load_surface
 from airtact.scene.geometry import Surface
 from airtact.scene.hand import Pinch, pinch
 from airtact.scene.medium import Medium, air
+from airtact.scene.panels import Panels
 from airtact.scene.pose import Pose
 from airtact.scene.primitives import capsule, sphere
 from airtact.scene.scene import Obstacle, Scene, filled, impedance, sound_hard
@@ -49,6 +50,7 @@ __all__ = [
     "Monopoles",
     "NotConverged",
     "Obstacle",
+    "Panels",
     "PhasedArray",
     "Pinch",
     "Pose",
