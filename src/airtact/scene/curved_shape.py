@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int, Int64, Real
 from scipy.spatial import KDTree
 
+from airtact.conventions import InvalidInput
 from airtact.scene.bends import bend_sizes, strip_sizes
 from airtact.scene.panel_tree import PanelTree, panel_tree
 from airtact.scene.pose import Pose
@@ -24,7 +25,7 @@ from airtact.scene.six_nodes import (
     with_middles,
 )
 from airtact.scene.splitting import split
-from airtact.scene.topology import edge_twins
+from airtact.scene.topology import edge_twins, shells
 
 EDGE = 1e-9
 """A closest point with a barycentric coordinate below this lies on the edge."""
@@ -40,6 +41,15 @@ LARGEST = 1.5
 
 CREASE_CANDIDATES = 8
 """Places on creases, nearest first, from which the nearest one is sought."""
+
+LARGEST_SHARE = 0.5
+"""Largest edge over the extent of the body."""
+
+ATTEMPTS = 4
+"""How many edges are tried, each half as long as the one before."""
+
+VOLUME_OFF = 0.03
+"""Share of the volume that the panels may enclose too much or too little."""
 
 ASTRAY = 0.3
 """A corner that would move by more than this share of the edge stays where MMG put it."""
@@ -192,21 +202,57 @@ class CurvedMesh:
         MMG makes the triangles; their corners and middles are brought onto the skin, those of sharp edges onto the
         creases; panels that still leave the skin by more than ``TOO_FAR`` of the edge are cut in four.
 
+        Where that does not enclose the body's volume, a part of it being smaller than the edge, shorter ones are tried.
+
         Raises
         ------
         InvalidInput
             When MMG cannot mesh the surface.
         """
         if edge not in self._kept:
-            mesh = thinned(self._split(SPLIT * edge), edge)
-            sizes = np.minimum(
-                strip_sizes(mesh.vertices, mesh.ridges, LARGEST * edge),
-                bend_sizes(mesh.vertices, mesh.triangles, mesh.ridges, LARGEST * edge),
-            )
-            wanted = self.area / (np.sqrt(3) / 4 * edge**2)
-            panels = self._covered(remeshed(mesh, sizes, edge, wanted), edge)
-            self._kept[edge] = self._cut_where_it_helps(panels, edge)
+            self._kept[edge] = np.concatenate([piece._enclosing(edge) for piece in self._pieces])
         return self._kept[edge].copy()
+
+    @cached_property
+    def _pieces(self) -> "tuple[CurvedMesh, ...]":
+        """The closed pieces that the mesh falls into, each a mesh of its own."""
+        label = shells(self.triangles)
+        if label.max() == 0:
+            return (self,)
+        pieces = []
+        for number in range(label.max() + 1):
+            own = label == number
+            used, triangles = np.unique(self.triangles[own], return_inverse=True)
+            nodes, sharp = self.six_nodes[own], self.sharp[own]
+            pieces.append(CurvedMesh(self.vertices[used], nodes, triangles.reshape(-1, 3), sharp))
+        return tuple(pieces)
+
+    def _enclosing(self, edge: float) -> SixNodes:
+        """Make panels whose volume is that of the body, with shorter edges if need be."""
+        extent = float(np.ptp(self.vertices, axis=0).max())
+        shorter, fault = min(edge, LARGEST_SHARE * extent), None
+        for _ in range(ATTEMPTS):
+            try:
+                panels = self._meshed_anew(shorter)
+            except InvalidInput as refusal:
+                fault = refusal
+            else:
+                if abs(enclosed_volume(panels) / self.volume - 1) < VOLUME_OFF:
+                    return panels
+            shorter /= 2
+        raise fault or InvalidInput(
+            f"panels with an edge of {1e3 * edge:.3g} mm, and of {2e3 * shorter:.3g} mm, do not enclose the "
+            f"{1e6 * self.volume:.4g} cm³ of the surface to {100 * VOLUME_OFF:g} %; it is too rough or thin somewhere."
+        )
+
+    def _meshed_anew(self, edge: float) -> SixNodes:
+        mesh = thinned(self._split(SPLIT * edge), edge)
+        sizes = np.minimum(
+            strip_sizes(mesh.vertices, mesh.ridges, LARGEST * edge),
+            bend_sizes(mesh.vertices, mesh.triangles, mesh.ridges, LARGEST * edge),
+        )
+        wanted = self.area / (np.sqrt(3) / 4 * edge**2)
+        return self._cut_where_it_helps(self._covered(remeshed(mesh, sizes, edge, wanted), edge), edge)
 
     def _split(self, longest: float) -> Ridged:
         """Mesh the skin with triangles that have no edge longer than that [m]."""

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float64, Int64, Real
 
 from airtact.conventions import InvalidInput
+from airtact.scene.topology import edge_twins
 
 STRETCHES = (1.4, 1.2, 1.0, 0.85)
 """Longest edge asked for over the edge of the equilateral triangle wanted, tried until there are enough triangles."""
@@ -111,8 +112,11 @@ def _meshed(surface: Ridged, sizes: Real[np.ndarray, "vertices"], edge: float, f
             f"the surface of {len(triangles)} triangles cannot be meshed anew with an edge of {1e3 * edge:.3g} mm "
             f"({fault}); repair it, or give a mesh with fewer slivers."
         ) from fault
-    return Ridged(
-        np.array(mesh.get_vertices()) * edge,
-        np.asarray(mesh.get_triangles(), dtype=np.int64),
-        np.asarray(mesh.get_edges(), dtype=np.int64).reshape(-1, 2),
-    )
+    found = np.asarray(mesh.get_triangles(), dtype=np.int64)
+    if len(found) < 4 or edge_twins(found).min() < 0:
+        raise InvalidInput(
+            f"the surface of {len(triangles)} triangles does not stay closed when it is meshed anew with an edge of "
+            f"{1e3 * edge:.3g} mm; repair it, or ask for a shorter edge."
+        )
+    ridges = np.asarray(mesh.get_edges(), dtype=np.int64).reshape(-1, 2)
+    return Ridged(np.array(mesh.get_vertices()) * edge, found, ridges)
