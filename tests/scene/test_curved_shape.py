@@ -7,7 +7,8 @@ from meshes import box_mesh
 
 import airtact as at
 from airtact import _kernels
-from airtact.scene.curved_shape import CurvedMesh, CurvedShape
+from airtact.scene.curved_mesh import CurvedMesh
+from airtact.scene.curved_shape import CurvedShape
 from airtact.scene.panel_tree import panel_tree
 from airtact.scene.six_nodes import cut, points_at, shape_functions
 

@@ -8,7 +8,8 @@ from jaxtyping import Float64, Int64, Integer, Real
 
 from airtact.conventions import InvalidInput
 from airtact.scene.crossings import self_crossings
-from airtact.scene.curved_shape import CurvedMesh, CurvedShape
+from airtact.scene.curved_mesh import CurvedMesh
+from airtact.scene.curved_shape import CurvedShape
 from airtact.scene.curving import SHARP_DEGREES, curved
 from airtact.scene.guards import (
     counted,

@@ -10,9 +10,8 @@ import numpy as np
 from jaxtyping import Float64, Int64, Real
 from scipy.spatial import KDTree
 
-from airtact.scene.curved_shape import PROBES
 from airtact.scene.shape import Shape
-from airtact.scene.six_nodes import SixNodes, cut, longest_edges, panel_areas
+from airtact.scene.six_nodes import SixNodes, cut, longest_edges, panel_areas, shape_functions
 
 LONGEST_TO_EQUILATERAL = 1.2
 """Longest edge of a typical triangle over the edge of the equilateral triangle of the same area."""
@@ -22,6 +21,15 @@ LARGEST_TO_POINT = 1.7
 
 LARGEST_TO_GAP = 3.0
 """Panels that face another body have edges of at most this many gaps."""
+
+
+def _probes() -> Float64[np.ndarray, "probes 6"]:
+    """Shape functions at the nodes, centre and the middles between them, where panels are measured."""
+    points = np.concatenate([np.eye(3), 1 - np.eye(3), 2 - np.eye(3), np.ones((1, 3)), 1 + 3 * np.eye(3)])
+    return shape_functions((points / points.sum(axis=1, keepdims=True))[:, 1:])
+
+
+PROBES = _probes()
 
 
 @dataclass(frozen=True, eq=False)
