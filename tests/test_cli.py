@@ -130,6 +130,19 @@ def test_check_says_what_was_mended_and_how_sharp_edges_were_asked(capsys, tmp_p
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_the_widest_hole_that_is_filled_can_be_asked_for(capsys, tmp_path):
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=10.0)
+    rim = np.linalg.norm(ball.triangles_center - ball.vertices[0], axis=1) > 2.0
+    trimesh.Trimesh(ball.vertices, ball.faces[rim], process=False).export(tmp_path / "ball.ply")
+    code, _, errors = output(capsys, "check", tmp_path / "ball.ply", "--scale", "1e-3")
+    assert code == 2
+    assert "hole" in errors.splitlines()[-1]
+    options = ["--scale", "1e-3", "--largest-hole", "6e-3", "--out", tmp_path / "panels.ply"]
+    code, printed, _ = output(capsys, "mesh", tmp_path / "ball.ply", *options)
+    assert code == 0
+    assert re.search(r"1 hole of up to [0-9.]+ mm was filled", plain(printed))
+
+
 def test_check_draws_the_fault_of_a_surface_that_it_refuses(capsys, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "bodies.png").touch()  # of an older run

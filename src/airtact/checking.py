@@ -11,13 +11,13 @@ from airtact.report.body_figure import draw_bodies
 from airtact.report.fault_figure import draw_fault
 from airtact.report.picture_file import write_picture
 from airtact.report.whole_file import writable_folder
-from airtact.scene.curving import SHARP_DEGREES
+from airtact.scene.files import load_surface
 from airtact.scene.medium import air
 from airtact.scene.scene import Scene, sound_hard
 from airtact.scene.sources import Monopoles
+from airtact.scene_file.bare_triangles import Triangles, bare_triangles
 from airtact.scene_file.building import Setup, drawable_bodies, read_setup
 from airtact.scene_file.refusals import about
-from airtact.scene_file.surface_files import Triangles, bare_triangles, read_surface
 from airtact.solvers.boundary_element import BoundaryElement
 
 BODIES, FAULT = "bodies.png", "fault.png"
@@ -51,21 +51,16 @@ def check_scene(path: Path, folder: Path | None = None, tell: Tell = lambda step
 
 
 def check_surface_file(
-    path: Path,
-    scale: float = 1.0,
-    sharp_degrees: float = SHARP_DEGREES,
-    folder: Path | None = None,
-    tell: Tell = lambda step: None,
+    path: Path, folder: Path | None = None, tell: Tell = lambda step: None, **settings: float
 ) -> Scene:
     """Read a surface file and put it into air as a sound-hard body, as a scene at 40 kHz would.
 
     Parameters
     ----------
     path : an STL, PLY, OBJ or GLB file.
-    scale : metres per unit of the file.
-    sharp_degrees : edges whose triangles turn by more than this stay sharp.
     folder : where the picture goes; none without it.
     tell : is told each step as it begins.
+    settings : ``scale``, ``largest_hole`` and ``sharp_degrees`` of ``load_surface``.
 
     Raises
     ------
@@ -75,12 +70,12 @@ def check_surface_file(
     """
 
     def triangles() -> list[Triangles]:
-        bare = bare_triangles(path, scale)
+        bare = bare_triangles(path, settings.get("scale", 1.0))
         return [] if bare is None else [bare]
 
     tell(f"reading {path.name}")
     with _pictured(folder, triangles, tell):
-        surface = read_surface(path, scale, sharp_degrees)
+        surface = load_surface(path, **settings)
         with about(path.name):
             scene = Scene(air(), [sound_hard(surface)])
     if folder is not None:

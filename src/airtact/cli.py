@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import click
 
@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from airtact.scene.geometry import Surface
     from airtact.scene.scene import Scene
     from airtact.scene_file.building import Setup
+
+
+Command = TypeVar("Command", bound=Callable[..., None])
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -58,8 +61,20 @@ def commands() -> None:
     """Compute what a phased array must emit so that a hand feels points while it scatters the sound."""
 
 
-SCALE = click.option("--scale", type=float, help="Metres per unit of a surface file: 1e-3 for millimetres.")
-SHARP = click.option("--sharp", type=float, help="Edges that turn by more degrees than this stay sharp; 75 by default.")
+def _surface_settings(command: Command) -> Command:
+    """Give a command the options of ``load_surface``; those that are not given stay None."""
+    for name, says in (
+        ("--sharp", "Edges that turn by more degrees than this stay sharp; 75 by default."),
+        ("--largest-hole", "Widest hole that is filled, in metres; 2e-3 by default."),
+        ("--scale", "Metres per unit of a surface file: 1e-3 for millimetres."),
+    ):
+        command = click.option(name, type=float, help=says)(command)
+    return command
+
+
+def _given(scale: float | None, largest_hole: float | None, sharp: float | None) -> dict[str, float]:
+    settings = {"scale": scale, "largest_hole": largest_hole, "sharp_degrees": sharp}
+    return {name: value for name, value in settings.items() if value is not None}
 
 
 @commands.command(
@@ -70,9 +85,8 @@ SHARP = click.option("--sharp", type=float, help="Edges that turn by more degree
 @click.option(
     "--out", "folder", type=click.Path(path_type=Path), help="Folder for a picture of the bodies or the fault."
 )
-@SCALE
-@SHARP
-def check(scene: Path, folder: Path | None, scale: float | None, sharp: float | None) -> None:
+@_surface_settings
+def check(scene: Path, folder: Path | None, **settings: float | None) -> None:
     """Read a scene file or a surface file (STL, PLY, OBJ, GLB) and say what is in it, or what is wrong with it.
 
     With --out a picture of the bodies is written, or of the place of the fault where it is refused.
@@ -82,13 +96,13 @@ def check(scene: Path, folder: Path | None, scale: float | None, sharp: float | 
     from airtact.checking import check_scene, check_surface_file
     from airtact.scene.files import SUFFIXES
 
-    settings = _given(scale=scale, sharp_degrees=sharp)
+    given = _given(**settings)
     console = Console()
     with _progress(Console(stderr=True)) as tell:
         if scene.suffix.lower() in SUFFIXES:
-            facts = _surface_summary(scene.name, check_surface_file(scene, folder=folder, tell=tell, **settings))
-        elif settings:
-            key, value = next(iter(settings.items()))
+            facts = _surface_summary(scene.name, check_surface_file(scene, folder, tell, **given))
+        elif given:
+            key, value = next(iter(given.items()))
             raise InvalidInput(
                 f"{key} = {value:g} stands in a scene file, beside its surface, not on the command line."
             )
@@ -107,9 +121,8 @@ def check(scene: Path, folder: Path | None, scale: float | None, sharp: float | 
 @click.argument("surface", type=click.Path(path_type=Path))
 @click.option("--edge", type=float, help="Edge of the panels in metres; by default what 1 % takes at 40 kHz.")
 @click.option("--out", "file", required=True, type=click.Path(path_type=Path), help="File for the panels.")
-@SCALE
-@SHARP
-def mesh(surface: Path, edge: float | None, file: Path, scale: float | None, sharp: float | None) -> None:
+@_surface_settings
+def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None) -> None:
     """Cover SURFACE (STL, PLY, OBJ, GLB) with curved panels, as the solvers do, and say how good they are.
 
     The panels are written to a .vtkhdf file for ParaView, or as flat triangles in metres to .stl, .ply or .glb; a
@@ -120,17 +133,13 @@ def mesh(surface: Path, edge: float | None, file: Path, scale: float | None, sha
     with _progress(Console(stderr=True)) as tell:
         from airtact.meshing import mesh as run_mesh
 
-        meshed = run_mesh(surface, file, edge, tell=tell, **_given(scale=scale, sharp_degrees=sharp))
+        meshed = run_mesh(surface, file, edge, tell, **_given(**settings))
     console = Console()
     for table in _quality(meshed):
         console.print(table)
     if meshed.warning:
         console.print(f"[yellow]Warning:[/yellow] {meshed.warning}", soft_wrap=True, highlight=False)
     console.print(f"The panels: {meshed.file}, their picture: {meshed.picture}", soft_wrap=True, highlight=False)
-
-
-def _given(**settings: float | None) -> dict[str, float]:
-    return {name: value for name, value in settings.items() if value is not None}
 
 
 @commands.command(

@@ -12,7 +12,7 @@ from airtact.report.panel_figure import draw_panels
 from airtact.report.panel_files import check_ending, write_panels
 from airtact.report.picture_file import write_picture
 from airtact.report.whole_file import writable_folder
-from airtact.scene.curving import SHARP_DEGREES
+from airtact.scene.files import load_surface
 from airtact.scene.geometry import Surface, extent_of
 from airtact.scene.guards import positive
 from airtact.scene.medium import air
@@ -21,7 +21,6 @@ from airtact.scene.six_nodes import enclosed_volume, longest_edges, panel_areas,
 from airtact.scene.surface_checks import check_surface
 from airtact.scene.topology import cone_volumes
 from airtact.scene_file.refusals import about
-from airtact.scene_file.surface_files import read_surface
 from airtact.solvers.boundary_element import BoundaryElement
 
 WAVELENGTH = air(celsius=20.0).wavelength(40e3)
@@ -102,7 +101,7 @@ def usual_edge() -> float:
     """Edge of the panels that a solve of 1 % takes at 40 kHz in air of 20 °C [m].
 
     >>> f"{1e3 * usual_edge():.2f} mm"
-    '5.48 mm'
+    '5.49 mm'
     """
     return WAVELENGTH * math.sqrt(6.0 / BoundaryElement(accuracy=0.01).nodes_per_square_wavelength * 4.0 / math.sqrt(3))
 
@@ -111,9 +110,8 @@ def mesh(
     path: Path,
     file: Path,
     edge: float | None = None,
-    scale: float = 1.0,
-    sharp_degrees: float = SHARP_DEGREES,
     tell: Callable[[str], None] = lambda step: None,
+    **settings: float,
 ) -> Meshed:
     """Read a surface, cover it with curved panels and write them with a picture of the same name beside them.
 
@@ -122,9 +120,8 @@ def mesh(
     path : an STL, PLY, OBJ or GLB file.
     file : where the panels go; its ending says how, see ``write_panels``.
     edge : of the equilateral triangle as large as the panels wanted [m]; ``usual_edge`` unless given.
-    scale : metres per unit of the file that is read.
-    sharp_degrees : edges whose triangles turn by more than this stay sharp.
     tell : is told each step as it begins.
+    settings : ``scale``, ``largest_hole`` and ``sharp_degrees`` of ``load_surface``.
 
     Raises
     ------
@@ -135,7 +132,7 @@ def mesh(
     check_ending(file)
     if path.resolve() == file.resolve():
         raise InvalidInput(f"the panels would take the place of {path.name}, the 1 file that they are made from.")
-    surface = read_surface(path, scale, sharp_degrees)
+    surface = load_surface(path, **settings)
     with about(path.name):
         check_surface(surface)
     edge = usual_edge() if edge is None else _checked_edge(edge, surface)

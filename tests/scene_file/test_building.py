@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from airtact.conventions import InvalidInput
+from airtact.report.body_figure import sharp_edges
 from airtact.scene.medium import air
 from airtact.scene.primitives import capsule
-from airtact.scene_file.building import METHODS, read_setup
+from airtact.scene_file.building import METHODS, drawable_bodies, read_setup
 from airtact.synthesis.time_reversal import phase_conjugate
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -87,6 +88,40 @@ def test_a_surface_is_found_beside_the_file_and_scaled(read, tmp_path):
     setup = read(MEDIUM, ARRAY, '[[obstacles]]\nsurface = "box.stl"\nscale = 1e-3\n', FOCUS)
     assert setup.bodies == ("box",)
     assert setup.scene.obstacles[0].surface.volume == pytest.approx(1e-6, rel=1e-6)
+
+
+@pytest.mark.parametrize(("degrees", "creases"), [("", 24), ("sharp_degrees = 100.0\n", 0)])
+def test_edges_stay_sharp_above_the_angle_asked(read, tmp_path, degrees, creases):
+    box = "solid box\n" + "".join(_facet(*corners) for corners in _box_facets(10.0)) + "endsolid box\n"
+    (tmp_path / "box.stl").write_text(box)
+    focus = FOCUS.replace("8e-3", "20e-3")
+    setup = read(MEDIUM, ARRAY, f'[[obstacles]]\nsurface = "box.stl"\nscale = 1e-3\n{degrees}', focus)
+    surface = setup.scene.obstacles[0].surface
+    assert surface.sharp_degrees == (100.0 if degrees else 75.0)
+    assert sharp_edges(surface).sum() == creases  # twelve edges of 90 degrees, each of two triangles
+
+
+def test_a_sharp_angle_goes_only_with_a_file(read):
+    assert refusal(read, MEDIUM, ARRAY, BALL, "sharp_degrees = 30.0\n", FOCUS) == (
+        "obstacles[0]: sharp_degrees goes only with surface."
+    )
+
+
+def test_bodies_that_can_be_drawn_are_found_though_the_scene_is_refused(tmp_path):
+    facets = _box_facets(10.0)
+    (tmp_path / "open.stl").write_text("solid\n" + "".join(_facet(*corners) for corners in facets[1:]) + "endsolid\n")
+    path = tmp_path / "scene.toml"
+    files = [f'[[obstacles]]\nsurface = "{name}"\nscale = 1e-3\n' for name in ("open.stl", "missing.stl")]
+    path.write_text("".join([MEDIUM, ARRAY, BALL, *files, FOCUS]))
+    with pytest.raises(InvalidInput, match=r"scene.toml: obstacles\[1\]: open.stl: "):
+        read_setup(path)
+    ball, box = drawable_bodies(path)
+    assert len(ball[1]) > 100
+    assert len(box[1]) == 11
+    np.testing.assert_allclose(np.ptp(box[0], axis=0), 0.01)
+    path.write_text("[medium")
+    with pytest.raises(InvalidInput, match="this is not TOML"):
+        drawable_bodies(path)
 
 
 def test_two_bodies_of_a_kind_are_told_apart(read):

@@ -228,6 +228,7 @@ def _how(run: Run) -> Iterable[str]:
         ["unknowns per λ²", *(f"{report.nodes_per_square_wavelength:.0f}" for report in reports)],
         ["iterations, residual", *(f"{report.iterations}, {report.residual:.1e}" for report in reports)],
         ["estimated error", *(_percent(report.estimated_error) for report in reports)],
+        ["panels off the triangles given", *(_off_triangles(report) for report in reports)],
         ["seconds", *(_listed({name: f"{time:.2f}" for name, time in report.seconds.items()}) for report in reports)],
     ]
     yield table(["", "for the drive", "to judge it"], rows, text=True)
@@ -239,10 +240,8 @@ def _how(run: Run) -> Iterable[str]:
         ["medium", f"{medium.sound_speed:g} m/s, {medium.density:g} kg/m³, absorption {medium.absorption:g} Np/m"],
         ["frequency", f"{scene.frequency:g} Hz, wavelength {1e3 * scene.wavelength:.2f} mm"],
         ["bodies", ", ".join(_body(*pair) for pair in zip(run.bodies, scene.obstacles, strict=True))],
-        [
-            "array",
-            f"{_transducers(run)} of {run.array.element.sensitivity:g} Pa·m (peak, uncalibrated)",
-        ],
+        ["mended", _mended(run) or "nothing"],
+        ["array", f"{_transducers(run)} of {run.array.element.sensitivity:g} Pa·m (peak, uncalibrated)"],
         ["not in the model", NOT_MODELLED],
         ["wall time", _listed({name: f"{time:.2f} s" for name, time in run.seconds.items()})],
     ]
@@ -254,6 +253,16 @@ def _how(run: Run) -> Iterable[str]:
 
 def _body(name: str, obstacle) -> str:
     return f"{name} ({obstacle.boundary.replace('_', '-')}, {1e4 * obstacle.surface.area:.1f} cm²)"
+
+
+def _mended(run: Run) -> str:
+    pairs = zip(run.bodies, run.scene.obstacles, strict=True)
+    return " ".join(f"{name}: {note}" for name, obstacle in pairs for note in obstacle.surface.mended)
+
+
+def _off_triangles(report: SolveReport) -> str:
+    farthest, mean = 1e3 * report.farthest_off_triangles, 1e3 * report.mean_off_triangles
+    return f"{farthest:.2g} mm at most, {mean:.2g} mm in the mean" if farthest > 1e-4 else "under 0.1 µm"
 
 
 def _listed(facts: Mapping[str, object]) -> str:

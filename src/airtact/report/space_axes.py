@@ -138,5 +138,5 @@ def frame(axes: Axes3D, parts: Sequence[Real[np.ndarray, "_ 3"]]) -> None:
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
     for axis, side, middle in zip((axes.xaxis, axes.yaxis, axes.zaxis), sides, (lowest + highest) / 2.0, strict=True):
         count = round(MOST_TICKS * float(side / sides.max()))
-        axis.set_major_locator(MaxNLocator(count) if count > 1 else FixedLocator([round(float(middle), 2) + 0.0]))
+        axis.set_major_locator(MaxNLocator(count) if count > 1 else FixedLocator([round(float(middle), 1) + 0.0]))
     axes.tick_params(labelsize=8)

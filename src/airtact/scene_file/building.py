@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
+from airtact.scene.files import load_surface
 from airtact.scene.geometry import Surface
 from airtact.scene.hand import pinch
 from airtact.scene.medium import Medium, air
@@ -16,8 +17,8 @@ from airtact.scene.pose import Pose
 from airtact.scene.primitives import capsule, sphere
 from airtact.scene.scene import Obstacle, Scene, check_outside, filled, impedance, sound_hard
 from airtact.scene.target import Target
+from airtact.scene_file.bare_triangles import Triangles, bare_triangles
 from airtact.scene_file.refusals import about
-from airtact.scene_file.surface_files import Triangles, bare_triangles, read_surface
 from airtact.scene_file.tables import (
     ArrayTable,
     FocusTable,
@@ -44,6 +45,9 @@ BOUNDARIES = {"boundary_element": ("sound_hard",)}
 
 METHODS = {"time_reversal": time_reversal, "phase_conjugate": phase_conjugate}
 """The ways to make a drive that a file can name."""
+
+SURFACE_SETTINGS = ("scale", "largest_hole", "sharp_degrees")
+"""Keys that go only with a surface, and what ``load_surface`` calls them."""
 
 Places = dict[str, tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"], float]]
 """Named points of bodies, the outward normals there, and how far off the next body is [m]."""
@@ -191,7 +195,7 @@ def _scene(file: SceneFile, medium: Medium, folder: Path) -> tuple[Scene, tuple[
 def _bodies(table: ObstacleTable, folder: Path, places: Places) -> dict[str, Surface]:
     """Build an obstacle's bodies by name, and note the places that foci can ask for."""
     kind = _one_of(table, ("pinch", "capsule", "sphere", "surface"))
-    for key in ("scale", "sharp_degrees"):
+    for key in SURFACE_SETTINGS:
         _goes_with(table, key, "surface", kind == "surface")
     if table.pinch is not None:
         fingers = pinch(gap=table.pinch.gap)
@@ -205,8 +209,8 @@ def _bodies(table: ObstacleTable, folder: Path, places: Places) -> dict[str, Sur
         ball = table.sphere
         return {"sphere": sphere(radius=ball.radius, edge=ball.edge, centre=np.array(ball.centre))}
     file = Path(str(table.surface))
-    settings = {key: value for key in ("scale", "sharp_degrees") if (value := getattr(table, key)) is not None}
-    return {file.stem: read_surface(folder / file, **settings)}
+    settings = {key: value for key in SURFACE_SETTINGS if (value := getattr(table, key)) is not None}
+    return {file.stem: load_surface(folder / file, **settings)}
 
 
 def drawable_bodies(path: Path) -> list[Triangles]:

@@ -78,7 +78,8 @@ class SphereTable(Table, frozen=True):
 class ObstacleTable(Table, frozen=True):
     """A ``pinch``, ``capsule``, ``sphere`` or ``surface`` (a mesh file beside the scene file), and its skin.
 
-    ``scale`` is metres per unit of the mesh file; its edges that turn by more than ``sharp_degrees`` stay sharp.
+    ``scale`` is metres per unit of the mesh file; its holes up to ``largest_hole`` [m] are filled; its edges that turn
+    by more than ``sharp_degrees`` stay sharp.
     """
 
     pinch: PinchTable | None = None
@@ -86,6 +87,7 @@ class ObstacleTable(Table, frozen=True):
     sphere: SphereTable | None = None
     surface: str | None = None
     scale: float | None = None
+    largest_hole: float | None = None
     sharp_degrees: float | None = None
     boundary: Literal["sound_hard", "impedance", "filled"] = "sound_hard"
     ratio: float | tuple[float, float] | None = None
