@@ -17,6 +17,9 @@ INSIDE = np.array([0.91, 0.45, 0.16, 1.0])
 """Colour of the backs of triangles, which one sees where a surface is open or turned."""
 
 
+OVERLAP = 1.03
+"""Triangles are drawn larger by this factor, or the background would shimmer through between them."""
+
 LINE = (0.13, 0.13, 0.13, 1.0)
 """Colour of edges."""
 
@@ -107,7 +110,9 @@ def polygons_of(
     faces = lit(colours[seen], normals[seen], view)
     narrow = [some.seen(view) for some in lines]
     strokes = [np.tile(some.colour, (len(part), 1)) for some, part in zip(lines, narrow, strict=True)]
-    polygons = [*corners[seen], *np.concatenate([np.empty((0, 4, 3)), *narrow])]
+    middles = corners[seen].mean(axis=1, keepdims=True)
+    overlapping = middles + OVERLAP * (corners[seen] - middles)
+    polygons = [*overlapping, *np.concatenate([np.empty((0, 4, 3)), *narrow])]
     return polygons, np.concatenate([faces, *strokes])
 
 
