@@ -7,11 +7,17 @@ from airtact.conventions import InvalidInput
 from airtact.scene.bends import bend_sizes, strip_sizes
 from airtact.scene.curved_mesh import CurvedMesh
 from airtact.scene.remeshing import Ridged, remeshed, thinned
-from airtact.scene.six_nodes import SixNodes, cut, enclosed_volume
+from airtact.scene.six_nodes import SixNodes, cut, enclosed_volume, longest_edges, points_at
 from airtact.scene.splitting import split
 
 TOO_FAR = 0.004
 """Root mean square distance of a panel from the skin, over the edge wanted, above which it is cut in four."""
+
+STEEP = 1.4
+"""Angle between the normals at its corners above which a panel is cut in four [rad] ..."""
+
+SMALL = 0.4
+"""... if it is longer than this share of the edge wanted."""
 
 CUTS = 2
 """How often it may be cut."""
@@ -116,16 +122,31 @@ def _on_the_skin(mesh: CurvedMesh, anew: Ridged, edge: float) -> SixNodes:
 
 
 def _cut_where_it_helps(mesh: CurvedMesh, panels: SixNodes, edge: float) -> Float64[np.ndarray, "pieces 6 3"]:
-    """Cut panels in four that leave the skin by too much, unless their pieces leave it as much: a rough skin."""
+    """Cut panels in four that turn too far, or leave the skin by too much, unless their pieces leave it as much.
+
+    The latter is so where the skin is rough.
+    """
     done = []
     for _ in range(CUTS):
         leaving = mesh.leaving(panels)
-        far = leaving > TOO_FAR * edge
+        steep = (_turning(panels) > STEEP) & (longest_edges(panels) > SMALL * edge)
+        far = steep | (leaving > TOO_FAR * edge)
         if not far.any():
             break
         pieces, _ = cut(panels[far], np.full(int(far.sum()), 2))
         pieces = mesh.fitted(pieces)
         better = np.sqrt(np.mean(mesh.leaving(pieces).reshape(-1, 4) ** 2, axis=1)) < 0.5 * leaving[far]
+        better |= steep[far]
         done += [panels[~far], panels[far][~better]]
         panels = pieces.reshape(-1, 4, 6, 3)[better].reshape(-1, 6, 3)
     return np.concatenate([*done, panels])
+
+
+def _turning(panels: SixNodes) -> Float64[np.ndarray, "panels"]:
+    """Largest angle between the normals at the corners of each panel [rad]."""
+    normals = []
+    for corner in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)):
+        _, normal = points_at(panels, np.broadcast_to(corner, (len(panels), 2)))
+        normals.append(normal / np.linalg.norm(normal, axis=1, keepdims=True))
+    cosine = np.min([np.einsum("td,td->t", normals[i], normals[i - 1]) for i in range(3)], axis=0)
+    return np.arccos(np.clip(cosine, -1.0, 1.0))
