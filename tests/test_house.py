@@ -66,6 +66,7 @@ PUBLIC_NAMES = [
     "impedance",
     "join",
     "load_surface",
+    "merged",
     "monopole",
     "phase_conjugate",
     "pinch",

@@ -12,6 +12,7 @@ from airtact.scene.files import load_surface
 from airtact.scene.geometry import Surface
 from airtact.scene.hand import Pinch, pinch
 from airtact.scene.medium import Medium, air
+from airtact.scene.merging import merged
 from airtact.scene.panels import Panels
 from airtact.scene.pose import Pose
 from airtact.scene.primitives import capsule, sphere
@@ -76,6 +77,7 @@ __all__ = [
     "impedance",
     "join",
     "load_surface",
+    "merged",
     "monopole",
     "phase_conjugate",
     "pinch",

@@ -54,14 +54,46 @@ def test_primitives_that_overlap_are_refused_with_the_exact_depth(one, two, mill
         check_apart([one, two])
 
 
-@pytest.mark.parametrize(("gap", "refused"), [(0.0, True), (1e-6, False), (-1e-6, True)])
-def test_primitives_that_touch_are_refused_and_a_micrometre_is_enough(gap, refused):
+@pytest.mark.parametrize(
+    ("gap", "said"),
+    [(0.0, "overlap or touch"), (-1e-6, "overlap or touch"), (2.9e-4, "are 0.29 mm apart"), (3e-4, None), (4e-4, None)],
+)
+def test_primitives_that_touch_or_nearly_do_are_refused(gap, said):
     bodies = [sphere(0.01, 0.01), sphere(0.01, 0.01, centre=(0.02 + gap, 0.0, 0.0))]
-    if refused:
-        with pytest.raises(InvalidInput, match="bodies 0 and 1 overlap or touch"):
-            check_apart(bodies)
-    else:
+    if said is None:
         check_apart(bodies)
+        return
+    with pytest.raises(InvalidInput, match=f"bodies 0 and 1 {said}.*merge_bodies"):
+        check_apart(bodies)
+
+
+@pytest.mark.parametrize("swap", [False, True])
+def test_meshes_that_nearly_touch_are_refused_with_their_distance(swap):
+    slab = Surface(*box_mesh((-0.1, -0.1, -0.1), (0.1, 0.1, 0.0)))
+    tip = Surface(*box_mesh((0.003, 0.004, 0.0002), (0.01, 0.01, 0.02)))
+    ball = sphere(0.01, 0.005, centre=(-0.05, 0.004, 0.01025))
+    for other, millimetres in ((tip, "0.2"), (ball, "0.25")):
+        bodies = [other, slab] if swap else [slab, other]
+        with pytest.raises(InvalidInput, match=f"bodies 0 and 1 are {millimetres} mm apart near"):
+            check_apart(bodies)
+
+
+@pytest.mark.parametrize(("thickness", "refused"), [(0.0004, True), (0.0006, False)])
+def test_thin_plates_are_refused_with_their_thickness_and_place(thickness, refused):
+    plate = Surface(*box_mesh(high=(0.02, 0.02, thickness)))
+    if not refused:
+        check_surface(plate)
+        return
+    with pytest.raises(InvalidInput, match=r"0\.4 mm.* near \("):
+        check_surface(plate)
+
+
+def test_a_bead_of_half_a_millimetre_and_a_wedge_are_not_too_thin():
+    bead = sphere(0.00026, 0.0001)
+    check_surface(Surface(bead.vertices, bead.triangles))
+    wedge = np.array([[0, 0, 0], [3, 0, 0], [0, 2, 0], [3, 2, 0], [0, 0, 1], [3, 0, 1]]) * 0.01
+    sides = [[0, 2, 1], [1, 2, 3], [0, 1, 4], [1, 5, 4], [0, 4, 2], [1, 3, 5], [2, 4, 5], [2, 5, 3]]
+    check_surface(Surface(wedge, np.array(sides)))
 
 
 def test_the_third_body_is_looked_at_too():
@@ -99,7 +131,7 @@ def test_meshes_that_share_a_face_are_refused():
     one, two = Surface(*box_mesh((0, 0, 0), (0.02,) * 3)), Surface(*box_mesh((0.02, 0, 0), (0.04, 0.02, 0.02)))
     with pytest.raises(InvalidInput, match="pairs of triangles meet"):
         check_apart([one, two])
-    check_apart([one, two.moved(Pose(np.eye(3), np.array([1e-6, 0.0, 0.0])))])
+    check_apart([one, two.moved(Pose(np.eye(3), np.array([0.31e-3, 0.0, 0.0])))])
 
 
 @pytest.mark.parametrize("swap", [False, True])

@@ -107,6 +107,23 @@ def test_a_sharp_angle_goes_only_with_a_file(read):
     )
 
 
+def test_bodies_that_nearly_touch_become_one_where_asked(read):
+    balls = [BALL.replace("5e-3", f"5e-3, centre = [{x}, 0.0, 0.0]") for x in (0.0, 10.2e-3, 40e-3)]
+    assert "bodies 0 and 1 are 0.2 mm apart" in refusal(read, MEDIUM, ARRAY, *balls, FOCUS)
+    setup = read("merge_bodies = true\n", MEDIUM, ARRAY, *balls, FOCUS)
+    assert setup.bodies == ("sphere + sphere 2", "sphere 3")
+    one, other = (obstacle.surface for obstacle in setup.scene.obstacles)
+    ball = 4 / 3 * np.pi * 5e-3**3
+    assert one.volume == pytest.approx(2 * ball, rel=0.02)
+    assert other.volume == pytest.approx(ball, rel=1e-3)
+
+
+def test_bodies_of_another_skin_are_not_merged(read):
+    other = BALL.replace("5e-3", "5e-3, centre = [10.2e-3, 0.0, 0.0]") + 'boundary = "impedance"\nratio = 5.0\n'
+    sentence = refusal(read, "merge_bodies = true\n", MEDIUM, ARRAY, BALL, other, FOCUS)
+    assert "bodies 0 and 1 are 0.2 mm apart" in sentence
+
+
 def test_bodies_that_can_be_drawn_are_found_though_the_scene_is_refused(tmp_path):
     facets = _box_facets(10.0)
     (tmp_path / "open.stl").write_text("solid\n" + "".join(_facet(*corners) for corners in facets[1:]) + "endsolid\n")

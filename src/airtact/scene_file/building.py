@@ -18,6 +18,7 @@ from airtact.scene.primitives import capsule, sphere
 from airtact.scene.scene import Obstacle, Scene, check_outside, filled, impedance, sound_hard
 from airtact.scene.target import Target
 from airtact.scene_file.bare_triangles import Triangles, bare_triangles
+from airtact.scene_file.merging import with_merged_bodies
 from airtact.scene_file.refusals import about
 from airtact.scene_file.tables import (
     ArrayTable,
@@ -189,6 +190,9 @@ def _scene(file: SceneFile, medium: Medium, folder: Path) -> tuple[Scene, tuple[
             for name, surface in _bodies(table, folder, places).items():
                 obstacles.append(_obstacle(table, surface, file.frequency))
                 bodies.append(f"{name} {index + 1}" if name in bodies else name)
+    if file.merge_bodies:
+        with about("merge_bodies"):
+            bodies, obstacles = with_merged_bodies(bodies, obstacles)
     return Scene(medium, obstacles, frequency=file.frequency), tuple(bodies), places
 
 

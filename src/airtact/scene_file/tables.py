@@ -119,13 +119,14 @@ class DriveTable(Table, frozen=True):
 
 
 class SceneFile(Table, frozen=True):
-    """The whole file."""
+    """The whole file; ``merge_bodies`` makes one of sound-hard bodies that overlap or are nearer than 0.3 mm."""
 
     medium: MediumTable
     array: ArrayTable
     foci: list[FocusTable]
     obstacles: list[ObstacleTable] = []
     frequency: float = 40e3
+    merge_bodies: bool = False
     solver: SolverTable = SolverTable()
     drive: DriveTable = DriveTable()
 
