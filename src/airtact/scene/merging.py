@@ -88,7 +88,7 @@ def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
     --------
     >>> from airtact.scene.primitives import sphere
     >>> balls = [sphere(radius=2e-3, edge=1e-3, centre=(x, 0, 0)) for x in (0, 3e-3)]
-    >>> round(sum(ball.volume for ball in balls) * 1e9, 1), round(merged(balls).volume * 1e9, 1)
+    >>> round(sum(ball.volume for ball in balls) * 1e9, 1), round(float(merged(balls).volume) * 1e9, 1)
     (67.0, 64.1)
     """
     bodies = [of_kind(body, Surface, f"body {index}", "a Surface") for index, body in enumerate(surfaces)]
@@ -117,6 +117,8 @@ def _bridged(bodies: Sequence[Surface], meshes: dict[int, Mesh], links: Sequence
     found = kept[0]
     for radius in (0.0, max(THICK, 0.6 * gap)):
         bridges = [bridge for link in links for bridge in _bridges(bodies, meshes, link, gap, radius)]
+        if radius == 0.0 and any(np.ptp(vertices, axis=0).max() < 2.0 * THICK for vertices, _ in bridges):
+            continue
         for simple in SIMPLE:
             vertices, triangles = _united(meshes.values(), bridges, simple)
             middles = _middles(kept, vertices, triangles)

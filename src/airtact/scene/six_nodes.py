@@ -113,7 +113,7 @@ def enclosed_volume(six_nodes: SixNodes) -> float:
     for reference, weight in zip(references, weights, strict=True):
         place, normal = points_at(six_nodes, np.broadcast_to(reference, (len(six_nodes), 2)))
         volume += weight * float(np.einsum("td,td->", place - centre, normal)) / 3
-    return volume
+    return float(volume)
 
 
 def panel_areas(six_nodes: SixNodes) -> Float64[np.ndarray, "panels"]:

@@ -28,7 +28,7 @@ _LEANING = np.sin(np.radians(WEDGE_DEGREES))
 _PASS = 4096  # pairs of triangles that are measured at a time
 _SHARES = (0.0, 0.02, 0.1, 0.3, 0.6, 1.0)  # of the way from the nearest points of two triangles to their centres
 _TRIED = 64  # balls that are looked at at a time
-_INSIDE = 0.8  # share of its radius that a ball must be in: balls that touch beside an edge may leave the body there
+_INSIDE = 0.9  # share of its radius that a ball must be in: balls that touch beside an edge may leave the body there
 
 
 def thin_place(
