@@ -44,6 +44,74 @@ def with_index(vertices, triangles):
     return vertices, triangles
 
 
+MESHES = {
+    "open": (
+        box(lambda v, t: (v, t[1:])),
+        "the surface is open: 1 hole is wider than 2 mm, the largest 28.3 mm across",
+    ),
+    "self-crossing": (ply(*torus_mesh(0.015, 0.02)), r"the surface crosses itself: \d+ pairs of triangles meet"),
+    "NaN": (box(with_nan), "1 vertex of the surface is NaN or infinite"),
+    "index": (box(with_index), r"\b99\b|out of bounds|do not exist"),
+    "millimetres": (box(lambda v, t: (1000 * v, t)), r"spans 20 m, more than 2 m: is this in millimetres\?"),
+    "tiny": (box(lambda v, t: (v / 1000, t)), r"spans 0.02 mm, less than 0.5 mm: is this in millimetres"),
+    "no triangles": (ply(FLAT, np.zeros((0, 3), dtype=int)), "0 triangles|cannot be read"),
+    "no file of its kind": ("not a mesh at all", r"mesh.ply \(17 bytes\) cannot be read"),
+}
+
+TWIN = f"{SPHERE}\n[[obstacles]]\nsphere = {{ radius = 5e-3, centre = [8e-3, 0.0, 0.0] }}"
+TEXTS = {
+    "overlapping bodies": ([(SPHERE, TWIN)], "bodies 0 and 1 overlap or touch: 2 mm deep near"),
+    "focus in a body": ([("-5.5e-3", "-4.5e-3")], "1 of 2 focus points lies inside a body: focus 0 .* is 0.5 mm deep"),
+    "transducer in a body": (
+        [("-0.08636, -0.06604, -0.07]", "-0.08128, -0.06096, 1e-3]")],
+        r"1 of 249 element points lies inside a body: element \d+ at .* is 4 mm deep",
+    ),
+    "focus behind a face": (
+        [('layout = "boards"', 'layout = "boards"\npiston_radius = 4e-3'), ("-0.07]", "-0.006]"), ("8e-3,", "8e-2,")]
+        + [("8e-2, 0.0, 0.0]", "8e-2, 0.0, -0.02]")],
+        "focus 1 stands behind the faces of 249 elements, first element 0 by 14 mm",
+    ),
+    "body behind a face": (
+        [('layout = "boards"', 'layout = "boards"\npiston_radius = 4e-3'), ("-0.07]", "-0.004]"), ("-0.08636", "0.01")]
+        + [("-5.5e-3", "5.5e-3")],
+        "body 0 reaches behind the faces of 249 elements, first element 0 by 1 mm",
+    ),
+    "zero frequency": ([("[medium]", "frequency = 0.0\n[medium]")], "frequency is 0 Hz"),
+    "negative frequency": ([("[medium]", "frequency = -40e3\n[medium]")], "frequency is -40000 Hz"),
+    "frequency in kHz": ([("[medium]", "frequency = 40\n[medium]")], r"frequency is 40 Hz, .* is it in kHz\?"),
+    "frequency NaN": ([("[medium]", "frequency = nan\n[medium]")], "frequency is nan Hz"),
+    "frequency in words": (
+        [("[medium]", 'frequency = "40 kHz"\n[medium]')],
+        "frequency: expected a number, got a string",
+    ),
+    "zero density": ([("1.293", "0")], "density is 0 kg/m³"),
+    "negative speed": ([("343.1", "-343.1")], "sound speed is -343.1 m/s"),
+    "infinite speed": ([("343.1", "inf")], "sound speed is inf m/s"),
+    "speed in km/s": ([("343.1", "0.3431")], r"sound speed is 0.3431 m/s, .* is it in km/s\?"),
+    "zero radius": ([("radius = 5e-3", "radius = 0")], "radius is 0 m"),
+    "negative radius": ([("radius = 5e-3", "radius = -5e-3")], "radius is -0.005 m"),
+    "radius in mm": ([("radius = 5e-3", "radius = 5")], r"spans 10 m, more than 2 m: is this in millimetres\?"),
+    "gap in mm": ([(SPHERE, "pinch = { gap = 12 }")], r"gap is 12 m, .* is it in millimetres\?"),
+    "negative gap": ([(SPHERE, "pinch = { gap = -0.01 }")], "gap is -0.01 m"),
+    "offset in mm": (
+        [(SPHERE, "pinch = {}"), ("point = [8e-3, 0.0, 0.0]", 'at = "thumb.pad"\noffset = 0.5')],
+        r"offset = 0.5 m does not lie in the gap of 12 mm before thumb.pad: is it in millimetres\?",
+    ),
+    "focus in mm": ([("8e-3,", "8.0,")], r"focus 1 at .* is 8 m from the origin .* is this in millimetres\?"),
+    "board in mm": ([("-0.07]", "-70.0]")], r"element \d+ stands 70 m from the nearest body, .* in millimetres\?"),
+    "NaN focus": ([("8e-3,", "nan,")], r"target points hold 1 NaN or infinite value, the first at index \[1, 0\]"),
+    "NaN pressure": ([("600.0", "nan")], r"target pressures hold 1 NaN or infinite value, the first at index \[1\]"),
+    "NaN pose": ([("-0.07]", "nan]")], "the pose's translation hold 1 NaN"),
+    "wrong shape": ([("8e-3, 0.0, 0.0]", "8e-3, 0.0]")], r"foci\[1\].point: expected a list of length 3, got 2"),
+    "pressure for one of two": ([("pressure = 600.0", "")], "1 of 2 have a pressure"),
+    "empty target": (
+        [(BALL[BALL.index("[[foci]]") :], ""), ("[medium]", "foci = []\n[medium]")],
+        r"empty \(0 points\)",
+    ),
+    "no accuracy": ([("accuracy = 0.05", "accuracy = 0")], "accuracy is 0, but it must lie between 0.0001 and 0.3"),
+}
+
+
 def refusal(capsys, *arguments) -> str:
     """Run the command line, and return its one sentence."""
     code = main([str(argument) for argument in arguments])

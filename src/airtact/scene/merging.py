@@ -20,6 +20,7 @@ from airtact.scene.primitives import Capsule
 from airtact.scene.slivers import without_slivers
 from airtact.scene.surface_checks import (
     NEAREST,
+    THINNEST,
     TOUCH,
     approach,
     refuse_crossed,
@@ -125,7 +126,7 @@ def _bridged(bodies: Sequence[Surface], meshes: dict[int, Mesh], links: Sequence
             found = Surface(vertices, triangles, middles, sharp_degrees=SHARP_DEGREES, mended=mended)
             if len(found.crossings) == 0:
                 break
-        if shells(found.triangles).max() < pieces and thin_spot(found) is None:
+        if shells(found.triangles).max() < pieces and thin_spot(found, THINNEST, short=0.0) is None:
             break
     return found
 

@@ -78,7 +78,7 @@ def refuse_too_thin(surface: Surface, thinnest: float = THINNEST) -> None:
     """Refuse a body that is somewhere thinner than a length; the edges of wedges are no fault.
 
     The thickness at a point of the skin is the diameter of the largest ball inside that touches the skin there and
-    reaches skin which looks the other way, to 20 degrees. Curved triangles are taken where their middles are.
+    reaches skin which looks the other way, to 20 degrees. Bumps, ribs and necks shorter than the length pass.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def refuse_too_thin(surface: Surface, thinnest: float = THINNEST) -> None:
     InvalidInput
         With how thin it is and where.
     """
-    found = thin_spot(surface, thinnest)
+    found = thin_spot(surface, thinnest, short=thinnest)
     if found is not None:
         raise InvalidInput(
             f"the body is {found[0] * 1e3:.3g} mm thick near {place(found[1])}, less than {thinnest * 1e3:g} mm; make "
@@ -98,16 +98,18 @@ def refuse_too_thin(surface: Surface, thinnest: float = THINNEST) -> None:
         )
 
 
-def thin_spot(surface: Surface, thinnest: float = THINNEST) -> tuple[float, Float64[np.ndarray, "3"]] | None:
+def thin_spot(surface: Surface, thinnest: float, short: float) -> tuple[float, Float64[np.ndarray, "3"]] | None:
     """Find where a body is thinner than a length, as ``refuse_too_thin`` says: how thin it is [m], and where (3,) [m].
 
     Parameters
     ----------
     surface : the body.
     thinnest : the length [m].
+    short : thin places count where the body is nowhere thick enough within this distance [m].
     """
     if not isinstance(surface.primitive, Capsule):
-        return thin_place(_curved_out(surface), surface.triangles, surface.depth, (1.0 - ROUGH) * thinnest)
+        thick = (1.0 - ROUGH) * thinnest
+        return thin_place(_curved_out(surface), surface.triangles, surface.depth, thick, short)
     thick = 2.0 * surface.primitive.radius
     return None if thick >= thinnest * (1.0 - 1e-9) else (thick, surface.primitive.axis.mean(axis=0))
 

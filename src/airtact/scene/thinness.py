@@ -17,6 +17,9 @@ from scipy.spatial import KDTree
 from airtact.scene.closest_point import closest_on_triangles
 from airtact.scene.nearness import triangle_to_triangle
 
+Depth = Callable[[Float64[np.ndarray, "points 3"]], Float64[np.ndarray, "points"]]
+"""How deep points (P, 3) [m] lie in a body (P,) [m]."""
+
 WEDGE_DEGREES = 20.0
 """Skins bound a thickness where they are nearer to parallel than this."""
 
@@ -25,6 +28,8 @@ _CELL = 0.3  # edge, over the length, of cells in which one of the small triangl
 _CENTRE = 1e-3  # what is left there of their size
 _SIDE = np.array([0.48, 0.6, 0.64])  # balls are laid against that of two skins which looks this way
 _LEANING = np.sin(np.radians(WEDGE_DEGREES))
+_DIRECTIONS = np.array([way for way in product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
+_DIRECTIONS /= np.linalg.norm(_DIRECTIONS, axis=1, keepdims=True)
 _PASS = 4096  # pairs of triangles that are measured at a time
 _SHARES = (0.0, 0.02, 0.1, 0.3, 0.6, 1.0)  # of the way from the nearest points of two triangles to their centres
 _TRIED = 64  # balls that are looked at at a time
@@ -34,8 +39,9 @@ _INSIDE = 0.9  # share of its radius that a ball must be in: balls that touch be
 def thin_place(
     corners: Real[np.ndarray, "triangles 3 3"],
     triangles: Int[np.ndarray, "triangles 3"],
-    depth: Callable[[Float64[np.ndarray, "points 3"]], Float64[np.ndarray, "points"]],
+    depth: Depth,
     thinnest: float,
+    short: float,
 ) -> tuple[float, Float64[np.ndarray, "3"]] | None:
     """Find where a closed mesh is thinner than a length.
 
@@ -45,6 +51,8 @@ def thin_place(
     triangles : (T, 3) vertex indices, which tell who shares a corner.
     depth : how deep points (P, 3) [m] lie in the body (P,) [m].
     thinnest : the length [m]; thin places narrower than a third of it may be missed.
+    short : thin places count where the body is not thick enough anywhere within this distance [m]: 0 for all, more to
+        let bumps and ribs pass that are no higher than it.
 
     Returns
     -------
@@ -70,7 +78,7 @@ def thin_place(
         thin = triangle_to_triangle(inner[one], corners[two])[0] < 0.5 * thinnest * (1.0 - 1e-9)
         if thin.any():
             one, two = one[thin], two[thin]
-            found = _thinnest_ball(touched[one], corners[two], normals[one], depth, thinnest)
+            found = _thinnest_ball(touched[one], corners[two], normals[one], depth, thinnest, short)
             if found is not None:
                 return found
     return None
@@ -80,8 +88,9 @@ def _thinnest_ball(
     touched: Float64[np.ndarray, "n 3 3"],
     bounding: Float64[np.ndarray, "n 3 3"],
     outward: Float64[np.ndarray, "n 3"],
-    depth: Callable[[Float64[np.ndarray, "points 3"]], Float64[np.ndarray, "points"]],
+    depth: Depth,
     thinnest: float,
+    short: float,
 ) -> tuple[float, Float64[np.ndarray, "3"]] | None:
     """Find the smallest ball below a length that lies inside between two triangles of a pair: diameter and centre."""
     _, here, there = triangle_to_triangle(touched, bounding)
@@ -93,13 +102,27 @@ def _thinnest_ball(
     way = touch - _closest(touch - 0.5 * thinnest * outward, bounding)
     square, height = (way**2).sum(axis=1), np.einsum("ni,ni->n", way, outward)
     diameter = np.divide(square, height, out=np.where(square > 0.0, np.inf, 0.0), where=height > 0.0)
-    order = np.argsort(diameter)[: np.count_nonzero(diameter < thinnest * (1.0 - 1e-9))]
-    for some in np.split(order, range(_TRIED, len(order), _TRIED)):
-        centre = touch[some] - 0.5 * diameter[some, None] * outward[some]
-        inside = np.flatnonzero(depth(centre) >= 0.5 * _INSIDE * diameter[some])
-        if len(inside):
-            return float(diameter[some[inside[0]]]), centre[inside[0]]
+    found = np.argsort(diameter)[: np.count_nonzero(diameter < thinnest * (1.0 - 1e-9))]
+    centres = touch[found] - 0.5 * diameter[found, None] * outward[found]
+    found, centres = (part[_first_in_cells(centres, _CELL * thinnest)] for part in (found, centres))
+    for start in range(0, len(found), _TRIED):
+        some = slice(start, start + _TRIED)
+        inside = depth(centres[some]) >= 0.5 * _INSIDE * diameter[found[some]]
+        alone = np.flatnonzero(inside)[_stands_alone(centres[some][inside], depth, thinnest, short)]
+        if len(alone):
+            return float(diameter[found[some][alone[0]]]), centres[some][alone[0]]
     return None
+
+
+def _stands_alone(
+    centres: Float64[np.ndarray, "n 3"], depth: Depth, thinnest: float, short: float
+) -> Bool[np.ndarray, "n"]:
+    """Whether no ball as thick as wanted has its centre within some distance of others' centres."""
+    if short == 0.0:
+        return np.ones(len(centres), dtype=bool)
+    around = np.concatenate([share * short * _DIRECTIONS for share in (0.4, 0.7, 1.0)])
+    deepest = depth((centres[:, None] + around).reshape(-1, 3)).reshape(len(centres), -1).max(axis=1, initial=-np.inf)
+    return deepest < 0.5 * thinnest
 
 
 def _closest(points: Float64[np.ndarray, "n 3"], corners: Float64[np.ndarray, "n 3 3"]) -> Float64[np.ndarray, "n 3"]:
@@ -135,7 +158,9 @@ def _opposite(
     """Pairs of triangles that look opposite ways, the second within reach of balls that touch the first inside."""
     upper = normals @ _SIDE > -_LEANING
     small = np.flatnonzero(upper & (level < 0))
-    upper[small] = _representatives(centres[small], normals[small], _CELL * thinnest)
+    octant = (normals[small] > 0.0) @ np.array([1, 2, 4])
+    upper[small] = False
+    upper[small[_first_in_cells(centres[small], _CELL * thinnest, octant)]] = True
     inner = np.hstack([centres - 0.5 * thinnest * normals, -0.5 * thinnest * normals])
     outer = np.hstack([centres, 0.5 * thinnest * normals])
     turned = thinnest * np.sin(np.radians(WEDGE_DEGREES / 2.0))  # how far normals part in these coordinates
@@ -161,13 +186,13 @@ def _groups(
     return [_Group(part, float(reach[part].max()), KDTree(places[part], balanced_tree=False)) for part in parts]
 
 
-def _representatives(
-    centres: Float64[np.ndarray, "some 3"], normals: Float64[np.ndarray, "some 3"], cell: float
-) -> Bool[np.ndarray, "some"]:
-    """Choose one triangle of those in each cell whose normals lie in the same octant."""
-    boxes = np.floor((centres - centres.min(axis=0, initial=np.inf)) / cell).astype(np.int64)
+def _first_in_cells(
+    points: Float64[np.ndarray, "n 3"], cell: float, kind: Int64[np.ndarray, "n"] | None = None
+) -> Int64[np.ndarray, "chosen"]:
+    """Choose the first of the points of a kind in each cell of a grid."""
+    boxes = np.floor((points - points.min(axis=0, initial=np.inf)) / cell).astype(np.int64)
     size = boxes.max(axis=0, initial=0) + 1
-    octant = (normals > 0.0) @ np.array([1, 2, 4])
-    chosen = np.zeros(len(centres), dtype=bool)
-    chosen[np.unique(((boxes @ [1, size[0], size[0] * size[1]]) * 8 + octant), return_index=True)[1]] = True
-    return chosen
+    key = boxes @ np.array([1, size[0], size[0] * size[1]])
+    if kind is not None:
+        key = key * 8 + kind
+    return np.sort(np.unique(key, return_index=True)[1])
