@@ -104,13 +104,15 @@ def _thinnest_ball(
     diameter = np.divide(square, height, out=np.where(square > 0.0, np.inf, 0.0), where=height > 0.0)
     found = np.argsort(diameter)[: np.count_nonzero(diameter < thinnest * (1.0 - 1e-9))]
     centres = touch[found] - 0.5 * diameter[found, None] * outward[found]
-    found, centres = (part[_first_in_cells(centres, _CELL * thinnest)] for part in (found, centres))
+    first_of_cells = _first_in_cells(centres, _CELL * thinnest)
+    found, centres = found[first_of_cells], centres[first_of_cells]
     for start in range(0, len(found), _TRIED):
         some = slice(start, start + _TRIED)
-        inside = depth(centres[some]) >= 0.5 * _INSIDE * diameter[found[some]]
-        alone = np.flatnonzero(inside)[_stands_alone(centres[some][inside], depth, thinnest, short)]
-        if len(alone):
-            return float(diameter[found[some][alone[0]]]), centres[some][alone[0]]
+        inside = np.flatnonzero(depth(centres[some]) >= 0.5 * _INSIDE * diameter[found[some]])
+        alone = inside[_stands_alone(centres[some][inside], depth, thinnest, short)]
+        if len(alone) > 0:
+            first = start + int(alone[0])
+            return float(diameter[found[first]]), centres[first]
     return None
 
 
@@ -121,7 +123,7 @@ def _stands_alone(
     if short == 0.0:
         return np.ones(len(centres), dtype=bool)
     around = np.concatenate([share * short * _DIRECTIONS for share in (0.4, 0.7, 1.0)])
-    deepest = depth((centres[:, None] + around).reshape(-1, 3)).reshape(len(centres), -1).max(axis=1, initial=-np.inf)
+    deepest = depth((centres[:, None] + around).reshape(-1, 3)).reshape(-1, len(around)).max(axis=1)
     return deepest < 0.5 * thinnest
 
 
