@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from airtact.conventions import InvalidInput
+from airtact.conventions import InvalidInput, about
 from airtact.report.body_figure import draw_bodies
 from airtact.report.fault_figure import draw_fault
 from airtact.report.picture_file import write_picture
@@ -17,7 +17,6 @@ from airtact.scene.scene import Scene, sound_hard
 from airtact.scene.sources import Monopoles
 from airtact.scene_file.bare_triangles import Triangles, bare_triangles
 from airtact.scene_file.building import Setup, drawable_bodies, read_setup
-from airtact.scene_file.refusals import about
 from airtact.solvers.boundary_element import BoundaryElement
 
 BODIES, FAULT = "bodies.png", "fault.png"

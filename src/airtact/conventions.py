@@ -6,6 +6,9 @@
 - A monopole of strength s [Pa·m] alone in open air gives p = s e^{ikr}/r.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 from jaxtyping import Real
 
@@ -24,6 +27,28 @@ class InvalidInput(ValueError):  # noqa: N818 (reads as what it is in a tracebac
     def __init__(self, sentence: str, place: Real[np.ndarray, "3"] | None = None) -> None:
         super().__init__(sentence)
         self.place = place
+
+
+@contextmanager
+def about(what: str) -> Iterator[None]:
+    """Put what a refusal is about in front of any sentence from inside, and keep the place of the fault.
+
+    Parameters
+    ----------
+    what : the name of a file or a table.
+
+    Examples
+    --------
+    >>> with about("hand.stl"):
+    ...     raise InvalidInput("0 triangles were read.")
+    Traceback (most recent call last):
+    ...
+    airtact.conventions.InvalidInput: hand.stl: 0 triangles were read.
+    """
+    try:
+        yield
+    except InvalidInput as fault:
+        raise InvalidInput(f"{what}: {fault}", fault.place) from None
 
 
 class NotConverged(RuntimeError):  # noqa: N818

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from airtact.conventions import InvalidInput
+from airtact.conventions import InvalidInput, about
 from airtact.report.panel_figure import draw_panels
 from airtact.report.panel_files import check_ending, write_panels
 from airtact.report.picture_file import write_picture
@@ -20,7 +20,6 @@ from airtact.scene.panels import Panels
 from airtact.scene.six_nodes import enclosed_volume, longest_edges, panel_areas, smallest_angles, with_middles
 from airtact.scene.surface_checks import check_surface
 from airtact.scene.topology import cone_volumes
-from airtact.scene_file.refusals import about
 from airtact.solvers.boundary_element import BoundaryElement
 
 WAVELENGTH = air(celsius=20.0).wavelength(40e3)

@@ -8,6 +8,7 @@ import pytest
 from mended_meshes import accepted, apart, volume
 
 from airtact.conventions import InvalidInput
+from airtact.scene.guards import place
 from damage import DAMAGES, Mesh, body, damaged
 
 HAIR = 10e-6
@@ -16,14 +17,22 @@ SHARE_OF_HOLE = 0.5
 """A sharp edge through the middle of a hole, cut off, would lie off by half the hole's width."""
 
 
+def check_refusal(fault: InvalidInput) -> None:
+    """A refusal has a number, and the place that it says is the place that is drawn."""
+    said = str(fault)
+    assert re.search(r"\d", said), said
+    assert " mm" in said or re.search(r"triangle \d+ names|0 triangles", said), said
+    if shown := re.search(r"\([-\d., ]+\) mm", said):
+        assert fault.place is not None, said
+        assert shown.group() == place(fault.place)
+
+
 def outcome(name: str, whole: Mesh, torn: Mesh) -> str:
     """Mend a mesh and hold it against the undamaged one; "mended" or "refused"."""
     try:
         result = accepted(*torn)
     except InvalidInput as fault:
-        said = str(fault)
-        assert re.search(r"\d", said), said
-        assert "mm" in said or re.search(r"triangle \d+ names|0 triangles", said), said
+        check_refusal(fault)
         return "refused"
     filled = [float(found) for note in result.notes for found in re.findall(r"up to ([\d.]+) mm", note)]
     bound = HAIR + SHARE_OF_HOLE * 1e-3 * max(filled, default=0.0)

@@ -1,13 +1,11 @@
 """Surfaces from files: STL, PLY, OBJ and GLB, read by trimesh."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from airtact.conventions import InvalidInput
+from airtact.conventions import InvalidInput, about
 from airtact.scene.curving import SHARP_DEGREES
 from airtact.scene.geometry import Surface
 from airtact.scene.guards import of_kind, positive
@@ -49,18 +47,9 @@ def load_surface(
     if not path.is_file():
         raise InvalidInput(f"there is no file {path}; 0 triangles were read.")
     vertices, triangles = _joined(path)
-    with _named(path):
+    with about(path.name):
         whole = mended(vertices * scale, triangles, largest_hole)
         return Surface(whole.vertices, whole.triangles, sharp_degrees=sharp_degrees, mended=whole.notes)
-
-
-@contextmanager
-def _named(path: Path) -> Iterator[None]:
-    """Put the file's name in front of any refusal."""
-    try:
-        yield
-    except InvalidInput as fault:
-        raise InvalidInput(f"{path.name}: {fault}") from fault
 
 
 def _joined(path: Path) -> tuple[Float[np.ndarray, "vertices 3"], Int[np.ndarray, "triangles 3"]]:

@@ -239,7 +239,8 @@ def _refuse_bad_midpoints(
         raise InvalidInput(
             f"{counted(len(parted) // 2, 'edge has a midpoint', 'edges have midpoints')} that the two triangles do not "
             f"share, the first near "
-            f"{place(flat[parted[0]])}, {gap[parted[0]] * 1e3:.3g} mm apart; the curved skin would be open there."
+            f"{place(flat[parted[0]])}, {gap[parted[0]] * 1e3:.3g} mm apart; the curved skin would be open there.",
+            flat[parted[0]],
         )
     ends = vertices[triangles]
     away = np.linalg.norm(midpoints - (ends + np.roll(ends, -1, axis=1)) / 2.0, axis=2)

@@ -103,7 +103,8 @@ def _refuse_wide(holes: list[Hole], largest: float) -> None:
         are = counted(len(wide), "hole is", "holes are")
         raise InvalidInput(
             f"the surface is open: {are} wider than {largest * 1e3:g} mm, the largest {widest.width * 1e3:.3g} mm "
-            f"across near {place(widest.middle)}; close it in the file, or let wider ones be filled with largest_hole."
+            f"across near {place(widest.middle)}; close it in the file, or let wider ones be filled with largest_hole.",
+            widest.middle,
         )
     long = [hole for hole in holes if len(hole.rim) > MOST_EDGES]
     said = f"of more than {MOST_EDGES} edges cannot be filled"
@@ -122,7 +123,8 @@ def _refuse(holes: list[Hole], one: str, many: str) -> None:
         widest = max(holes, key=lambda hole: hole.width)
         raise InvalidInput(
             f"the surface is open: {counted(len(holes), 'hole ' + one, 'holes ' + many)}, the largest "
-            f"{widest.width * 1e3:.3g} mm across near {place(widest.middle)}; close it in the file."
+            f"{widest.width * 1e3:.3g} mm across near {place(widest.middle)}; close it in the file.",
+            widest.middle,
         )
 
 
@@ -159,10 +161,12 @@ def _refuse_facing(holes: list[Hole], ahead: Float64[np.ndarray, "holes 3"]) -> 
     faces &= gap < widths[pairs].max(axis=1)
     if faces.any():
         first = int(faces.argmax())
+        between = middles[pairs[first]].mean(axis=0)
         raise InvalidInput(
             f"the surface is open: {counted(int(faces.sum()), 'pair of holes faces', 'pairs of holes face')} each "
-            f"other, the first {gap[first] * 1e3:.2g} mm apart near {place(middles[pairs[first]].mean(axis=0))}, so "
-            "the bridge between them may be missing; close them in the file."
+            f"other, the first {gap[first] * 1e3:.2g} mm apart near {place(between)}, so "
+            "the bridge between them may be missing; close them in the file.",
+            between,
         )
 
 

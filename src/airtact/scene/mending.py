@@ -152,10 +152,12 @@ def _with_named_vertices(
         count = counted(len(wrong), "vertex of the surface is", "vertices of the surface are")
         neighbours = vertices[triangles[(triangles == wrong[0]).any(axis=1)]].reshape(-1, 3)
         known = neighbours[np.isfinite(neighbours).all(axis=1)]
-        near = f" beside {place(known.mean(axis=0))}" if len(known) else ""
+        beside = known.mean(axis=0) if len(known) else None
+        near = "" if beside is None else f" beside {place(beside)}"
         raise InvalidInput(
             f"{count} NaN or infinite, the first is vertex {int(wrong[0])}{near}; give it a place or remove its "
-            "triangles."
+            "triangles.",
+            beside,
         )
     idle = np.flatnonzero(~named)
     if len(idle):

@@ -162,7 +162,8 @@ def _links(bodies: Sequence[Surface], chosen: list[int], gap: float) -> list[_Li
         raise InvalidInput(
             f"bodies {one} and {two} are {distance * 1e3:.3g} mm apart near {place(where)}, the nearest of those that "
             f"do not hang together, but only {gap * 1e3:.3g} mm are bridged; move them together, leave one out, or "
-            "give a larger gap."
+            "give a larger gap.",
+            where,
         )
     return links
 

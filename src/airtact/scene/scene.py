@@ -223,7 +223,8 @@ def check_outside(scene: Scene, points: Real[np.ndarray, "points 3"], what: str)
         several = f"{len(inside)} of {len(given)} {what} points {'lies' if len(inside) == 1 else 'lie'}"
         raise InvalidInput(
             f"{several if len(given) > 1 else f'a {what} lies'} inside a body: {what} {deepest} at "
-            f"{place(given[deepest])} is {depth[deepest] * 1e3:.3g} mm deep; move it out or the body away."
+            f"{place(given[deepest])} is {depth[deepest] * 1e3:.3g} mm deep; move it out or the body away.",
+            given[deepest],
         )
 
 

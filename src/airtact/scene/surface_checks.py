@@ -65,10 +65,12 @@ def refuse_crossed(surface: Surface) -> None:
     pairs = surface.crossings
     if len(pairs):
         first = pairs[0]
+        where = surface.corners[first].mean(axis=(0, 1))
         meet = counted(len(pairs), "pair of triangles meets", "pairs of triangles meet")
         raise InvalidInput(
             f"the surface crosses itself: {meet}, the first are triangles "
-            f"{int(first[0])} and {int(first[1])} near {place(surface.corners[first].mean(axis=(0, 1)))}; repair it."
+            f"{int(first[0])} and {int(first[1])} near {place(where)}; repair it.",
+            where,
         )
     if surface.primitive is None:
         _refuse_nested(surface)
@@ -94,7 +96,8 @@ def refuse_too_thin(surface: Surface, thinnest: float = THINNEST) -> None:
     if found is not None:
         raise InvalidInput(
             f"the body is {found[0] * 1e3:.3g} mm thick near {place(found[1])}, less than {thinnest * 1e3:g} mm; make "
-            "it thicker there, or cut that part off."
+            "it thicker there, or cut that part off.",
+            found[1],
         )
 
 
@@ -133,7 +136,8 @@ def _refuse_nested(surface: Surface) -> None:
         if depth[inner] > 0.0:
             raise InvalidInput(
                 f"closed piece {inner} of {len(seeds)} lies inside piece {outer}, {depth[inner] * 1e3:.3g} mm deep "
-                f"near {place(seeds[inner])}: no sound gets there, so remove it."
+                f"near {place(seeds[inner])}: no sound gets there, so remove it.",
+                seeds[inner],
             )
 
 
@@ -169,11 +173,12 @@ def check_apart(surfaces: Sequence[Surface]) -> None:
     for i, j in combinations(range(len(surfaces)), 2):
         found = approach(surfaces[i], surfaces[j], NEAREST * (1.0 - 1e-9))
         if found is not None and found.overlap is not None:
-            raise InvalidInput(f"bodies {i} and {j} overlap or touch: {found.overlap}; {APART}.")
+            raise InvalidInput(f"bodies {i} and {j} overlap or touch: {found.overlap}; {APART}.", found.place)
         if found is not None:
             raise InvalidInput(
                 f"bodies {i} and {j} are {found.distance * 1e3:.3g} mm apart near {place(found.place)}, nearer than "
-                f"{NEAREST * 1e3:g} mm; {APART}."
+                f"{NEAREST * 1e3:g} mm; {APART}.",
+                found.place,
             )
 
 

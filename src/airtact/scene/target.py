@@ -61,7 +61,8 @@ class Target:
         if away[worst] > FARTHEST:
             raise InvalidInput(
                 f"focus {worst} at {place(self.points[worst])} is {away[worst]:.4g} m from the origin of "
-                f"the obstacles' frame, more than {FARTHEST:g} m: is this in millimetres? Give metres."
+                f"the obstacles' frame, more than {FARTHEST:g} m: is this in millimetres? Give metres.",
+                self.points[worst],
             )
         object.__setattr__(self, "pressures", None if pressures is None else self._wanted(pressures))
 

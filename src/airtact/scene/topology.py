@@ -124,9 +124,11 @@ def refuse_degenerate(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[n
     thin = np.flatnonzero(twice_area <= THINNEST * longest**2)
     if len(thin):
         many = counted(len(thin), "triangle is", "triangles are")
+        where = corners[thin[0]].mean(axis=0)
         raise InvalidInput(
             f"{many} degenerate (no area), the first is triangle {int(thin[0])} near "
-            f"{place(corners[thin[0]].mean(axis=0))}; remove them or merge their vertices."
+            f"{place(where)}; remove them or merge their vertices.",
+            where,
         )
 
 
@@ -157,9 +159,9 @@ def refuse_open(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[np.ndar
             triangle, edge = found.T
             ends = np.stack([triangles[triangle, edge], triangles[triangle, (edge + 1) % 3]], axis=1)
             count = len(np.unique(np.sort(ends, axis=1), axis=0))
-            where = place(vertices[ends[0]].mean(axis=0))
+            where = vertices[ends[0]].mean(axis=0)
             edges = counted(count, f"edge {one}", f"edges {many}")
-            raise InvalidInput(f"{edges} {fault}; the first is near {where}: repair the mesh.")
+            raise InvalidInput(f"{edges} {fault}; the first is near {place(where)}: repair the mesh.", where)
 
 
 def pieces(twins: Int64[np.ndarray, "triangles 3"]) -> Int[np.ndarray, "triangles"]:
@@ -226,11 +228,12 @@ def refuse_inside_out(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[n
     if len(inward):
         first = int(np.flatnonzero(piece == inward[0])[0])
         number = int(np.isin(piece, inward).sum())
-        where = place(corners[first].mean(axis=0))
-        encloses = f"encloses {volumes[inward[0]] * 1e6:.4g} cm³, near {where}"
+        where = corners[first].mean(axis=0)
+        encloses = f"encloses {volumes[inward[0]] * 1e6:.4g} cm³, near {place(where)}"
         if len(volumes) == 1:
-            raise InvalidInput(f"the surface is inside out (it {encloses}); turn its {number} triangles round.")
+            raise InvalidInput(f"the surface is inside out (it {encloses}); turn its {number} triangles round.", where)
         raise InvalidInput(
             f"{len(inward)} of {len(volumes)} closed pieces {'is' if len(inward) == 1 else 'are'} inside out (the "
-            f"first {encloses}); turn their {number} triangles round."
+            f"first {encloses}); turn their {number} triangles round.",
+            where,
         )

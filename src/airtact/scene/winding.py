@@ -38,10 +38,12 @@ def wound_alike(
     plain, turned = label[:count], label[count:]
     one_sided = np.flatnonzero(plain == turned)
     if len(one_sided):
+        where = vertices[triangles[one_sided[0]]].mean(axis=0)
         raise InvalidInput(
             f"{counted(len(one_sided), 'triangle belongs', 'triangles belong')} to a one-sided piece, as a Moebius "
-            f"strip is, the first near {place(vertices[triangles[one_sided[0]]].mean(axis=0))}: nobody can tell what "
-            "is outside of it; remove it."
+            f"strip is, the first near {place(where)}: nobody can tell what "
+            "is outside of it; remove it.",
+            where,
         )
     as_given = np.bincount(plain, minlength=2 * count)
     flip = (as_given[plain] < as_given[turned]) | ((as_given[plain] == as_given[turned]) & (plain > turned))
@@ -72,7 +74,8 @@ def _neighbours(
         edges = counted(len(crowded), "edge has", "edges have")
         raise InvalidInput(
             f"{edges} more than two triangles, the first {int(sizes[(order[starts] == first).argmax()])} of them near "
-            f"{place(ends.mean(axis=0))}: bodies meet there or a fin stands out; part them or remove it."
+            f"{place(ends.mean(axis=0))}: bodies meet there or a fin stands out; part them or remove it.",
+            ends.mean(axis=0),
         )
     twice = starts[sizes == 2]
     one, two = order[twice], order[twice + 1]
@@ -140,5 +143,6 @@ def refuse_bow_ties(
         hang = counted(len(tied), "vertex joins", "vertices join")
         raise InvalidInput(
             f"{hang} parts of the surface that touch nowhere else, the first near {place(vertices[tied[0]])}: a body "
-            "cannot hang by a point; move the parts apart or join them."
+            "cannot hang by a point; move the parts apart or join them.",
+            vertices[tied[0]],
         )

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.conventions import InvalidInput
+from airtact.conventions import InvalidInput, about
 from airtact.scene.files import load_surface
 from airtact.scene.geometry import Surface
 from airtact.scene.hand import pinch
@@ -19,7 +19,6 @@ from airtact.scene.scene import Obstacle, Scene, check_outside, filled, impedanc
 from airtact.scene.target import Target
 from airtact.scene_file.bare_triangles import Triangles, bare_triangles
 from airtact.scene_file.merging import with_merged_bodies
-from airtact.scene_file.refusals import about
 from airtact.scene_file.tables import (
     ArrayTable,
     FocusTable,

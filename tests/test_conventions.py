@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from airtact.conventions import InvalidInput
-from airtact.scene_file.refusals import about
+from airtact.conventions import InvalidInput, about
 
 
 def test_the_place_is_kept_through_all_that_it_is_about():
