@@ -64,4 +64,58 @@ def test_foci_in_millimetres_are_asked_about():
 
 
 def test_printing_a_target_is_short():
-    assert repr(Target(POINTS, 3.0)) == "Target(points=[[0.0, 0.0, 0.0], [0.0, 0.0, 0.01]], pressures=[3.0, 3.0])"
+    said = "Target(points=[[0.0, 0.0, 0.0], [0.0, 0.0, 0.01]], pressures=[3.0, 3.0], "
+    assert repr(Target(POINTS, 3.0)) == said + "shares=None, phases=None, quiet=[])"
+
+
+def test_a_share_asks_for_proportions_only():
+    target = Target(POINTS, shares=np.array([1.0, 0.25]))
+    assert target.pressures is None
+    assert target.shares.tolist() == target.weights.tolist() == [1.0, 0.25]
+    assert Target(POINTS).weights.tolist() == [1.0, 1.0]
+    assert Target(POINTS, 20).weights.tolist() == [20.0, 20.0]
+
+
+def test_complex_numbers_fix_the_phases_and_real_ones_leave_them():
+    fixed = Target(POINTS, np.array([100.0, -200j]))
+    np.testing.assert_allclose(fixed.pressures, [100.0, 200.0], rtol=1e-15)
+    np.testing.assert_allclose(fixed.phases, [0.0, -np.pi / 2], rtol=1e-15)
+    np.testing.assert_allclose(fixed.wanted, [100.0, -200j], atol=1e-12)
+    free = Target(POINTS, np.array([100.0, 200.0]))
+    assert free.phases is None
+    np.testing.assert_array_equal(free.wanted, [100.0, 200.0])
+    np.testing.assert_allclose(Target(POINTS, shares=1j).wanted, [1j, 1j], atol=1e-15)
+
+
+def test_quiet_points_follow_the_foci_as_beacons_where_asked():
+    target = Target(POINTS, quiet=np.array([[0.01, 0.0, 0.0]]))
+    assert np.array_equal(target.beacons().positions, POINTS)
+    both = target.beacons(quiet=True)
+    assert np.array_equal(both.positions, [*POINTS, [0.01, 0.0, 0.0]])
+    assert np.array_equal(both.strengths, np.eye(3))
+    assert Target(POINTS).quiet.shape == (0, 3)
+
+
+@pytest.mark.parametrize(
+    ("asked", "sentence"),
+    [
+        ({"shares": -0.5}, "a target share is -0.5, but it must not be negative"),
+        ({"shares": 0.0}, "every target share is 0; ask"),
+        ({"shares": 0j}, "every target share is 0; ask"),
+        ({"shares": np.ones(3)}, r"target shares have shape \(3,\), but the target has 2 foci"),
+        ({"shares": 1.0, "pressures": 2.0}, "both pressures and shares; give 1 of the 2"),
+        ({"pressures": complex(np.nan, 0)}, "target pressures hold 1 NaN"),
+        ({"pressures": np.array([1j, np.inf])}, r"target pressures hold 1 NaN or infinite value, the first at index"),
+        ({"quiet": np.zeros((2, 2))}, r"quiet points have shape \(2, 2\)"),
+        ({"quiet": np.array([[0.0, 0.0, np.nan]])}, "quiet points hold 1 NaN"),
+        ({"quiet": np.array([[0.0, 0.0, 3.0]])}, r"quiet point 0 at \(0.00, 0.00, 3000.00\) mm is 3 m from"),
+        (
+            {"quiet": np.array([[0.0, 0.1, 0.0], [0.0, 2e-7, 0.01]])},
+            r"quiet point 1 is 0.0002 mm from focus 1 at \(0.00, 0.00, 10.00\) mm",
+        ),
+    ],
+)
+@pytest.mark.usefixtures("as_outside_the_tests")
+def test_faults_of_what_is_wanted_are_refused(asked, sentence):
+    with pytest.raises(InvalidInput, match=sentence):
+        Target(POINTS, **asked)

@@ -1,17 +1,23 @@
-"""What a person shall feel: points in the obstacles' frame and the pressures wanted there."""
+"""What a person shall feel: points in the obstacles' frame, what is wanted there, and where it shall stay quiet."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64, Real
+from jaxtyping import Complex128, Float64, Num, Real
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import counted, fixed, place, points_of, real_numbers, refuse_not_finite
+from airtact.scene.guards import complex_numbers, counted, fixed, place, points_of, real_numbers, refuse_not_finite
 from airtact.scene.printing import in_short
 from airtact.scene.sources import Monopoles
 
 FARTHEST = 2.0
 """Farthest that a focus may be from the origin of the obstacles' frame [m], the largest extent of a body."""
+
+SAME_PLACE = 1e-6
+"""A quiet point nearer than this to a focus stands on it [m]."""
+
+Wanted = Num[np.ndarray, "foci"] | complex | float | int
+"""What every focus is asked: (F,) numbers, or one for all."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,65 +27,131 @@ class Beacons(Monopoles):
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Foci that ride with the hand.
+    """Foci that ride with the hand, and points beside them that shall stay quiet.
 
     Attributes
     ----------
     points : (F, 3) foci in the obstacles' frame [m].
     pressures : (F,) peak pressures wanted [Pa], or None for as strong as possible.
+    shares : (F,) pressures wanted in proportion to each other, as strong as possible, or None for all alike.
+    phases : (F,) phases wanted [rad] where complex numbers were given, or None to leave them to the method.
+    quiet : (Q, 3) points of the zones that shall stay quiet [m], none by default.
 
     Examples
     --------
     >>> Target(np.array([[0.0, 0, 0], [0, 0, 0.02]]), pressures=1500.0).pressures.tolist()
     [1500.0, 1500.0]
+    >>> opposed = Target(np.array([[0.0, 0, 0], [0, 0, 0.02]]), shares=np.array([1.0, -0.5 + 0j]))
+    >>> opposed.shares.tolist(), np.round(opposed.phases, 3).tolist()
+    ([1.0, 0.5], [0.0, 3.142])
     """
 
     points: Float64[np.ndarray, "foci 3"]
     pressures: Float64[np.ndarray, "foci"] | None
+    shares: Float64[np.ndarray, "foci"] | None
+    phases: Float64[np.ndarray, "foci"] | None
+    quiet: Float64[np.ndarray, "quiet 3"]
 
     __repr__ = in_short
 
     def __init__(
-        self, points: Real[np.ndarray, "foci 3"], pressures: Real[np.ndarray, "foci"] | float | int | None = None
+        self,
+        points: Real[np.ndarray, "foci 3"],
+        pressures: Wanted | None = None,
+        *,
+        shares: Wanted | None = None,
+        quiet: Real[np.ndarray, "quiet 3"] | None = None,
     ) -> None:
-        """Check the points and bring the pressures to one per focus.
+        """Check the points and bring what is wanted to one number per focus.
 
         Parameters
         ----------
         points : (F, 3) [m].
-        pressures : (F,) peak pressures [Pa], one number for all foci, or None.
+        pressures : (F,) peak pressures [Pa], one number for all foci, or None. Complex numbers fix the phases too,
+            real ones leave them to the method.
+        shares : the same in proportion only; give one of the two, or none for all foci alike.
+        quiet : (Q, 3) where it shall stay quiet [m].
 
         Raises
         ------
         InvalidInput
-            No points, NaN or infinity, a point over 2 m from the origin, a negative pressure, no pressure above zero,
-            or not one pressure per focus.
+            No points, NaN or infinity, a point over 2 m from the origin, a negative number, none above zero, not one
+            per focus, pressures together with shares, or a quiet point nearer than 1 µm to a focus.
         """
-        object.__setattr__(self, "points", points_of(points, "target points"))
-        away = np.linalg.norm(self.points, axis=1)
-        worst = int(away.argmax())
-        if away[worst] > FARTHEST:
+        object.__setattr__(self, "points", _near_enough(points_of(points, "target points"), "focus"))
+        none = np.empty((0, 3)) if quiet is None else quiet
+        object.__setattr__(self, "quiet", _near_enough(points_of(none, "quiet points", least=0), "quiet point"))
+        self._refuse_quiet_foci()
+        if pressures is not None and shares is not None:
             raise InvalidInput(
-                f"focus {worst} at {place(self.points[worst])} is {away[worst]:.4g} m from the origin of "
-                f"the obstacles' frame, more than {FARTHEST:g} m: is this in millimetres? Give metres.",
-                self.points[worst],
+                "a target has both pressures and shares; give 1 of the 2: pressures in pascal, or shares."
             )
-        object.__setattr__(self, "pressures", None if pressures is None else self._wanted(pressures))
+        wanted = None if pressures is None else self._wanted(pressures, "target pressure", " Pa")
+        parts = None if shares is None else self._wanted(shares, "target share", "")
+        given = wanted if parts is None else parts
+        phases = None if given is None or not np.iscomplexobj(given) else fixed(np.angle(given))
+        object.__setattr__(self, "pressures", None if wanted is None else fixed(np.abs(wanted)))
+        object.__setattr__(self, "shares", None if parts is None else fixed(np.abs(parts)))
+        object.__setattr__(self, "phases", phases)
 
-    def _wanted(self, pressures: Real[np.ndarray, "..."] | float | int) -> Float64[np.ndarray, "foci"]:
-        given = real_numbers(np.asarray(pressures), "target pressures")
-        refuse_not_finite(given, "target pressures")
+    def _wanted(self, asked: Wanted, what: str, unit: str) -> Num[np.ndarray, "foci"]:
+        whole = np.iscomplexobj(asked)
+        given = complex_numbers(np.asarray(asked), f"{what}s") if whole else real_numbers(np.asarray(asked), f"{what}s")
+        refuse_not_finite(given, f"{what}s")
         if given.ndim != 0 and given.shape != (len(self.points),):
             raise InvalidInput(
-                f"target pressures have shape {given.shape}, but the target has "
+                f"{what}s have shape {given.shape}, but the target has "
                 f"{counted(len(self.points), 'focus', 'foci')}; give one number or ({len(self.points)},)."
             )
-        if given.min() < 0.0:
-            raise InvalidInput(f"a target pressure is {given.min():g} Pa, but peak pressures are not negative.")
-        if given.max() == 0.0:
-            raise InvalidInput("every target pressure is 0 Pa; ask at least one focus for more.")
-        return fixed(np.broadcast_to(given, (len(self.points),)))
+        if not whole and given.min() < 0.0:
+            raise InvalidInput(
+                f"a {what} is {given.min():g}{unit}, but it must not be negative; a complex number gives a phase."
+            )
+        if np.abs(given).max() == 0.0:
+            raise InvalidInput(f"every {what} is 0{unit}; ask at least one focus for more.")
+        return np.broadcast_to(given, (len(self.points),))
 
-    def beacons(self) -> Monopoles:
-        """One imagined source of 1 Pa·m in every focus, each its own sound: strengths are the identity (F, F)."""
-        return Beacons(self.points, np.eye(len(self.points), dtype=np.complex128))
+    def _refuse_quiet_foci(self) -> None:
+        for index, point in enumerate(self.points):
+            apart = np.linalg.norm(self.quiet - point, axis=1)
+            if len(apart) and apart.min() < SAME_PLACE:
+                raise InvalidInput(
+                    f"quiet point {int(apart.argmin())} is {1e3 * apart.min():.2g} mm from focus {index} at "
+                    f"{place(point)}, so both cannot be had; leave it out of the quiet zone.",
+                    point,
+                )
+
+    @property
+    def weights(self) -> Float64[np.ndarray, "foci"]:
+        """(F,) how much each focus counts: pressures wanted [Pa], or shares, or 1 for all."""
+        if self.pressures is not None:
+            return self.pressures
+        return np.ones(len(self.points)) if self.shares is None else self.shares
+
+    @property
+    def wanted(self) -> Complex128[np.ndarray, "foci"]:
+        """(F,) weights with the phases wanted, or with phase 0 where they are left to the method."""
+        return self.weights * np.exp(1j * (np.zeros(len(self.points)) if self.phases is None else self.phases))
+
+    def beacons(self, quiet: bool = False) -> Monopoles:
+        """One imagined source of 1 Pa·m in every focus, each its own sound: strengths are the identity (F, F).
+
+        Parameters
+        ----------
+        quiet : whether the quiet points follow as further beacons, (F + Q, F + Q).
+        """
+        points = np.concatenate([self.points, self.quiet]) if quiet else self.points
+        return Beacons(points, np.eye(len(points), dtype=np.complex128))
+
+
+def _near_enough(points: Float64[np.ndarray, "points 3"], what: str) -> Float64[np.ndarray, "points 3"]:
+    """Return points, or refuse them where one is so far away that it must be in millimetres."""
+    away = np.linalg.norm(points, axis=1)
+    if len(away) and away.max() > FARTHEST:
+        worst = int(away.argmax())
+        raise InvalidInput(
+            f"{what} {worst} at {place(points[worst])} is {away[worst]:.4g} m from the origin of "
+            f"the obstacles' frame, more than {FARTHEST:g} m: is this in millimetres? Give metres.",
+            points[worst],
+        )
+    return points
