@@ -10,6 +10,7 @@ from airtact.scene.guards import counted, points_of
 from airtact.scene.printing import in_short
 from airtact.scene.scene import Scene, check_sources
 from airtact.scene.sources import Monopoles, check_off_sources
+from airtact.solvers.particle_velocity import open_air_slopes, velocity_of
 from airtact.solvers.problem import RadiatedField, Skin, Solver, SolveReport
 
 _PAIRS_AT_ONCE = 1 << 20
@@ -81,6 +82,13 @@ class OpenAirField(RadiatedField):
         points = points_of(points, "points", least=0)
         check_off_sources(points, self.sources)
         return open_air_pressure(points, self.sources, self.scene.wavenumber)
+
+    def velocity(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
+        """Particle velocity [m/s] at points (P, 3) [m], in closed form; parameters and refusals of ``at``."""
+        points = points_of(points, "points", least=0)
+        check_off_sources(points, self.sources)
+        slopes = open_air_slopes(points, self.sources, self.scene.wavenumber)
+        return velocity_of(slopes, self.scene.frequency, self.scene.medium.density)
 
     def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
         """Everywhere: there is no body."""

@@ -7,9 +7,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Real
 
+from airtact.scene.guards import points_of
 from airtact.scene.printing import in_short
 from airtact.scene.scene import Scene
 from airtact.scene.sources import Monopoles
+from airtact.solvers.particle_velocity import differences, velocity_of
+
+DIFFERENCE = 1.0 / 40.0
+"""Step over which a field without a closed form is differentiated, in wavelengths."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +97,20 @@ class RadiatedField(ABC):
     @abstractmethod
     def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
         """Whether the field exists at points (P, 3): False inside bodies, except filled ones."""
+
+    def velocity(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
+        """Particle velocity v = ∇p/(iωρ) [m/s] at points (P, 3) [m], along x, y and z, for each of the S sounds.
+
+        On a sound-hard skin it lies along the skin. A field that does not know better differentiates ``at`` over 1/40
+        of a wavelength, and gives NaN where that reaches into a body.
+
+        Parameters
+        ----------
+        points : (P, 3) [m].
+        """
+        points = points_of(points, "points", least=0)
+        step = np.full(len(points), DIFFERENCE * self.scene.wavelength)
+        return velocity_of(differences(self.at, points, step), self.scene.frequency, self.scene.medium.density)
 
     def error_at(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "sounds"]:
         """Relative error over points (P, 3) away from the skin, as the solver estimates it for each of the S sounds."""

@@ -14,8 +14,10 @@ from airtact.scene.printing import in_short
 from airtact.scene.scene import CONTACT, Obstacle, Scene, check_sources
 from airtact.scene.sources import Monopoles, check_off_sources
 from airtact.solvers.free_field import open_air_pressure, unit_monopoles
+from airtact.solvers.particle_velocity import open_air_slopes, velocity_of
 from airtact.solvers.problem import RadiatedField, Skin, Solver, SolveReport
 from airtact.solvers.sphere_modes import ACCURACY, SphereModes
+from airtact.solvers.sphere_slopes import scattered_slopes
 
 _PAIRS_AT_ONCE = 1 << 14
 
@@ -102,6 +104,29 @@ class SphereField(RadiatedField):
             pressure[inside] = self._scattered(points[inside], inside=True)
         return pressure
 
+    def velocity(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
+        """Particle velocity [m/s] at points (P, 3) [m] for each of the S sounds; NaN where ``valid`` is False.
+
+        Raises
+        ------
+        InvalidInput
+            If the points are of another shape than (P, 3), NaN or infinite, or one stands on a source.
+        NotConverged
+            If a point and a source are both within about 0.3 % of the radius from the skin.
+        """
+        points = points_of(points, "points", least=0)
+        check_off_sources(points, self.sources)
+        slopes = np.full((len(points), 3, self.sources.strengths.shape[1]), np.nan + 0j)
+        density = np.full(len(points), self.scene.medium.density)
+        within = self._inside(points)
+        slopes[~within] = open_air_slopes(points[~within], self.sources, self.scene.wavenumber)
+        slopes[~within] += self._scattered_slopes(points[~within], inside=False)
+        filling = self.scene.obstacles[0].medium
+        if filling is not None:
+            slopes[within] = self._scattered_slopes(points[within], inside=True)
+            density[within] = filling.density
+        return velocity_of(slopes, self.scene.frequency, density)
+
     def _inside(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
         """Whether points lie deeper than rounding under the skin."""
         return np.linalg.norm(points - self.centre, axis=1) < self.modes.radius - CONTACT
@@ -125,6 +150,29 @@ class SphereField(RadiatedField):
             )
             pressure[block] = unit @ self.sources.strengths
         return pressure
+
+    def _scattered_slopes(
+        self, points: Real[np.ndarray, "points 3"], inside: bool
+    ) -> Complex128[np.ndarray, "points 3 sounds"]:
+        """Slopes of the series for points on one side of the skin [Pa/m]."""
+        slopes = np.zeros((len(points), 3, self.sources.strengths.shape[1]), dtype=np.complex128)
+        radii, directions = self._polar(points)
+        source_radii, source_directions = self._polar(self.sources.positions)
+        source_radii = np.maximum(source_radii, self.modes.radius)
+        if not inside:
+            radii = np.maximum(radii, self.modes.radius)
+        rows = max(1, _PAIRS_AT_ONCE // len(self.sources.positions))
+        for first in range(0, len(points), rows):
+            block = slice(first, first + rows)
+            turn = directions[block, None, :] - source_directions
+            versine = 0.5 * np.sum(turn**2, axis=-1)
+            outward, along = scattered_slopes(self.modes, inside, radii[block], source_radii, versine)
+            # cos γ grows by (source direction - cos γ · point direction)/r
+            for axis in range(3):
+                beside = source_directions[:, axis] - (1.0 - versine) * directions[block, None, axis]
+                unit = outward * directions[block, None, axis] + along * beside
+                slopes[block, axis] = unit @ self.sources.strengths
+        return slopes
 
     def _polar(
         self, points: Real[np.ndarray, "points 3"]

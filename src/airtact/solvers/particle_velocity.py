@@ -1,0 +1,70 @@
+"""How air moves in a field of sound: v = ∇p / (iωρ), from ρ ∂v/∂t = −∇p in the phasor Re[P e^{−iωt}]."""
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Complex, Complex128, Float64, Real
+
+from airtact.scene.sources import Monopoles
+
+PAIRS_AT_ONCE = 1 << 18
+
+STENCIL = ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12))
+"""Steps and weights of the central difference whose error falls as the fourth power of the step."""
+
+
+def velocity_of(
+    slopes: Complex[np.ndarray, "points 3 sounds"], frequency: float, density: Real[np.ndarray, "points"] | float
+) -> Complex128[np.ndarray, "points 3 sounds"]:
+    """Particle velocity [m/s] from the slopes of the pressure.
+
+    Parameters
+    ----------
+    slopes : (P, 3, S) ∇p [Pa/m].
+    frequency : [Hz].
+    density : (P,) of the medium at each point, or the same at all [kg/m³].
+    """
+    return slopes / (2j * np.pi * frequency * np.broadcast_to(density, len(slopes))[:, None, None])
+
+
+def open_air_slopes(
+    points: Real[np.ndarray, "points 3"], sources: Monopoles, wavenumber: complex
+) -> Complex128[np.ndarray, "points 3 sounds"]:
+    """∇p of monopoles in open air: Σ_j s_j (ik − 1/r) e^{ikr}/r · (x − x_j)/r.
+
+    Parameters
+    ----------
+    points : (P, 3) off the sources [m].
+    sources : the monopoles.
+    wavenumber : k [1/m].
+    """
+    slopes = np.empty((len(points), 3, sources.strengths.shape[1]), dtype=np.complex128)
+    rows = max(1, PAIRS_AT_ONCE // len(sources.positions))
+    for first in range(0, len(points), rows):
+        block = slice(first, first + rows)
+        away = points[block, None, :] - sources.positions[None, :, :]
+        distance = np.linalg.norm(away, axis=-1)
+        factor = np.exp(1j * wavenumber * distance) * (1j * wavenumber - 1.0 / distance) / distance**2
+        for axis in range(3):
+            slopes[block, axis] = (factor * away[:, :, axis]) @ sources.strengths
+    return slopes
+
+
+def differences(
+    pressure: Callable[[Float64[np.ndarray, "shifted 3"]], Complex128[np.ndarray, "shifted sounds"]],
+    points: Real[np.ndarray, "points 3"],
+    step: Float64[np.ndarray, "points"],
+) -> Complex128[np.ndarray, "points 3 sounds"]:
+    """∇p by central differences along x, y and z [Pa/m].
+
+    Parameters
+    ----------
+    pressure : gives (P, S) pressures [Pa] at points (P, 3) [m].
+    points : (P, 3) [m]; the pressure must exist two steps away on all sides.
+    step : (P,) [m].
+    """
+    slopes = []
+    for axis in np.eye(3):
+        shifted = [pressure(points + count * step[:, None] * axis) * weight for count, weight in STENCIL]
+        slopes.append(sum(shifted[1:], shifted[0]) / step[:, None])
+    return np.stack(slopes, axis=1)
