@@ -23,11 +23,16 @@ from airtact.solvers.boundary_element import BoundaryElement
 from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import RadiatedField, Skin, Solver, SolveReport
 from airtact.solvers.sphere_series import SphereSeries
+from airtact.synthesis.constraint import Constraint
+from airtact.synthesis.eigenvector import eigenvector
+from airtact.synthesis.gerchberg_saxton import gerchberg_saxton, gs_pat, weighted_gerchberg_saxton
+from airtact.synthesis.inverse_filter import inverse_filter, iterated_time_reversal
 from airtact.synthesis.quantise import Frame, quantise
 from airtact.synthesis.reach import share_reached
 from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
+from airtact.transducers.calibration import load_calibration
 from airtact.transducers.element import Element, monopole, piston
-from airtact.transducers.layout import PhasedArray, autd3_board, flat_boards, join, surrounding_box
+from airtact.transducers.layout import PhasedArray, autd3_board, board_array, flat_boards, join, surrounding_box
 from airtact.transfer import (
     Drive,
     TransferMatrix,
@@ -41,6 +46,7 @@ __version__ = "0.1.0"
 __all__ = [
     "BoundaryElement",
     "Comparison",
+    "Constraint",
     "Drive",
     "Element",
     "Evaluation",
@@ -66,16 +72,23 @@ __all__ = [
     "TransferMatrix",
     "air",
     "autd3_board",
+    "board_array",
     "capsule",
     "compare",
+    "eigenvector",
     "evaluate",
     "field_map",
     "filled",
     "flat_boards",
     "focus_by_distance",
     "focus_by_distance_phase_only",
+    "gerchberg_saxton",
+    "gs_pat",
     "impedance",
+    "inverse_filter",
+    "iterated_time_reversal",
     "join",
+    "load_calibration",
     "load_surface",
     "merged",
     "monopole",
@@ -89,4 +102,5 @@ __all__ = [
     "surrounding_box",
     "time_reversal",
     "transfer_matrix",
+    "weighted_gerchberg_saxton",
 ]

@@ -1,11 +1,12 @@
 """How much of what a target asks a drive gives, and the scale that gives it."""
 
 import numpy as np
-from jaxtyping import Complex, Float64
+from jaxtyping import Complex, Complex128, Float64
 
 from airtact.conventions import InvalidInput
 from airtact.scene.guards import counted, of_kind
 from airtact.scene.target import Target
+from airtact.synthesis.constraint import AT_MOST_ONE, Constraint
 from airtact.transfer import Drive, TransferMatrix
 
 SAME_PLACE = 1e-6
@@ -13,16 +14,21 @@ SAME_PLACE = 1e-6
 
 
 def check_foci(transfer: TransferMatrix, target: Target) -> None:
-    """Refuse a target whose foci are not those of the transfer matrix (``InvalidInput``: how many, how far off)."""
+    """Refuse a target whose points are not those of the transfer matrix (``InvalidInput``: how many, how far off).
+
+    The rows of the matrix are the target's foci, or its foci and after them its quiet points.
+    """
     of_kind(transfer, TransferMatrix, "the transfer matrix", "transfer_matrix(beacons, array)")
     of_kind(target, Target, "the target", "Target(points, pressures)")
-    if len(transfer.matrix) != len(target.points):
+    rows, count = len(transfer.matrix), len(target.points)
+    if rows not in (count, count + len(target.quiet)):
+        quiet = f" and {counted(len(target.quiet), 'quiet point', 'quiet points')}" if len(target.quiet) else ""
         raise InvalidInput(
-            f"a transfer matrix for {counted(len(transfer.matrix), 'focus', 'foci')} does not fit a target of "
-            f"{len(target.points)}."
+            f"a transfer matrix for {counted(rows, 'focus', 'foci')} does not fit a target of {count}{quiet}."
         )
     if transfer.foci is not None:
-        apart = np.linalg.norm(target.points - transfer.foci, axis=1)
+        points = np.concatenate([target.points, target.quiet])[:rows]
+        apart = np.linalg.norm(points - transfer.foci, axis=1)
         if apart.max() > SAME_PLACE:
             raise InvalidInput(
                 f"focus {int(apart.argmax())} of the target is {1e3 * apart.max():.3g} mm from where the transfer "
@@ -30,9 +36,27 @@ def check_foci(transfer: TransferMatrix, target: Target) -> None:
             )
 
 
-def focus_weights(target: Target) -> Float64[np.ndarray, "foci"]:
-    """How much each focus counts: (F,) pressures asked [Pa], or 1 each where none is asked."""
-    return np.ones(len(target.points)) if target.pressures is None else target.pressures
+def foci_rows(transfer: TransferMatrix, target: Target) -> Complex128[np.ndarray, "foci elements"]:
+    """Return the rows of the matrix that hear the foci, after ``check_foci``."""
+    check_foci(transfer, target)
+    return transfer.matrix[: len(target.points)]
+
+
+def quiet_rows(transfer: TransferMatrix, target: Target) -> Complex128[np.ndarray, "quiet elements"]:
+    """Return the rows of the matrix that hear the quiet points.
+
+    Raises
+    ------
+    InvalidInput
+        As ``check_foci``, or the target has quiet points (how many) that the matrix does not hear.
+    """
+    check_foci(transfer, target)
+    if len(transfer.matrix) == len(target.points) and len(target.quiet):
+        raise InvalidInput(
+            f"the target keeps {counted(len(target.quiet), 'point', 'points')} quiet that the transfer matrix does not "
+            "hear; solve for target.beacons(quiet=True)."
+        )
+    return transfer.matrix[len(target.points) :]
 
 
 def share_reached(transfer: TransferMatrix, target: Target, drive: Drive) -> Float64[np.ndarray, "foci"]:
@@ -57,7 +81,7 @@ def share_reached(transfer: TransferMatrix, target: Target, drive: Drive) -> Flo
         If foci or elements do not match in number.
     """
     check_foci(transfer, target)
-    return share(np.abs(transfer.pressure(drive)), target)
+    return share(np.abs(transfer.pressure(drive))[: len(target.points)], target)
 
 
 def share(magnitudes: Float64[np.ndarray, "foci"], target: Target) -> Float64[np.ndarray, "foci"]:
@@ -69,7 +93,12 @@ def share(magnitudes: Float64[np.ndarray, "foci"], target: Target) -> Float64[np
     return shares
 
 
-def scaled_to_target(transfer: TransferMatrix, target: Target, amplitudes: Complex[np.ndarray, "elements"]) -> Drive:
+def scaled_to_target(
+    transfer: TransferMatrix,
+    target: Target,
+    amplitudes: Complex[np.ndarray, "elements"],
+    constraint: Constraint = AT_MOST_ONE,
+) -> Drive:
     """Scale amplitudes so that the worst focus gets what it asked, or all that full scale allows.
 
     Parameters
@@ -77,11 +106,13 @@ def scaled_to_target(transfer: TransferMatrix, target: Target, amplitudes: Compl
     transfer : the transfer matrix.
     target : the foci and what they ask.
     amplitudes : (E,) complex amplitudes of any size.
+    constraint : what an element can play; anything to full scale by default.
 
     Returns
     -------
     The amplitudes times one positive number: the one with which the smallest share of ``share_reached`` is 1, or, where
-    that takes more than full scale or nothing is asked, the one with which the loudest element is 1.
+    that takes more than full scale or nothing is asked, the one with which the loudest element is 1; then rounded to
+    what the constraint has, which with phases only is full scale.
 
     Raises
     ------
@@ -93,6 +124,6 @@ def scaled_to_target(transfer: TransferMatrix, target: Target, amplitudes: Compl
         raise InvalidInput(f"all {len(amplitudes)} amplitudes are 0: foci that cancel at every element leave no drive.")
     full = Drive(amplitudes / loudest)
     if target.pressures is None:
-        return full
+        return Drive(constraint.nearest(full.amplitudes))
     worst = np.nanmin(share_reached(transfer, target, full))
-    return Drive(full.amplitudes / max(worst, 1.0))
+    return Drive(constraint.nearest(full.amplitudes / max(worst, 1.0)))

@@ -4,16 +4,17 @@ import numpy as np
 from jaxtyping import Complex128
 
 from airtact.scene.target import Target
-from airtact.synthesis.reach import check_foci, focus_weights, scaled_to_target
+from airtact.synthesis.reach import foci_rows, scaled_to_target
 from airtact.transfer import Drive, TransferMatrix
 
 
 def time_reversal(transfer: TransferMatrix, target: Target) -> Drive:
     """Time reversal with its amplitudes kept: d = Hᴴ w, the conjugate of what the elements hear.
 
-    Equations 9 and 10 of the paper, with equation 5 for several foci: w is the pressure that each focus asks for (1 for
-    all where none does), with phase 0, as the paper has it. For one focus no drive of equal energy Σ|d|² gives more
-    pressure (Cauchy-Schwarz); several foci also hear each other's sound, so that their shares differ.
+    Equations 9 and 10 of the paper, with equation 5 for several foci: w is the pressure or share that each focus asks
+    for (1 for all where none does), with phase 0, as the paper has it, where the target asks for none. For one focus no
+    drive of equal energy Σ|d|² gives more pressure (Cauchy-Schwarz); several foci also hear each other's sound, so that
+    their shares differ. Quiet points are not heeded.
 
     Parameters
     ----------
@@ -41,7 +42,7 @@ def phase_conjugate(transfer: TransferMatrix, target: Target) -> Drive:
     Parameters
     ----------
     transfer : the transfer matrix.
-    target : the foci and what they ask; their pressures weigh the foci before the amplitudes are dropped.
+    target : the foci and what they ask; their pressures or shares weigh the foci before the amplitudes are dropped.
 
     Returns
     -------
@@ -58,5 +59,4 @@ def phase_conjugate(transfer: TransferMatrix, target: Target) -> Drive:
 
 def _reversed(transfer: TransferMatrix, target: Target) -> Complex128[np.ndarray, "elements"]:
     """Σ_f w_f conj(H_fe) for every element e."""
-    check_foci(transfer, target)
-    return transfer.matrix.conj().T @ focus_weights(target).astype(np.complex128)
+    return foci_rows(transfer, target).conj().T @ target.wanted

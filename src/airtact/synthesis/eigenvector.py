@@ -1,0 +1,48 @@
+"""The eigenvector method: phases at the foci that help each other, then weighted least squares."""
+
+import numpy as np
+
+from airtact.scene.guards import number
+from airtact.scene.target import Target
+from airtact.synthesis.reach import foci_rows, scaled_to_target
+from airtact.transfer import Drive, TransferMatrix
+
+
+def eigenvector(transfer: TransferMatrix, target: Target, *, evenness: float = 1.0) -> Drive:
+    """Choose the phases of the foci by the largest eigenvector of what they hear of each other.
+
+    Long, Seah, Carter and Subramanian, ACM Trans. Graph. 33 (2014) 181: with R_fg what focus f hears when focus g is
+    focused to its own pressure, the eigenvector of R of the largest eigenvalue gives phases under which the foci add to
+    each other. The drive is least squares for those pressures with Tikhonov weights σ_e^γ, σ_e² = Σ_f |H_fe| w_f / E,
+    which keep loud elements down (their section 4.3). The phases are the method's, not the target's; quiet points are
+    not heeded.
+
+    Parameters
+    ----------
+    transfer : the transfer matrix.
+    target : the foci and what they ask.
+    evenness : γ, from 0 (all elements weigh alike) to 1.
+
+    Returns
+    -------
+    The drive, scaled as ``time_reversal`` scales it.
+
+    Raises
+    ------
+    InvalidInput
+        If the target does not fit the matrix.
+    """
+    matrix = foci_rows(transfer, target)
+    power = number(evenness, "the evenness", "1")
+    wanted = target.weights
+    # Where no pressure is asked, about what each focus can have: the weights below compare pascals with pascals.
+    if target.pressures is None:
+        wanted = wanted / wanted.max() * np.abs(matrix).sum(axis=1).mean() / np.sqrt(len(matrix))
+    energy = np.sum(np.abs(matrix) ** 2, axis=1)
+    focused = matrix.conj().T * (wanted / np.where(energy > 0.0, energy, 1.0))
+    values, vectors = np.linalg.eig(matrix @ focused)
+    asked = wanted * np.exp(1j * np.angle(vectors[:, np.argmax(np.real(values))]))
+    spread = (np.abs(matrix).T @ wanted / matrix.shape[1]) ** power
+    heard = matrix / np.where(spread > 0.0, spread, 1.0)
+    inverse = np.linalg.solve(heard @ matrix.conj().T + np.eye(len(matrix)), asked)
+    return scaled_to_target(transfer, target, heard.conj().T @ inverse)
