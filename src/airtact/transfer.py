@@ -127,9 +127,10 @@ class TransferMatrix:
 def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
     """Build the transfer matrix by reciprocity: unit beacons at the foci, heard by the elements.
 
-    H[f, e] = sensitivity Σ_j w_j b_f(x_ej) with b_f the field of a beacon of 1 Pa·m at focus f and x_ej, w_j the points
-    and weights on the face of element e. Reciprocity (equation 3 of the paper) makes that what focus f hears of element
-    e; one solve serves every translation and rotation of the array (section 3.3 of the paper).
+    H[f, e] = g_e sensitivity Σ_j w_j b_f(x_ej) with b_f the field of a beacon of 1 Pa·m at focus f, x_ej and w_j the
+    points and weights on the face of element e, and g_e its gain (1 unless calibrated, 0 where it is dead). Reciprocity
+    (equation 3 of the paper) makes that what focus f hears of element e; one solve serves every translation and
+    rotation of the array (section 3.3 of the paper).
 
     Parameters
     ----------
@@ -160,7 +161,7 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
     check_placement(beacons.scene, array, sources.positions)
     element = array.element
     heard = beacons.at(array.face_points.reshape(-1, 3)).reshape(len(array), -1, count)
-    matrix = element.sensitivity * np.einsum("eqf,q->fe", heard, element.weights)
+    matrix = element.sensitivity * np.einsum("eqf,q->fe", heard, element.weights) * array.gains
     return TransferMatrix(matrix, _estimated_error(beacons, array.positions), beacons.sources.positions)
 
 

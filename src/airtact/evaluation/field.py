@@ -31,7 +31,8 @@ def drive_sources(array: PhasedArray, drives: Sequence[Drive]) -> Monopoles:
 
     Returns
     -------
-    E·Q monopoles, element by element, each with S strengths sensitivity · w_j · d_e [Pa·m].
+    E·Q monopoles, element by element, each with S strengths sensitivity · w_j · g_e · d_e [Pa·m], g_e being the gain of
+    element e.
 
     Raises
     ------
@@ -47,9 +48,11 @@ def drive_sources(array: PhasedArray, drives: Sequence[Drive]) -> Monopoles:
             raise InvalidInput(
                 f"drive {index} is for {counted(len(drive), 'element', 'elements')}, and the array has {len(array)}."
             )
-        if not drive.amplitudes.any():
-            raise InvalidInput(f"drive {index} is silent: all {len(drive)} amplitudes are 0, so nothing is heard.")
-    amplitudes = np.stack([drive.amplitudes for drive in drives], axis=1)
+        if not (array.gains * drive.amplitudes).any():
+            raise InvalidInput(
+                f"drive {index} is silent: all {len(drive)} amplitudes are 0 or of dead elements, so nothing is heard."
+            )
+    amplitudes = array.gains[:, None] * np.stack([drive.amplitudes for drive in drives], axis=1)
     strengths = array.element.sensitivity * array.element.weights[None, :, None] * amplitudes[:, None, :]
     return Monopoles(array.face_points.reshape(-1, 3), strengths.reshape(-1, len(drives)))
 

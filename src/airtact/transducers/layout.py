@@ -4,26 +4,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64, Real
+from jaxtyping import Complex128, Float64, Num, Real
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import counted, fixed, of_kind, points_of, real_numbers
+from airtact.scene.guards import complex_numbers, counted, fixed, of_kind, points_of, real_numbers, refuse_not_finite
 from airtact.scene.pose import Pose
 from airtact.scene.printing import in_short
+from airtact.transducers.boards import Board, board_named
 from airtact.transducers.element import Element, monopole
 
 WIDEST = 10.0
 """Largest extent of an array [m]."""
-
-PITCH = 10.16e-3
-"""Distance of neighbouring transducers on an AUTD3 board [m]."""
-
-COLUMNS, ROWS = 18, 14
-MISSING = ((1, 1), (2, 1), (16, 1))
-"""Cells (column, row) of the AUTD3 board's grid that hold no transducer."""
-
-OUTLINE = (192.0e-3, 151.4e-3)
-"""Width (along x) and height (along y) of an AUTD3 board [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,18 +28,21 @@ class PhasedArray:
     element : what stands at every position; a monopole unless given.
     tangents : (E, 3) direction of each element's own x axis, which the points of its face turn with; stored as unit
         vectors. Chosen across the normal where not given.
+    gains : (E,) what each element really gives of what it is asked, as a factor of amplitude and phase in the phasor
+        Re[p e^{−iωt}]: 1 where not given, 0 for a dead element. See ``calibrated``.
 
     Raises
     ------
     InvalidInput
         If there is no element, shapes do not match, a number is not finite, the elements span over 10 m, a normal is
-        zero, or a tangent is not across its normal.
+        zero, a tangent is not across its normal, or all elements are dead.
     """
 
     positions: Float64[np.ndarray, "elements 3"]
     normals: Float64[np.ndarray, "elements 3"]
     element: Element
     tangents: Float64[np.ndarray, "elements 3"]
+    gains: Complex128[np.ndarray, "elements"]
 
     __repr__ = in_short
 
@@ -58,6 +52,7 @@ class PhasedArray:
         normals: Real[np.ndarray, "normals 3"],
         element: Element | None = None,
         tangents: Real[np.ndarray, "tangents 3"] | None = None,
+        gains: Num[np.ndarray, "gains"] | None = None,
     ) -> None:
         places = points_of(positions, "element positions")
         spread = float(np.ptp(places, axis=0).max())
@@ -81,6 +76,7 @@ class PhasedArray:
         object.__setattr__(self, "normals", unit_normals)
         object.__setattr__(self, "element", monopole() if element is None else element)
         object.__setattr__(self, "tangents", _unit(_across(unit_tangents, unit_normals), "tangent"))
+        object.__setattr__(self, "gains", _gains(np.ones(len(places)) if gains is None else gains, len(places)))
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -94,9 +90,22 @@ class PhasedArray:
     def moved(self, pose: Pose) -> "PhasedArray":
         """Move the array rigidly: positions x become pose.apply(x), and the faces turn with it."""
         of_kind(pose, Pose, "the motion of an array", "Pose(rotation, translation)")
-        return PhasedArray(
-            pose.apply(self.positions), pose.rotate(self.normals), self.element, pose.rotate(self.tangents)
-        )
+        places, normals, tangents = pose.apply(self.positions), pose.rotate(self.normals), pose.rotate(self.tangents)
+        return PhasedArray(places, normals, self.element, tangents, self.gains)
+
+    def calibrated(self, gains: Num[np.ndarray, "gains"]) -> "PhasedArray":
+        """Tell what each element really gives: the transfer matrix, and so every method, then knows of it.
+
+        Parameters
+        ----------
+        gains : (E,) factor of amplitude and phase of each element; 0 for a dead one. They replace those before.
+
+        Raises
+        ------
+        InvalidInput
+            If there is not one for each element, one is not finite, or all are 0.
+        """
+        return PhasedArray(self.positions, self.normals, self.element, self.tangents, gains)
 
     def seen_from(self, pose: Pose) -> "PhasedArray":
         """Bring the array into the obstacles' frame.
@@ -152,6 +161,50 @@ def _crosswise(normals: Float64[np.ndarray, "elements 3"]) -> Float64[np.ndarray
     return _across(axes, normals)
 
 
+def _gains(given: Num[np.ndarray, "gains"], count: int) -> Complex128[np.ndarray, "elements"]:
+    """Return one finite gain for each element, read-only."""
+    gains = complex_numbers(given, "element gains")
+    if gains.shape != (count,):
+        need = counted(count, "element needs one gain", "elements need as many gains")
+        raise InvalidInput(f"{need}, not an array of shape {gains.shape}.")
+    refuse_not_finite(gains, "element gains")
+    if not gains.any():
+        raise InvalidInput(f"all {count} elements are dead: their gains are 0, so nothing would be heard.")
+    gains.flags.writeable = False
+    return gains
+
+
+def board_array(
+    board: str = "autd3", poses: Sequence[Pose] | None = None, element: Element | None = None
+) -> PhasedArray:
+    """Place boards, each with its transducers in its own order; see ``airtact boards`` for those that there are.
+
+    Parameters
+    ----------
+    board : name of the kind of board: "autd3", "sonicsurface", "nano16" or "openmpd".
+    poses : where each board stands: maps the board's frame, in which it radiates to +z, to the array's. One board at
+        the origin unless given.
+    element : what stands at every position; a monopole unless given.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no such board, or no pose.
+
+    Examples
+    --------
+    >>> len(board_array("sonicsurface", [Pose.identity(), Pose.turn((1, 0, 0), np.pi, (0, 0, 0.2))]))
+    512
+    """
+    flat = _flat(board_named(board), element)
+    return flat if poses is None else join([flat.moved(pose) for pose in poses])
+
+
+def _flat(board: Board, element: Element | None) -> PhasedArray:
+    ones = np.ones((len(board), 1))
+    return PhasedArray(board.positions, ones * [0.0, 0.0, 1.0], element, ones * [1.0, 0.0, 0.0])
+
+
 def autd3_board(pose: Pose | None = None, element: Element | None = None) -> PhasedArray:
     """Place the 249 transducers of one AUTD3 board, in its own order (read in the AUTD3 SDK).
 
@@ -169,45 +222,51 @@ def autd3_board(pose: Pose | None = None, element: Element | None = None) -> Pha
     >>> len(board), np.round(board.positions[19] * 1e3, 2).tolist()
     (249, [30.48, 10.16, 0.0])
     """
-    cells = [(column, row) for row in range(ROWS) for column in range(COLUMNS) if (column, row) not in MISSING]
-    positions = np.zeros((len(cells), 3))
-    positions[:, :2] = PITCH * np.array(cells)
-    ones = np.ones((len(cells), 1))
-    board = PhasedArray(positions, ones * [0.0, 0.0, 1.0], element, ones * [1.0, 0.0, 0.0])
-    return board if pose is None else board.moved(pose)
+    return board_array("autd3", None if pose is None else [pose], element)
 
 
-def _centred_board(element: Element | None) -> PhasedArray:
-    """Place an AUTD3 board with the middle of its grid, which is that of its outline, at the origin."""
-    middle = np.array([COLUMNS - 1, ROWS - 1, 0.0]) * PITCH / 2
-    return autd3_board(Pose(np.eye(3), -middle), element)
+def _centred(board: Board, element: Element | None) -> PhasedArray:
+    """Place a board with the middle of its transducers, which is that of its outline, at the origin."""
+    low, high = board.positions.min(axis=0), board.positions.max(axis=0)
+    return _flat(board, element).moved(Pose(np.eye(3), -(low + high) / 2))
 
 
-def surrounding_box(element: Element | None = None) -> PhasedArray:
+def surrounding_box(element: Element | None = None, board: str | None = None) -> PhasedArray:
     """Build the paper's array (its section 3.3): four AUTD3 boards, 996 transducers, around 14 x 14 x 18 cm.
 
     The origin is the centre of the box and z its long axis. The faces stand at x = +70 mm, x = -70 mm, y = +70 mm and
     y = -70 mm, in that order, each a board centred on its face and radiating inwards, in the board's own order. The
     board's x axis (18 elements) runs along +z on every face, so its y axis (14 elements) runs along +y, -y, -x and +x:
     each face is the first one turned about z. The outlines of real boards would overlap at the corners by 11.4 mm, as
-    idealised in the paper.
+    idealised in the paper; ``board="autd3"`` closes a box that they fit.
 
     Parameters
     ----------
     element : what stands at every position; a monopole unless given, as in the paper (its section 4.1).
+    board : name of a real board to close the box with: the faces then stand half its height from the centre, so that
+        thin boards touch along their long edges (75.7 mm and 151.4 mm across for "autd3"). The paper's if not given.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no such board, or its outline is not known.
 
     Examples
     --------
     >>> len(surrounding_box())
     996
     """
-    board = _centred_board(element)
-    stand_up = Pose(np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]), np.array([70e-3, 0.0, 0.0]))
+    kind = board_named("autd3" if board is None else board)
+    if kind.outline is None:
+        raise InvalidInput(f"{len(kind)} transducers of {kind.name} have no known outline, so no box can be closed.")
+    distance = 70e-3 if board is None else kind.outline[1] / 2
+    flat = _centred(kind, element)
+    stand_up = Pose(np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]), np.array([distance, 0.0, 0.0]))
     turns = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]
     faces = []
     for cosine, sine in turns:
         about_z = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-        faces.append(board.moved(Pose(about_z, np.zeros(3)) @ stand_up))
+        faces.append(flat.moved(Pose(about_z, np.zeros(3)) @ stand_up))
     return join(faces)
 
 
@@ -237,11 +296,12 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
             raise InvalidInput(f"flat boards need a whole number of {name}, not {count!r}.")
     if rows < 1 or columns < 1:
         raise InvalidInput(f"flat boards need at least 1 row and 1 column, not {rows} and {columns}.")
-    width, height = OUTLINE
+    autd3 = board_named("autd3")
+    width, height = autd3.outline or (0.0, 0.0)
     extent = max(rows * height, columns * width)
     if extent > WIDEST:
         raise InvalidInput(f"{rows} by {columns} flat boards span {extent:.4g} m, more than {WIDEST:g} m; take fewer.")
-    board = _centred_board(element)
+    board = _centred(autd3, element)
     places = [
         np.array([(column - (columns - 1) / 2) * width, (row - (rows - 1) / 2) * height, 0.0])
         for row in range(rows)
@@ -271,4 +331,5 @@ def join(arrays: Sequence[PhasedArray]) -> PhasedArray:
         np.concatenate([array.normals for array in arrays]),
         arrays[0].element,
         np.concatenate([array.tangents for array in arrays]),
+        np.concatenate([array.gains for array in arrays]),
     )

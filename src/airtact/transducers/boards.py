@@ -1,0 +1,234 @@
+"""Boards as data: where the transducers of each sit, and which channel of its message speaks to which."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from jaxtyping import Float64, Int64, Real
+
+from airtact.conventions import InvalidInput
+from airtact.scene.guards import counted, fixed
+from airtact.scene.pose import Pose
+from airtact.scene.printing import in_short
+
+LOOSEST = 1e-4
+"""Farthest that an element may stand from its place on a board that it is said to be of [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Board:
+    """One kind of board in its own frame, where it lies in the plane z = 0 and radiates to +z.
+
+    Attributes
+    ----------
+    name : what commands and scene files call it.
+    title : what people call it.
+    positions : (E, 3) centres of its transducers in our order of elements [m].
+    channels : (E,) place of each element in the board's message, counted from 0.
+    slots : places that the message has; more than E where some have no transducer.
+    outline : width (along x) and height (along y) of the board [m]; None where it is not known or left to its maker.
+    placed : whether the board holds its transducers; else they stand wherever its maker put them, and ``positions`` are
+        an example.
+    most : how many boards one link can speak to.
+    amplitudes, phases : how many levels of each it plays.
+    source : where its layout and its message were read.
+    """
+
+    name: str
+    title: str
+    positions: Float64[np.ndarray, "elements 3"]
+    channels: Int64[np.ndarray, "elements"]
+    slots: int
+    outline: tuple[float, float] | None
+    placed: bool
+    most: int
+    amplitudes: int
+    phases: int
+    source: str
+
+    __repr__ = in_short
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+
+def board_named(name: str) -> Board:
+    """Return a board by its name.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no such board; the sentence lists those that there are.
+
+    Examples
+    --------
+    >>> len(board_named("autd3"))
+    249
+    """
+    if name not in BOARDS:
+        raise InvalidInput(f"{name!r} is none of the {len(BOARDS)} boards: there is {', '.join(BOARDS)}.")
+    return BOARDS[name]()
+
+
+def boards_needed(board: Board, elements: int) -> int:
+    """Count the boards that a number of elements fills.
+
+    Raises
+    ------
+    InvalidInput
+        If the elements do not fill whole boards, or more than one link can speak to.
+    """
+    count, rest = divmod(elements, len(board))
+    if rest or count == 0:
+        near = len(board) * min(max(count, 1), board.most)
+        raise InvalidInput(
+            f"{counted(elements, 'element does', 'elements do')} not fill whole {board.name} boards of {len(board)}: "
+            f"give a drive for {near} elements."
+        )
+    if count > board.most:
+        raise InvalidInput(
+            f"{elements} elements are {count} {board.name} boards, and one link speaks to at most {board.most}: make a "
+            f"drive for {board.most * len(board)} elements or fewer."
+        )
+    return count
+
+
+def poses_of_boards(
+    board: Board, positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"]
+) -> list[Pose]:
+    """Find where each board of an array stands, board by board in the order of the elements.
+
+    The rotation is the one of least squares (Kabsch, Acta Cryst. A 32, 922, 1976).
+
+    Parameters
+    ----------
+    board : what the array is made of.
+    positions, normals : of the array's elements [m].
+
+    Returns
+    -------
+    One pose a board, from the board's frame to the array's; the identity for boards without places of their own.
+
+    Raises
+    ------
+    InvalidInput
+        If the elements do not fill whole boards, or are not laid out like them: which board, how far off.
+    """
+    count = boards_needed(board, len(positions))
+    if not board.placed:
+        return [Pose.identity()] * count
+    parts = zip(np.split(np.asarray(positions), count), np.split(np.asarray(normals), count), strict=True)
+    return [_pose(board, index, *part) for index, part in enumerate(parts)]
+
+
+def _pose(
+    board: Board, index: int, positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"]
+) -> Pose:
+    middle, there = board.positions.mean(axis=0), positions.mean(axis=0)
+    # The normals keep the fit from turning a board over, which a mirrored order of its elements would look like.
+    local = np.concatenate([board.positions - middle, np.tile([0.0, 0.0, 0.1], (len(board), 1))])
+    seen = np.concatenate([positions - there, 0.1 * normals])
+    left, _, right = np.linalg.svd(local.T @ seen)
+    flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(right.T @ left.T))])
+    rotation = right.T @ flip @ left.T
+    pose = Pose(rotation, there - rotation @ middle)
+    off = np.linalg.norm(pose.apply(board.positions) - positions, axis=1)
+    lean = np.linalg.norm(normals - rotation[:, 2], axis=1)
+    worst = int(off.argmax())
+    if off[worst] > LOOSEST or lean.max() > 1e-3:
+        first = index * len(board)
+        raise InvalidInput(
+            f"elements {first} to {first + len(board) - 1} are not laid out like board {index} of {board.name}: "
+            f"element {first + worst} stands {off[worst] * 1e3:.3g} mm off its place and normals lean by up to "
+            f"{np.degrees(lean.max()):.3g} degrees; make the drive for that board's layout."
+        )
+    return pose
+
+
+@cache
+def _autd3() -> Board:
+    """Lay out 18 (x) by 14 (y) cells, x fastest, three of them empty; the origin is transducer 0."""
+    missing = {(1, 1), (2, 1), (16, 1)}
+    cells = [(column, row, 0) for row in range(14) for column in range(18) if (column, row) not in missing]
+    return Board(
+        name="autd3",
+        title="AUTD3",
+        positions=fixed(10.16e-3 * np.array(cells)),
+        channels=np.arange(249),
+        slots=249,
+        outline=(192.0e-3, 151.4e-3),
+        placed=True,
+        most=256,
+        amplitudes=256,
+        phases=256,
+        source="AUTD3 SDK (autd3-core); message as pyautd3 takes it",
+    )
+
+
+@cache
+def _sonicsurface() -> Board:
+    """Lay out 16 by 16 cells around the origin in the order of its channels: blocks of 4 (x) by 2 (y), y first."""
+    block = [(0, 0), (2, 0), (3, 0), (1, 1), (0, 1), (3, 1), (2, 1), (1, 0)]
+    cells = [(4 * group + x, 2 * pair + y, 7.5) for group in range(4) for pair in range(8) for x, y in block]
+    return Board(
+        name="sonicsurface",
+        title="SonicSurface",
+        positions=fixed(10.5e-3 * (np.array(cells) - 7.5)),
+        channels=np.arange(256),
+        slots=256,
+        outline=(183.0e-3, 169.0e-3),
+        placed=True,
+        most=2,
+        amplitudes=2,
+        phases=32,
+        source="upnalab/SonicSurface: control software, Distribute.vhd, PhaseLine.vhd",
+    )
+
+
+@cache
+def _nano16() -> Board:
+    """Take the pins that the firmware drives: A0 to A5 are bits 0 to 5, D2 to D7 bits 10 to 15."""
+    cells = [(column - 1.5, row - 1.0, 0.0) for row in range(3) for column in range(4)]
+    return Board(
+        name="nano16",
+        title="Ultraino Nano16",
+        positions=fixed(10.0e-3 * np.array(cells)),
+        channels=np.concatenate([np.arange(6), np.arange(10, 16)]),
+        slots=16,
+        outline=None,
+        placed=False,
+        most=1,
+        amplitudes=2,
+        phases=16,
+        source="asiermarzo/Ultraino: DriverNano16.ino, ArduinoNano.java",
+    )
+
+
+@cache
+def _openmpd() -> Board:
+    """Lay out 16 by 16 cells, columns one after the other from the top; its pins come in blocks of 4 (x) by 2 (y)."""
+    columns, rows = (index.ravel() for index in np.meshgrid(np.arange(16), np.arange(16), indexing="ij"))
+    pins = np.array([[1, 5], [0, 4], [3, 6], [2, 7]])
+    return Board(
+        name="openmpd",
+        title="OpenMPD",
+        positions=fixed(10.5e-3 * np.stack([columns - 7.5, 7.5 - rows, 0.0 * rows], axis=1)),
+        channels=8 * (31 - 8 * (columns // 4) - rows // 2) + pins[columns % 4, rows % 2],
+        slots=256,
+        outline=None,
+        placed=True,
+        most=256,
+        amplitudes=65,
+        phases=128,
+        source="RMResearch/OpenMPD_Hardware 3.4.2: CommandReader.vhd; board_6.pat of OpenMPD_Libs",
+    )
+
+
+BOARDS = {"autd3": _autd3, "sonicsurface": _sonicsurface, "nano16": _nano16, "openmpd": _openmpd}
+"""The boards by name."""
+
+
+def known_boards() -> Sequence[Board]:
+    """Return all boards, in the order in which they are listed."""
+    return [make() for make in BOARDS.values()]
