@@ -8,6 +8,7 @@ from airtact.scene.medium import Medium
 from airtact.scene.primitives import sphere
 from airtact.scene.scene import Scene, filled, impedance, sound_hard
 from airtact.scene.sources import Monopoles
+from airtact.solvers.boundary_element import BoundaryElement
 from airtact.solvers.free_field import FreeField
 from airtact.solvers.particle_velocity import differences
 from airtact.solvers.problem import RadiatedField
@@ -110,3 +111,54 @@ def test_a_point_and_a_source_both_on_the_skin_are_refused_with_their_distance()
 def test_points_on_a_source_are_refused(kind) -> None:
     with pytest.raises(InvalidInput, match="point 0 stands on source 1"):
         field_of(kind).velocity(SOURCES.positions[1:])
+
+
+# --- boundary elements against the series ---------------------------------------------------------------------------
+
+ROOM_SOURCES = Monopoles(
+    np.array([[0.07, 0.01, 0.02], [-0.05, 0.06, 0.0], [0.0, -0.07, 0.03]]), np.array([[1.0, 1j], [0.5, 0.0], [0.7, -1]])
+)
+
+
+def directions(count: int) -> np.ndarray:
+    drawn = np.random.default_rng(7).normal(size=(count, 3))
+    return drawn / np.linalg.norm(drawn, axis=1, keepdims=True)
+
+
+@pytest.fixture(scope="module")
+def solved():
+    scene = Scene(Medium(343.1, 1.293), [BOUNDARIES["hard"]])
+    truth = SphereSeries().radiate(scene, ROOM_SOURCES)
+    return truth, {accuracy: BoundaryElement(accuracy).radiate(scene, ROOM_SOURCES) for accuracy in (0.03, 0.003)}
+
+
+def error_off_skin(solved, accuracy: float, off: float) -> float:
+    truth, fields = solved
+    points = CENTRE + (0.01 + off) * directions(80)
+    exact = truth.velocity(points)
+    return float(np.linalg.norm(fields[accuracy].velocity(points) - exact) / np.linalg.norm(exact))
+
+
+@pytest.mark.parametrize(
+    ("off", "error"), [(0.0, 0.01), (0.02e-3, 0.01), (0.1e-3, 0.01), (0.5e-3, 0.004), (2e-3, 0.002), (0.02, 0.001)]
+)
+def test_boundary_elements_give_it_on_near_and_away_from_the_skin(solved, off, error) -> None:
+    assert error_off_skin(solved, 0.003, off) < error
+
+
+@pytest.mark.parametrize("off", [0.0, 0.5e-3, 0.02])
+def test_boundary_elements_come_closer_with_more_nodes(solved, off) -> None:
+    coarse, fine = (solved[1][accuracy].report.nodes for accuracy in (0.03, 0.003))
+    order = np.log(error_off_skin(solved, 0.03, off) / error_off_skin(solved, 0.003, off)) / np.log(
+        np.sqrt(fine / coarse)
+    )
+    assert order > 2.0
+
+
+def test_air_slides_along_the_skin_of_boundary_elements(solved) -> None:
+    skin = solved[1][0.003].skin
+    velocity = solved[1][0.003].velocity(skin.points)
+    assert np.abs(np.einsum("qd,qds->qs", skin.normals, velocity)).max() < 1e-9 * np.abs(velocity).max()
+    assert np.isnan(solved[1][0.003].velocity(CENTRE[None])).all()
+    with pytest.raises(InvalidInput, match="point 0 stands on source 1"):
+        solved[1][0.003].velocity(ROOM_SOURCES.positions[1:])

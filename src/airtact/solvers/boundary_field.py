@@ -8,21 +8,27 @@ from jaxtyping import Bool, Complex128, Float64, Real
 from airtact.scene.guards import points_of
 from airtact.scene.printing import in_short
 from airtact.scene.scene import Scene
-from airtact.scene.six_nodes import cut
+from airtact.scene.six_nodes import cut, points_at
 from airtact.scene.sources import Monopoles, check_off_sources
 from airtact.solvers.boundary_operator import DualSurface
 from airtact.solvers.boundary_pressure import (
     double_layer_pressure,
+    find_contacts,
     is_outside,
     monopole_pressure,
     near_skin,
     project_contacts,
 )
 from airtact.solvers.boundary_quadrature import Nodes, find_near, place_nodes
-from airtact.solvers.problem import RadiatedField, Skin, SolveReport
+from airtact.solvers.boundary_slopes import skin_slopes
+from airtact.solvers.particle_velocity import differences, open_air_slopes, velocity_of
+from airtact.solvers.problem import DIFFERENCE, RadiatedField, Skin, SolveReport
 
 SHARED_ERROR = 0.15
 """Share of the accuracy that the error estimate never goes below, where all the sound is scattered."""
+
+LEAST_ROOM = 1.0 / 60.0
+"""Height over the skin, in wavelengths, below which differences of the pressure are too noisy."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +84,44 @@ class BoundaryField(RadiatedField):
         out[outside & near] = self._heard_near(points[outside & near])
         out[outside & ~near] = self._heard_away(points[outside & ~near])
         return out
+
+    def velocity(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
+        """Particle velocity [m/s] at points (P, 3) for each of the S sounds; NaN inside the bodies.
+
+        On the skin it is the slope of the direct solution along it (1.5 % off in the mean at accuracy = 0.01), near the
+        skin the difference of that solution's pressure, between the two within 1/60 of a wavelength, and elsewhere the
+        slope of the transposed solution in closed form.
+
+        Raises
+        ------
+        InvalidInput
+            A point is NaN or infinite, or stands on a source.
+        """
+        points = points_of(points, "points", least=0)
+        check_off_sources(points, self.sources)
+        nodes, least = self.surface.nodes, LEAST_ROOM * self.scene.wavelength
+        near, outside = near_skin(nodes, points, self.surface.near_rule.reach), self.valid(points)
+        slopes = np.full((len(points), 3, self.density.shape[1]), np.nan, dtype=np.complex128)
+        close = find_contacts(nodes, points[outside], least)
+        target = np.flatnonzero(outside)[close.target]
+        between, away = outside & near, outside & ~near
+        between[target] = away[target] = False
+        if len(target):
+            feet, normals = points_at(nodes.six_nodes[close.panel], close.foot)
+            normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+            height = np.where(close.distance < nodes.contact[close.panel], 0.0, close.distance / least)
+            slopes[target] = skin_slopes(nodes, close.panel, close.foot, self.direct_at)
+            off = height > 0.0
+            share, lifted = height[off, None, None], feet[off] + least * normals[off]
+            slopes[target[off]] = (1.0 - share) * slopes[target[off]] + share * self._slopes_near(lifted)
+        slopes[between] = self._slopes_near(points[between])
+        slopes[away] = self._slopes_from_density(points[away])
+        return velocity_of(slopes, self.scene.frequency, self.scene.medium.density)
+
+    def _slopes_near(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
+        """∇p by differences [Pa/m], at points near the skin and outside it."""
+        step = np.minimum(DIFFERENCE * self.scene.wavelength, 0.4 * -self.scene.depth(points))
+        return differences(self._heard_near, points, step)
 
     def _heard_away(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
         transposed = self._heard_from_density(points)
@@ -146,6 +190,13 @@ class BoundaryField(RadiatedField):
         strengths = np.concatenate([self.density, -1j * self.density])
         scattered = monopole_pressure(points, places, strengths, surface.wavenumber, surface.precision)
         return self._free(points, self.factors[:, None] * self.sources.strengths) + scattered
+
+    def _slopes_from_density(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
+        """∇p by the transposed solution [Pa/m], away from the skin."""
+        places = np.concatenate([self.sources.positions, self.surface.nodes.points, self.surface.shifted])
+        spoken = self.factors[:, None] * self.sources.strengths
+        everything = Monopoles(places, np.concatenate([spoken, self.density, -1j * self.density]))
+        return open_air_slopes(points, everything, self.surface.wavenumber)
 
     def _free(
         self, points: Real[np.ndarray, "points 3"], strengths: Complex128[np.ndarray, "sources sounds"]

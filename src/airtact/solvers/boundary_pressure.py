@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Complex, Complex128, Float64, Real
+from jaxtyping import Bool, Complex, Complex128, Float64, Int64, Real
 from scipy.sparse import csr_array
 
 from airtact import _kernels
@@ -126,18 +126,42 @@ def double_layer_heard(
     return total
 
 
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """Where points touch the skin, or come close to it.
+
+    Attributes
+    ----------
+    target, panel : (C,) the point and the panel nearest to it, each point once.
+    foot : (C, 2) reference coordinates of the place on the panel.
+    distance : (C,) from the point to the panel [m].
+    """
+
+    target: Int64[np.ndarray, "contacts"]
+    panel: Int64[np.ndarray, "contacts"]
+    foot: Float64[np.ndarray, "contacts 2"]
+    distance: Float64[np.ndarray, "contacts"]
+
+
+def find_contacts(nodes: Nodes, points: Real[np.ndarray, "points 3"], within: float = 0.0) -> Contacts:
+    """Find which of some points (P, 3) touch the skin or are nearer to it than ``within`` [m], and where."""
+    near = integrate_near(nodes, points, find_near(nodes, points, 1.1), 0j, (1, 1))
+    touching = np.flatnonzero(near.distance < np.maximum(nodes.contact[near.panel], within))
+    nearest_first = touching[np.argsort(near.distance[touching], kind="stable")]
+    target, first = np.unique(near.target[nearest_first], return_index=True)
+    chosen = nearest_first[first]
+    return Contacts(target, near.panel[chosen], near.foot[chosen], near.distance[chosen])
+
+
 def project_contacts(
     nodes: Nodes, points: Real[np.ndarray, "points 3"]
 ) -> tuple[Float64[np.ndarray, "points 3"], Bool[np.ndarray, "points"]]:
     """Put points that touch the skin exactly on their panel; says which those are."""
     points = np.array(points, dtype=np.float64)
-    near = integrate_near(nodes, points, find_near(nodes, points, 1.1), 0j, (1, 1))
-    touching = near.distance < nodes.contact[near.panel]
-    order = np.flatnonzero(touching)[np.argsort(-near.distance[touching])]
+    found = find_contacts(nodes, points)
     contact = np.zeros(len(points), dtype=bool)
-    contact[near.target[order]] = True
-    shape = shape_functions(near.foot[order])
-    points[near.target[order]] = np.einsum("en,end->ed", shape, nodes.six_nodes[near.panel[order]])
+    contact[found.target] = True
+    points[found.target] = np.einsum("en,end->ed", shape_functions(found.foot), nodes.six_nodes[found.panel])
     return points, contact
 
 
