@@ -1,8 +1,6 @@
 """From a scene file to a folder of results: the drive, the field and the page. Prints nothing."""
 
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,32 +9,21 @@ import numpy as np
 from jaxtyping import Float64, Real
 
 from airtact.evaluation.comparison import Comparison, compare
+from airtact.judging import Clock, Judge, heard_foci
 from airtact.report.drive_files import write_drive_csv, write_drive_h5
 from airtact.report.field_figure import Cut, cut_bodies
 from airtact.report.run_page import Run, write_page
 from airtact.report.vtkhdf import write_field
 from airtact.report.whole_file import writable_folder
 from airtact.report.windows import Window, box_around, close_up, plane_through
-from airtact.scene.guards import counted
 from airtact.scene.scene import Scene
-from airtact.scene.sources import Monopoles
 from airtact.scene_file.building import Setup, read_setup
-from airtact.solvers.boundary_element import BoundaryElement
-from airtact.solvers.problem import RadiatedField, Solver, SolveReport
+from airtact.solvers.problem import RadiatedField, SolveReport
 from airtact.synthesis.quantise import Frame, quantise
-from airtact.transfer import Drive, TransferMatrix, focus_by_distance, transfer_matrix
+from airtact.transfer import Drive, TransferMatrix, focus_by_distance
 
 FILES = ("drive.csv", "drive.h5", "field.vtkhdf", "report.html")
 """What a run writes, in this order."""
-
-REFINEMENT = 1.8
-"""How many times the unknowns of the drive's solution the one that judges it gets, where memory allows."""
-
-MOST_UNKNOWNS = 19_000
-"""Where the judging solution stops to be finer by that much: its matrix would pass 3 GB."""
-
-FINEST = 1e-4
-"""The best accuracy that the solver takes."""
 
 CONSIDERED, IGNORED = "hand considered", "hand ignored"
 
@@ -49,34 +36,6 @@ class _Made:
     transfer: TransferMatrix
     drive: Drive
     frame: Frame
-
-
-class _Clock:
-    """Tells each step as it begins and keeps how long it took."""
-
-    def __init__(self, tell: Callable[[str], None]) -> None:
-        self.seconds: dict[str, float] = {}
-        self._tell = tell
-
-    @contextmanager
-    def step(self, name: str, words: str) -> Iterator[None]:
-        self._tell(words)
-        begun = time.perf_counter()
-        yield
-        self.seconds[name] = time.perf_counter() - begun
-
-
-class _Remembering(Solver):
-    """A solver that keeps the field which it handed out, so that one solution serves numbers and pictures."""
-
-    def __init__(self, solver: Solver) -> None:
-        self._solver = solver
-        self.fields: list[RadiatedField] = []
-
-    def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
-        """Solve the scene for the monopoles."""
-        self.fields.append(self._solver.radiate(scene, sources))
-        return self.fields[-1]
 
 
 def render(path: Path, folder: Path, tell: Callable[[str], None] = lambda step: None) -> Run:
@@ -99,7 +58,7 @@ def render(path: Path, folder: Path, tell: Callable[[str], None] = lambda step: 
     NotConverged
         A solver stopped early; what was written before stays.
     """
-    clock = _Clock(tell)
+    clock = Clock(tell)
     with clock.step("scene", f"reading {path.name}"):
         setup = read_setup(path)
         writable_folder(folder)
@@ -137,14 +96,11 @@ def render(path: Path, folder: Path, tell: Callable[[str], None] = lambda step: 
     return run
 
 
-def _make_drive(setup: Setup, clock: _Clock) -> _Made:
-    count = len(setup.target.points)
-    with clock.step("beacons", f"solving for a beacon in each focus ({count}) around {', '.join(setup.bodies)}"):
-        beacons = setup.solver.radiate(setup.scene, setup.target.beacons())
-    with clock.step("drive", f"making the drive of {counted(len(setup.array), 'transducer', 'transducers')}"):
-        transfer = transfer_matrix(beacons, setup.array)
+def _make_drive(setup: Setup, clock: Clock) -> _Made:
+    transfer, report = heard_foci(setup, clock)
+    with clock.step("drive", f"making the drive by {setup.method.replace('_', ' ')}"):
         drive = setup.synthesise(transfer, setup.target)
-    return _Made(beacons.report, transfer, drive, quantise(drive))
+    return _Made(report, transfer, drive, quantise(drive))
 
 
 def _write_drive(folder: Path, setup: Setup, made: _Made) -> None:
@@ -156,29 +112,14 @@ def _write_drive(folder: Path, setup: Setup, made: _Made) -> None:
     write_drive_h5(folder / "drive.h5", setup.array, made.drive, made.frame, made.transfer, setup.target, texts)
 
 
-def _judge(setup: Setup, made: _Made, clock: _Clock) -> tuple[Comparison, RadiatedField]:
+def _judge(setup: Setup, made: _Made, clock: Clock) -> tuple[Comparison, RadiatedField]:
     """Compare the drive with the one that ignores the bodies; the field's first two sounds are these two, loudest 1."""
     control = focus_by_distance(setup.array, setup.target, setup.scene.medium, setup.scene.frequency)
     drives = {CONSIDERED: made.drive, IGNORED: control}
     with clock.step("judge", "judging it by a finer solution with all transducers as sources"):
-        judge = _Remembering(BoundaryElement(accuracy=_judging_accuracy(setup, made.beacons.nodes)))
+        judge = Judge(setup, made.beacons.nodes)
         comparison = compare(setup.scene, setup.array, drives, setup.target, solver=judge)
-    return comparison, judge.fields[0]
-
-
-def _judging_accuracy(setup: Setup, unknowns: int) -> float:
-    """Find an accuracy that brings ``REFINEMENT`` times the unknowns of the drive's solution, or as many as fit."""
-    speakers = Monopoles(setup.array.positions, np.ones(len(setup.array)))
-    fitting = finer = setup.solver.accuracy / 1.2
-    while finer > FINEST:
-        count = BoundaryElement(accuracy=finer).unknowns(setup.scene, speakers)
-        if count > MOST_UNKNOWNS:
-            break
-        fitting = finer
-        if count >= REFINEMENT * unknowns:
-            break
-        finer /= 1.2
-    return fitting
+    return comparison, judge.field
 
 
 def _cuts(setup: Setup, field: RadiatedField) -> tuple[Cut, list[Cut]]:

@@ -101,7 +101,7 @@ def _summary(run: Run) -> Iterable[str]:
         f"beside {_and(run.bodies)}, which {'scatters' if len(run.bodies) == 1 else 'scatter'} the sound.",
         "lead",
     )
-    solve = run.seconds["beacons"] + run.seconds["drive"]
+    solve = sum(run.seconds[step] for step in ("beacons", "transfer", "drive"))
     yield tiles(
         [
             (f"{_rounded(run.reached.min())} Pa", "peak pressure at the weakest focus"),
@@ -121,8 +121,8 @@ def _summary(run: Run) -> Iterable[str]:
 
 
 def _emission(run: Run) -> Iterable[str]:
-    exact = np.abs(run.transfer.pressure(run.drive))
-    rounded = np.abs(run.transfer.pressure(run.frame.drive()))
+    exact = np.abs(run.transfer.pressure(run.drive))[: len(run.foci)]
+    rounded = np.abs(run.transfer.pressure(run.frame.drive()))[: len(run.foci)]
     yield section("What each transducer emits")
     yield picture(
         draw_phases(run.array.positions, run.array.normals, run.drive.amplitudes),

@@ -1,0 +1,91 @@
+"""What the ways through a scene file share: steps, the transfer matrix, and a finer solution that judges."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from airtact.scene.guards import counted
+from airtact.scene.scene import Scene
+from airtact.scene.sources import Monopoles
+from airtact.scene_file.building import Setup
+from airtact.solvers.boundary_element import BoundaryElement
+from airtact.solvers.problem import RadiatedField, Solver, SolveReport
+from airtact.transfer import TransferMatrix, transfer_matrix
+
+REFINEMENT = 1.8
+"""How many times the unknowns of the drive's solution the one that judges it gets, where memory allows."""
+
+MOST_UNKNOWNS = 19_000
+"""Where the judging solution stops to be finer by that much: its matrix would pass 3 GB."""
+
+FINEST = 1e-4
+"""The best accuracy that the solver takes."""
+
+
+class Clock:
+    """Tells each step as it begins and keeps how long it took.
+
+    Attributes
+    ----------
+    seconds : wall time by step [s].
+    """
+
+    def __init__(self, tell: Callable[[str], None]) -> None:
+        self.seconds: dict[str, float] = {}
+        self._tell = tell
+
+    @contextmanager
+    def step(self, name: str, words: str) -> Iterator[None]:
+        """Tell a step in words and time what happens inside under a name."""
+        self._tell(words)
+        begun = time.perf_counter()
+        yield
+        self.seconds[name] = time.perf_counter() - begun
+
+
+class Judge(Solver):
+    """Boundary elements finer than a drive's own; keeps its field, so that one solution serves numbers and pictures.
+
+    Attributes
+    ----------
+    field : what it solved last.
+    """
+
+    field: RadiatedField
+
+    def __init__(self, setup: Setup, unknowns: int) -> None:
+        self._solver = BoundaryElement(accuracy=_judging_accuracy(setup, unknowns))
+
+    def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
+        """Solve the scene for the monopoles."""
+        self.field = self._solver.radiate(scene, sources)
+        return self.field
+
+
+def _judging_accuracy(setup: Setup, unknowns: int) -> float:
+    """Find an accuracy that brings ``REFINEMENT`` times the unknowns of the drive's solution, or as many as fit."""
+    speakers = Monopoles(setup.array.positions, np.ones(len(setup.array)))
+    fitting = finer = setup.solver.accuracy / 1.2
+    while finer > FINEST:
+        count = BoundaryElement(accuracy=finer).unknowns(setup.scene, speakers)
+        if count > MOST_UNKNOWNS:
+            break
+        fitting = finer
+        if count >= REFINEMENT * unknowns:
+            break
+        finer /= 1.2
+    return fitting
+
+
+def heard_foci(setup: Setup, clock: Clock) -> tuple[TransferMatrix, SolveReport]:
+    """Solve for beacons in all foci and quiet points, and hear them at the transducers."""
+    target = setup.target
+    count = len(target.points)
+    quiet = f" and {counted(len(target.quiet), 'quiet point', 'quiet points')}" if len(target.quiet) else ""
+    words = f"solving for a beacon in each focus ({count}){quiet} around {', '.join(setup.bodies)}"
+    with clock.step("beacons", words):
+        beacons = setup.solver.radiate(setup.scene, target.beacons(quiet=True))
+    with clock.step("transfer", f"hearing them at {counted(len(setup.array), 'transducer', 'transducers')}"):
+        return transfer_matrix(beacons, setup.array), beacons.report
