@@ -134,7 +134,7 @@ def solved():
 
 def error_off_skin(solved, accuracy: float, off: float) -> float:
     truth, fields = solved
-    points = CENTRE + (0.01 + off) * directions(80)
+    points = CENTRE + (0.01 + off) * directions(30)
     exact = truth.velocity(points)
     return float(np.linalg.norm(fields[accuracy].velocity(points) - exact) / np.linalg.norm(exact))
 

@@ -1,0 +1,226 @@
+"""How hard sound presses on the skin: radiation pressure from the total field, and the force on a pad."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Complex128, Float64, Int64, Real
+
+from airtact.conventions import InvalidInput
+from airtact.evaluation.field import check_solver, drive_sources
+from airtact.scene.guards import place, positive
+from airtact.scene.medium import Medium
+from airtact.scene.panels import panels_of
+from airtact.scene.printing import in_short
+from airtact.scene.scene import Scene
+from airtact.scene.six_nodes import SixNodes
+from airtact.solvers.boundary_quadrature import place_nodes
+from airtact.solvers.problem import RadiatedField, Solver, SolveReport
+from airtact.transducers.layout import PhasedArray
+from airtact.transducers.placement import check_placement
+from airtact.transfer import Drive
+
+EDGE = 1.0 / 3.0
+"""Edge of the panels on which the skin is heard, in wavelengths: radiation pressure varies over half a wavelength."""
+
+PAD_RADIUS = 5e-3
+"""Radius of the pad round a focus [m]: a fingertip's is about 1 cm²."""
+
+PAD_REACH = 2e-3
+"""A focus farther than this from the skin has no pad [m]."""
+
+
+def radiation_pressure(
+    pressure: Complex128[np.ndarray, "points"], velocity: Complex128[np.ndarray, "points 3"], medium: Medium
+) -> Float64[np.ndarray, "points"]:
+    """Mean pressure of sound on a sound-hard skin [Pa], pushing inwards where positive.
+
+    To second order the mean pressure is ⟨p²⟩/(2ρc²) − ρ⟨v²⟩/2, and no air crosses a hard skin that stands still, so
+    that with peak values it is |P|²/(4ρc²) − ρ|U|²/4 (L. V. King, Proc. R. Soc. Lond. A 147, 212, 1934; T. Hasegawa,
+    K. Yosioka, J. Acoust. Soc. Am. 46, 1139, 1969). Before a wall that a plane wave p meets squarely it is 2⟨p²⟩/(ρc²).
+
+    Parameters
+    ----------
+    pressure : (P,) total peak pressure on the skin [Pa].
+    velocity : (P, 3) total particle velocity along the skin [m/s].
+    medium : the air.
+
+    Examples
+    --------
+    >>> air = Medium(sound_speed=343.1, density=1.293)
+    >>> wall = radiation_pressure(np.array([2 * 1000 + 0j]), np.zeros((1, 3), dtype=complex), air)
+    >>> float(wall[0] / (2 * (1000**2 / 2) / (1.293 * 343.1**2)))
+    1.0
+    """
+    potential = np.abs(pressure) ** 2 / (4.0 * medium.density * medium.sound_speed**2)
+    return potential - 0.25 * medium.density * np.sum(np.abs(velocity) ** 2, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Pad:
+    """The piece of skin round a focus.
+
+    Attributes
+    ----------
+    centre : (3,) the point of the skin nearest the focus [m].
+    area : [m²].
+    force : with which sound presses on it [N], into the skin where positive.
+    """
+
+    centre: Float64[np.ndarray, "3"]
+    area: float
+    force: float
+
+
+@dataclass(frozen=True, eq=False)
+class SkinMap:
+    """Sound on the skin of all bodies of a scene under one drive.
+
+    Attributes
+    ----------
+    six_nodes : (T, 6, 3) panels of the skin [m]; panel t has the points 6 t to 6 t + 5.
+    body : (T,) the body of each panel.
+    points, normals, areas : (Q, 3) [m], (Q, 3) outward and (Q,) [m²] that each point stands for.
+    pressure : (Q,) total peak pressure [Pa].
+    velocity : (Q, 3) total peak particle velocity, along the skin [m/s].
+    radiation_pressure : (Q,) mean pressure inwards [Pa].
+    report : how the solver came to it.
+    """
+
+    six_nodes: SixNodes
+    body: Int64[np.ndarray, "panels"]
+    points: Float64[np.ndarray, "points 3"]
+    normals: Float64[np.ndarray, "points 3"]
+    areas: Float64[np.ndarray, "points"]
+    pressure: Complex128[np.ndarray, "points"]
+    velocity: Complex128[np.ndarray, "points 3"]
+    radiation_pressure: Float64[np.ndarray, "points"]
+    report: SolveReport
+
+    __repr__ = in_short
+
+    def force(self, body: int) -> Float64[np.ndarray, "3"]:
+        """(3,) force of the sound on a whole body [N].
+
+        Parameters
+        ----------
+        body : its number in the scene.
+
+        Raises
+        ------
+        InvalidInput
+            If there is no such body.
+        """
+        count = int(self.body.max()) + 1
+        if not 0 <= body < count:
+            raise InvalidInput(f"there is no body {body}; the scene has bodies 0 to {count - 1}.")
+        chosen = np.repeat(self.body, 6) == body
+        return -(self.areas * self.radiation_pressure)[chosen] @ self.normals[chosen]
+
+    def pad(self, focus: Real[np.ndarray, "3"], radius: float = PAD_RADIUS) -> Pad | None:
+        """Sound's push on the skin round a focus; None where the skin is more than 2 mm away.
+
+        Parameters
+        ----------
+        focus : (3,) [m].
+        radius : how far the pad reaches from the point of the skin nearest the focus [m].
+
+        Raises
+        ------
+        InvalidInput
+            If the radius is so small that no point of the skin is in it (how far the nearest is).
+        """
+        radius = positive(radius, "the radius of a pad", "m")
+        chosen, centre = self.around(focus, radius)
+        if centre is None:
+            return None
+        if not chosen.any():
+            nearest = np.linalg.norm(self.points - centre, axis=1).min()
+            raise InvalidInput(
+                f"a pad of {1e3 * radius:.3g} mm round the focus at {place(np.asarray(focus))} holds 0 points of the "
+                f"skin, the nearest being {1e3 * nearest:.3g} mm away; give a larger radius."
+            )
+        force = float(np.sum((self.areas * self.radiation_pressure)[chosen]))
+        return Pad(centre, float(self.areas[chosen].sum()), force)
+
+    def around(
+        self, focus: Real[np.ndarray, "3"], radius: float
+    ) -> tuple[Bool[np.ndarray, "points"], Float64[np.ndarray, "3"] | None]:
+        """Find the points of the pad round a focus (Q,), and its centre (3,), None where the skin is far.
+
+        Parameters
+        ----------
+        focus : (3,) [m].
+        radius : [m].
+        """
+        away = np.linalg.norm(self.points - focus, axis=1)
+        nearest = int(away.argmin())
+        # the nearest point of the skin lies below the focus, in the tangent plane of the nearest node
+        height = float((np.asarray(focus) - self.points[nearest]) @ self.normals[nearest])
+        if height > PAD_REACH:
+            return np.zeros(len(away), dtype=bool), None
+        centre = focus - height * self.normals[nearest]
+        body = np.repeat(self.body, 6)
+        facing = self.normals @ self.normals[nearest] > 0.0
+        return (np.linalg.norm(self.points - centre, axis=1) < radius) & facing & (body == body[nearest]), centre
+
+
+def skin_map(scene: Scene, array: PhasedArray, drive: Drive, *, solver: Solver) -> SkinMap:
+    """Hear the skin of all bodies under a drive, and tell how hard the sound presses on it.
+
+    Parameters
+    ----------
+    scene : sound-hard bodies.
+    array : the transducers in the scene's frame.
+    drive : what they emit.
+    solver : how the sound travels; another one than made the drive, or a finer one.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no body, a body is not sound-hard, or the array, the scene and the drive do not go together.
+    """
+    check_solver(solver)
+    sources = drive_sources(array, [drive])
+    check_placement(scene, array)
+    _refuse_soft(scene)
+    return skin_of(solver.radiate(scene, sources), 0)
+
+
+def skin_of(field: RadiatedField, sound: int) -> SkinMap:
+    """Hear the skin of a field that was solved.
+
+    Parameters
+    ----------
+    field : of sound-hard bodies.
+    sound : which of its sounds.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no body, or one is not sound-hard.
+    """
+    scene = field.scene
+    _refuse_soft(scene)
+    shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
+    edge = EDGE * scene.wavelength
+    panels = panels_of(shapes, edge, np.empty((0, 3)), smallest=edge)
+    nodes = place_nodes(panels.six_nodes, panels.body, panels.deviation)
+    points = np.array(nodes.points)
+    for index, shape in enumerate(shapes):
+        own = nodes.body == index
+        points[own] = shape.project(points[own])
+    pressure, velocity = field.at(points)[:, sound], field.velocity(points)[:, :, sound]
+    pushing = radiation_pressure(pressure, velocity, scene.medium)
+    return SkinMap(
+        panels.six_nodes, panels.body, points, nodes.normals, nodes.weights, pressure, velocity, pushing, field.report
+    )
+
+
+def _refuse_soft(scene: Scene) -> None:
+    if not scene.obstacles:
+        raise InvalidInput("the scene has 0 obstacles, so there is no skin to press on.")
+    for index, obstacle in enumerate(scene.obstacles):
+        if obstacle.boundary != "sound_hard":
+            raise InvalidInput(
+                f"body {index} is {obstacle.boundary}, but radiation pressure is computed on sound_hard skin only."
+            )

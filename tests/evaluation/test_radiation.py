@@ -1,0 +1,124 @@
+"""Radiation pressure against the momentum that a sphere takes out of a plane wave, and before a wall."""
+
+import numpy as np
+import pytest
+from scipy.special import spherical_jn, spherical_yn
+
+from airtact.conventions import InvalidInput
+from airtact.evaluation.radiation import PAD_REACH, radiation_pressure, skin_map, skin_of
+from airtact.scene.hand import pinch
+from airtact.scene.medium import Medium
+from airtact.scene.primitives import sphere
+from airtact.scene.scene import Scene, impedance, sound_hard
+from airtact.scene.sources import Monopoles
+from airtact.solvers.boundary_element import BoundaryElement
+from airtact.solvers.problem import RadiatedField, Solver
+from airtact.solvers.sphere_series import SphereSeries
+from airtact.transducers.layout import surrounding_box
+from airtact.transfer import Drive
+
+AIR = Medium(343.1, 1.293)
+FAR = 50.0
+PEAK = 1000.0
+
+
+def radiation_force(radius: float, frequency: float) -> float:
+    """Force of a plane wave of 1000 Pa peak on a hard sphere that stands still [N].
+
+    F = π a² E Y with E = P²/(2ρc²) and Y = −(4/x²) Σ (n+1) [α_n + α_(n+1) + 2 (α_n α_(n+1) + β_n β_(n+1))], α_n + iβ_n
+    being the sphere's scattering coefficients (T. Hasegawa, K. Yosioka, J. Acoust. Soc. Am. 46, 1139, 1969, for a
+    sphere that does not yield; King 1934 without its motion).
+    """
+    x = 2 * np.pi * frequency * radius / AIR.sound_speed
+    order = np.arange(int(x + 5 * np.cbrt(x) + 15))
+    j, y = spherical_jn(order, x, derivative=True), spherical_yn(order, x, derivative=True)
+    scattering = -j / (j + 1j * y)
+    a, b = scattering.real, scattering.imag
+    sums = a[:-1] + a[1:] + 2 * (a[:-1] * a[1:] + b[:-1] * b[1:])
+    momentum = -4 / x**2 * np.sum((order[:-1] + 1) * sums)
+    return float(np.pi * radius**2 * PEAK**2 / (2 * AIR.density * AIR.sound_speed**2) * momentum)
+
+
+def in_plane_wave(radius: float, solver: Solver, frequency: float = 40e3) -> RadiatedField:
+    """Field of a hard sphere in the sound of a monopole 50 m away, as good as a plane wave along −x."""
+    scene = Scene(AIR, [sound_hard(sphere(radius, edge=radius / 3))], frequency=frequency)
+    source = Monopoles(np.array([[FAR, 0.0, 0.0]]), np.array([PEAK * FAR * np.exp(-1j * scene.wavenumber * FAR)]))
+    return solver.radiate(scene, source)
+
+
+@pytest.mark.parametrize(("radius", "error"), [(1e-3, 2e-3), (4e-3, 2e-3), (8e-3, 2e-3)])
+def test_the_pressure_on_a_sphere_adds_up_to_the_momentum_it_takes_from_a_plane_wave(radius, error) -> None:
+    field = in_plane_wave(radius, SphereSeries())
+    skin = skin_of(field, 0)
+    assert skin.areas.sum() == pytest.approx(4 * np.pi * radius**2, rel=1e-3)
+    expected = radiation_force(radius, 40e3)
+    # the sphere's own quadrature has no error of panels
+    exact = field.skin
+    pushing = radiation_pressure(exact.pressure[:, 0], field.velocity(exact.points)[:, :, 0], AIR)
+    assert -(exact.areas * pushing) @ exact.normals[:, 0] == pytest.approx(-expected, rel=2e-4)
+    np.testing.assert_allclose(skin.force(0), [-expected, 0, 0], atol=error * expected)
+
+
+def test_boundary_elements_find_that_force() -> None:
+    expected = radiation_force(8e-3, 40e3)
+    found = skin_of(in_plane_wave(8e-3, BoundaryElement(0.01)), 0).force(0)
+    np.testing.assert_allclose(found, [-expected, 0, 0], atol=0.01 * expected)
+
+
+def test_before_a_large_sphere_it_is_that_before_a_wall() -> None:
+    errors = []
+    for radius in (0.01, 0.025, 0.1):
+        field = in_plane_wave(radius, SphereSeries())
+        pole = np.array([[radius, 0.0, 0.0]])
+        found = radiation_pressure(field.at(pole)[:, 0], field.velocity(pole)[:, :, 0], AIR)[0]
+        arriving = PEAK * FAR / (FAR - radius)
+        errors.append(abs(found / (2 * (arriving**2 / 2) / (AIR.density * AIR.sound_speed**2)) - 1))
+    assert errors[2] < 1.5e-3
+    assert errors[2] < errors[1] / 5 < errors[0] / 20
+
+
+def test_air_that_moves_along_the_skin_pulls() -> None:
+    still = radiation_pressure(np.array([300.0 + 400j]), np.zeros((1, 3), dtype=complex), AIR)
+    moving = radiation_pressure(np.array([300.0 + 400j]), np.array([[0.0, 3.0, 4j]]), AIR)
+    assert still[0] == pytest.approx(500.0**2 / (4 * 1.293 * 343.1**2))
+    assert still[0] - moving[0] == pytest.approx(1.293 * 25.0 / 4)
+
+
+@pytest.fixture(scope="module")
+def fingers():
+    shape = pinch()
+    scene = Scene(AIR, [sound_hard(surface) for surface in shape.surfaces])
+    array = surrounding_box()
+    reach = np.linalg.norm(array.positions[:, None] - shape.foci(), axis=-1)
+    phases = np.exp(-1j * scene.wavenumber * reach).sum(axis=1)
+    return shape, skin_map(scene, array, Drive(phases / np.abs(phases).max()), solver=BoundaryElement(0.1))
+
+
+def test_pads_lie_under_the_foci_and_both_fingers_are_pushed_alike(fingers) -> None:
+    shape, skin = fingers
+    one, other = (skin.pad(focus) for focus in shape.foci())
+    np.testing.assert_allclose([one.centre, other.centre], shape.pads, atol=2e-4)
+    # A piece of sphere and cylinder of 5 mm radius: a little more than a disc.
+    assert np.pi * 25e-6 < one.area < 1.15 * np.pi * 25e-6
+    assert one.force == pytest.approx(other.force, rel=0.1)  # the boards are not quite symmetric
+    assert one.force > 1e-4
+    assert skin.pad(np.array([0.0, 0.0, 0.0]), 5e-3) is None  # 6 mm from either finger
+    assert abs(skin.force(0)[0] + skin.force(1)[0]) < 0.2 * abs(skin.force(0)[0])
+
+
+def test_what_has_no_pad_or_no_skin_is_refused(fingers) -> None:
+    shape, skin = fingers
+    with pytest.raises(
+        InvalidInput, match=r"a pad of 0.001 mm round the focus at \(-5.50, 0.00, 0.00\) mm holds 0 points"
+    ):
+        skin.pad(shape.foci()[0], 1e-6)
+    with pytest.raises(InvalidInput, match="there is no body 2; the scene has bodies 0 to 1"):
+        skin.force(2)
+    array = surrounding_box()
+    drive = Drive(np.ones(996, dtype=complex))
+    with pytest.raises(InvalidInput, match="the scene has 0 obstacles, so there is no skin"):
+        skin_map(Scene(AIR, []), array, drive, solver=SphereSeries())
+    soft = Scene(AIR, [impedance(sphere(5e-3, edge=2e-3), 3.0)])
+    with pytest.raises(InvalidInput, match="body 0 is impedance, but radiation pressure is computed on sound_hard"):
+        skin_map(soft, array, drive, solver=SphereSeries())
+    assert PAD_REACH == 2e-3
