@@ -1,0 +1,318 @@
+"""AUTD3 boards through pyautd3: EtherCrab, TwinCAT, Remote, Simulator, and Audit, a model of the firmware for proof."""
+
+import ctypes
+import importlib.metadata
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from jaxtyping import UInt16
+from scipy.spatial.transform import Rotation
+
+from airtact.conventions import InvalidInput
+from airtact.hardware.link import Link, LinkFailed
+from airtact.scene.pose import Pose
+from airtact.synthesis.quantise import EIGHT_BITS, Frame
+
+KNOWN_VERSIONS = ("36.0.2",)
+"""Versions of pyautd3 that the tests are run with."""
+
+THROUGH = ("audit", "ethercrab", "twincat", "remote", "simulator")
+"""Ways to the boards."""
+
+PERIODS = 40_000
+"""Periods of sound a second; a sequence's rate must divide it."""
+
+SHORTEST, LONGEST = 2, 1024
+"""Frames that the boards keep."""
+
+LARGEST_DIVIDE = 0xFFFF
+"""Most periods that one frame of a sequence can last."""
+
+INTENSITY_FADE, PHASE_FADE = 250, 1000
+"""How long the silencer spreads a change of intensity and of phase over [µs], its default."""
+
+
+class AUTD3Link(Link):
+    """AUTD3 boards, in the order in which they are chained.
+
+    The board's silencer spreads changes of intensity over 0.25 ms and of phase over 1 ms, so that they are not heard;
+    a sequence with shorter frames shortens that to a frame. Our drives already hold all phases, so pyautd3's speed of
+    sound is not used in what is sent; it is set for simulators that show a field of their own.
+
+    Parameters
+    ----------
+    poses : where each board stands: from the board's frame to the array's, as ``poses_of_boards`` finds them.
+    through : "audit" (no device: the firmware's model in this process), "ethercrab" (boards on an Ethernet port of this
+        computer), "twincat" (Beckhoff's, here or elsewhere), "remote" (an AUTD server) or "simulator".
+    address : network interface for ethercrab (the first with boards if not given), AMS net id for a TwinCAT elsewhere,
+        or host:port for remote and simulator.
+    sound_speed : of the medium [m/s], for simulators.
+    """
+
+    plays_itself = True
+
+    def __init__(
+        self,
+        poses: Sequence[Pose],
+        through: str = "audit",
+        address: str | None = None,
+        sound_speed: float | None = None,
+    ) -> None:
+        super().__init__("autd3", len(poses))
+        if through not in THROUGH:
+            raise InvalidInput(f"{through!r} is none of the {len(THROUGH)} ways to AUTD3: {', '.join(THROUGH)}.")
+        if through in ("remote", "simulator") and address is None:
+            raise InvalidInput(f"the {through} link needs 1 address, such as 127.0.0.1:8080; 0 given.")
+        self.name = through
+        self.poses = list(poses)
+        self.address = address
+        self.sound_speed = sound_speed
+        self.lost: str | None = None
+        self._controller: Any = None
+
+    def check_sequence(self, frames: int, rate: float) -> None:
+        """Refuse a sequence that the boards cannot keep or whose rate does not divide 40 kHz, with the nearest.
+
+        Raises
+        ------
+        InvalidInput
+            If there are fewer than 2 or more than 1024 frames, or the rate is not 40 kHz divided by a whole number up
+            to 65535.
+        """
+        super().check_sequence(frames, rate)
+        if not SHORTEST <= frames <= LONGEST:
+            nearest = min(max(frames, SHORTEST), LONGEST)
+            raise InvalidInput(
+                f"an AUTD3 board keeps {SHORTEST} to {LONGEST} frames, not {frames}: the nearest that it plays is "
+                f"{nearest}."
+            )
+        divide = min(max(round(PERIODS / rate), 1), LARGEST_DIVIDE)
+        if abs(PERIODS / divide - rate) > 1e-6 * rate:
+            raise InvalidInput(
+                f"{rate:g} frames/s are not 40 kHz over a whole number up to {LARGEST_DIVIDE}: the nearest that AUTD3 "
+                f"plays is {PERIODS / divide:.7g} frames/s."
+            )
+
+    def played(self, index: int = 0) -> Frame:
+        """Read back what the boards play, from the firmware's model.
+
+        Parameters
+        ----------
+        index : which frame of a sequence.
+
+        Raises
+        ------
+        InvalidInput
+            If the link is not "audit": real boards cannot be read.
+        """
+        if self.name != "audit":
+            raise InvalidInput(f"the {self.boards} boards behind {self.name} cannot be read: only audit can.")
+        import pyautd3
+
+        pairs = []
+        for board in range(self.boards):
+            segment = self._controller.link().current_stm_segment(board)
+            pairs.append(self._controller.link().drives_at(board, pyautd3.Segment(int(segment)), index))
+        intensity, phase = (np.concatenate(values).astype(np.uint8) for values in zip(*pairs, strict=True))
+        return Frame(intensity, phase, EIGHT_BITS)
+
+    def cut(self) -> None:
+        """Cut the cable of an "audit" link, to try what happens; opening it anew mends it.
+
+        Raises
+        ------
+        InvalidInput
+            If the link is not "audit".
+        """
+        if self.name != "audit":
+            raise InvalidInput(f"the {self.boards} boards behind {self.name} have a cable that you can pull yourself.")
+        self._controller.link().break_down()
+
+    def _begin(self) -> None:
+        pyautd3 = library()
+        turns = [np.array(Rotation.from_matrix(pose.rotation).as_quat(scalar_first=True)) for pose in self.poses]
+        devices = [
+            pyautd3.AUTD3(pos=1e3 * pose.translation, rot=turn) for pose, turn in zip(self.poses, turns, strict=True)
+        ]
+        self.lost = None
+        self._controller = pyautd3.Controller.open(devices, self._way())
+        if self.sound_speed is not None:
+            self._controller.environment.sound_speed = 1e3 * self.sound_speed
+        self._refuse_other_firmware(pyautd3)
+        # A table of one's own in Python is asked once an element: threads of pyautd3 would fight for the interpreter.
+        option = pyautd3.SenderOption(parallel=pyautd3.ParallelMode.Off)
+        self._sender = self._controller.sender(option, pyautd3.FixedSchedule())
+        self._silence()
+
+    def _refuse_other_firmware(self, pyautd3: Any) -> None:
+        from pyautd3.driver.firmware_version import FirmwareInfo
+
+        latest = FirmwareInfo.latest_version()
+        for index, info in enumerate(self._controller.firmware_version()):
+            text = str(info)
+            if text.count(latest) < 2:
+                self._controller.close()
+                raise InvalidInput(
+                    f"board {index} has the firmware {text}, and pyautd3 {pyautd3.__version__} speaks to {latest}: "
+                    "update the board's firmware."
+                )
+
+    def _way(self) -> Any:
+        from pyautd3.link import audit, ethercrab, remote, simulator, twincat
+
+        if self.name == "audit":
+            return audit.Audit()
+        if self.name == "ethercrab":
+            return ethercrab.EtherCrab(self._note, ethercrab.EtherCrabOption(ifname=self.address))
+        if self.name == "twincat" and self.address is None:
+            return twincat.TwinCAT()
+        if self.name == "twincat":
+            return twincat.RemoteTwinCAT(str(self.address), twincat.RemoteTwinCATOption())
+        return (remote.Remote if self.name == "remote" else simulator.Simulator)(str(self.address))
+
+    def _note(self, board: int, status: object) -> None:
+        """Keep what EtherCAT says of a board until the next frame; it calls from a thread of its own."""
+        self.lost = f"board {board}: {status}"
+
+    def _transmit(self, frame: Frame) -> None:
+        import pyautd3
+
+        if self.lost is not None:
+            raise self._failed("sending", self.lost)
+        self._sender.send((pyautd3.Static(), gain_of(self._words(frame))))
+
+    def _upload(self, frames: Sequence[Frame], rate: float) -> None:
+        import pyautd3
+
+        divide = round(PERIODS / rate)
+        period = divide * (1_000_000 // PERIODS)
+        self._sender.send(self._silencer(min(INTENSITY_FADE, period), min(PHASE_FADE, period)))
+        gains = [gain_of(self._words(frame)) for frame in frames]
+        sequence = pyautd3.GainSTM(gains, pyautd3.SamplingConfig(divide), pyautd3.GainSTMOption())
+        self._sender.send((pyautd3.Static(), sequence))
+
+    def _silence(self) -> None:
+        import pyautd3
+
+        # First silence, which the boards acknowledge; only then may the silencer be slow again.
+        self._sender.send((pyautd3.Static(), pyautd3.Null()))
+        self._sender.send(self._silencer(INTENSITY_FADE, PHASE_FADE))
+
+    def _silencer(self, intensity: int, phase: int) -> Any:
+        import pyautd3
+
+        micros = pyautd3.Duration.from_micros
+        return pyautd3.Silencer(pyautd3.FixedCompletionTime(intensity=micros(intensity), phase=micros(phase)))
+
+    def _end(self) -> None:
+        self._controller.close()
+
+    def _words(self, frame: Frame) -> UInt16[np.ndarray, "boards elements"]:
+        """(boards, 249) phase in the low byte, intensity in the high one, as the boards hold them."""
+        return (frame.phase.astype(np.uint16) | frame.amplitude.astype(np.uint16) << 8).reshape(self.boards, -1)
+
+    @contextmanager
+    def _talking(self, doing: str) -> Iterator[None]:
+        try:
+            with super()._talking(doing):
+                yield
+        except (InvalidInput, LinkFailed):
+            raise
+        except Exception as error:
+            # pyautd3 raises its own error from its C side and plain ones from its Python side.
+            if not type(error).__module__.startswith("pyautd3"):
+                raise
+            if doing == "opening":
+                raise InvalidInput(
+                    f"{self.boards} AUTD3 boards cannot be opened through {self.name}: {str(error).rstrip('.')}."
+                ) from None
+            raise self._failed(doing, str(error).rstrip(".")) from error
+
+
+def library() -> Any:
+    """Import pyautd3 if it is there in a version that is known to do what is asked here.
+
+    Raises
+    ------
+    InvalidInput
+        If it is not there or of another version, with what to install.
+    """
+    how = "pip install 'airtact[autd3]'"
+    try:
+        import pyautd3
+    except (ImportError, OSError):
+        raise InvalidInput(f"0 AUTD3 boards can be opened without pyautd3: {how}.") from None
+    version = importlib.metadata.version("pyautd3")
+    if version not in KNOWN_VERSIONS:
+        raise InvalidInput(f"pyautd3 {version} is not one that is known here ({', '.join(KNOWN_VERSIONS)}): {how}.")
+    return pyautd3
+
+
+def gain_of(words: UInt16[np.ndarray, "boards elements"]) -> Any:
+    """Return a gain of pyautd3 that plays a table.
+
+    pyautd3's own ``Custom`` builds a device and a transducer for each of 996 questions, 0.3 s a frame. This one gives
+    the same entry of its library a function that only looks up, 0.6 ms; where that entry is not as it was, ``Custom``
+    does it.
+
+    Parameters
+    ----------
+    words : (boards, 249) phase in the low byte, intensity in the high one.
+    """
+    try:
+        return _table_gain(words)
+    except (ImportError, AttributeError):
+        return custom_gain(words)
+
+
+def _table_gain(words: UInt16[np.ndarray, "boards elements"]) -> Any:
+    from pyautd3.driver.datagram.gain import Gain
+    from pyautd3.native_methods.autd3 import Drive
+    from pyautd3.native_methods.autd3capi import NativeMethods
+    from pyautd3.native_methods.autd3capi_driver import ConstPtr, GeometryPtr
+
+    ask: Any = NativeMethods().gain_custom
+    table = words.tolist()
+
+    def look_up(_context: object, _geometry: object, board: int, element: int, answer: Any) -> None:
+        answer[0] = table[board][element]
+
+    word = ctypes.POINTER(ctypes.c_uint16)
+    ours = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint16, ctypes.c_uint8, word)(look_up)
+    theirs = ctypes.CFUNCTYPE(None, ConstPtr, GeometryPtr, ctypes.c_uint16, ctypes.c_uint8, ctypes.POINTER(Drive))
+    if ctypes.sizeof(Drive) != 2:
+        raise AttributeError("a drive of pyautd3 is not two bytes")
+
+    class TableGain(Gain):
+        """A gain that looks up."""
+
+        def __init__(self) -> None:
+            self.kept, self.function = ours, ctypes.cast(ours, theirs)
+
+        def _gain_ptr(self, geometry: Any) -> Any:
+            return ask(self.function, None, geometry._geometry_ptr)
+
+    return TableGain()
+
+
+def custom_gain(words: UInt16[np.ndarray, "boards elements"]) -> Any:
+    """Return the same gain through pyautd3's public ``Custom``, slow.
+
+    Parameters
+    ----------
+    words : (boards, 249) phase in the low byte, intensity in the high one.
+    """
+    from pyautd3 import Drive, Intensity, Phase
+    from pyautd3.gain import Custom
+
+    table = words.tolist()
+
+    def ask(_device: Any) -> Any:
+        return lambda one: _drive(table[one.dev_idx()][one.idx()])
+
+    def _drive(word: int) -> Any:
+        return Drive(phase=Phase(word & 0xFF), intensity=Intensity(word >> 8))
+
+    return Custom(ask)

@@ -1,0 +1,372 @@
+"""Emitting safely: a ramp, a cap, a watchdog, and silence however it ends."""
+
+import signal
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from types import FrameType, TracebackType
+from typing import Any
+
+import numpy as np
+from jaxtyping import Complex
+
+from airtact.conventions import InvalidInput
+from airtact.hardware.link import Link, LinkFailed
+from airtact.scene.guards import number, positive
+from airtact.synthesis.quantise import Frame, Levels, quantise
+from airtact.transfer import Drive, check_drive
+
+RAMP = 0.2
+"""How long the amplitude rises when sound begins [s]."""
+
+STEP = 0.025
+"""How long one step of the ramp lasts [s]."""
+
+PATIENCE = 0.5
+"""How long boards sound without being fed before they are silenced [s]."""
+
+SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+"""Signals that end an emission with silence."""
+
+GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
+
+
+@dataclass(frozen=True)
+class Played:
+    """What became of a sequence.
+
+    Attributes
+    ----------
+    rate : frames a second that were played.
+    frames : how many were sent, or how often the boards themselves began a frame.
+    dropped : how many were left out because they would have been late.
+    """
+
+    rate: float
+    frames: int
+    dropped: int
+
+
+def faded(drive: Drive, levels: Levels, share: float) -> Frame:
+    """Quantise a drive at a share of its loudness.
+
+    Boards that play amplitudes play every element that much quieter. Boards that cannot play that share of their
+    elements, spread evenly over the order of the elements: the pressure at a focus goes with their number.
+
+    Parameters
+    ----------
+    drive : what every element emits.
+    levels : what the board can play.
+    share : 0 to 1.
+    """
+    if not levels.phase_only:
+        return quantise(Drive(share * drive.amplitudes), levels)
+    turns = (np.arange(len(drive)) + 0.5) * GOLDEN % 1.0
+    return quantise(Drive(np.where(turns < share, drive.amplitudes, 0.0)), levels)
+
+
+class Emission:
+    """Sound from boards, silenced however it ends.
+
+    Use it as ``with Emission(link) as emission:``. Sound begins with a ramp. It ends with a frame of zeros, which the
+    link sees confirmed, when the block is left, in order or by an exception, at SIGINT, SIGTERM or SIGHUP (which then
+    raise ``KeyboardInterrupt`` or ``SystemExit``), and when for half a second nobody called ``send``, ``hold``,
+    ``play`` or ``beat``. Nothing can be sent after that. A signal that comes while a frame is being sent waits until it
+    is out; outside the main thread Python delivers none.
+
+    A process that is killed, or a computer that stops, sends nothing any more: what the boards do then is told in their
+    how-tos.
+
+    Parameters
+    ----------
+    link : the way to the boards; it is opened and closed here.
+    cap : loudest that an element may be, in per cent of full scale: louder drives are turned down as a whole.
+    ramp : how long the amplitude rises [s].
+    patience : how long boards sound without being fed [s].
+
+    Raises
+    ------
+    InvalidInput
+        If the cap is not above 0 and at most 100, or a time is negative or not finite.
+    """
+
+    def __init__(self, link: Link, *, cap: float = 100.0, ramp: float = RAMP, patience: float = PATIENCE) -> None:
+        cap = number(cap, "the cap", "per cent")
+        if not 0.0 < cap <= 100.0:
+            raise InvalidInput(f"the cap is {cap:g} per cent of full scale, but it must be above 0 and at most 100.")
+        if not 0.0 <= number(ramp, "the ramp", "s") < np.inf:
+            raise InvalidInput(f"the ramp is {ramp:g} s, but it must be 0 or more.")
+        self.link = link
+        self._cap = cap / 100.0
+        self._ramp, self._patience = ramp, positive(patience, "the patience of the watchdog", "s")
+        self._lock = threading.RLock()
+        self._inside = 0
+        self._signal: int | None = None
+        self._speaking = False
+        self._over: str | None = "it was not begun"
+        self._failure: LinkFailed | None = None
+        self._fed = 0.0
+        self._handlers: dict[int, Any] = {}
+        self._done = threading.Event()
+
+    def __enter__(self) -> "Emission":
+        self._inside += 1
+        self._listen()
+        try:
+            self.link.open()
+        except BaseException:
+            self._unlisten()
+            raise
+        finally:
+            self._inside -= 1
+        self._over, self._speaking, self._failure = None, False, None
+        self._done.clear()
+        threading.Thread(target=self._watch, name="watchdog", daemon=True).start()
+        try:
+            self._obey()
+        except BaseException as error:
+            self.__exit__(type(error), error, error.__traceback__)
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._inside += 1
+        try:
+            self._done.set()
+            self._finish("it was ended")
+            if self._failure is not None:
+                self._failure = None
+                self._quieten()
+        finally:
+            # What the link says of closing adds nothing: silence was confirmed, or its failure is raised from here.
+            with suppress(LinkFailed):
+                self.link.close()
+            self._unlisten()
+            self._inside -= 1
+        if kind is None:
+            self._obey()
+
+    def send(self, drive: Drive) -> Frame:
+        """Play a drive from now on; the first one rises over the ramp.
+
+        Parameters
+        ----------
+        drive : what every element emits.
+
+        Returns
+        -------
+        The frame that the boards play.
+
+        Raises
+        ------
+        InvalidInput
+            If the drive is for another number of elements.
+        LinkFailed
+            If the link fails, or the emission was ended before, by whatever.
+        """
+        check_drive(drive, "what is emitted")
+        self._refuse_other_size(len(drive))
+        share = self._share([drive])
+        if not self._speaking and drive.amplitudes.any():
+            self._rise(drive, share)
+        return self._say(faded(drive, self.link.levels, share))
+
+    def beat(self) -> None:
+        """Tell the watchdog that the caller is alive and means what the boards play.
+
+        Raises
+        ------
+        LinkFailed
+            If the emission was ended before.
+        """
+        self._refuse_over()
+        self._fed = time.monotonic()
+
+    def hold(self, seconds: float) -> None:
+        """Let the boards play on for some time.
+
+        Parameters
+        ----------
+        seconds : how long.
+
+        Raises
+        ------
+        LinkFailed
+            If the emission was ended before or meanwhile.
+        """
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0.0:
+            self.beat()
+            time.sleep(min(left, self._patience / 5.0, 0.05))
+        self.beat()
+
+    def play(self, drives: Complex[np.ndarray, "frames elements"], rate: float, seconds: float) -> Played:
+        """Play a sequence over and over; the first frame rises over the ramp before.
+
+        Parameters
+        ----------
+        drives : (N, E) what every element emits in each frame.
+        rate : frames a second.
+        seconds : how long.
+
+        Returns
+        -------
+        What was played. Boards that repeat a sequence by themselves drop nothing; otherwise frames that would be late
+        by a whole frame are left out, so that the rate stays what it is.
+
+        Raises
+        ------
+        InvalidInput
+            If the boards or the link cannot play it, with the nearest that they can.
+        LinkFailed
+            If the link fails, or the emission was ended before or meanwhile.
+        """
+        if np.ndim(drives) != 2:
+            raise InvalidInput(f"a sequence has the shape (frames, elements), not {np.shape(drives)}.")
+        self._refuse_other_size(drives.shape[1])
+        self.link.check_sequence(len(drives), rate)
+        parts = [Drive(row) for row in drives]
+        share = self._share(parts)
+        frames = [faded(part, self.link.levels, share) for part in parts]
+        if not self._speaking:
+            self._rise(parts[0], share)
+        if self.link.plays_itself:
+            self._do(lambda: self.link.play(frames, rate))
+            self.hold(seconds)
+            return Played(rate, round(seconds * rate), 0)
+        return self._pace(frames, rate, seconds)
+
+    def _pace(self, frames: Sequence[Frame], rate: float, seconds: float) -> Played:
+        begun, index, sent, dropped = time.monotonic(), 0, 0, 0
+        total = max(round(seconds * rate), 1)
+        while index < total:
+            late = time.monotonic() - begun - index / rate
+            if late < 0.0:
+                self.hold(-late)
+            elif late > 1.0 / rate:
+                missed = min(int(late * rate), total - index - 1)
+                index, dropped = index + missed, dropped + missed
+            self._say(frames[index % len(frames)])
+            index, sent = index + 1, sent + 1
+        self.hold(max(begun + seconds - time.monotonic(), 0.0))
+        return Played(sent / (time.monotonic() - begun), sent, dropped)
+
+    def _rise(self, drive: Drive, share: float) -> None:
+        steps = int(np.ceil(self._ramp / STEP))
+        for step in range(1, steps):
+            self._say(faded(drive, self.link.levels, share * step / steps))
+            self.hold(self._ramp / steps)
+
+    def _share(self, drives: Sequence[Drive]) -> float:
+        """Return what drives must be turned down to for the cap."""
+        loudest = max(float(np.abs(drive.amplitudes).max()) for drive in drives)
+        if self.link.levels.phase_only:
+            return self._cap
+        return min(1.0, self._cap / loudest) if loudest > 0.0 else 1.0
+
+    def _refuse_other_size(self, elements: int) -> None:
+        if elements != self.link.elements:
+            board = self.link.codec.board
+            raise InvalidInput(
+                f"a drive for {elements} elements does not fit {self.link.devices} of {len(board)}: they need a drive "
+                f"for {self.link.elements}."
+            )
+
+    def _say(self, frame: Frame) -> Frame:
+        self._do(lambda: self.link.send(frame), not frame.silent)
+        return frame
+
+    def _do(self, work: Callable[[], None], speaking: bool = True) -> None:
+        """Talk to the boards while no signal can come between."""
+        self._inside += 1
+        try:
+            with self._lock:
+                self._refuse_over()
+                self._fed = time.monotonic()
+                self._speaking = self._speaking or speaking
+                work()
+                self._speaking = speaking
+                self._fed = time.monotonic()
+        finally:
+            self._inside -= 1
+        self._obey()
+
+    def _refuse_over(self) -> None:
+        if self._failure is not None:
+            raise self._failure
+        if self._over is not None:
+            raise LinkFailed(
+                f"the emission is over because {self._over}, after {self.link.sent} frames, and nothing was sent.",
+                self.link.last,
+                self.link.sent,
+            )
+
+    def _finish(self, why: str) -> None:
+        """Silence the boards once, whoever asks first; remember why, and whether it failed."""
+        self._inside += 1
+        try:
+            with self._lock:
+                if self._over is not None:
+                    return
+                self._over = why
+                self._quieten()
+        finally:
+            self._inside -= 1
+
+    def _quieten(self) -> None:
+        before, sent = self.link.last, self.link.sent
+        for last_try in (False, True):
+            try:
+                self.link.stop()
+            except LinkFailed as error:
+                if last_try:
+                    self._failure = LinkFailed(
+                        f"{str(error).rstrip('.')}; the boards may still sound: cut their power.", before, sent
+                    )
+                    raise self._failure from error
+            else:
+                self._speaking = False
+                return
+
+    def _watch(self) -> None:
+        """Silence the boards when nobody feeds them."""
+        while not self._done.wait(self._patience / 10.0):
+            if not self._speaking or time.monotonic() - self._fed < self._patience:
+                continue
+            with self._lock:
+                if time.monotonic() - self._fed < self._patience or self._over is not None:
+                    continue
+                self._over = f"nobody fed it for {self._patience:g} s"
+                try:
+                    self._quieten()
+                except LinkFailed:
+                    return  # kept in _failure: the next call and the end of the block raise it
+                return
+
+    def _listen(self) -> None:
+        if threading.current_thread() is threading.main_thread():
+            self._handlers = {kind: signal.signal(kind, self._on_signal) for kind in SIGNALS}
+
+    def _unlisten(self) -> None:
+        for kind, handler in self._handlers.items():
+            signal.signal(kind, handler)
+        self._handlers = {}
+
+    def _on_signal(self, kind: int, _frame: FrameType | None) -> None:
+        self._signal = kind
+        if self._inside == 0:
+            self._obey()
+
+    def _obey(self) -> None:
+        """Do what a signal asked for, now that nothing is being sent."""
+        if self._signal is None:
+            return
+        kind, self._signal = self._signal, None
+        self._finish(f"of the signal {signal.Signals(kind).name}")
+        if kind == signal.SIGINT:
+            raise KeyboardInterrupt
+        raise SystemExit(128 + kind)

@@ -1,0 +1,251 @@
+"""What every link to boards can do, and the one that only remembers."""
+
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+import numpy as np
+
+from airtact.conventions import InvalidInput
+from airtact.hardware.codecs import codec_of
+from airtact.scene.guards import counted, of_kind, positive
+from airtact.synthesis.quantise import Frame, Levels
+
+
+class LinkFailed(RuntimeError):  # noqa: N818 (reads as what it is in a traceback)
+    """A link failed while it was open; the sentence says what was sent last.
+
+    Attributes
+    ----------
+    last : the frame that the boards confirmed last, or None.
+    sent : how many frames they confirmed.
+    """
+
+    def __init__(self, sentence: str, last: Frame | None = None, sent: int = 0) -> None:
+        super().__init__(sentence)
+        self.last = last
+        self.sent = sent
+
+
+class Link(ABC):
+    """A way to boards of one kind: open it, send frames or play a sequence, stop, close.
+
+    A link does what it is told. ``Emission`` is what makes it safe: use that.
+
+    Attributes
+    ----------
+    name : what commands call it.
+    plays_itself : whether boards repeat a sequence by themselves once it was sent (``play``), or every frame must be
+        sent in time.
+    last : the frame that was sent last, or None.
+    sent : how many frames were sent since it was opened.
+    """
+
+    name = "link"
+    plays_itself = False
+
+    def __init__(self, board: str, boards: int = 1) -> None:
+        self.codec = codec_of(board)
+        if boards < 1 or boards > self.codec.board.most:
+            raise InvalidInput(f"one link speaks to 1 to {self.codec.board.most} {board} boards, not {boards}.")
+        self.elements = boards * len(self.codec.board)
+        self.boards = boards
+        self.last: Frame | None = None
+        self.sent = 0
+        self._open = False
+
+    @property
+    def levels(self) -> Levels:
+        """What its boards can play."""
+        return self.codec.levels
+
+    @property
+    def devices(self) -> str:
+        """How many boards of what kind, in words."""
+        return counted(self.boards, f"{self.codec.board.name} board", f"{self.codec.board.name} boards")
+
+    @property
+    def fastest(self) -> float:
+        """Frames a second that it can carry at most."""
+        return np.inf
+
+    def open(self) -> None:
+        """Open the link; the boards are silent when this returns.
+
+        Raises
+        ------
+        InvalidInput
+            If what it needs is not there: a library, a port, a device.
+        LinkFailed
+            If the boards do not answer.
+        """
+        self.last, self.sent = None, 0
+        with self._talking("opening"):
+            self._begin()
+        self._open = True
+
+    def send(self, frame: Frame) -> None:
+        """Send one frame; the boards play it from then on.
+
+        Raises
+        ------
+        InvalidInput
+            If the frame is for another number of elements or other levels, or the link is not open.
+        LinkFailed
+            If the link fails.
+        """
+        self._check(frame)
+        with self._talking("sending"):
+            self._transmit(frame)
+        self.last = frame
+        self.sent += 1
+
+    def play(self, frames: Sequence[Frame], rate: float) -> None:
+        """Have the boards repeat a sequence by themselves, if ``plays_itself``.
+
+        Parameters
+        ----------
+        frames : the sequence.
+        rate : frames a second.
+
+        Raises
+        ------
+        InvalidInput
+            As ``send`` and ``check_sequence``, or if the boards cannot.
+        LinkFailed
+            If the link fails.
+        """
+        if not self.plays_itself:
+            raise InvalidInput(f"{self.codec.board.name} boards keep 0 sequences: send frame by frame.")
+        for frame in frames:
+            self._check(frame)
+        self.check_sequence(len(frames), rate)
+        with self._talking("sending"):
+            self._upload(frames, rate)
+        self.last = frames[-1]
+        self.sent += len(frames)
+
+    def check_sequence(self, frames: int, rate: float) -> None:
+        """Refuse a sequence that the boards or the link cannot play, with the nearest that they can.
+
+        Parameters
+        ----------
+        frames : how many.
+        rate : frames a second.
+
+        Raises
+        ------
+        InvalidInput
+            If there is no frame, or the rate is not above zero or over ``fastest``.
+        """
+        if frames < 1:
+            raise InvalidInput(f"a sequence needs at least 1 frame, not {frames}.")
+        if positive(rate, "the rate of a sequence", "frames/s") > self.fastest:
+            raise InvalidInput(
+                f"{rate:g} frames/s are more than the {self.name} link carries to {self.devices}: the nearest is "
+                f"{np.floor(self.fastest):g} frames/s."
+            )
+
+    def stop(self) -> None:
+        """Silence the boards and see it confirmed as far as they can.
+
+        Raises
+        ------
+        LinkFailed
+            If that cannot be done: the boards may still sound.
+        """
+        if not self._open:
+            return
+        with self._talking("silencing"):
+            self._silence()
+        self.last = self.zero()
+        self.sent += 1
+
+    def close(self) -> None:
+        """Let go of the boards; they keep what they play, so stop first."""
+        if self._open:
+            self._open = False
+            with self._talking("closing"):
+                self._end()
+
+    def zero(self) -> Frame:
+        """Return the frame in which nobody speaks."""
+        nothing = np.zeros(self.elements, dtype=np.uint8)
+        return Frame(nothing, nothing, self.levels)
+
+    @abstractmethod
+    def _begin(self) -> None: ...
+
+    @abstractmethod
+    def _transmit(self, frame: Frame) -> None: ...
+
+    def _upload(self, frames: Sequence[Frame], rate: float) -> None:
+        raise NotImplementedError
+
+    def _silence(self) -> None:
+        self._transmit(self.zero())
+
+    @abstractmethod
+    def _end(self) -> None: ...
+
+    def _check(self, frame: Frame) -> None:
+        of_kind(frame, Frame, "what is sent", "quantise(drive, link.levels)")
+        if not self._open:
+            raise InvalidInput(f"the {self.name} link is not open ({self.sent} frames sent): open it first.")
+        if len(frame) != self.elements:
+            raise InvalidInput(
+                f"a frame of {counted(len(frame), 'element', 'elements')} does not fit {self.devices} of "
+                f"{len(self.codec.board)}: make it for {self.elements}."
+            )
+        if not self.levels.same_as(frame.levels):
+            raise InvalidInput(
+                f"a frame of {len(frame.levels.amplitudes)} amplitudes and {frame.levels.phases} phases is not for "
+                f"{self.codec.board.name}, which has {len(self.levels.amplitudes)} and {self.levels.phases}: quantise "
+                "the drive with link.levels."
+            )
+
+    @contextmanager
+    def _talking(self, doing: str) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise self._failed(doing, error.strerror or str(error)) from error
+
+    def _failed(self, doing: str, why: str) -> LinkFailed:
+        """Say that the link failed, and what was sent last."""
+        if self.last is None:
+            done = "nothing was sent before"
+        elif self.last.silent:
+            done = f"the last of {self.sent} frames sent was silence"
+        else:
+            loud = int(np.count_nonzero(self.last.amplitude))
+            done = f"the last of {self.sent} frames sent had {loud} of {self.elements} elements speaking"
+        return LinkFailed(f"the {self.name} link failed while {doing}: {why}; {done}.", self.last, self.sent)
+
+
+class RecordingLink(Link):
+    """Remembers what it was sent, for tests and for trying out.
+
+    Attributes
+    ----------
+    frames : what was sent.
+    seconds : when, counted from opening.
+    """
+
+    name = "recording"
+
+    def __init__(self, board: str = "autd3", boards: int = 1) -> None:
+        super().__init__(board, boards)
+        self.frames: list[Frame] = []
+        self.seconds: list[float] = []
+
+    def _begin(self) -> None:
+        self.frames, self.seconds, self._begun = [], [], time.monotonic()
+
+    def _transmit(self, frame: Frame) -> None:
+        self.frames.append(frame)
+        self.seconds.append(time.monotonic() - self._begun)
+
+    def _end(self) -> None:
+        pass
