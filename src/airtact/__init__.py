@@ -5,9 +5,13 @@ in the foci; the transfer matrix to a ``PhasedArray`` by reciprocity; a ``Drive`
 """
 
 from airtact.conventions import InvalidInput, NotConverged
+from airtact.evaluation.attainable import attainable
 from airtact.evaluation.comparison import Comparison, compare
 from airtact.evaluation.field import field_map
+from airtact.evaluation.judgement import Judgement, Stray, judge
 from airtact.evaluation.metrics import Evaluation, evaluate
+from airtact.evaluation.radiation import Pad, SkinMap, radiation_pressure, skin_map
+from airtact.evaluation.thresholds import sound_pressure_level
 from airtact.scene.files import load_surface
 from airtact.scene.geometry import Surface
 from airtact.scene.hand import Pinch, pinch
@@ -53,10 +57,12 @@ __all__ = [
     "Frame",
     "FreeField",
     "InvalidInput",
+    "Judgement",
     "Medium",
     "Monopoles",
     "NotConverged",
     "Obstacle",
+    "Pad",
     "Panels",
     "PhasedArray",
     "Pinch",
@@ -64,13 +70,16 @@ __all__ = [
     "RadiatedField",
     "Scene",
     "Skin",
+    "SkinMap",
     "SolveReport",
     "Solver",
     "SphereSeries",
+    "Stray",
     "Surface",
     "Target",
     "TransferMatrix",
     "air",
+    "attainable",
     "autd3_board",
     "board_array",
     "capsule",
@@ -88,6 +97,7 @@ __all__ = [
     "inverse_filter",
     "iterated_time_reversal",
     "join",
+    "judge",
     "load_calibration",
     "load_surface",
     "merged",
@@ -96,8 +106,11 @@ __all__ = [
     "pinch",
     "piston",
     "quantise",
+    "radiation_pressure",
     "share_reached",
+    "skin_map",
     "sound_hard",
+    "sound_pressure_level",
     "sphere",
     "surrounding_box",
     "time_reversal",
