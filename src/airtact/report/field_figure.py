@@ -23,6 +23,10 @@ COLOURS = "magma"
 """Colours of pressure magnitudes: perceptually uniform, black for silence."""
 
 
+MOST_COLUMNS = 4
+"""More fields than two are drawn in so many columns, without the names of the foci."""
+
+
 @dataclass(frozen=True, eq=False)
 class Cut:
     """Pressure of several drives in one window.
@@ -83,7 +87,7 @@ def _loops(heights: Float64[np.ndarray, "vertices"], body: Surface) -> list[Floa
 
 
 def draw_fields(cut: Cut, foci: Real[np.ndarray, "foci 3"], names: Sequence[str], normalisation: str) -> Figure:
-    """Draw the drives' pressure magnitudes side by side.
+    """Draw the drives' pressure magnitudes side by side, in rows where there are more than two.
 
     Parameters
     ----------
@@ -94,20 +98,28 @@ def draw_fields(cut: Cut, foci: Real[np.ndarray, "foci 3"], names: Sequence[str]
     """
     left, right, bottom, top = cut.window.extent
     wide, tall = right - left, top - bottom
-    scale = min(5.2 / wide, 5.6 / tall)
     count = len(cut.pressures)
-    figure = Figure(figsize=(count * wide * scale + 2.0, tall * scale + 0.9), layout="constrained")
-    axes = figure.subplots(1, count, squeeze=False, sharex=True, sharey=True)[0]
+    columns = count if count <= 2 else MOST_COLUMNS
+    rows = -(-count // columns)
+    size = min(10.4 / columns / wide, 5.6 / tall)
+    figure = Figure(figsize=(columns * wide * size + 2.0, rows * (tall * size + 0.3) + 0.6), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     scale = _scale([cut])
-    for place, (title, pressure) in zip(axes, cut.pressures.items(), strict=True):
+    for place, (title, pressure) in zip(axes.ravel(), cut.pressures.items(), strict=False):
         _draw_cut(place, cut, pressure, scale)
         place.set_title(title, fontsize=11)
-        place.set_xlabel(cut.window.labels[0])
-        _mark_foci(place, cut.window, foci, names)
-    axes[0].set_ylabel(cut.window.labels[1])
+        _mark_foci(place, cut.window, foci, names if count <= 2 else [""] * len(names))
+    for place in axes[:, 0]:
+        place.set_ylabel(cut.window.labels[1])
+    for column, place in enumerate(axes.T):
+        last = (count - 1 - column) // columns
+        place[last].set_xlabel(cut.window.labels[0])
+        place[last].tick_params(labelbottom=True)
+        for empty in place[last + 1 :]:
+            empty.remove()
     figure.colorbar(
         ScalarMappable(scale, COLOURS),
-        ax=list(axes),
+        ax=[place for place in axes.ravel() if place.figure is not None],
         label=f"peak pressure [Pa], {normalisation}",
         pad=0.015,
         aspect=28,
@@ -201,6 +213,8 @@ def _mark_foci(axes: Axes, window: Window, foci: Real[np.ndarray, "foci 3"], nam
         style = (0, (2, 1.5)) if is_off else "solid"
         ring = axes.scatter(*place, s=90, facecolors="none", edgecolors="white", linewidths=1.3, linestyles=[style])
         ring.set_path_effects([withStroke(linewidth=2.4, foreground="black")])
+        if not name:
+            continue
         side = -1 if away[0] < 0 else 1
         axes.annotate(
             name,

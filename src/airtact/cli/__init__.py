@@ -1,0 +1,206 @@
+"""The command line: parse, call, print. Exit codes: 0 done, 2 bad input or not converged, 130 broken off by Ctrl-C."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+import click
+
+from airtact.conventions import InvalidInput, NotConverged
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+Command = TypeVar("Command", bound=Callable[..., None])
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code.
+
+    Parameters
+    ----------
+    arguments : what stands after the command's name; that of this process if not given.
+    """
+    try:
+        commands.main(args=arguments, prog_name="airtact", standalone_mode=False)
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
+    except (InvalidInput, NotConverged) as error:
+        return _fail(str(error), 2)
+    except OSError as error:
+        return _fail(f"{error.filename or 'a file'}: {error.strerror or error}", 2)
+    except (KeyboardInterrupt, click.Abort):
+        return _fail("broken off; what was finished is whole", 130)
+    return 0
+
+
+def _fail(sentence: str, code: int) -> int:
+    click.echo(f"airtact: {sentence}", err=True)
+    return code
+
+
+@click.group(
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog="Example: airtact render examples/pinch.toml --out out/pinch",
+)
+@click.version_option(package_name="airtact", message="%(prog)s %(version)s")
+def commands() -> None:
+    """Compute what a phased array must emit so that a hand feels points while it scatters the sound."""
+
+
+def _surface_settings(command: Command) -> Command:
+    """Give a command the options of ``load_surface``; those that are not given stay None."""
+    for name, says in (
+        ("--sharp", "Edges that turn by more degrees than this stay sharp; 75 by default."),
+        ("--largest-hole", "Widest hole that is filled, in metres; 2e-3 by default."),
+        ("--scale", "Metres per unit of a surface file: 1e-3 for millimetres."),
+    ):
+        command = click.option(name, type=float, help=says)(command)
+    return command
+
+
+def _given(scale: float | None, largest_hole: float | None, sharp: float | None) -> dict[str, float]:
+    settings = {"scale": scale, "largest_hole": largest_hole, "sharp_degrees": sharp}
+    return {name: value for name, value in settings.items() if value is not None}
+
+
+@commands.command(
+    short_help="Say what is in a scene or a surface, or what is wrong with it.",
+    epilog="Example: airtact check examples/pinch.toml",
+)
+@click.argument("scene", metavar="SCENE_OR_SURFACE", type=click.Path(path_type=Path))
+@click.option(
+    "--out", "folder", type=click.Path(path_type=Path), help="Folder for a picture of the bodies or the fault."
+)
+@_surface_settings
+def check(scene: Path, folder: Path | None, **settings: float | None) -> None:
+    """Read a scene file or a surface file (STL, PLY, OBJ, GLB) and say what is in it, or what is wrong with it.
+
+    With --out a picture of the bodies is written, or of the place of the fault where it is refused.
+    """
+    from rich.console import Console
+
+    from airtact.checking import check_scene, check_surface_file
+    from airtact.cli.tables import scene_tables, surface_tables
+    from airtact.scene.files import SUFFIXES
+
+    given = _given(**settings)
+    console = Console()
+    with _progress(Console(stderr=True)) as tell:
+        if scene.suffix.lower() in SUFFIXES:
+            facts = surface_tables(scene.name, check_surface_file(scene, folder, tell, **given))
+        elif given:
+            key, value = next(iter(given.items()))
+            raise InvalidInput(
+                f"{key} = {value:g} stands in a scene file, beside its surface, not on the command line."
+            )
+        else:
+            facts = scene_tables(check_scene(scene, folder, tell))
+        tell("counting unknowns")
+        tables = list(facts)
+    for table in tables:
+        console.print(table)
+
+
+@commands.command(
+    short_help="Cover a surface with curved panels and say how good they are.",
+    epilog="Example: airtact mesh examples/hands/generic-hand-right.glb --out out.vtkhdf",
+)
+@click.argument("surface", type=click.Path(path_type=Path))
+@click.option("--edge", type=float, help="Edge of the panels in metres; by default what 1 % takes at 40 kHz.")
+@click.option("--out", "file", required=True, type=click.Path(path_type=Path), help="File for the panels.")
+@_surface_settings
+def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None) -> None:
+    """Cover SURFACE (STL, PLY, OBJ, GLB) with curved panels, as the solvers do, and say how good they are.
+
+    The panels are written to a .vtkhdf file for ParaView, or as flat triangles in metres to .stl, .ply or .glb; a
+    picture of them, .png, stands beside it.
+    """
+    from rich.console import Console
+
+    with _progress(Console(stderr=True)) as tell:
+        from airtact.cli.tables import quality_tables
+        from airtact.meshing import mesh as run_mesh
+
+        meshed = run_mesh(surface, file, edge, tell, **_given(**settings))
+    console = Console()
+    for table in quality_tables(meshed):
+        console.print(table)
+    if meshed.warning:
+        console.print(f"[yellow]Warning:[/yellow] {meshed.warning}", soft_wrap=True, highlight=False)
+    console.print(f"The panels: {meshed.file}, their picture: {meshed.picture}", soft_wrap=True, highlight=False)
+
+
+@commands.command(
+    short_help="Compute the drive and the field for a scene.",
+    epilog="Example: airtact render examples/pinch.toml --out out/pinch",
+)
+@click.argument("scene", type=click.Path(path_type=Path))
+@click.option("--out", "folder", required=True, type=click.Path(path_type=Path), help="Folder for the results.")
+def render(scene: Path, folder: Path) -> None:
+    """Compute the drive and the field for SCENE and write drive.csv, drive.h5, field.vtkhdf and report.html."""
+    from rich.console import Console
+
+    with _progress(Console(stderr=True)) as tell:
+        tell("starting")
+        from airtact.cli.tables import run_table
+        from airtact.render import render as run_render
+
+        run = run_render(scene, folder, tell)
+    console = Console()
+    console.print(run_table(run))
+    console.print(f"The page of this run: {folder / 'report.html'}", soft_wrap=True, highlight=False)
+
+
+@commands.command(
+    short_help="Make the drive of a scene by all methods and compare them.",
+    epilog="Example: airtact compare examples/pinch.toml --out out/methods",
+)
+@click.argument("scene", type=click.Path(path_type=Path))
+@click.option("--out", "folder", required=True, type=click.Path(path_type=Path), help="Folder for the results.")
+def compare(scene: Path, folder: Path) -> None:
+    """Make the drive of SCENE by every method, judge all, and write methods.csv, methods.html and drives/*.h5.
+
+    All drives come from one transfer matrix and are judged by one finer solution.
+    """
+    from rich.console import Console
+
+    with _progress(Console(stderr=True)) as tell:
+        tell("starting")
+        from airtact.cli.tables import methods_table
+        from airtact.comparing import compare_methods
+
+        contest = compare_methods(scene, folder, tell)
+    console = Console()
+    console.print(methods_table(contest))
+    for name, sentence in contest.refusals.items():
+        console.print(f"[yellow]{name}:[/yellow] {sentence}", soft_wrap=True, highlight=False)
+    console.print(f"The page of this comparison: {folder / 'methods.html'}", soft_wrap=True, highlight=False)
+
+
+@contextmanager
+def _progress(console: "Console") -> Iterator[Callable[[str], None]]:
+    """Show steps as they begin: live with the time each takes in a terminal, else one line each."""
+    if not console.is_terminal:
+        begun = time.perf_counter()
+        yield lambda step: click.echo(f"{time.perf_counter() - begun:7.1f} s  {step}", err=True)
+        return
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = SpinnerColumn(finished_text="[green]✓"), TimeElapsedColumn(), TextColumn("{task.description}")
+    with Progress(*columns, console=console) as progress:
+
+        def finish() -> None:
+            for task in progress.tasks:
+                progress.update(task.id, completed=1)
+
+        def tell(step: str) -> None:
+            finish()
+            progress.add_task(step, total=1)
+
+        yield tell
+        finish()

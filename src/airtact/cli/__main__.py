@@ -1,0 +1,8 @@
+"""``python -m airtact.cli``."""
+
+import sys
+
+from airtact.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())

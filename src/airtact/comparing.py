@@ -1,0 +1,147 @@
+"""From a scene file to a page that compares all ways to make its drive on one transfer matrix. Prints nothing."""
+
+import csv
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from jaxtyping import Complex128
+
+from airtact.conventions import InvalidInput
+from airtact.evaluation.metrics import pressures_at_foci
+from airtact.judging import Clock, Judge, heard_foci
+from airtact.report.drive_files import write_drive_h5
+from airtact.report.field_figure import Cut, cut_bodies
+from airtact.report.methods_page import Contender, Contest, write_methods_page
+from airtact.report.whole_file import whole_file, writable_folder
+from airtact.report.windows import plane_through
+from airtact.scene.target import Target
+from airtact.scene_file.building import Setup, read_setup
+from airtact.solvers.problem import SolveReport
+from airtact.synthesis.methods import METHODS
+from airtact.synthesis.quantise import quantise
+from airtact.transfer import Drive, TransferMatrix, focus_by_distance
+
+FILES = ("methods.csv", "methods.html")
+"""What a comparison writes beside the drives, in this order."""
+
+IGNORED = "hand ignored"
+"""What the control is called: phases from distances alone."""
+
+
+def compare_methods(path: Path, folder: Path, tell: Callable[[str], None] = lambda step: None) -> Contest:
+    """Make the drive of a scene file by every method, judge all by one finer solution, and write a page about it.
+
+    Parameters
+    ----------
+    path : the scene file; the method that it names plays no part.
+    folder : where `FILES` go and, below ``drives``, one HDF5 file for each method; made if it is not there.
+    tell : is told each step as it begins.
+
+    Returns
+    -------
+    What the page shows.
+
+    Raises
+    ------
+    InvalidInput
+        The scene file or the folder is at fault; nothing was solved then. Or no method makes a drive.
+    NotConverged
+        A solver stopped early; drives that were written stay.
+    """
+    clock = Clock(tell)
+    with clock.step("scene", f"reading {path.name}"):
+        setup = read_setup(path)
+        writable_folder(folder / "drives")
+    for name in FILES:
+        (folder / name).unlink(missing_ok=True)
+    transfer, beacons = heard_foci(setup, clock)
+    with clock.step("drives", f"making the drive by {len(METHODS)} methods"):
+        drives, seconds, refusals = _all_drives(setup, transfer)
+        bound = _bound(transfer, setup.target)
+    _write_drives(folder / "drives", setup, transfer, beacons, drives)
+    emitted = {name: quantise(drive).drive() for name, drive in drives.items()}
+    with clock.step("judge", f"judging {len(drives)} drives by a finer solution with all transducers as sources"):
+        judge = Judge(setup, beacons.nodes)
+        heard, report = pressures_at_foci(setup.scene, setup.array, list(emitted.values()), setup.target, judge)
+    with clock.step("cuts", "computing the fields in the pictures"):
+        cut = _cut(setup, judge, list(drives))
+    contest = Contest(
+        title=path.stem.replace("_", " "),
+        text=setup.text,
+        target=setup.target,
+        foci=setup.foci,
+        bodies=setup.bodies,
+        contenders=[
+            Contender(name, drives[name], emitted[name], np.abs(pressures), seconds[name])
+            for name, pressures in zip(drives, heard, strict=True)
+        ],
+        refusals=refusals,
+        transfer=transfer,
+        bound=bound,
+        report=report,
+        cut=cut,
+        seconds=clock.seconds,
+    )
+    tell("drawing the page")
+    _write_table(folder / FILES[0], contest)
+    write_methods_page(folder / FILES[1], contest)
+    return contest
+
+
+def _write_drives(
+    folder: Path, setup: Setup, transfer: TransferMatrix, beacons: SolveReport, drives: dict[str, Drive]
+) -> None:
+    texts = {"scene": setup.text, "report": msgspec.json.encode(beacons).decode()}
+    for name, drive in drives.items():
+        file = folder / f"{name.replace(' ', '_')}.h5"
+        write_drive_h5(file, setup.array, drive, quantise(drive), transfer, setup.target, texts)
+
+
+def _all_drives(setup: Setup, transfer: TransferMatrix) -> tuple[dict[str, Drive], dict[str, float], dict[str, str]]:
+    """Make a drive by each method: drives, seconds and, for those that refuse, their sentence."""
+    drives, seconds, refusals = {}, {}, {}
+    for name, method in METHODS.items():
+        begun = time.perf_counter()
+        try:
+            drives[name.replace("_", " ")] = method(transfer, setup.target)
+        except InvalidInput as fault:
+            refusals[name.replace("_", " ")] = str(fault)
+        seconds[name.replace("_", " ")] = time.perf_counter() - begun
+    if not drives:
+        name, sentence = next(iter(refusals.items()))
+        raise InvalidInput(f"0 of {len(METHODS)} methods make a drive; {name}: {sentence}")
+    begun = time.perf_counter()
+    drives[IGNORED] = focus_by_distance(setup.array, setup.target, setup.scene.medium, setup.scene.frequency)
+    seconds[IGNORED] = time.perf_counter() - begun
+    return drives, seconds, refusals
+
+
+def _cut(setup: Setup, judge: Judge, names: list[str]) -> Cut:
+    """Cut the judging field through the foci."""
+    obstacles = setup.scene.obstacles
+    vertices = np.concatenate([np.empty((0, 3)), *(obstacle.surface.vertices for obstacle in obstacles)])
+    window = plane_through(setup.target.points, vertices, setup.scene.wavelength)
+    solid = [obstacle.surface for obstacle in obstacles if obstacle.boundary != "filled"]
+    heard: Complex128[np.ndarray, "points drives"] = judge.field.at(window.points)
+    return Cut(window, dict(zip(names, heard.T, strict=True)), cut_bodies(window, solid))
+
+
+def _write_table(file: Path, contest: Contest) -> None:
+    """Write a row for each method and focus."""
+    with whole_file(file) as partial, partial.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(["method", "focus", "pressure_Pa", "weight", "energy", "seconds"])
+        for one in contest.contenders:
+            for focus, pressure, weight in zip(contest.foci, one.pressures, contest.target.weights, strict=True):
+                numbers = [f"{pressure:.6g}", f"{weight:.6g}", f"{one.energy:.6g}", f"{one.seconds:.3g}"]
+                writer.writerow([one.name, focus, *numbers])
+
+
+def _bound(transfer: TransferMatrix, target: Target) -> float:
+    """Least, over the foci, of what one focus alone could get over its weight [Pa]."""
+    alone = np.abs(transfer.matrix[: len(target.points)]).sum(axis=1)
+    asked = target.weights > 0.0
+    return float((alone[asked] / target.weights[asked]).min())
