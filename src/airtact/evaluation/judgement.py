@@ -224,15 +224,15 @@ def judge(
     field = _spoken(scene, array, drive, target, ears, solver)
     if transfer is None:
         transfer = transfer_matrix(solver.radiate(scene, target.beacons()), array)
+    count, energy = len(target.points), float(np.sum(np.abs(drive.amplitudes) ** 2))
     heard = field.at(np.concatenate([target.points, target.quiet, ears]))
-    foci, quiet, ear = np.split(heard, np.cumsum([len(target.points), len(target.quiet)]))
-    energy = float(np.sum(np.abs(drive.amplitudes) ** 2))
+    exact, rounded = np.ascontiguousarray(heard.T)
     skin = skin_of(field, 0) if scene.obstacles else None
     return Judgement(
-        evaluation=Evaluation(target, np.ascontiguousarray(foci[:, 0]), field.report),
-        quantised=Evaluation(target, np.ascontiguousarray(foci[:, 1]), field.report),
-        attainable=attainable(transfer)[: len(foci)],
-        attainable_at_energy=attainable(transfer, energy)[: len(foci)],
+        evaluation=Evaluation(target, exact[:count], field.report),
+        quantised=Evaluation(target, rounded[:count], field.report),
+        attainable=attainable(transfer)[:count],
+        attainable_at_energy=attainable(transfer, energy)[:count],
         energy=energy,
         elements=len(array),
         skin=skin,
@@ -241,8 +241,8 @@ def judge(
         if skin is None
         else _strongest(skin.points, skin.pressure, _away(scene, target, skin.points)),
         stray_in_box=_stray_in_box(field, array, target),
-        quiet=np.ascontiguousarray(quiet[:, 0]),
-        head=sound_pressure_level(ear[:, 0]),
+        quiet=exact[count : count + len(target.quiet)],
+        head=sound_pressure_level(exact[count + len(target.quiet) :]),
         modulation=modulation,
     )
 

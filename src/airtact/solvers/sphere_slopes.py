@@ -56,9 +56,8 @@ def scattered_slopes(
     along = np.zeros(versine.shape, dtype=np.complex128)
     turning, before = np.zeros_like(versine), np.zeros_like(versine)
     source_waves = outgoing_ratios(modes.wavenumber * source_radii, modes.size)
-    waves = zip(
-        modes.terms(inside), _radial(modes, inside, radii), source_waves, legendre_polynomials(versine), strict=False
-    )
+    radial = _radial(modes, inside, radii)
+    waves = zip(modes.terms(inside), radial, source_waves, legendre_polynomials(versine), strict=False)
     small = 0
     for order, (term, (wave, slope), source_wave, polynomial) in enumerate(waves):
         turning = (1.0 - versine) * turning + order * before
@@ -66,8 +65,8 @@ def scattered_slopes(
         added = term * slope[:, None] * source_wave * polynomial, term * (wave / radii)[:, None] * source_wave * turning
         outward, along = outward + added[0], along + added[1]
         least = _STOP * (np.abs(outward) + np.abs(along) + np.finfo(float).tiny)
-        reached = np.all(np.abs(added[0]) + np.abs(added[1]) <= least)
-        small = small + 1 if reached and order >= modes.first_safe_order() else 0
+        reached = order >= modes.first_safe_order() and np.all(np.abs(added[0]) + np.abs(added[1]) <= least)
+        small = small + 1 if reached else 0
         if small == 4:  # a polynomial may vanish by chance, so that one small term says little
             return outward, along
         if order == _MOST_TERMS:
