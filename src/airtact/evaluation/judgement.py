@@ -203,11 +203,8 @@ def judge(
 
     Parameters
     ----------
-    scene : what is in the air.
-    array : the transducers in the scene's frame.
-    drive : what they emit.
+    scene, array, drive, solver : as in ``evaluate``.
     target : the foci and quiet points.
-    solver : how the sound travels; another one than made the drive, or a finer one.
     transfer : of the foci, for what is attainable; None to have it solved by ``solver``.
     head : (3,) or (N, 3) points of a head [m], to tell the level there.
     pad_radius : of the skin round a focus whose force is told [m].
@@ -224,10 +221,25 @@ def judge(
     field = _spoken(scene, array, drive, target, ears, solver)
     if transfer is None:
         transfer = transfer_matrix(solver.radiate(scene, target.beacons()), array)
+    return _judged(field, array, drive, target, ears, transfer, pad_radius, modulation)
+
+
+def _judged(
+    field: RadiatedField,
+    array: PhasedArray,
+    drive: Drive,
+    target: Target,
+    ears: Float64[np.ndarray, "head 3"],
+    transfer: TransferMatrix,
+    pad_radius: float,
+    modulation: str,
+) -> Judgement:
+    """Hear everything in the field of a drive and its rounded twin."""
     count, energy = len(target.points), float(np.sum(np.abs(drive.amplitudes) ** 2))
     heard = field.at(np.concatenate([target.points, target.quiet, ears]))
     exact, rounded = np.ascontiguousarray(heard.T)
-    skin = skin_of(field, 0) if scene.obstacles else None
+    skin = skin_of(field, 0) if field.scene.obstacles else None
+    stray = None if skin is None else _strongest(skin.points, skin.pressure, _away(field.scene, target, skin.points))
     return Judgement(
         evaluation=Evaluation(target, exact[:count], field.report),
         quantised=Evaluation(target, rounded[:count], field.report),
