@@ -249,9 +249,7 @@ def _judged(
         elements=len(array),
         skin=skin,
         pads=tuple(None if skin is None else skin.pad(focus, pad_radius) for focus in target.points),
-        stray_on_skin=None
-        if skin is None
-        else _strongest(skin.points, skin.pressure, _away(scene, target, skin.points)),
+        stray_on_skin=stray,
         stray_in_box=_stray_in_box(field, array, target),
         quiet=exact[count : count + len(target.quiet)],
         head=sound_pressure_level(exact[count + len(target.quiet) :]),
