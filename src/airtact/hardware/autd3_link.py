@@ -4,6 +4,7 @@ import ctypes
 import importlib.metadata
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from operator import setitem
 from typing import Any
 
 import numpy as np
@@ -276,11 +277,9 @@ def _table_gain(words: UInt16[np.ndarray, "boards elements"]) -> Any:
     ask: Any = NativeMethods().gain_custom
     table = words.tolist()
 
-    def look_up(_context: object, _geometry: object, board: int, element: int, answer: Any) -> None:
-        answer[0] = table[board][element]
-
     word = ctypes.POINTER(ctypes.c_uint16)
-    ours = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint16, ctypes.c_uint8, word)(look_up)
+    entry = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint16, ctypes.c_uint8, word)
+    ours = entry(lambda _context, _array, board, element, word: setitem(word, 0, table[board][element]))
     theirs = ctypes.CFUNCTYPE(None, ConstPtr, GeometryPtr, ctypes.c_uint16, ctypes.c_uint8, ctypes.POINTER(Drive))
     if ctypes.sizeof(Drive) != 2:
         raise AttributeError("a drive of pyautd3 is not two bytes")

@@ -1,6 +1,8 @@
 """SonicSurface and Ultraino Nano16 over a serial port."""
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -78,6 +80,17 @@ class SerialLink(Link):
 
     def _end(self) -> None:
         self._line.close()
+
+    @contextmanager
+    def _talking(self, doing: str) -> Iterator[None]:
+        try:
+            with super()._talking(doing):
+                yield
+        except Exception as error:
+            # A terminal that is gone raises an error of its own, which is no OSError and not there on every system.
+            if type(error).__module__ != "termios":
+                raise
+            raise self._failed(doing, f"{self.port} is gone ({error})") from error
 
     def _deliver(self, frame: Frame, patience: float = 0.0) -> None:
         """Write a frame until it is answered, ``TRIES`` times or for so many seconds, whichever is longer."""

@@ -1,0 +1,164 @@
+"""Layouts of boards against what their makers publish, and boards found again in arrays."""
+
+import jaxtyping
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from airtact.conventions import InvalidInput
+from airtact.scene.pose import Pose
+from airtact.transducers.boards import BOARDS, board_named, boards_needed, known_boards, poses_of_boards
+from airtact.transducers.layout import board_array, surrounding_box
+
+# Places [mm] of some channels in SonicSurface's own control software, whose plane is x, z and which looks to +y.
+SONICSURFACE = {
+    0: (-78.75, 80.75),
+    1: (-57.75, 80.75),
+    2: (-47.25, 80.75),
+    3: (-68.25, 70.25),
+    4: (-78.75, 70.25),
+    5: (-47.25, 70.25),
+    6: (-57.75, 70.25),
+    7: (-68.25, 80.75),
+    8: (-78.75, 59.75),
+    63: (-68.25, -66.25),
+    64: (-36.75, 80.75),
+    130: (36.75, 80.75),
+    201: (68.25, 59.75),
+    255: (57.75, -66.25),
+}
+
+# Places [mm] and pins of some transducers in a board file of OpenMPD, board_6.pat.
+OPENMPD = {
+    0: (-78.75, 78.75, 249),
+    1: (-78.75, 68.25, 253),
+    2: (-78.75, 57.75, 241),
+    15: (-78.75, -78.75, 197),
+    16: (-68.25, 78.75, 248),
+    32: (-57.75, 78.75, 251),
+    33: (-57.75, 68.25, 254),
+    48: (-47.25, 78.75, 250),
+    49: (-47.25, 68.25, 255),
+    64: (-36.75, 78.75, 185),
+    127: (-5.25, -78.75, 135),
+    255: (78.75, -78.75, 7),
+}
+
+
+def random_poses(count: int, seed: int = 5) -> list[Pose]:
+    random = np.random.default_rng(seed)
+    turns = Rotation.random(count, rng=random).as_matrix()
+    return [Pose(turn, random.uniform(-0.3, 0.3, 3)) for turn in turns]
+
+
+@pytest.mark.parametrize("board", known_boards(), ids=lambda board: board.name)
+def test_a_board_is_a_plane_of_places_with_a_channel_each(board) -> None:
+    assert board.positions.shape == (len(board), 3)
+    assert not board.positions[:, 2].any()
+    assert len(set(board.channels.tolist())) == len(board)
+    assert 0 <= board.channels.min() <= board.channels.max() < board.slots
+    apart = np.linalg.norm(board.positions[:, None] - board.positions[None], axis=-1)
+    assert apart[~np.eye(len(board), dtype=bool)].min() > 9.9e-3
+    assert board_named(board.name) is board
+
+
+def test_sonicsurface_has_the_order_of_its_own_software() -> None:
+    board = board_named("sonicsurface")
+    for channel, (x, z) in SONICSURFACE.items():
+        # Seen from the front with x to the right, its z points down: y = −z, and its middle is 2 mm off.
+        np.testing.assert_allclose(1e3 * board.positions[channel], [x, 2.0 - z, 0.0], rtol=0, atol=1e-9)
+
+
+def test_openmpd_has_the_places_and_pins_of_its_board_file() -> None:
+    board = board_named("openmpd")
+    for index, (x, y, pin) in OPENMPD.items():
+        np.testing.assert_allclose(1e3 * board.positions[index], [x, y, 0.0], rtol=0, atol=1e-9)
+        assert board.channels[index] == pin
+
+
+def test_a_nano_speaks_through_the_pins_that_its_firmware_drives() -> None:
+    # DDRC = 0b00111111 and DDRD = 0b11111100, bits 0 to 7 of a slot being port C and 8 to 15 port D.
+    driven = [bit for bit in range(16) if (0b11111100 << 8 | 0b00111111) >> bit & 1]
+    assert board_named("nano16").channels.tolist() == driven
+
+
+@pytest.mark.parametrize("name", ["autd3", "sonicsurface", "openmpd"])
+def test_boards_are_found_in_an_array_of_them(name: str) -> None:
+    poses = random_poses(2)
+    array = board_array(name, poses)
+    found = poses_of_boards(board_named(name), array.positions, array.normals)
+    for pose, there in zip(poses, found, strict=True):
+        np.testing.assert_allclose(there.rotation, pose.rotation, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(there.translation, pose.translation, rtol=0, atol=1e-12)
+
+
+def test_the_papers_box_and_a_real_one_are_four_boards() -> None:
+    autd3 = board_named("autd3")
+    for box, distance in ((surrounding_box(), 70e-3), (surrounding_box(board="autd3"), 75.7e-3)):
+        poses = poses_of_boards(autd3, box.positions, box.normals)
+        assert len(poses) == 4
+        for face, pose in enumerate(poses):
+            assert abs(box.positions[249 * face] @ pose.rotation[:, 2] + distance) < 1e-12
+
+
+def test_real_boards_close_their_box_without_overlap() -> None:
+    box = surrounding_box(board="autd3")
+    width, height = board_named("autd3").outline or (0.0, 0.0)
+    corners = []
+    for pose in poses_of_boards(board_named("autd3"), box.positions, box.normals):
+        grid = board_named("autd3").positions
+        middle = (grid.min(axis=0) + grid.max(axis=0)) / 2
+        half = np.array([[sx * width, sy * height, 0.0] for sx in (-0.5, 0.5) for sy in (-0.5, 0.5)])
+        corners.append(pose.apply(middle + half))
+    # Each board's long edges lie on those of its neighbours: 8 corners, each of two boards.
+    every = np.round(np.concatenate(corners) * 1e6).astype(int)
+    assert len(np.unique(every, axis=0)) == 8
+    np.testing.assert_allclose(np.ptp(every, axis=0) / 1e3, [151.4, 151.4, 192.0], rtol=0, atol=1e-3)
+
+
+def test_boards_without_places_of_their_own_are_anywhere() -> None:
+    places = np.random.default_rng(1).uniform(-0.1, 0.1, (12, 3))
+    pose = poses_of_boards(board_named("nano16"), places, np.tile([0.0, 0.0, 1.0], (12, 1)))
+    np.testing.assert_array_equal(pose[0].rotation, np.eye(3))
+
+
+def shifted(index: int):
+    array = board_array("autd3", random_poses(2))
+    places = array.positions.copy()
+    places[index] += [0.0, 0.0, 1e-3]
+    return poses_of_boards(board_named("autd3"), places, array.normals)
+
+
+def mirrored():
+    board = board_named("autd3")
+    return poses_of_boards(board, board.positions * [-1.0, 1.0, 1.0], np.tile([0.0, 0.0, 1.0], (249, 1)))
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda: board_named("ultrahaptics"), "'ultrahaptics' is none of the 4 boards: there is autd3, sonicsurface"),
+        (
+            lambda: boards_needed(board_named("autd3"), 248),
+            "248 elements do not fill whole autd3 boards of 249: .* 249 ",
+        ),
+        (
+            lambda: boards_needed(board_named("autd3"), 1000),
+            "1000 elements do not fill .* give a drive for 996 elements",
+        ),
+        (lambda: boards_needed(board_named("sonicsurface"), 996), "996 elements .* give a drive for 512 elements"),
+        (lambda: boards_needed(board_named("sonicsurface"), 768), "768 elements are 3 .* at most 2: .* 512 elements"),
+        (lambda: shifted(300), "elements 249 to 497 are not laid out like board 1 of autd3: element 300 stands 0.99"),
+        (mirrored, "elements 0 to 248 are not laid out like board 0 of autd3: .* mm off"),
+        (lambda: board_array("autd3", []), "at least 1 array, not 0"),
+        (lambda: surrounding_box(board="openmpd"), "256 transducers of openmpd have no known outline"),
+    ],
+)
+def test_what_is_no_board_is_refused(make, sentence: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
+    with pytest.raises(InvalidInput, match=sentence):
+        make()
+
+
+def test_boards_are_listed_by_name() -> None:
+    assert [board.name for board in known_boards()] == list(BOARDS)

@@ -1,0 +1,105 @@
+"""What each element gives: read from a table, and known to the transfer matrix and to synthesis."""
+
+import jaxtyping
+import numpy as np
+import pytest
+
+from airtact.conventions import InvalidInput
+from airtact.evaluation.field import field_map
+from airtact.scene.medium import Medium
+from airtact.scene.pose import Pose
+from airtact.scene.scene import Scene
+from airtact.scene.target import Target
+from airtact.solvers.free_field import FreeField
+from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
+from airtact.transducers.calibration import load_calibration
+from airtact.transducers.layout import PhasedArray, board_array, join
+from airtact.transfer import transfer_matrix
+
+SCENE = Scene(Medium(343.1, 1.293), [])
+TARGET = Target(np.array([[0.08, 0.06, 0.15]]))
+
+
+def calibrated(seed: int = 2) -> PhasedArray:
+    random = np.random.default_rng(seed)
+    gains = random.uniform(0.5, 1.5, 249) * np.exp(1j * random.uniform(-3, 3, 249))
+    gains[[0, 7, 248]] = 0.0
+    return board_array("autd3").calibrated(gains)
+
+
+def test_the_table_gives_gains_and_leaves_the_others_nominal(tmp_path) -> None:
+    path = tmp_path / "gains.csv"
+    path.write_text("element,gain,phase\n3,0.5,0.25\n10,0,0\n 1 , 2 , -1.5\n")
+    gains = load_calibration(path, 12)
+    expected = np.ones(12, dtype=complex)
+    expected[[1, 3, 10]] = 2 * np.exp(-1.5j), 0.5 * np.exp(0.25j), 0.0
+    np.testing.assert_allclose(gains, expected, rtol=1e-15)
+
+
+def test_a_forward_field_hears_what_the_matrix_says() -> None:
+    """Reciprocity and the forward field know of the gains each by itself."""
+    array = calibrated()
+    transfer = transfer_matrix(FreeField().radiate(SCENE, TARGET.beacons()), array)
+    drive = time_reversal(transfer, TARGET)
+    heard = field_map(SCENE, array, drive, TARGET.points, solver=FreeField())
+    np.testing.assert_allclose(transfer.pressure(drive), heard, rtol=1e-9)
+
+
+def test_synthesis_makes_up_for_phases_and_leaves_the_dead_silent() -> None:
+    array = calibrated()
+    transfer = transfer_matrix(FreeField().radiate(SCENE, TARGET.beacons()), array)
+    for method in (time_reversal, phase_conjugate):
+        amplitudes = method(transfer, TARGET).amplitudes
+        assert np.flatnonzero(amplitudes == 0).tolist() == [0, 7, 248]
+    together = np.abs(transfer.pressure(phase_conjugate(transfer, TARGET)))
+    # All in phase: as loud as the sum of what each gives alone.
+    np.testing.assert_allclose(together, np.abs(transfer.matrix).sum(axis=1), rtol=1e-12)
+
+
+def test_gains_ride_with_the_array() -> None:
+    array = calibrated()
+    np.testing.assert_array_equal(array.moved(Pose.turn((1, 2, 3), 0.4)).gains, array.gains)
+    plain = board_array("autd3", [Pose(np.eye(3), np.array([0.3, 0.0, 0.0]))])
+    np.testing.assert_array_equal(join([array, plain]).gains, np.concatenate([array.gains, np.ones(249)]))
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("index,gain\n0,1\n", "line 1 of gains.csv must be element,gain,phase"),
+        ("element,gain,phase\n0,1\n", "line 2 of gains.csv: '0,1' is not a whole number and two numbers"),
+        ("element,gain,phase\n1.5,1,0\n", "line 2 of gains.csv: '1.5,1,0' is not"),
+        ("element,gain,phase\n0,1,0\n12,1,0\n", "line 3 of gains.csv: there is no element 12 among 12 elements"),
+        ("element,gain,phase\n0,1,0\n0,1,0\n", "line 3 of gains.csv: element 0 was given in line 2 already"),
+        ("element,gain,phase\n0,-1,0\n", "gain -1 and phase 0 rad of element 0 must be 0 to 10"),
+        ("element,gain,phase\n0,95,0\n", "gain 95 .* must be 0 to 10"),
+        ("element,gain,phase\n0,nan,0\n", "gain nan"),
+        ("element,gain,phase\n0,1,inf\n", "phase inf rad"),
+    ],
+)
+def test_bad_tables_are_refused(tmp_path, text: str, sentence: str) -> None:
+    (tmp_path / "gains.csv").write_text(text)
+    with pytest.raises(InvalidInput, match=sentence):
+        load_calibration(tmp_path / "gains.csv", 12)
+
+
+def test_a_table_that_cannot_be_read_is_refused(tmp_path) -> None:
+    with pytest.raises(InvalidInput, match=r"cannot read gains\.csv: No such file"):
+        load_calibration(tmp_path / "gains.csv", 12)
+    (tmp_path / "gains.csv").write_bytes(b"element,gain,phase\n\xff\n")
+    with pytest.raises(InvalidInput, match=r"gains\.csv is not a text file: byte 19"):
+        load_calibration(tmp_path / "gains.csv", 12)
+
+
+@pytest.mark.parametrize(
+    ("gains", "sentence"),
+    [
+        (np.ones(3), r"249 elements need as many gains, not an array of shape \(3,\)"),
+        (np.zeros(249), "all 249 elements are dead"),
+        (np.full(249, np.nan), "element gains hold 249 NaN"),
+    ],
+)
+def test_bad_gains_are_refused(gains, sentence: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
+    with pytest.raises(InvalidInput, match=sentence):
+        board_array("autd3").calibrated(gains)
