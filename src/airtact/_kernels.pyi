@@ -68,6 +68,17 @@ def closest_on_panels(
 def inscribed_diameter(
     points: np.ndarray, normals: np.ndarray, body: np.ndarray, largest: float, diameter: np.ndarray
 ) -> None: ...
+def gerchberg_saxton(
+    real: np.ndarray,
+    imag: np.ndarray,
+    rows: np.ndarray,
+    wanted: np.ndarray,
+    turns: int,
+    weighted: bool,
+    sources: np.ndarray,
+    worst: np.ndarray,
+    drives: np.ndarray,
+) -> None: ...
 def near_integrals(
     single_layer: bool,
     targets: np.ndarray,

@@ -84,6 +84,7 @@ class TransferMatrix:
     matrix : (F, E) pressure at focus f when element e alone is at full scale [Pa].
     estimated_error : relative error of the matrix, as the solver of the beacons estimates it.
     foci : (F, 3) where the beacons stood, in the obstacles' frame [m]; None where nobody said.
+    wavelength : of the sound in the air [m]; None where nobody said.
 
     Raises
     ------
@@ -94,6 +95,7 @@ class TransferMatrix:
     matrix: Complex128[np.ndarray, "foci elements"]
     estimated_error: float
     foci: Float64[np.ndarray, "foci 3"] | None = None
+    wavelength: float | None = None
 
     __repr__ = in_short
 
@@ -162,7 +164,8 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
     element = array.element
     heard = beacons.at(array.face_points.reshape(-1, 3)).reshape(len(array), -1, count)
     matrix = element.sensitivity * np.einsum("eqf,q->fe", heard, element.weights) * array.gains
-    return TransferMatrix(matrix, _estimated_error(beacons, array.positions), beacons.sources.positions)
+    error = _estimated_error(beacons, array.positions)
+    return TransferMatrix(matrix, error, sources.positions, beacons.scene.wavelength)
 
 
 def _estimated_error(beacons: RadiatedField, positions: Float64[np.ndarray, "elements 3"]) -> float:

@@ -74,5 +74,13 @@ void near_integrals(bool single_layer, const double *targets, const std::int64_t
                     const double *contact, Wavenumber k, NearRule rule, std::complex<double> *out, double *distance,
                     double *foot);
 
+// For each set of foci, `turns` of Gerchberg-Saxton with elements at full scale, weighted or not. The matrix is
+// (points, elements); rows (sets, foci) are each set's rows of it, wanted (sets, foci) what they ask, 0 for nothing. In:
+// sources (sets, foci) to start from, their magnitudes being the weights. Out: sources of the best turn (the last one
+// where not weighted), worst (sets) = min |p| / wanted then, and drives (sets, elements), all magnitudes 1.
+void gerchberg_saxton(const float *real, const float *imag, std::int64_t elements, const std::int64_t *rows,
+                      const float *wanted, std::int64_t sets, std::int64_t foci, std::int64_t turns, bool weighted,
+                      std::complex<float> *sources, float *worst, std::complex<float> *drives);
+
 }  // namespace AIRTACT_VARIANT
 }  // namespace airtact

@@ -38,6 +38,7 @@ struct Variant {
     decltype(&baseline::closest_on_panels) closest_on_panels;
     decltype(&baseline::inscribed_diameter) inscribed_diameter;
     decltype(&baseline::near_integrals) near_integrals;
+    decltype(&baseline::gerchberg_saxton) gerchberg_saxton;
 };
 
 #define AIRTACT_FAR(v, Real)                                                                                         \
@@ -45,7 +46,7 @@ struct Variant {
 #define AIRTACT_TABLE(v)                                                                                             \
     { #v, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::panel_entries, &v::near_pairs, &v::closest_on_panels,      \
             &v::inscribed_diameter, \
-      &v::near_integrals }
+      &v::near_integrals, &v::gerchberg_saxton }
 
 static std::vector<Variant> runnable() {  // on this machine, the best last
     std::vector<Variant> found{AIRTACT_TABLE(baseline)};
@@ -176,6 +177,22 @@ static void closest(Points targets, Read<double, -1, 6, 3> panels, Index order, 
                               upper.data(), lower.shape(0) / 2, panel.data(), foot.data(), distance.data());
 }
 
+static void saxton(Read<float, -1, -1> real, Read<float, -1, -1> imag, Read<std::int64_t, -1, -1> rows,
+                   Read<float, -1, -1> wanted, std::int64_t turns, bool weighted,
+                   Write<std::complex<float>, -1, -1> sources, Write<float, -1> worst,
+                   Write<std::complex<float>, -1, -1> drives) {
+    const std::size_t sets = rows.shape(0), foci = rows.shape(1), points = real.shape(0), elements = real.shape(1);
+    same(imag.shape(0), points), same(imag.shape(1), elements);
+    same(wanted.shape(0), sets), same(wanted.shape(1), foci), same(sources.shape(0), sets), same(sources.shape(1), foci);
+    same(worst.shape(0), sets), same(drives.shape(0), sets), same(drives.shape(1), elements);
+    for (std::size_t i = 0; i < sets * foci; i++)
+        if (rows.data()[i] < 0 || rows.data()[i] >= std::int64_t(points))
+            throw nb::index_error("a set has a row that the matrix does not have");
+    nb::gil_scoped_release release;
+    active->gerchberg_saxton(real.data(), imag.data(), elements, rows.data(), wanted.data(), sets, foci, turns, weighted,
+                             sources.data(), worst.data(), drives.data());
+}
+
 NB_MODULE(_kernels, m) {
     m.doc() = "The compiled loops of the boundary element solver; kernels.hpp says what each computes.";
     m.def("variants", [] {
@@ -199,4 +216,5 @@ NB_MODULE(_kernels, m) {
     m.def("closest_on_panels", &closest);
     m.def("inscribed_diameter", &thickness);
     m.def("near_integrals", &near);
+    m.def("gerchberg_saxton", &saxton);
 }

@@ -3,14 +3,39 @@
 The foci choose their phases themselves, so phases that a target asks for are not heeded; nor are its quiet points.
 """
 
-import numpy as np
-from jaxtyping import Complex128
+from dataclasses import dataclass
 
+import numpy as np
+from jaxtyping import Complex64, Complex128, Float32, Float64, Int64
+
+from airtact import _kernels
 from airtact.conventions import InvalidInput
 from airtact.scene.target import Target
 from airtact.synthesis.constraint import AT_MOST_ONE, Constraint
 from airtact.synthesis.reach import foci_rows, scaled_to_target
 from airtact.transfer import Drive, TransferMatrix
+
+LAGGING = 1e-3
+"""A focus that gets less than this of the mean is not given more weight for being quieter still."""
+
+SINGLE = np.float32(1.0 - 2e-7)
+"""What brings magnitudes of 1 in single precision to at most 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class Turns:
+    """Where going to and fro ended, for every set of foci.
+
+    Attributes
+    ----------
+    sources : (S, F) the sources in the foci of the best turn, their magnitudes being the weights.
+    worst : (S,) smallest pressure over what was asked.
+    drives : (S, E) phases of every element, magnitude 1.
+    """
+
+    sources: Complex64[np.ndarray, "sets foci"]
+    worst: Float32[np.ndarray, "sets"]
+    drives: Complex64[np.ndarray, "sets elements"]
 
 
 def gerchberg_saxton(
@@ -44,8 +69,9 @@ def weighted_gerchberg_saxton(
 ) -> Drive:
     """Gerchberg-Saxton in which a focus that lags is given more weight at every turn; the best turn is kept.
 
-    Di Leonardo, Ianni and Ruocco, Opt. Express 15 (2007) 1913; for sound Marzo and Drinkwater, PNAS 116 (2019) 84.
-    Parameters, result and refusals as ``gerchberg_saxton``.
+    Di Leonardo, Ianni and Ruocco, Opt. Express 15 (2007) 1913; for sound Marzo and Drinkwater, PNAS 116 (2019) 84. It
+    starts from the foci in phase and from the elements in phase, and keeps the better. Parameters, result and refusals
+    as ``gerchberg_saxton``.
     """
     return _to_and_fro(transfer, target, iterations, constraint, weighted=True)
 
@@ -59,44 +85,138 @@ def gs_pat(
     Hᴴ s); at the end the sources are weighed by w²/|p|, and every element is brought to full scale. Parameters, result
     and refusals as ``gerchberg_saxton``.
     """
-    matrix = foci_rows(transfer, target)
+    matrix, wanted = asked_rows(transfer, target)
     _check_iterations(iterations)
     heard = matrix @ matrix.conj().T
-    pressure = target.weights.astype(np.complex128)
+    pressure = wanted.astype(np.complex128)
     for _ in range(iterations):
-        pressure = heard @ (target.weights * _phase(pressure))
-    loud = np.abs(pressure)
-    sources = target.weights**2 * _phase(pressure) / np.where(loud > 0.0, loud, 1.0)
-    return scaled_to_target(transfer, target, _phase(matrix.conj().T @ sources), constraint)
+        pressure = heard @ (wanted * phase(pressure))
+    sources = wanted**2 * pressure / np.maximum(np.abs(pressure) ** 2, np.finfo(float).tiny)
+    return scaled_to_target(transfer, target, phase(matrix.conj().T @ sources), constraint)
+
+
+def weighted_gerchberg_saxton_sets(
+    transfer: TransferMatrix,
+    sets: Int64[np.ndarray, "sets foci"],
+    weights: Float64[np.ndarray, "sets foci"] | None = None,
+    *,
+    iterations: int = 30,
+) -> list[Drive]:
+    """Make one drive by weighted Gerchberg-Saxton for each of many sets of foci on one matrix, as strong as possible.
+
+    Parameters
+    ----------
+    transfer : the transfer matrix of all points.
+    sets : (S, F) rows of the matrix that are the foci of each set.
+    weights : (S, F) pressures asked in proportion, 0 where a set has fewer than F foci; 1 for all by default.
+    iterations : how often to go to and fro, from the foci in phase.
+
+    Returns
+    -------
+    S drives, all elements at full scale.
+
+    Raises
+    ------
+    InvalidInput
+        If a row is not in the matrix (which), a weight is negative or not finite, a set asks for nothing (which), or
+        there is less than one iteration.
+    """
+    _check_iterations(iterations)
+    points = len(transfer.matrix)
+    if sets.min(initial=0) < 0 or sets.max(initial=0) >= points:
+        wrong = sets[(sets < 0) | (sets >= points)][0]
+        raise InvalidInput(f"a set of foci has the row {wrong}, but the transfer matrix has rows 0 to {points - 1}.")
+    wanted = np.ones(sets.shape) if weights is None else weights
+    if wanted.shape != sets.shape or not (np.isfinite(wanted) & (wanted >= 0.0)).all():
+        raise InvalidInput(f"weights of sets are {sets.shape} numbers from 0 up; {wanted.min(initial=0):g} is there.")
+    silent = np.flatnonzero(wanted.max(axis=1, initial=0.0) == 0.0)
+    if len(silent):
+        raise InvalidInput(f"set {silent[0]} asks every focus for 0; ask at least one focus for more.")
+    turns = to_and_fro(transfer.matrix, sets, wanted, wanted.astype(np.complex128), iterations)
+    return [Drive(phases) for phases in SINGLE * turns.drives]
+
+
+def to_and_fro(
+    matrix: Complex128[np.ndarray, "points elements"],
+    sets: Int64[np.ndarray, "sets foci"],
+    wanted: Float64[np.ndarray, "sets foci"],
+    sources: Complex128[np.ndarray, "sets foci"],
+    iterations: int,
+    weighted: bool = True,
+) -> Turns:
+    """Go to and fro with phases only, for many sets of foci at once, in single precision.
+
+    Parameters
+    ----------
+    matrix : (P, E) transfer matrix [Pa].
+    sets : (S, F) its rows that are the foci of each set.
+    wanted : (S, F) pressures asked, in proportion.
+    sources : (S, F) where to start; their magnitudes are the weights.
+    iterations : how often.
+    weighted : whether foci that lag get more weight; the best turn is kept then, else the last.
+    """
+    loudest = np.abs(matrix).max()
+    real, imag = ((part(matrix) / loudest).astype(np.float32) for part in (np.real, np.imag))
+    asked = (wanted / wanted.max(axis=1, keepdims=True)).astype(np.float32)
+    kept, worst = sources.astype(np.complex64), np.empty(len(sets), dtype=np.float32)
+    drives = np.empty((len(sets), matrix.shape[1]), dtype=np.complex64)
+    _kernels.gerchberg_saxton(real, imag, np.ascontiguousarray(sets), asked, iterations, weighted, kept, worst, drives)
+    return Turns(kept, worst, drives)
+
+
+def asked_rows(
+    transfer: TransferMatrix, target: Target
+) -> tuple[Complex128[np.ndarray, "asked elements"], Float64[np.ndarray, "asked"]]:
+    """Return the rows of the foci that ask for something, and what they ask."""
+    asked = target.weights > 0.0
+    return foci_rows(transfer, target)[asked], target.weights[asked]
+
+
+def phase(numbers: Complex128[np.ndarray, "*shape"]) -> Complex128[np.ndarray, "*shape"]:
+    """Numbers of magnitude 1 with the same phases; 0 stays 0."""
+    return numbers / np.maximum(np.abs(numbers), np.finfo(float).tiny)
 
 
 def _to_and_fro(
     transfer: TransferMatrix, target: Target, iterations: int, constraint: Constraint, weighted: bool
 ) -> Drive:
-    matrix = foci_rows(transfer, target)
+    matrix, wanted = asked_rows(transfer, target)
     _check_iterations(iterations)
-    asked = target.weights > 0.0
-    matrix, wanted = matrix[asked], target.weights[asked]
+    starts = wanted.astype(np.complex128)[None]
+    if weighted:
+        starts = np.stack([starts[0], wanted * phase(matrix.sum(axis=1))])
+    if constraint.phase_bits is not None:
+        return scaled_to_target(
+            transfer, target, _in_levels(matrix, wanted, starts[-1], iterations, constraint, weighted), constraint
+        )
+    sets = np.tile(np.arange(len(wanted)), (len(starts), 1))
+    turns = to_and_fro(matrix, sets, np.tile(wanted, (len(starts), 1)), starts, iterations, weighted)
+    sources = turns.sources[turns.worst.argmax()].astype(np.complex128)
+    return scaled_to_target(transfer, target, phase(matrix.conj().T @ sources), constraint)
+
+
+def _in_levels(
+    matrix: Complex128[np.ndarray, "foci elements"],
+    wanted: Float64[np.ndarray, "foci"],
+    sources: Complex128[np.ndarray, "foci"],
+    iterations: int,
+    constraint: Constraint,
+    weighted: bool,
+) -> Complex128[np.ndarray, "elements"]:
+    """Go to and fro with the phases that there are, so that the foci make up for the rounding."""
     back = np.ascontiguousarray(matrix.conj().T)
-    sources, weights, best = wanted.astype(np.complex128), wanted, -np.inf
-    kept = np.zeros(matrix.shape[1], dtype=np.complex128)
+    weights, best, kept = wanted, -np.inf, np.zeros(matrix.shape[1], dtype=np.complex128)
     for _ in range(iterations):
-        amplitudes = constraint.nearest(_phase(back @ sources))
+        amplitudes = constraint.nearest(phase(back @ sources))
         pressure = matrix @ amplitudes
         got = np.abs(pressure) / wanted
         if not weighted or got.min() > best:
             kept, best = amplitudes, got.min()
         if weighted:
-            weights = weights * got.mean() / np.maximum(got, 1e-3 * got.mean())
+            weights = weights * got.mean() / np.maximum(got, LAGGING * got.mean())
             weights = weights / weights.max()
-        sources = weights * _phase(pressure)
-    return scaled_to_target(transfer, target, kept, constraint)
-
-
-def _phase(numbers: Complex128[np.ndarray, "numbers"]) -> Complex128[np.ndarray, "numbers"]:
-    """Numbers of magnitude 1 with the same phases; 0 stays 0."""
-    magnitude = np.abs(numbers)
-    return numbers / np.where(magnitude > 0.0, magnitude, 1.0)
+        sources = weights * phase(pressure)
+    return kept
 
 
 def _check_iterations(iterations: int) -> None:
