@@ -1,0 +1,264 @@
+"""Writing and pictures as points for a ``Target``: text in single strokes, SVG paths, grey-scale images."""
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64, Real
+
+from airtact.conventions import InvalidInput, Vector
+from airtact.scene.guards import positive, real_numbers, refuse_not_finite
+from airtact.scene.shapes import Points, frame_of, segment, thinned
+
+FONT = "futural"
+"""The Hershey font of single strokes without serifs: what is felt is the stroke, not the outline of a letter."""
+
+LEAST_SHARE = 0.05
+"""Points of a picture darker than this share of its brightest are left out."""
+
+SHARP = 0.5
+"""Cosine of the turn of a stroke below which its corner is kept: 60 degrees."""
+
+Strokes = list[Float64[np.ndarray, "_ 2"]]
+"""Lines from corner to corner in a plane, x to the right and y up."""
+
+
+def text(
+    words: str,
+    height: float,
+    spacing: float,
+    centre: Vector = (0.0, 0.0, 0.0),
+    normal: Vector = (0.0, 0.0, 1.0),
+    up: Vector | None = None,
+) -> Points:
+    """Points of writing, in single strokes: the centre lines of the letters (A. V. Hershey's fonts, 1967).
+
+    Parameters
+    ----------
+    words : what is written, in ASCII.
+    height : of a capital letter [m].
+    spacing : largest distance of neighbours along a stroke [m].
+    centre : (3,) middle of the writing [m].
+    normal : (3,) direction from which it is read.
+    up : (3,) direction of the letters' tops; None for y, or z where the normal is nearly y.
+
+    Returns
+    -------
+    (F, 3) points [m].
+
+    Raises
+    ------
+    InvalidInput
+        If there is nothing to write, a letter is not in the font, or as ``polyline``.
+
+    Examples
+    --------
+    >>> letters = text("AIR", height=0.02, spacing=3e-3)
+    >>> np.ptp(letters, axis=0).round(4).tolist()
+    [0.041, 0.02, 0.0]
+    """
+    from HersheyFonts import HersheyFonts  # read only where something is written
+
+    font = HersheyFonts()
+    font.load_default_font(FONT)
+    font.normalize_rendering(1.0)  # or y would run down
+    unknown = [letter for letter in words if not 32 <= ord(letter) < 127]
+    if unknown:
+        raise InvalidInput(f"{unknown[0]!r} of {words!r} is not one of the 95 letters of the font; write it in ASCII.")
+    strokes = [np.array(stroke, dtype=np.float64) for stroke in font.strokes_for_text(words)]
+    capital = np.concatenate([np.array(stroke, dtype=np.float64) for stroke in font.strokes_for_text("H")])
+    scale = positive(height, "the height of a letter", "m") / float(np.ptp(capital[:, 1]))
+    return _laid_out([stroke * scale for stroke in strokes], repr(words), spacing, centre, normal, up)
+
+
+def svg_path(
+    source: str | Path,
+    width: float,
+    spacing: float,
+    centre: Vector = (0.0, 0.0, 0.0),
+    normal: Vector = (0.0, 0.0, 1.0),
+    up: Vector | None = None,
+) -> Points:
+    """Points of the lines of an SVG drawing: its paths, polygons, circles and so on, with their transforms.
+
+    Parameters
+    ----------
+    source : an .svg file, or the text of one path, such as "M 0 0 L 10 0 C 10 5 5 10 0 10 Z".
+    width : of the whole drawing [m], or its height where it has no width.
+    spacing : largest distance of neighbours along a line [m].
+    centre : (3,) middle of the drawing [m].
+    normal : (3,) direction from which it is seen.
+    up : (3,) direction of its top; None for y, or z where the normal is nearly y.
+
+    Returns
+    -------
+    (F, 3) points [m].
+
+    Raises
+    ------
+    InvalidInput
+        If the file cannot be read or is not SVG, it holds no lines, or as ``polyline``.
+    """
+    width, spacing = positive(width, "the width of the drawing", "m"), positive(spacing, "the spacing", "m")
+    name = source.name if isinstance(source, Path) else repr(source)
+    strokes = _svg_strokes(source, name)
+    everything = np.concatenate(strokes) if strokes else np.empty((0, 2))
+    extent = np.ptp(everything, axis=0) if len(everything) else np.zeros(2)
+    size = extent[0] if extent[0] > 0.0 else extent[1]
+    if size == 0.0:
+        raise InvalidInput(f"{name} holds {len(strokes)} lines, none of which is longer than 0.")
+    scaled = [stroke * [width / size, -width / size] for stroke in strokes]  # in SVG y runs down
+    return _laid_out(scaled, name, spacing, centre, normal, up)
+
+
+def _svg_strokes(source: str | Path, name: str) -> Strokes:
+    """Bring the lines of a drawing to corners close to each other, in its own units."""
+    import svgelements  # read only where something is drawn
+
+    try:
+        if isinstance(source, Path) or source.endswith(".svg"):
+            with open(source, encoding="utf-8") as file:
+                drawing = svgelements.SVG.parse(file)
+            paths = [svgelements.Path(one) for one in drawing.elements() if isinstance(one, svgelements.Shape)]
+        else:
+            paths = [svgelements.Path(source)]
+    except OSError as error:
+        raise InvalidInput(f"cannot read {name}: {error.strerror}.") from None
+    except Exception as error:  # the reader has its own way to fail on each damage
+        raise InvalidInput(f"{name} is not SVG: {error}.") from None
+    strokes = [_stroke(svgelements.Path(part)) for path in paths for part in path.as_subpaths()]
+    return [stroke for stroke in strokes if len(stroke) > 1]
+
+
+def _stroke(line: Any) -> Float64[np.ndarray, "corners 2"]:
+    """Corners of one subpath: the ends of its straight parts, and 64 points of each curve."""
+    import svgelements
+
+    places = []
+    for part in line:
+        if isinstance(part, svgelements.Move | svgelements.Line | svgelements.Close):
+            places.append(part.end)
+        else:
+            places += [part.point(t) for t in np.linspace(0.0, 1.0, 65)[1:]]
+    return np.array([[place.x, place.y] for place in places if place is not None], dtype=np.float64).reshape(-1, 2)
+
+
+def picture(
+    image: str | Path | Real[np.ndarray, "rows columns"],
+    width: float,
+    spacing: float,
+    centre: Vector = (0.0, 0.0, 0.0),
+    normal: Vector = (0.0, 0.0, 1.0),
+    up: Vector | None = None,
+) -> tuple[Points, Float64[np.ndarray, "points"]]:
+    """Points on a plane, and the share that each asks: the brightness of a grey-scale picture round it.
+
+    Parameters
+    ----------
+    image : a picture file, or (R, C) brightness, the first row on top.
+    width : of the picture [m].
+    spacing : of the points, on a square grid [m].
+    centre : (3,) its middle [m].
+    normal : (3,) direction from which it is seen.
+    up : (3,) direction of its top; None for y, or z where the normal is nearly y.
+
+    Returns
+    -------
+    (F, 3) points [m], and (F,) shares for ``Target(points, shares=shares)``, 1 at the brightest; those below 0.05 are
+    left out.
+
+    Raises
+    ------
+    InvalidInput
+        If the file cannot be read, the picture is black or no grey-scale, or there would be more than 4096 points.
+
+    Examples
+    --------
+    >>> points, shares = picture(np.array([[0.0, 100.0], [50.0, 0.0]]), width=0.02, spacing=0.01)
+    >>> (1e3 * points).round(1).tolist(), shares.tolist()
+    ([[5.0, 5.0, 0.0], [-5.0, -5.0, 0.0]], [1.0, 0.5])
+    """
+    bright = _brightness(image)
+    width, spacing = positive(width, "the width of the picture", "m"), positive(spacing, "the spacing", "m")
+    rows, columns = bright.shape
+    right, upwards, _ = frame_of(normal, up)
+    across, down = max(1, round(width / spacing)), max(1, round(width * rows / columns / spacing))
+    if across * down > MOST_CELLS:
+        raise InvalidInput(
+            f"a spacing of {1e3 * spacing:.3g} mm gives {across * down} points, more than {MOST_CELLS}; give a larger "
+            "one."
+        )
+    shares = _averaged(_averaged(bright, down).T, across).T
+    shares = shares / shares.max()
+    x = ((np.arange(across) + 0.5) / across - 0.5) * width
+    y = (0.5 - (np.arange(down) + 0.5) / down) * width * rows / columns
+    grid = np.asarray(centre, dtype=np.float64) + y[:, None, None] * upwards + x[None, :, None] * right
+    kept = shares >= LEAST_SHARE
+    return grid[kept], shares[kept]
+
+
+MOST_CELLS = 4096
+"""Points that a picture may have."""
+
+
+def _brightness(image: str | Path | Real[np.ndarray, "rows columns"]) -> Float64[np.ndarray, "rows columns"]:
+    """Read a picture, or refuse what is black or none."""
+    bright = _read(image) if isinstance(image, str | Path) else real_numbers(image, "the brightness")
+    refuse_not_finite(bright, "the brightness")
+    if bright.ndim != 2 or bright.size == 0 or bright.min() < 0.0 or bright.max() == 0.0:
+        least = f", its smallest value {bright.min():g}" if bright.size else ""
+        raise InvalidInput(
+            f"a picture is rows and columns of brightness from 0 up, not all 0, not of shape {bright.shape}{least}."
+        )
+    return bright
+
+
+def _read(path: str | Path) -> Float64[np.ndarray, "rows columns"]:
+    from PIL import Image  # comes with matplotlib
+
+    try:
+        with Image.open(path) as image:
+            return np.asarray(image.convert("L"), dtype=np.float64)
+    except OSError as error:
+        raise InvalidInput(f"cannot read the picture {Path(path).name}: {error.strerror or error}.") from None
+
+
+def _averaged(rows: Float64[np.ndarray, "rows columns"], count: int) -> Float64[np.ndarray, "cells columns"]:
+    """Mean over ``count`` equal shares of the rows, rows that are cut counting in part."""
+    total = np.concatenate([np.zeros((1, rows.shape[1])), np.cumsum(rows, axis=0)])
+    cuts = np.linspace(0.0, len(rows), count + 1)
+    index = np.minimum(cuts.astype(np.int64), len(rows) - 1)
+    sums = total[index] + (cuts - index)[:, None] * rows[index]
+    return np.diff(sums, axis=0) * count / len(rows)
+
+
+def _laid_out(strokes: Strokes, name: str, spacing: float, centre: Vector, normal: Vector, up: Vector | None) -> Points:
+    """Put strokes in a plane round a point and lay points along them."""
+    if not strokes:
+        raise InvalidInput(f"{name} has 0 strokes: there is nothing to feel.")
+    right, upwards, _ = frame_of(normal, up)
+    everything = np.concatenate(strokes)
+    middle = 0.5 * (everything.min(axis=0) + everything.max(axis=0))
+    spacing = positive(spacing, "the spacing", "m")
+    found = [_along(np.asarray(stroke - middle) @ np.stack([right, upwards]), spacing) for stroke in strokes]
+    return np.asarray(centre, dtype=np.float64) + thinned(np.concatenate(found), 0.6 * spacing)
+
+
+def _along(corners: Float64[np.ndarray, "corners 3"], spacing: float) -> Points:
+    """Lay points evenly along a stroke, its ends and sharp corners among them, however close its corners are."""
+    steps = np.diff(corners, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    if not lengths.max(initial=0.0) > 0.0:
+        return corners[:1]
+    corners = corners[np.append(True, lengths > 0.0)]
+    steps, lengths = steps[lengths > 0.0], lengths[lengths > 0.0]
+    cosine = np.einsum("ij,ij->i", steps[1:], steps[:-1]) / (lengths[1:] * lengths[:-1])
+    cuts = [0, *(1 + np.flatnonzero(cosine < SHARP)).tolist(), len(lengths)]
+    found = []
+    for first, last in pairwise(cuts):
+        way = np.concatenate([[0.0], np.cumsum(lengths[first:last])])
+        marks = segment((0.0, 0.0, 0.0), (float(way[-1]), 0.0, 0.0), spacing)[:, 0]
+        part = corners[first : last + 1]
+        found.append(np.stack([np.interp(marks, way, part[:, axis]) for axis in range(3)], axis=1))
+    return np.concatenate(found)
