@@ -13,17 +13,12 @@ from airtact.evaluation.metrics import Evaluation, evaluate
 from airtact.evaluation.radiation import Pad, SkinMap, radiation_pressure, skin_map
 from airtact.evaluation.thresholds import sound_pressure_level
 from airtact.scene.drawings import picture, svg_path, text
-from airtact.hardware.autd3_link import AUTD3Link
-from airtact.hardware.emission import Emission, Played
-from airtact.hardware.file_link import FileLink
-from airtact.hardware.link import Link, LinkFailed, RecordingLink
-from airtact.hardware.serial_link import SerialLink
 from airtact.scene.files import load_surface
 from airtact.scene.geometry import Surface
+from airtact.scene.hand import Pinch, pinch
 from airtact.scene.medium import Medium, air
 from airtact.scene.merging import merged
 from airtact.scene.panels import Panels
-from airtact.scene.pinch import Pinch, pinch
 from airtact.scene.pose import Pose
 from airtact.scene.primitives import capsule, sphere
 from airtact.scene.scene import Obstacle, Scene, filled, impedance, sound_hard
@@ -36,21 +31,11 @@ from airtact.solvers.problem import RadiatedField, Skin, Solver, SolveReport
 from airtact.solvers.sphere_series import SphereSeries
 from airtact.synthesis.constraint import Constraint
 from airtact.synthesis.eigenvector import eigenvector
-from airtact.synthesis.gerchberg_saxton import (
-    gerchberg_saxton,
-    gs_pat,
-    weighted_gerchberg_saxton,
-    weighted_gerchberg_saxton_sets,
-)
-from airtact.synthesis.gradient import gradient
+from airtact.synthesis.gerchberg_saxton import gerchberg_saxton, gs_pat, weighted_gerchberg_saxton
 from airtact.synthesis.inverse_filter import inverse_filter, iterated_time_reversal
-from airtact.synthesis.max_min import max_min
-from airtact.synthesis.quantise import Frame, Levels, quantise, rounding_error
+from airtact.synthesis.quantise import Frame, quantise
 from airtact.synthesis.reach import share_reached
-from airtact.synthesis.stalling import Stalled
 from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
-from airtact.synthesis.upper_bound import UpperBound, upper_bound
-from airtact.transducers.boards import Board, board_named, poses_of_boards
 from airtact.transducers.calibration import load_calibration
 from airtact.transducers.element import Element, monopole, piston
 from airtact.transducers.layout import PhasedArray, autd3_board, board_array, flat_boards, join, surrounding_box
@@ -65,23 +50,16 @@ from airtact.transfer import (
 __version__ = "0.1.0"
 
 __all__ = [
-    "AUTD3Link",
-    "Board",
     "BoundaryElement",
     "Comparison",
     "Constraint",
     "Drive",
     "Element",
-    "Emission",
     "Evaluation",
-    "FileLink",
     "Frame",
     "FreeField",
     "InvalidInput",
     "Judgement",
-    "Levels",
-    "Link",
-    "LinkFailed",
     "Medium",
     "Monopoles",
     "NotConverged",
@@ -90,28 +68,22 @@ __all__ = [
     "Panels",
     "PhasedArray",
     "Pinch",
-    "Played",
     "Pose",
     "RadiatedField",
-    "RecordingLink",
     "Scene",
-    "SerialLink",
     "Skin",
     "SkinMap",
     "SolveReport",
     "Solver",
     "SphereSeries",
-    "Stalled",
     "Stray",
     "Surface",
     "Target",
     "TransferMatrix",
-    "UpperBound",
     "air",
     "attainable",
     "autd3_board",
     "board_array",
-    "board_named",
     "capsule",
     "circle",
     "compare",
@@ -123,7 +95,6 @@ __all__ = [
     "focus_by_distance",
     "focus_by_distance_phase_only",
     "gerchberg_saxton",
-    "gradient",
     "gs_pat",
     "impedance",
     "inverse_filter",
@@ -132,7 +103,6 @@ __all__ = [
     "judge",
     "load_calibration",
     "load_surface",
-    "max_min",
     "merged",
     "monopole",
     "phase_conjugate",
@@ -140,10 +110,8 @@ __all__ = [
     "pinch",
     "piston",
     "polyline",
-    "poses_of_boards",
     "quantise",
     "radiation_pressure",
-    "rounding_error",
     "segment",
     "share_reached",
     "skin_map",
@@ -157,7 +125,5 @@ __all__ = [
     "text",
     "time_reversal",
     "transfer_matrix",
-    "upper_bound",
     "weighted_gerchberg_saxton",
-    "weighted_gerchberg_saxton_sets",
 ]
