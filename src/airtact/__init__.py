@@ -15,10 +15,10 @@ from airtact.evaluation.thresholds import sound_pressure_level
 from airtact.scene.drawings import picture, svg_path, text
 from airtact.scene.files import load_surface
 from airtact.scene.geometry import Surface
-from airtact.scene.hand import Pinch, pinch
 from airtact.scene.medium import Medium, air
 from airtact.scene.merging import merged
 from airtact.scene.panels import Panels
+from airtact.scene.pinch import Pinch, pinch
 from airtact.scene.pose import Pose
 from airtact.scene.primitives import capsule, sphere
 from airtact.scene.scene import Obstacle, Scene, filled, impedance, sound_hard

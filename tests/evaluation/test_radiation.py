@@ -6,8 +6,8 @@ from scipy.special import spherical_jn, spherical_yn
 
 from airtact.conventions import InvalidInput
 from airtact.evaluation.radiation import PAD_REACH, radiation_pressure, skin_map, skin_of
-from airtact.scene.hand import pinch
 from airtact.scene.medium import Medium
+from airtact.scene.pinch import pinch
 from airtact.scene.primitives import sphere
 from airtact.scene.scene import Scene, impedance, sound_hard
 from airtact.scene.sources import Monopoles

@@ -5,7 +5,7 @@ import pytest
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from airtact.report.scene_figure import draw_scene
-from airtact.scene.hand import pinch
+from airtact.scene.pinch import pinch
 from airtact.transducers.layout import flat_boards, surrounding_box
 
 

@@ -7,8 +7,8 @@ from meshes import box_mesh, torus_mesh
 
 from airtact.conventions import InvalidInput
 from airtact.scene.geometry import Surface
-from airtact.scene.hand import pinch
 from airtact.scene.medium import Medium, air
+from airtact.scene.pinch import pinch
 from airtact.scene.pose import Pose
 from airtact.scene.primitives import sphere
 from airtact.scene.scene import Obstacle, Scene, check_outside, check_sources, filled, impedance, sound_hard

@@ -11,8 +11,8 @@ from jaxtyping import Float64
 from airtact.conventions import InvalidInput, about
 from airtact.scene.files import load_surface
 from airtact.scene.geometry import Surface
-from airtact.scene.hand import pinch
 from airtact.scene.medium import Medium, air
+from airtact.scene.pinch import pinch
 from airtact.scene.pose import Pose
 from airtact.scene.primitives import capsule, sphere
 from airtact.scene.scene import Obstacle, Scene, check_outside, filled, impedance, sound_hard

@@ -7,8 +7,8 @@ import pytest
 
 from airtact.conventions import InvalidInput
 from airtact.scene.closest_point import segment_distances
-from airtact.scene.hand import pinch
 from airtact.scene.medium import Medium
+from airtact.scene.pinch import pinch
 from airtact.scene.scene import Scene, check_outside, sound_hard
 
 
