@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from airtact.conventions import InvalidInput
-from airtact.hardware.autd3_link import AUTD3Link, custom_gain, gain_of
+from airtact.hardware.autd3_link import AUTD3Link, _custom_gain, _gain_of
 from airtact.hardware.link import LinkFailed
 from airtact.scene.pose import Pose
 from airtact.synthesis.quantise import Frame
@@ -110,7 +110,7 @@ def test_pyautd3s_own_slow_gain_says_the_same() -> None:
     link = AUTD3Link([Pose.identity()])
     link.open()
     frame = random_frame(249)
-    link._sender.send((pyautd3.Static(), custom_gain(link._words(frame))))
+    link._sender.send((pyautd3.Static(), _custom_gain(link._words(frame))))
     assert link.played().same_as(frame)
     link.close()
 
@@ -119,7 +119,7 @@ def test_the_slow_gain_is_taken_where_the_fast_one_cannot_be(monkeypatch: pytest
     import pyautd3.gain
 
     monkeypatch.delattr("pyautd3.native_methods.autd3capi.NativeMethods.gain_custom")
-    assert isinstance(gain_of(np.zeros((1, 249), dtype=np.uint16)), pyautd3.gain.Custom)
+    assert isinstance(_gain_of(np.zeros((1, 249), dtype=np.uint16)), pyautd3.gain.Custom)
 
 
 def test_a_cable_cut_says_what_was_sent_last(link: AUTD3Link) -> None:

@@ -52,7 +52,9 @@ class AUTD3Link(Link):
     sound_speed : of the medium [m/s], for simulators.
     """
 
-    plays_itself = True
+    poses: list[Pose]
+    address: str | None
+    sound_speed: float | None
 
     def __init__(
         self,
@@ -66,12 +68,22 @@ class AUTD3Link(Link):
             raise InvalidInput(f"{through!r} is none of the {len(THROUGH)} ways to AUTD3: {', '.join(THROUGH)}.")
         if through in ("remote", "simulator") and address is None:
             raise InvalidInput(f"the {through} link needs 1 address, such as 127.0.0.1:8080; 0 given.")
-        self.name = through
+        self._through = through
         self.poses = list(poses)
         self.address = address
         self.sound_speed = sound_speed
-        self.lost: str | None = None
+        self._lost: str | None = None
         self._controller: Any = None
+
+    @property
+    def name(self) -> str:
+        """What commands call it: the way to the boards."""
+        return self._through
+
+    @property
+    def plays_itself(self) -> bool:
+        """The boards repeat a sequence by themselves."""
+        return True
 
     def check_sequence(self, frames: int, rate: float) -> None:
         """Refuse a sequence that the boards cannot keep or whose rate does not divide 40 kHz, with the nearest.
@@ -132,12 +144,12 @@ class AUTD3Link(Link):
         self._controller.link().break_down()
 
     def _begin(self) -> None:
-        pyautd3 = library()
+        pyautd3 = _library()
         turns = [np.array(Rotation.from_matrix(pose.rotation).as_quat(scalar_first=True)) for pose in self.poses]
         devices = [
             pyautd3.AUTD3(pos=1e3 * pose.translation, rot=turn) for pose, turn in zip(self.poses, turns, strict=True)
         ]
-        self.lost = None
+        self._lost = None
         self._controller = pyautd3.Controller.open(devices, self._way())
         if self.sound_speed is not None:
             self._controller.environment.sound_speed = 1e3 * self.sound_speed
@@ -175,14 +187,14 @@ class AUTD3Link(Link):
 
     def _note(self, board: int, status: object) -> None:
         """Keep what EtherCAT says of a board until the next frame; it calls from a thread of its own."""
-        self.lost = f"board {board}: {status}"
+        self._lost = f"board {board}: {status}"
 
     def _transmit(self, frame: Frame) -> None:
         import pyautd3
 
-        if self.lost is not None:
-            raise self._failed("sending", self.lost)
-        self._sender.send((pyautd3.Static(), gain_of(self._words(frame))))
+        if self._lost is not None:
+            raise self._failed("sending", self._lost)
+        self._sender.send((pyautd3.Static(), _gain_of(self._words(frame))))
 
     def _upload(self, frames: Sequence[Frame], rate: float) -> None:
         import pyautd3
@@ -190,7 +202,7 @@ class AUTD3Link(Link):
         divide = round(PERIODS / rate)
         period = divide * (1_000_000 // PERIODS)
         self._sender.send(self._silencer(min(INTENSITY_FADE, period), min(PHASE_FADE, period)))
-        gains = [gain_of(self._words(frame)) for frame in frames]
+        gains = [_gain_of(self._words(frame)) for frame in frames]
         sequence = pyautd3.GainSTM(gains, pyautd3.SamplingConfig(divide), pyautd3.GainSTMOption())
         self._sender.send((pyautd3.Static(), sequence))
 
@@ -232,7 +244,7 @@ class AUTD3Link(Link):
             raise self._failed(doing, str(error).rstrip(".")) from error
 
 
-def library() -> Any:
+def _library() -> Any:
     """Import pyautd3 if it is there in a version that is known to do what is asked here.
 
     Raises
@@ -251,7 +263,7 @@ def library() -> Any:
     return pyautd3
 
 
-def gain_of(words: UInt16[np.ndarray, "boards elements"]) -> Any:
+def _gain_of(words: UInt16[np.ndarray, "boards elements"]) -> Any:
     """Return a gain of pyautd3 that plays a table.
 
     pyautd3's own ``Custom`` builds a device and a transducer for each of 996 questions, 0.3 s a frame. This one gives
@@ -265,7 +277,7 @@ def gain_of(words: UInt16[np.ndarray, "boards elements"]) -> Any:
     try:
         return _table_gain(words)
     except (ImportError, AttributeError):
-        return custom_gain(words)
+        return _custom_gain(words)
 
 
 def _table_gain(words: UInt16[np.ndarray, "boards elements"]) -> Any:
@@ -296,7 +308,7 @@ def _table_gain(words: UInt16[np.ndarray, "boards elements"]) -> Any:
     return TableGain()
 
 
-def custom_gain(words: UInt16[np.ndarray, "boards elements"]) -> Any:
+def _custom_gain(words: UInt16[np.ndarray, "boards elements"]) -> Any:
     """Return the same gain through pyautd3's public ``Custom``, slow.
 
     Parameters

@@ -92,6 +92,8 @@ class Emission:
         If the cap is not above 0 and at most 100, or a time is negative or not finite.
     """
 
+    link: Link
+
     def __init__(self, link: Link, *, cap: float = 100.0, ramp: float = RAMP, patience: float = PATIENCE) -> None:
         cap = number(cap, "the cap", "per cent")
         if not 0.0 < cap <= 100.0:

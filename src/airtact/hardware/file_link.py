@@ -204,13 +204,18 @@ class FileLink(Link):
     boards : how many.
     """
 
-    name = "file"
+    path: Path
 
     def __init__(self, path: str | Path, board: str = "autd3", boards: int = 1) -> None:
         super().__init__(board, boards)
         self.path = check_suffix(Path(path))
         self._frames: list[Frame] = []
         self._seconds: list[float] = []
+
+    @property
+    def name(self) -> str:
+        """What commands call it."""
+        return "file"
 
     def _begin(self) -> None:
         if not self.path.parent.is_dir():

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from airtact.conventions import InvalidInput
-from airtact.hardware.codecs import codec_of
+from airtact.hardware.codecs import Codec, codec_of
 from airtact.scene.guards import counted, of_kind, positive
 from airtact.synthesis.quantise import Frame, Levels
 
@@ -35,15 +35,17 @@ class Link(ABC):
 
     Attributes
     ----------
-    name : what commands call it.
-    plays_itself : whether boards repeat a sequence by themselves once it was sent (``play``), or every frame must be
-        sent in time.
+    codec : the messages of its boards.
+    boards, elements : how many boards it speaks to, and elements on them.
     last : the frame that was sent last, or None.
     sent : how many frames were sent since it was opened.
     """
 
-    name = "link"
-    plays_itself = False
+    codec: Codec
+    boards: int
+    elements: int
+    last: Frame | None
+    sent: int
 
     def __init__(self, board: str, boards: int = 1) -> None:
         self.codec = codec_of(board)
@@ -51,9 +53,19 @@ class Link(ABC):
             raise InvalidInput(f"one link speaks to 1 to {self.codec.board.most} {board} boards, not {boards}.")
         self.elements = boards * len(self.codec.board)
         self.boards = boards
-        self.last: Frame | None = None
+        self.last = None
         self.sent = 0
         self._open = False
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """What commands call it."""
+
+    @property
+    def plays_itself(self) -> bool:
+        """Whether boards repeat a sequence by themselves once it was sent, or every frame must be sent in time."""
+        return False
 
     @property
     def levels(self) -> Levels:
@@ -233,12 +245,17 @@ class RecordingLink(Link):
     seconds : when, counted from opening.
     """
 
-    name = "recording"
+    frames: list[Frame]
+    seconds: list[float]
 
     def __init__(self, board: str = "autd3", boards: int = 1) -> None:
         super().__init__(board, boards)
-        self.frames: list[Frame] = []
-        self.seconds: list[float] = []
+        self.frames, self.seconds = [], []
+
+    @property
+    def name(self) -> str:
+        """What commands call it."""
+        return "recording"
 
     def _begin(self) -> None:
         self.frames, self.seconds, self._begun = [], [], time.monotonic()

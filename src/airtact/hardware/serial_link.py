@@ -43,7 +43,8 @@ class SerialLink(Link):
     boot : how long the first answer may take [s].
     """
 
-    name = "serial"
+    port: str
+    boot: float
 
     def __init__(self, port: str, board: str = "sonicsurface", boards: int = 1, boot: float = BOOT) -> None:
         super().__init__(board, boards)
@@ -52,6 +53,11 @@ class SerialLink(Link):
         self.port = port
         self.boot = boot
         self._line: Any = None
+
+    @property
+    def name(self) -> str:
+        """What commands call it."""
+        return "serial"
 
     @property
     def fastest(self) -> float:

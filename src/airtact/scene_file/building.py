@@ -32,8 +32,9 @@ from airtact.scene_file.tables import (
 )
 from airtact.solvers.boundary_element import BoundaryElement
 from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
+from airtact.transducers.calibration import load_calibration
 from airtact.transducers.element import Element, monopole, piston
-from airtact.transducers.layout import PhasedArray, autd3_board, flat_boards, join, surrounding_box
+from airtact.transducers.layout import PhasedArray, board_array, flat_boards, surrounding_box
 from airtact.transducers.placement import check_placement
 from airtact.transfer import Drive, TransferMatrix
 
@@ -272,7 +273,12 @@ def _array(table: ArrayTable, folder: Path) -> PhasedArray:
     element = monopole(**loudness) if table.piston_radius is None else piston(table.piston_radius, **loudness)
     for key, owner in (("rows", "flat_boards"), ("columns", "flat_boards"), ("poses", "boards")):
         _goes_with(table, key, f'layout = "{owner}"', table.layout == owner)
+    owners = ("surrounding_box", "boards")
+    _goes_with(table, "board", " or ".join(f'layout = "{owner}"' for owner in owners), table.layout in owners)
     array = _layout(table, element, folder)
+    if table.calibration is not None:
+        with about("calibration"):
+            array = array.calibrated(load_calibration(folder / table.calibration, len(array)))
     if table.pose is None:
         return array
     with about("pose"):
@@ -281,14 +287,14 @@ def _array(table: ArrayTable, folder: Path) -> PhasedArray:
 
 def _layout(table: ArrayTable, element: Element, folder: Path) -> PhasedArray:
     if table.layout == "surrounding_box":
-        return surrounding_box(element=element)
+        return surrounding_box(element=element, board=table.board)
     if table.layout == "flat_boards":
         size = {key: value for key in ("rows", "columns") if (value := getattr(table, key)) is not None}
         return flat_boards(**size, element=element)
     if table.layout == "boards":
         if not table.poses:
             raise InvalidInput('layout = "boards" needs poses, one for each board; 0 given.')
-        return join([autd3_board(_pose(pose), element=element) for pose in table.poses])
+        return board_array(table.board or "autd3", [_pose(pose) for pose in table.poses], element)
     if table.layout.endswith(".csv"):
         return _array_from_csv(folder / table.layout, element)
     known = nearest(table.layout, ("surrounding_box", "flat_boards", "boards"))

@@ -41,9 +41,15 @@ class PoseTable(Table, frozen=True):
 
 
 class ArrayTable(Table, frozen=True):
-    """Who speaks; ``pose`` is where the whole array stands in the obstacles' frame."""
+    """Who speaks; ``pose`` is where the whole array stands in the obstacles' frame.
+
+    ``board`` is the kind of board that a box or boards are made of; ``calibration`` is a .csv file beside the scene
+    file that says what each element really gives.
+    """
 
     layout: str
+    board: str | None = None
+    calibration: str | None = None
     rows: int | None = None
     columns: int | None = None
     poses: list[PoseTable] | None = None
