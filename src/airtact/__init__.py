@@ -13,6 +13,11 @@ from airtact.evaluation.metrics import Evaluation, evaluate
 from airtact.evaluation.radiation import Pad, SkinMap, radiation_pressure, skin_map
 from airtact.evaluation.thresholds import sound_pressure_level
 from airtact.scene.drawings import picture, svg_path, text
+from airtact.hardware.autd3_link import AUTD3Link
+from airtact.hardware.emission import Emission, Played
+from airtact.hardware.file_link import FileLink
+from airtact.hardware.link import Link, LinkFailed, RecordingLink
+from airtact.hardware.serial_link import SerialLink
 from airtact.scene.files import load_surface
 from airtact.scene.geometry import Surface
 from airtact.scene.medium import Medium, air
@@ -33,9 +38,10 @@ from airtact.synthesis.constraint import Constraint
 from airtact.synthesis.eigenvector import eigenvector
 from airtact.synthesis.gerchberg_saxton import gerchberg_saxton, gs_pat, weighted_gerchberg_saxton
 from airtact.synthesis.inverse_filter import inverse_filter, iterated_time_reversal
-from airtact.synthesis.quantise import Frame, quantise
+from airtact.synthesis.quantise import Frame, Levels, quantise, rounding_error
 from airtact.synthesis.reach import share_reached
 from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
+from airtact.transducers.boards import Board, board_named, poses_of_boards
 from airtact.transducers.calibration import load_calibration
 from airtact.transducers.element import Element, monopole, piston
 from airtact.transducers.layout import PhasedArray, autd3_board, board_array, flat_boards, join, surrounding_box
@@ -50,16 +56,23 @@ from airtact.transfer import (
 __version__ = "0.1.0"
 
 __all__ = [
+    "AUTD3Link",
+    "Board",
     "BoundaryElement",
     "Comparison",
     "Constraint",
     "Drive",
     "Element",
+    "Emission",
     "Evaluation",
+    "FileLink",
     "Frame",
     "FreeField",
     "InvalidInput",
     "Judgement",
+    "Levels",
+    "Link",
+    "LinkFailed",
     "Medium",
     "Monopoles",
     "NotConverged",
@@ -68,9 +81,12 @@ __all__ = [
     "Panels",
     "PhasedArray",
     "Pinch",
+    "Played",
     "Pose",
     "RadiatedField",
+    "RecordingLink",
     "Scene",
+    "SerialLink",
     "Skin",
     "SkinMap",
     "SolveReport",
@@ -84,6 +100,7 @@ __all__ = [
     "attainable",
     "autd3_board",
     "board_array",
+    "board_named",
     "capsule",
     "circle",
     "compare",
@@ -110,8 +127,10 @@ __all__ = [
     "pinch",
     "piston",
     "polyline",
+    "poses_of_boards",
     "quantise",
     "radiation_pressure",
+    "rounding_error",
     "segment",
     "share_reached",
     "skin_map",
