@@ -64,10 +64,12 @@ PUBLIC_NAMES = [
     "SolveReport",
     "Solver",
     "SphereSeries",
+    "Stalled",
     "Stray",
     "Surface",
     "Target",
     "TransferMatrix",
+    "UpperBound",
     "air",
     "attainable",
     "autd3_board",
@@ -84,6 +86,7 @@ PUBLIC_NAMES = [
     "focus_by_distance",
     "focus_by_distance_phase_only",
     "gerchberg_saxton",
+    "gradient",
     "gs_pat",
     "impedance",
     "inverse_filter",
@@ -92,6 +95,7 @@ PUBLIC_NAMES = [
     "judge",
     "load_calibration",
     "load_surface",
+    "max_min",
     "merged",
     "monopole",
     "phase_conjugate",
@@ -116,7 +120,9 @@ PUBLIC_NAMES = [
     "text",
     "time_reversal",
     "transfer_matrix",
+    "upper_bound",
     "weighted_gerchberg_saxton",
+    "weighted_gerchberg_saxton_sets",
 ]
 CLASSES = [name for name in PUBLIC_NAMES if inspect.isclass(getattr(at, name))]
 FUNCTIONS = [name for name in PUBLIC_NAMES if name not in CLASSES]

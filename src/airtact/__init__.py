@@ -12,12 +12,12 @@ from airtact.evaluation.judgement import Judgement, Stray, judge
 from airtact.evaluation.metrics import Evaluation, evaluate
 from airtact.evaluation.radiation import Pad, SkinMap, radiation_pressure, skin_map
 from airtact.evaluation.thresholds import sound_pressure_level
-from airtact.scene.drawings import picture, svg_path, text
 from airtact.hardware.autd3_link import AUTD3Link
 from airtact.hardware.emission import Emission, Played
 from airtact.hardware.file_link import FileLink
 from airtact.hardware.link import Link, LinkFailed, RecordingLink
 from airtact.hardware.serial_link import SerialLink
+from airtact.scene.drawings import picture, svg_path, text
 from airtact.scene.files import load_surface
 from airtact.scene.geometry import Surface
 from airtact.scene.medium import Medium, air
@@ -36,11 +36,20 @@ from airtact.solvers.problem import RadiatedField, Skin, Solver, SolveReport
 from airtact.solvers.sphere_series import SphereSeries
 from airtact.synthesis.constraint import Constraint
 from airtact.synthesis.eigenvector import eigenvector
-from airtact.synthesis.gerchberg_saxton import gerchberg_saxton, gs_pat, weighted_gerchberg_saxton
+from airtact.synthesis.gerchberg_saxton import (
+    gerchberg_saxton,
+    gs_pat,
+    weighted_gerchberg_saxton,
+    weighted_gerchberg_saxton_sets,
+)
+from airtact.synthesis.gradient import gradient
 from airtact.synthesis.inverse_filter import inverse_filter, iterated_time_reversal
+from airtact.synthesis.max_min import max_min
 from airtact.synthesis.quantise import Frame, Levels, quantise, rounding_error
 from airtact.synthesis.reach import share_reached
+from airtact.synthesis.stalling import Stalled
 from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
+from airtact.synthesis.upper_bound import UpperBound, upper_bound
 from airtact.transducers.boards import Board, board_named, poses_of_boards
 from airtact.transducers.calibration import load_calibration
 from airtact.transducers.element import Element, monopole, piston
@@ -92,10 +101,12 @@ __all__ = [
     "SolveReport",
     "Solver",
     "SphereSeries",
+    "Stalled",
     "Stray",
     "Surface",
     "Target",
     "TransferMatrix",
+    "UpperBound",
     "air",
     "attainable",
     "autd3_board",
@@ -112,6 +123,7 @@ __all__ = [
     "focus_by_distance",
     "focus_by_distance_phase_only",
     "gerchberg_saxton",
+    "gradient",
     "gs_pat",
     "impedance",
     "inverse_filter",
@@ -120,6 +132,7 @@ __all__ = [
     "judge",
     "load_calibration",
     "load_surface",
+    "max_min",
     "merged",
     "monopole",
     "phase_conjugate",
@@ -144,5 +157,7 @@ __all__ = [
     "text",
     "time_reversal",
     "transfer_matrix",
+    "upper_bound",
     "weighted_gerchberg_saxton",
+    "weighted_gerchberg_saxton_sets",
 ]

@@ -4,7 +4,7 @@ import numpy as np
 
 from airtact.scene.guards import number
 from airtact.scene.target import Target
-from airtact.synthesis.reach import foci_rows, scaled_to_target
+from airtact.synthesis.reach import check_solvable, foci_rows, scaled_to_target
 from airtact.transfer import Drive, TransferMatrix
 
 
@@ -30,8 +30,9 @@ def eigenvector(transfer: TransferMatrix, target: Target, *, evenness: float = 1
     Raises
     ------
     InvalidInput
-        If the target does not fit the matrix.
+        If the target does not fit the matrix, ``check_solvable`` refuses its foci.
     """
+    check_solvable(transfer, target)
     matrix = foci_rows(transfer, target)
     power = number(evenness, "the evenness", "1")
     wanted = target.weights

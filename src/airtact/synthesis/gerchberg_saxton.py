@@ -12,7 +12,7 @@ from airtact import _kernels
 from airtact.conventions import InvalidInput
 from airtact.scene.target import Target
 from airtact.synthesis.constraint import AT_MOST_ONE, Constraint
-from airtact.synthesis.reach import foci_rows, scaled_to_target
+from airtact.synthesis.reach import asked_rows, scaled_to_target
 from airtact.transfer import Drive, TransferMatrix
 
 LAGGING = 1e-3
@@ -59,7 +59,7 @@ def gerchberg_saxton(
     Raises
     ------
     InvalidInput
-        If the target does not fit the matrix, or there is less than one iteration.
+        If the target does not fit the matrix, ``check_solvable`` refuses its foci, or there is less than one iteration.
     """
     return _to_and_fro(transfer, target, iterations, constraint, weighted=False)
 
@@ -86,7 +86,7 @@ def gs_pat(
     and refusals as ``gerchberg_saxton``.
     """
     matrix, wanted = asked_rows(transfer, target)
-    _check_iterations(iterations)
+    check_iterations(iterations)
     heard = matrix @ matrix.conj().T
     pressure = wanted.astype(np.complex128)
     for _ in range(iterations):
@@ -121,7 +121,7 @@ def weighted_gerchberg_saxton_sets(
         If a row is not in the matrix (which), a weight is negative or not finite, a set asks for nothing (which), or
         there is less than one iteration.
     """
-    _check_iterations(iterations)
+    check_iterations(iterations)
     points = len(transfer.matrix)
     if sets.min(initial=0) < 0 or sets.max(initial=0) >= points:
         wrong = sets[(sets < 0) | (sets >= points)][0]
@@ -164,14 +164,6 @@ def to_and_fro(
     return Turns(kept, worst, drives)
 
 
-def asked_rows(
-    transfer: TransferMatrix, target: Target
-) -> tuple[Complex128[np.ndarray, "asked elements"], Float64[np.ndarray, "asked"]]:
-    """Return the rows of the foci that ask for something, and what they ask."""
-    asked = target.weights > 0.0
-    return foci_rows(transfer, target)[asked], target.weights[asked]
-
-
 def phase(numbers: Complex128[np.ndarray, "*shape"]) -> Complex128[np.ndarray, "*shape"]:
     """Numbers of magnitude 1 with the same phases; 0 stays 0."""
     return numbers / np.maximum(np.abs(numbers), np.finfo(float).tiny)
@@ -181,13 +173,13 @@ def _to_and_fro(
     transfer: TransferMatrix, target: Target, iterations: int, constraint: Constraint, weighted: bool
 ) -> Drive:
     matrix, wanted = asked_rows(transfer, target)
-    _check_iterations(iterations)
+    check_iterations(iterations)
     starts = wanted.astype(np.complex128)[None]
     if weighted:
         starts = np.stack([starts[0], wanted * phase(matrix.sum(axis=1))])
     if constraint.phase_bits is not None:
         return scaled_to_target(
-            transfer, target, _in_levels(matrix, wanted, starts[-1], iterations, constraint, weighted), constraint
+            transfer, target, in_levels(matrix, wanted, starts[-1], iterations, constraint, weighted), constraint
         )
     sets = np.tile(np.arange(len(wanted)), (len(starts), 1))
     turns = to_and_fro(matrix, sets, np.tile(wanted, (len(starts), 1)), starts, iterations, weighted)
@@ -195,13 +187,13 @@ def _to_and_fro(
     return scaled_to_target(transfer, target, phase(matrix.conj().T @ sources), constraint)
 
 
-def _in_levels(
+def in_levels(
     matrix: Complex128[np.ndarray, "foci elements"],
     wanted: Float64[np.ndarray, "foci"],
     sources: Complex128[np.ndarray, "foci"],
     iterations: int,
     constraint: Constraint,
-    weighted: bool,
+    weighted: bool = True,
 ) -> Complex128[np.ndarray, "elements"]:
     """Go to and fro with the phases that there are, so that the foci make up for the rounding."""
     back = np.ascontiguousarray(matrix.conj().T)
@@ -219,6 +211,7 @@ def _in_levels(
     return kept
 
 
-def _check_iterations(iterations: int) -> None:
+def check_iterations(iterations: int) -> None:
+    """Refuse fewer than one iteration (``InvalidInput``)."""
     if iterations < 1:
         raise InvalidInput(f"{iterations} iterations make no drive; give at least 1.")

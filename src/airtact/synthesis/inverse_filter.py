@@ -6,7 +6,7 @@ from jaxtyping import Float64
 from airtact.conventions import InvalidInput
 from airtact.scene.guards import positive
 from airtact.scene.target import Target
-from airtact.synthesis.reach import foci_rows, quiet_rows, scaled_to_target
+from airtact.synthesis.reach import check_solvable, foci_rows, quiet_rows, scaled_to_target
 from airtact.transfer import Drive, TransferMatrix
 
 
@@ -31,8 +31,10 @@ def inverse_filter(transfer: TransferMatrix, target: Target, *, weight: float | 
     Raises
     ------
     InvalidInput
-        If the target does not fit the matrix, quiet points are not in it, or the weight is negative.
+        If the target does not fit the matrix, ``check_solvable`` refuses its foci, quiet points are not in it, or the
+        weight is negative.
     """
+    check_solvable(transfer, target)
     matrix = np.concatenate([foci_rows(transfer, target), quiet_rows(transfer, target)])
     wanted = np.concatenate([target.wanted, np.zeros(len(matrix) - len(target.points))])
     squares, modes = np.linalg.eigh(matrix @ matrix.conj().T)
@@ -65,8 +67,9 @@ def iterated_time_reversal(transfer: TransferMatrix, target: Target, *, passes: 
     Raises
     ------
     InvalidInput
-        If the target does not fit the matrix, or there is less than one pass.
+        If the target does not fit the matrix, ``check_solvable`` refuses its foci, or there is less than one pass.
     """
+    check_solvable(transfer, target)
     matrix = foci_rows(transfer, target)
     if passes < 1:
         raise InvalidInput(f"{passes} passes of time reversal make no drive; give at least 1.")

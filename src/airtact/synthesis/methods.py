@@ -5,7 +5,9 @@ from collections.abc import Callable
 from airtact.scene.target import Target
 from airtact.synthesis.eigenvector import eigenvector
 from airtact.synthesis.gerchberg_saxton import gerchberg_saxton, gs_pat, weighted_gerchberg_saxton
+from airtact.synthesis.gradient import gradient
 from airtact.synthesis.inverse_filter import inverse_filter, iterated_time_reversal
+from airtact.synthesis.max_min import max_min
 from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
 from airtact.transfer import Drive, TransferMatrix
 
@@ -18,8 +20,10 @@ METHODS: dict[str, Callable[[TransferMatrix, Target], Drive]] = {
     "gerchberg_saxton": gerchberg_saxton,
     "weighted_gerchberg_saxton": weighted_gerchberg_saxton,
     "gs_pat": gs_pat,
+    "max_min": max_min,
+    "gradient": gradient,
 }
 """Each is a function of the transfer matrix and the target; its other settings have defaults."""
 
-HEED_QUIET = ("inverse_filter",)
+HEED_QUIET = ("inverse_filter", "gradient")
 """Those that keep the target's quiet points quiet; they need the beacons of ``target.beacons(quiet=True)``."""

@@ -4,13 +4,22 @@ import numpy as np
 from jaxtyping import Complex, Complex128, Float64
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import counted, of_kind
+from airtact.scene.guards import counted, of_kind, place
 from airtact.scene.target import Target
 from airtact.synthesis.constraint import AT_MOST_ONE, Constraint
 from airtact.transfer import Drive, TransferMatrix
 
 SAME_PLACE = 1e-6
 """Foci nearer than this to each other are the same [m]."""
+
+NEAREST = 0.1
+"""Foci nearer than this cannot be told apart [wavelengths]."""
+
+ALIKE = 1.0 - 1e-4
+"""Two foci whose rows of the transfer matrix are parallel to this are heard alike by every element."""
+
+SHADOWED = 0.05
+"""A focus that can get less than this of what the others can in the median is in a shadow; 26 dB."""
 
 
 def check_foci(transfer: TransferMatrix, target: Target) -> None:
@@ -40,6 +49,65 @@ def foci_rows(transfer: TransferMatrix, target: Target) -> Complex128[np.ndarray
     """Return the rows of the matrix that hear the foci, after ``check_foci``."""
     check_foci(transfer, target)
     return transfer.matrix[: len(target.points)]
+
+
+def asked_rows(
+    transfer: TransferMatrix, target: Target
+) -> tuple[Complex128[np.ndarray, "asked elements"], Float64[np.ndarray, "asked"]]:
+    """Return the rows of the foci that ask for something, and what they ask, after ``check_solvable``."""
+    check_solvable(transfer, target)
+    asked = target.weights > 0.0
+    return foci_rows(transfer, target)[asked], target.weights[asked]
+
+
+def check_solvable(transfer: TransferMatrix, target: Target) -> None:
+    """Refuse foci that a drive cannot tell apart or reach, which methods that balance foci would do anything for.
+
+    Raises
+    ------
+    InvalidInput
+        As ``check_foci``; or there are more foci than elements (both numbers), two foci are nearer than λ/10 (which,
+        how near) or heard alike by every element, or what a focus can get at most, over what it asks, is under
+        ``SHADOWED`` of that of the rest (both pressures).
+    """
+    rows = foci_rows(transfer, target)
+    if len(rows) > rows.shape[1]:
+        raise InvalidInput(
+            f"{len(rows)} foci are more than the {counted(rows.shape[1], 'element', 'elements')} of the array, which "
+            "cannot serve them separately; ask for fewer."
+        )
+    _refuse_near_foci(transfer, target)
+    asked = target.weights > 0.0
+    attainable = np.abs(rows).sum(axis=1)
+    shares = attainable[asked] / target.weights[asked]
+    worst = int(np.argmin(shares))
+    rest = np.delete(shares, worst)
+    if len(rest) and shares[worst] < SHADOWED * np.median(rest):
+        index = int(np.flatnonzero(asked)[worst])
+        others = float(np.median(np.delete(attainable[asked], worst)))
+        raise InvalidInput(
+            f"focus {index} at {place(target.points[index])} is shadowed: it can get {attainable[index]:.3g} Pa at "
+            f"most, the rest {others:.3g} Pa in the median; move it, leave it out or ask for less there.",
+            target.points[index],
+        )
+
+
+def _refuse_near_foci(transfer: TransferMatrix, target: Target) -> None:
+    rows = foci_rows(transfer, target)
+    first, second = np.triu_indices(len(rows), 1)
+    apart = np.linalg.norm(target.points[first] - target.points[second], axis=1)
+    norms = np.maximum(np.linalg.norm(rows, axis=1), np.finfo(float).tiny)
+    alike = np.abs(rows @ rows.conj().T) / np.outer(norms, norms)
+    near = np.flatnonzero((apart < NEAREST * (transfer.wavelength or 0.0)) | (alike[first, second] > ALIKE))
+    if len(near):
+        pair = near[np.argmin(apart[near])]
+        one, other = int(first[pair]), int(second[pair])
+        raise InvalidInput(
+            f"foci {one} and {other} are {1e3 * apart[pair]:.3g} mm apart, at {place(target.points[one])} and "
+            f"{place(target.points[other])}, too near to be told apart: leave one out, or move them a tenth of the "
+            "wavelength apart or more.",
+            target.points[one],
+        )
 
 
 def quiet_rows(transfer: TransferMatrix, target: Target) -> Complex128[np.ndarray, "quiet elements"]:
