@@ -10,7 +10,9 @@ from airtact.evaluation.comparison import Comparison, compare
 from airtact.evaluation.field import field_map
 from airtact.evaluation.judgement import Judgement, Stray, judge
 from airtact.evaluation.metrics import Evaluation, evaluate
+from airtact.evaluation.microphone import Microphone
 from airtact.evaluation.radiation import Pad, SkinMap, radiation_pressure, skin_map
+from airtact.evaluation.scan import Overlay, Scan, load_scan, overlay_scan
 from airtact.evaluation.thresholds import sound_pressure_level
 from airtact.hardware.autd3_link import AUTD3Link
 from airtact.hardware.emission import Emission, Played
@@ -83,9 +85,11 @@ __all__ = [
     "Link",
     "LinkFailed",
     "Medium",
+    "Microphone",
     "Monopoles",
     "NotConverged",
     "Obstacle",
+    "Overlay",
     "Pad",
     "Panels",
     "PhasedArray",
@@ -94,6 +98,7 @@ __all__ = [
     "Pose",
     "RadiatedField",
     "RecordingLink",
+    "Scan",
     "Scene",
     "SerialLink",
     "Skin",
@@ -131,10 +136,12 @@ __all__ = [
     "join",
     "judge",
     "load_calibration",
+    "load_scan",
     "load_surface",
     "max_min",
     "merged",
     "monopole",
+    "overlay_scan",
     "phase_conjugate",
     "picture",
     "pinch",

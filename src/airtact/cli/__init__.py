@@ -1,4 +1,7 @@
-"""The command line: parse, call, print. Exit codes: 0 done, 2 bad input or not converged, 130 broken off by Ctrl-C."""
+"""The command line: parse, call, print.
+
+Exit codes: 0 done, 2 bad input or not converged, 3 a link to boards failed, 130 broken off by Ctrl-C.
+"""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -8,7 +11,9 @@ from typing import TYPE_CHECKING, TypeVar
 
 import click
 
+from airtact.cli.boards import boards, emit, export
 from airtact.conventions import InvalidInput, NotConverged
+from airtact.hardware.link import LinkFailed
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -31,6 +36,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return error.exit_code
     except (InvalidInput, NotConverged) as error:
         return _fail(str(error), 2)
+    except LinkFailed as error:
+        return _fail(str(error), 3)
     except OSError as error:
         return _fail(f"{error.filename or 'a file'}: {error.strerror or error}", 2)
     except (KeyboardInterrupt, click.Abort):
@@ -50,6 +57,10 @@ def _fail(sentence: str, code: int) -> int:
 @click.version_option(package_name="airtact", message="%(prog)s %(version)s")
 def commands() -> None:
     """Compute what a phased array must emit so that a hand feels points while it scatters the sound."""
+
+
+for _command in (boards, emit, export):
+    commands.add_command(_command)
 
 
 def _surface_settings(command: Command) -> Command:
@@ -180,6 +191,42 @@ def compare(scene: Path, folder: Path) -> None:
     for name, sentence in contest.refusals.items():
         console.print(f"[yellow]{name}:[/yellow] {sentence}", soft_wrap=True, highlight=False)
     console.print(f"The page of this comparison: {folder / 'methods.html'}", soft_wrap=True, highlight=False)
+
+
+@commands.command(
+    name="compare-scan",
+    short_help="Hold a measured scan against the prediction for a scene.",
+    epilog="Example: airtact compare-scan examples/pinch_scan.csv examples/pinch.toml --out out/scan",
+)
+@click.argument("scan", type=click.Path(path_type=Path))
+@click.argument("scene", type=click.Path(path_type=Path))
+@click.option("--out", "folder", required=True, type=click.Path(path_type=Path), help="Folder for the results.")
+@click.option("--diameter", type=float, help="Of the microphone's face in metres; 6.35e-3, a quarter inch, by default.")
+@click.option("--axis", type=float, nargs=3, metavar="X Y Z", help="The way its face looks; 0 0 -1 by default, down.")
+@click.option("--housing", type=float, help="How far it reaches straight behind its face in metres; 0.05 by default.")
+def compare_scan(
+    scan: Path, scene: Path, folder: Path, **microphone: float | tuple[float, float, float] | None
+) -> None:
+    """Predict what a microphone reads in SCENE and hold SCAN, a measured one, against it.
+
+    SCAN is a .csv file with the columns x, y, z (metres, in the obstacles' frame), pressure (any unit) and, if it was
+    measured, phase (radians). Writes overlay.csv and overlay.png.
+    """
+    from rich.console import Console
+
+    with _progress(Console(stderr=True)) as tell:
+        tell("starting")
+        from airtact.cli.tables import scan_table
+        from airtact.evaluation.microphone import Microphone
+        from airtact.scanning import compare_scan as run_compare_scan
+
+        given = {name: value for name, value in microphone.items() if value is not None}
+        compared = run_compare_scan(scan, scene, folder, Microphone(**given), tell)  # pyright: ignore[reportArgumentType]
+    console = Console()
+    console.print(scan_table(compared))
+    for warning in (*compared.overlay.warnings, *compared.report.warnings):
+        console.print(f"[yellow]Warning:[/yellow] {warning}", soft_wrap=True, highlight=False)
+    console.print(f"The overlay: {folder / 'overlay.png'}", soft_wrap=True, highlight=False)
 
 
 @contextmanager

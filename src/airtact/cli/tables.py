@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 
+import numpy as np
 from rich.box import SIMPLE
 from rich.markup import escape
 from rich.table import Table
@@ -12,6 +13,7 @@ from airtact.meshing import Meshed
 from airtact.report.body_figure import sharp_edges
 from airtact.report.methods_page import Contest
 from airtact.report.run_page import Run
+from airtact.scanning import Compared
 from airtact.scene.geometry import Surface
 from airtact.scene.scene import Scene
 from airtact.scene.topology import shells
@@ -136,6 +138,20 @@ def methods_table(contest: Contest) -> Table:
         share = contest.worst(one) / contest.bound
         table.add_row(one.name, f"{worst:,.0f} Pa", f"{share:.0%}", f"{mean:,.0f} Pa", f"{1e3 * one.seconds:.3g} ms")
     return table
+
+
+def scan_table(compared: Compared) -> Table:
+    """Tabulate how well a scan and its prediction agree."""
+    found = compared.overlay
+    facts = _table("", "")
+    held = "pressures with their phases" if found.scan.phased else "magnitudes, as no phase was measured"
+    facts.add_row("relative error", f"{found.error:.1%}, after one scale, of {held}")
+    facts.add_row("positions", f"{int(found.used.sum())} of {len(found.used)} compared")
+    turn = f" at {np.degrees(np.angle(found.scale)):.1f}°" if found.scan.phased else ""
+    facts.add_row("scale", f"{abs(found.scale):.4g} of the scan's unit for 1 Pa predicted{turn}")
+    report = compared.report
+    facts.add_row("predicted by", f"{report.solver}, estimated error {report.estimated_error:.2%}")
+    return facts
 
 
 def _table(*columns: str) -> Table:

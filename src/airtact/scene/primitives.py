@@ -205,7 +205,7 @@ def capsule(start: Vector, end: Vector, radius: float, edge: float) -> Surface:
     """
     first, last = _point(start, "capsule start"), _point(end, "capsule end")
     length = float(np.linalg.norm(last - first))
-    rotation = _turn_from_z((last - first) / length) if length > 0.0 else np.eye(3)
+    rotation = turn_from_z((last - first) / length) if length > 0.0 else np.eye(3)
     return Capsule(radius, length, Pose(rotation, (first + last) / 2.0)).mesh(edge)
 
 
@@ -217,11 +217,16 @@ def _point(given: Vector, what: str) -> Float64[np.ndarray, "3"]:
     return point
 
 
-def _turn_from_z(direction: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"]:
-    """Rotation that brings the z axis to a unit direction."""
+def turn_from_z(direction: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"]:
+    """Find a rotation that brings the z axis to a direction.
+
+    Parameters
+    ----------
+    direction : (3,) unit vector.
+    """
     x, y, z = direction
     if z < 0.0:  # by way of half a turn about x, which keeps the formula away from its pole at -z
-        return np.diag([1.0, -1.0, -1.0]) @ _turn_from_z(np.array([x, -y, -z]))
+        return np.diag([1.0, -1.0, -1.0]) @ turn_from_z(np.array([x, -y, -z]))
     s = 1.0 / (1.0 + z)
     return np.array([[1.0 - s * x * x, -s * x * y, x], [-s * x * y, 1.0 - s * y * y, y], [-x, -y, z]])
 

@@ -1,0 +1,99 @@
+"""What a microphone would read: the mean over its face, and nothing where a body is in its way."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Complex128, Float64, Real
+
+from airtact.conventions import InvalidInput, Vector
+from airtact.scene.guards import number, points_of, positive, real_numbers
+from airtact.scene.primitives import turn_from_z
+from airtact.scene.scene import Scene
+from airtact.solvers.problem import RadiatedField
+from airtact.transducers.element import piston
+
+QUARTER_INCH = 6.35e-3
+"""Diameter of the paper's microphone [m]."""
+
+RINGS = 0.5
+"""Distance of the rings at which a housing is probed, over its diameter."""
+
+
+@dataclass(frozen=True)
+class Microphone:
+    """A round face at the end of a straight housing. It does not itself scatter sound here.
+
+    Attributes
+    ----------
+    diameter : of the face and the housing [m]; the paper's is a quarter of an inch (section 4.2).
+    axis : (3,) the way the face looks, of any length.
+    housing : how far the housing reaches behind the face [m].
+
+    Raises
+    ------
+    InvalidInput
+        If the diameter is not above zero or over 20 mm, the axis has no length, or the housing is negative.
+    """
+
+    diameter: float = QUARTER_INCH
+    axis: Vector = (0.0, 0.0, -1.0)
+    housing: float = 0.05
+
+    def __post_init__(self) -> None:
+        if positive(self.diameter, "the diameter of a microphone", "m") > 0.02:
+            raise InvalidInput(f"the diameter of a microphone is {self.diameter:g} m, more than 20 mm: give metres.")
+        if not 0.0 <= number(self.housing, "the housing of a microphone", "m") <= 1.0:
+            raise InvalidInput(f"the housing of a microphone is {self.housing:g} m long; give 0 to 1 m.")
+        axis = real_numbers(np.asarray(self.axis), "the axis of a microphone")
+        if axis.shape != (3,) or not np.linalg.norm(axis) > 0.0:
+            raise InvalidInput(f"the axis of a microphone is {axis.tolist()}; give a direction of three numbers.")
+
+    @property
+    def _turn(self) -> Float64[np.ndarray, "3 3"]:
+        axis = np.asarray(self.axis, dtype=np.float64)
+        return turn_from_z(axis / np.linalg.norm(axis))
+
+    def face(self, centres: Real[np.ndarray, "centres 3"]) -> Float64[np.ndarray, "centres face 3"]:
+        """Points of the face (N, Q, 3) [m] for centres of it (N, 3) [m]."""
+        disc = piston(self.diameter / 2.0).points @ self._turn.T
+        return centres[:, None, :] + disc
+
+    def blocked(self, scene: Scene, centres: Real[np.ndarray, "centres 3"]) -> Bool[np.ndarray, "centres"]:
+        """Whether a body is in the way of the face or the housing, (N,).
+
+        Parameters
+        ----------
+        scene : the bodies.
+        centres : (N, 3) centres of the face [m].
+        """
+        given = points_of(centres, "positions of a microphone", least=0)
+        angles = np.arange(24) * (2.0 * np.pi / 24)
+        rim = self.diameter / 2.0 * np.stack([np.cos(angles), np.sin(angles), np.zeros(24)], axis=1)
+        back = np.linspace(0.0, self.housing, 1 + int(np.ceil(self.housing / (RINGS * self.diameter))))
+        disc = np.concatenate([np.zeros((1, 3)), 0.5 * rim, rim])
+        probes = (disc[None] - back[:, None, None] * [0.0, 0.0, 1.0]).reshape(-1, 3) @ self._turn.T
+        depth = scene.depth((given[:, None] + probes).reshape(-1, 3)).reshape(len(given), len(probes))
+        return np.asarray(depth.max(axis=1) > 0.0)
+
+    def hear(
+        self, field: RadiatedField, centres: Real[np.ndarray, "centres 3"]
+    ) -> Complex128[np.ndarray, "centres sounds"]:
+        """Mean pressure over the face in a field.
+
+        Parameters
+        ----------
+        field : what sounds.
+        centres : (N, 3) centres of the face [m].
+
+        Returns
+        -------
+        (N, S) [Pa], NaN where a body is in the way.
+        """
+        given = points_of(centres, "positions of a microphone", least=0)
+        sounds = field.sources.strengths.shape[1]
+        heard = np.full((len(given), sounds), np.nan, dtype=np.complex128)
+        free = ~self.blocked(field.scene, given)
+        points, weights = self.face(given[free]), piston(self.diameter / 2.0).weights
+        pressure = field.at(points.reshape(-1, 3)).reshape(*points.shape[:2], sounds)
+        heard[free] = np.einsum("nqs,q->ns", pressure, weights)
+        return heard

@@ -1,0 +1,208 @@
+"""A measured scan of a field, held against a prediction after one complex scale."""
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Complex128, Float64
+
+from airtact.conventions import InvalidInput
+from airtact.scene.guards import complex_numbers, counted, place, points_of, refuse_not_finite
+from airtact.scene.printing import in_short
+
+PLACE, PRESSURE, PHASE = ("x", "y", "z"), "pressure", "phase"
+"""Columns of a scan: metres, the pressure in any unit, and, where it was measured, its phase [rad]."""
+
+FARTHEST = 2.0
+"""Positions farther than this from the origin are taken for millimetres [m]."""
+
+FEWEST = 3
+"""Fewer positions than this fit anything."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """What a microphone read.
+
+    Attributes
+    ----------
+    points : (N, 3) where [m].
+    pressures : (N,) what it read, in any unit; real where no phase was measured.
+    phased : whether the phase was measured.
+    """
+
+    points: Float64[np.ndarray, "points 3"]
+    pressures: Complex128[np.ndarray, "points"]
+    phased: bool
+
+    __repr__ = in_short
+
+    def __post_init__(self) -> None:
+        points = points_of(self.points, "positions of a scan", least=0)
+        if len(points) < FEWEST:
+            raise InvalidInput(f"the scan has {counted(len(points), 'position', 'positions')}; give {FEWEST} or more.")
+        pressures = complex_numbers(self.pressures, "pressures of a scan")
+        if pressures.shape != (len(points),):
+            raise InvalidInput(f"a scan of {len(points)} positions has pressures of shape {pressures.shape}.")
+        refuse_not_finite(pressures, "pressures of a scan")
+        away = np.linalg.norm(points, axis=1)
+        if away.max() > FARTHEST:
+            worst = int(away.argmax())
+            raise InvalidInput(
+                f"position {worst} of the scan is {away[worst]:.4g} m from the origin: is this in millimetres? "
+                "Give metres.",
+                points[worst],
+            )
+        if not pressures.any():
+            raise InvalidInput(f"all {len(pressures)} pressures of the scan are 0; nothing was measured.")
+        repeated = len(points) - len(np.unique(points, axis=0))
+        if repeated:
+            where = points[_first_repeated(points)]
+            raise InvalidInput(
+                f"{counted(repeated, 'position', 'positions')} of the scan are repeated, the first at {place(where)}; "
+                "average them first.",
+                where,
+            )
+        for name, value in (("points", points), ("pressures", pressures)):
+            object.__setattr__(self, name, value)
+
+
+def _first_repeated(points: Float64[np.ndarray, "points 3"]) -> int:
+    first = np.unique(points, axis=0, return_index=True)[1]
+    return int(np.setdiff1d(np.arange(len(points)), first)[0])
+
+
+def load_scan(path: str | Path) -> Scan:
+    """Read a scan from a .csv file with the columns x, y, z [m], pressure and, if it was measured, phase [rad].
+
+    Parameters
+    ----------
+    path : the file; its first line names the columns, in any order, and others are ignored.
+
+    Returns
+    -------
+    The scan; phases are those of Re[p e^{−iωt}].
+
+    Raises
+    ------
+    InvalidInput
+        If the file cannot be read, a column is missing, a value is no number (with its line), or the scan is at fault.
+    """
+    path = Path(path)
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            rows = csv.DictReader(stream, skipinitialspace=True)
+            columns = tuple(rows.fieldnames or ())
+            missing = [name for name in (*PLACE, PRESSURE) if name not in columns]
+            if missing:
+                raise InvalidInput(
+                    f"{path.name} has no column {', '.join(missing)}: its first line must name x, y, z, pressure and "
+                    f"perhaps phase, not {', '.join(columns) or 'nothing'}."
+                )
+            used = [*PLACE, PRESSURE, *([PHASE] if PHASE in columns else [])]
+            values = np.array([_numbers(path, rows.line_num, row, used) for row in rows]).reshape(-1, len(used))
+    except OSError as error:
+        raise InvalidInput(f"cannot read {path.name}: {error.strerror}.") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InvalidInput(f"{path.name} is no table of text: {error}.") from None
+    phases = values[:, 4] if PHASE in columns else np.zeros(len(values))
+    return Scan(values[:, :3], values[:, 3] * np.exp(1j * phases), PHASE in columns)
+
+
+def _numbers(path: Path, line: int, row: dict[str, str], used: list[str]) -> list[float]:
+    numbers = []
+    for name in used:
+        try:
+            numbers.append(float(row[name]))
+        except (TypeError, ValueError):
+            raise InvalidInput(
+                f"line {line} of {path.name} has {row[name]!r} for {name}, which is no number."
+            ) from None
+    return numbers
+
+
+@dataclass(frozen=True, eq=False)
+class Overlay:
+    """A scan beside what was predicted for it.
+
+    Attributes
+    ----------
+    scan : what was measured.
+    predicted : (N,) pressures [Pa], NaN where the prediction is not defined.
+    used : (N,) which positions count: those where it is.
+    scale : measured over predicted, the best single number; real and positive where no phase was measured.
+    error : root mean square of measured minus scale times predicted, over that of measured.
+    mirrored_error : the same against the conjugate of the prediction, NaN where no phase was measured.
+    """
+
+    scan: Scan
+    predicted: Complex128[np.ndarray, "points"]
+    used: Bool[np.ndarray, "points"]
+    scale: complex
+    error: float
+    mirrored_error: float
+
+    __repr__ = in_short
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to doubt about the overlay."""
+        found = []
+        left = len(self.used) - int(self.used.sum())
+        if left:
+            found.append(
+                f"{left} of {len(self.used)} positions are left out: a body is in the way of the microphone there."
+            )
+        if self.mirrored_error < 0.5 * self.error:
+            found.append(
+                f"The conjugate of the prediction fits with an error of {self.mirrored_error:.1%}: the scan's phases "
+                "seem to be those of e^(+iωt); negate them."
+            )
+        return tuple(found)
+
+
+def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Overlay:
+    """Hold a scan against a prediction after one complex scale, the least squares one.
+
+    Where no phase was measured, magnitudes are compared, and the scale is real.
+
+    Parameters
+    ----------
+    scan : what was measured.
+    predicted : (N,) pressures at its points [Pa], NaN where there is none.
+
+    Raises
+    ------
+    InvalidInput
+        If the shapes differ, fewer than 3 positions can be compared, or the prediction is 0 at all of them.
+
+    Examples
+    --------
+    >>> points = np.array([[0.0, 0, 0], [0, 0, 0.01], [0, 0, 0.02]])
+    >>> found = overlay_scan(Scan(points, np.array([2.0, 4.0, 6.0 + 0j]), True), np.array([1j, 2j, 3j]))
+    >>> complex(round(found.scale.real, 9), round(found.scale.imag, 9)), round(found.error, 9)
+    (-2j, 0.0)
+    """
+    if predicted.shape != scan.pressures.shape:
+        raise InvalidInput(f"{len(predicted)} predictions do not fit a scan of {len(scan.points)} positions.")
+    used = np.isfinite(predicted)
+    if used.sum() < FEWEST:
+        raise InvalidInput(
+            f"only {int(used.sum())} of {len(used)} positions of the scan can be predicted, fewer than {FEWEST}: a "
+            "body is in the way of the microphone at the others; is the scan in the scene's frame?"
+        )
+    model = predicted[used] if scan.phased else np.abs(predicted[used]).astype(np.complex128)
+    measured = scan.pressures[used] if scan.phased else np.abs(scan.pressures[used]).astype(np.complex128)
+    if not model.any():
+        raise InvalidInput(f"the prediction is 0 Pa at all {int(used.sum())} positions of the scan.")
+    scale, error = _fitted(measured, model)
+    mirrored = _fitted(measured, model.conj())[1] if scan.phased else float("nan")
+    return Overlay(scan, predicted, used, scale, error, mirrored)
+
+
+def _fitted(
+    measured: Complex128[np.ndarray, "points"], model: Complex128[np.ndarray, "points"]
+) -> tuple[complex, float]:
+    scale = complex(np.vdot(model, measured) / np.vdot(model, model).real)
+    return scale, float(np.linalg.norm(measured - scale * model) / np.linalg.norm(measured))

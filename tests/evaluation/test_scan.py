@@ -1,0 +1,102 @@
+"""A scan is read whole or refused, and held against a prediction after one complex scale."""
+
+import numpy as np
+import pytest
+
+from airtact.conventions import InvalidInput
+from airtact.evaluation.scan import Scan, load_scan, overlay_scan
+
+POINTS = np.array([[0.0, 0, 0], [0, 0, 0.01], [0, 0.01, 0.02], [0.02, 0.01, 0.02]])
+
+
+def written(tmp_path, text):
+    path = tmp_path / "scan.csv"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_columns_come_in_any_order(tmp_path):
+    text = "phase,note,z,y,x,pressure\n0,a,0.03,0.02,0.01,5\n1.5,b,0,0,0,1\n-1.5,c,0.1,0,0,2\n"
+    scan = load_scan(written(tmp_path, text))
+    assert scan.phased
+    np.testing.assert_allclose(scan.points[0], [0.01, 0.02, 0.03])
+    np.testing.assert_allclose(scan.pressures, [5.0, np.exp(1.5j), 2 * np.exp(-1.5j)])
+
+
+def test_a_scan_without_phases_says_so(tmp_path):
+    scan = load_scan(written(tmp_path, "x,y,z,pressure\n0,0,0,1\n0,0,0.1,2\n0,0,0.2,3\n"))
+    assert not scan.phased
+    np.testing.assert_allclose(scan.pressures, [1.0, 2.0, 3.0])
+
+
+def test_the_scale_and_the_error_are_those_of_the_noise():
+    rng = np.random.default_rng(5)
+    points = rng.normal(size=(4000, 3)) * 0.01
+    model = rng.normal(size=4000) + 1j * rng.normal(size=4000)
+    noise = 0.1 * (rng.normal(size=4000) + 1j * rng.normal(size=4000))
+    found = overlay_scan(Scan(points, (2.0 - 1.0j) * model + noise, True), model)
+    assert found.scale == pytest.approx(2.0 - 1.0j, abs=0.01)
+    # noise 0.1 against a signal of √5, both per component: 0.1/√(5 + 0.01)
+    assert found.error == pytest.approx(0.1 / np.sqrt(5.01), rel=0.05)
+    assert found.warnings == ()
+
+
+def test_magnitudes_are_compared_where_no_phase_was_measured():
+    model = np.array([1.0 + 0j, 2j, -3.0, 1 - 1j])
+    found = overlay_scan(Scan(POINTS, 7.0 * np.abs(model) + 0j, False), model)
+    assert found.scale == pytest.approx(7.0)
+    assert found.error == pytest.approx(0.0, abs=1e-12)
+    assert np.isnan(found.mirrored_error)
+
+
+def test_phases_of_the_other_time_sign_are_noticed():
+    rng = np.random.default_rng(6)
+    model = rng.normal(size=4) + 1j * rng.normal(size=4)
+    found = overlay_scan(Scan(POINTS, 3.0 * model.conj(), True), model)
+    assert found.mirrored_error == pytest.approx(0.0, abs=1e-12)
+    assert any("negate them" in warning for warning in found.warnings)
+
+
+def test_positions_that_cannot_be_predicted_are_left_out_and_counted():
+    model = np.array([1.0 + 0j, 2j, np.nan, 1 - 1j])
+    found = overlay_scan(Scan(POINTS, np.array([1.0 + 0j, 2j, 99.0, 1 - 1j]), True), model)
+    assert found.error == pytest.approx(0.0, abs=1e-12)
+    assert found.warnings[0].startswith("1 of 4 positions are left out")
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("x,y,pressure\n0,0,1\n", "scan.csv has no column z"),
+        ("", "scan.csv has no column x, y, z, pressure"),
+        ("x,y,z,pressure\n0,0,0,1\n0,0,one,1\n", "line 3 of scan.csv has 'one' for z"),
+        ("x,y,z,pressure\n0,0,0,1\n0,0,1\n", "line 3 of scan.csv has None for pressure"),
+        ("x,y,z,pressure\n0,0,0,1\n0,0,1,nan\n0,1,0,1\n", "1 NaN or infinite value, the first at index [1]"),
+        ("x,y,z,pressure\n0,0,0,1\n0,0,1,2\n", "the scan has 2 positions; give 3 or more"),
+        ("x,y,z,pressure\n", "the scan has 0 positions"),
+        ("x,y,z,pressure\n0,0,0,1\n0,0,12,2\n0,0,1,2\n", "position 1 of the scan is 12 m from the origin"),
+        ("x,y,z,pressure\n0,0,0,1\n0,0,0,2\n0,0,1,2\n0,0,0,2\n", "2 positions of the scan are repeated"),
+        ("x,y,z,pressure\n0,0,0,0\n0,0,1,0\n0,1,0,0\n", "all 3 pressures of the scan are 0"),
+    ],
+)
+def test_what_is_no_scan_is_refused(tmp_path, text, sentence):
+    with pytest.raises(InvalidInput) as caught:
+        load_scan(written(tmp_path, text))
+    assert sentence in str(caught.value)
+
+
+def test_files_that_are_not_there_or_no_text_are_refused(tmp_path):
+    with pytest.raises(InvalidInput, match=r"cannot read missing\.csv"):
+        load_scan(tmp_path / "missing.csv")
+    (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x00x,y")
+    with pytest.raises(InvalidInput, match=r"bytes\.csv is no table of text"):
+        load_scan(tmp_path / "bytes.csv")
+
+
+def test_too_few_predictions_are_refused():
+    with pytest.raises(InvalidInput, match="only 2 of 4 positions of the scan can be predicted"):
+        overlay_scan(Scan(POINTS, np.ones(4, dtype=complex), True), np.array([1.0 + 0j, 1.0, np.nan, np.nan]))
+    with pytest.raises(InvalidInput, match="the prediction is 0 Pa at all 4 positions"):
+        overlay_scan(Scan(POINTS, np.ones(4, dtype=complex), True), np.zeros(4, dtype=complex))
+    with pytest.raises(InvalidInput, match="3 predictions do not fit a scan of 4"):
+        overlay_scan(Scan(POINTS, np.ones(4, dtype=complex), True), np.zeros(3, dtype=complex))
