@@ -26,12 +26,17 @@ def boards() -> None:
     from airtact.emitting import LINKS_OF
     from airtact.transducers.boards import known_boards
 
-    table = _table("board", "name", "transducers", "amplitudes", "phases", "boards a link", "links")
-    for board in known_boards():
-        numbers = (len(board), board.amplitudes, board.phases, board.most)
-        table.add_row(board.name, board.title, *(str(number) for number in numbers), ", ".join(LINKS_OF[board.name]))
     console = Console()
+    table = _table("board", "elements", "levels", "a link")
+    for board in known_boards():
+        amplitudes = "on, off" if board.amplitudes == 2 else str(board.amplitudes)
+        row = (str(len(board)), f"{amplitudes} x {board.phases} phases", f"1 to {board.most} boards")
+        table.add_row(board.name, *row)
     console.print(table)
+    for board in known_boards():
+        console.print(
+            f"{board.name}: {board.title}, by {', '.join(LINKS_OF[board.name])}", soft_wrap=True, highlight=False
+        )
     console.print(f"Serial ports: {_ports()}", soft_wrap=True, highlight=False)
 
 
@@ -71,13 +76,14 @@ def _drive_settings(command: Callable[..., None]) -> Callable[..., None]:
 def emit(drive: Path, board: str, link: str, cap: float, seconds: float, yes: bool, **where: Any) -> None:
     """Play DRIVE.h5 on boards for some seconds, then silence them.
 
-    The amplitude rises over 0.2 s. At the end, at Ctrl-C, when the process is told to end and when anything goes wrong a
-    frame of zeros is sent and confirmed as far as the boards can.
+    The amplitude rises over 0.2 s. At the end, at Ctrl-C, when the process is told to end and when anything goes wrong
+    a frame of zeros is sent and confirmed as far as the boards can.
     """
     from rich.console import Console
 
     from airtact.cli import _progress
-    from airtact.emitting import emit as run, link_for, plan
+    from airtact.emitting import emit as run
+    from airtact.emitting import link_for, plan
 
     made = plan(drive, board, cap)
     way = link_for(made, link, **where)
@@ -109,7 +115,8 @@ def export(drive: Path, board: str, cap: float, kind: str | None, out: Path) -> 
     """Write DRIVE.h5 as the frames of a board: .npz, .csv, .h5, or .bin, the very bytes that it is sent."""
     from rich.console import Console
 
-    from airtact.emitting import export as run, plan
+    from airtact.emitting import export as run
+    from airtact.emitting import plan
 
     if kind is not None and out.suffix.lower() != f".{kind}":
         out = out.with_name(f"{out.name}.{kind}")

@@ -67,6 +67,28 @@ def faded(drive: Drive, levels: Levels, share: float) -> Frame:
     return quantise(Drive(np.where(turns < share, drive.amplitudes, 0.0)), levels)
 
 
+def share_under_cap(drives: Complex[np.ndarray, "frames elements"], levels: Levels, cap: float) -> float:
+    """Return what drives must be turned down to, all alike, so that none is louder than a cap.
+
+    Parameters
+    ----------
+    drives : (N, E) what every element emits in each frame.
+    levels : what the board can play; where it cannot play amplitudes, the cap is the share of elements that speak.
+    cap : loudest that an element may be, in per cent of full scale.
+
+    Raises
+    ------
+    InvalidInput
+        If the cap is not above 0 and at most 100.
+    """
+    cap = number(cap, "the cap", "per cent")
+    if not 0.0 < cap <= 100.0:
+        raise InvalidInput(f"the cap is {cap:g} per cent of full scale, but it must be above 0 and at most 100.")
+    if levels.phase_only:
+        return cap / 100.0
+    return min(1.0, cap / 100.0 / max(float(np.abs(drives).max()), 1e-12))
+
+
 class Emission:
     """Sound from boards, silenced however it ends.
 
@@ -95,13 +117,11 @@ class Emission:
     link: Link
 
     def __init__(self, link: Link, *, cap: float = 100.0, ramp: float = RAMP, patience: float = PATIENCE) -> None:
-        cap = number(cap, "the cap", "per cent")
-        if not 0.0 < cap <= 100.0:
-            raise InvalidInput(f"the cap is {cap:g} per cent of full scale, but it must be above 0 and at most 100.")
+        share_under_cap(np.ones((1, 1), dtype=np.complex128), link.levels, cap)
         if not 0.0 <= number(ramp, "the ramp", "s") < np.inf:
             raise InvalidInput(f"the ramp is {ramp:g} s, but it must be 0 or more.")
         self.link = link
-        self._cap = cap / 100.0
+        self._cap = cap
         self._ramp, self._patience = ramp, positive(patience, "the patience of the watchdog", "s")
         self._lock = threading.RLock()
         self._inside = 0
@@ -172,7 +192,7 @@ class Emission:
         """
         check_drive(drive, "what is emitted")
         self._refuse_other_size(len(drive))
-        share = self._share([drive])
+        share = share_under_cap(drive.amplitudes[None], self.link.levels, self._cap)
         if not self._speaking and drive.amplitudes.any():
             self._rise(drive, share)
         return self._say(faded(drive, self.link.levels, share))
@@ -232,7 +252,7 @@ class Emission:
         self._refuse_other_size(drives.shape[1])
         self.link.check_sequence(len(drives), rate)
         parts = [Drive(row) for row in drives]
-        share = self._share(parts)
+        share = share_under_cap(drives, self.link.levels, self._cap)
         frames = [faded(part, self.link.levels, share) for part in parts]
         if not self._speaking:
             self._rise(parts[0], share)
@@ -262,13 +282,6 @@ class Emission:
         for step in range(1, steps):
             self._say(faded(drive, self.link.levels, share * step / steps))
             self.hold(self._ramp / steps)
-
-    def _share(self, drives: Sequence[Drive]) -> float:
-        """Return what drives must be turned down to for the cap."""
-        loudest = max(float(np.abs(drive.amplitudes).max()) for drive in drives)
-        if self.link.levels.phase_only:
-            return self._cap
-        return min(1.0, self._cap / loudest) if loudest > 0.0 else 1.0
 
     def _refuse_other_size(self, elements: int) -> None:
         if elements != self.link.elements:
