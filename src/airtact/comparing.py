@@ -11,17 +11,17 @@ from jaxtyping import Complex128
 
 from airtact.conventions import InvalidInput
 from airtact.evaluation.metrics import pressures_at_foci
-from airtact.judging import Clock, Judge, heard_foci
+from airtact.judging import Clock, Judge, heard_foci, synthesised
 from airtact.report.drive_files import write_drive_h5
 from airtact.report.field_figure import Cut, cut_bodies
 from airtact.report.methods_page import Contender, Contest, write_methods_page
 from airtact.report.whole_file import whole_file, writable_folder
 from airtact.report.windows import plane_through
-from airtact.scene.target import Target
 from airtact.scene_file.building import Setup, read_setup
 from airtact.solvers.problem import SolveReport
 from airtact.synthesis.methods import METHODS
 from airtact.synthesis.quantise import quantise
+from airtact.synthesis.upper_bound import upper_bound
 from airtact.transfer import Drive, TransferMatrix, focus_by_distance
 
 FILES = ("methods.csv", "methods.html")
@@ -59,8 +59,8 @@ def compare_methods(path: Path, folder: Path, tell: Callable[[str], None] = lamb
         (folder / name).unlink(missing_ok=True)
     transfer, beacons = heard_foci(setup, clock)
     with clock.step("drives", f"making the drive by {len(METHODS)} methods"):
-        drives, seconds, refusals = _all_drives(setup, transfer)
-        bound = _bound(transfer, setup.target)
+        drives, seconds, said = _all_drives(setup, transfer)
+        bound = upper_bound(transfer, setup.target).worst
     _write_drives(folder / "drives", setup, transfer, beacons, drives)
     emitted = {name: quantise(drive).drive() for name, drive in drives.items()}
     with clock.step("judge", f"judging {len(drives)} drives by a finer solution with all transducers as sources"):
@@ -78,7 +78,7 @@ def compare_methods(path: Path, folder: Path, tell: Callable[[str], None] = lamb
             Contender(name, drives[name], emitted[name], np.abs(pressures), seconds[name])
             for name, pressures in zip(drives, heard, strict=True)
         ],
-        refusals=refusals,
+        said=said,
         transfer=transfer,
         bound=bound,
         report=report,
@@ -100,23 +100,24 @@ def _write_drives(
         write_drive_h5(file, setup.array, drive, quantise(drive), transfer, setup.target, texts)
 
 
-def _all_drives(setup: Setup, transfer: TransferMatrix) -> tuple[dict[str, Drive], dict[str, float], dict[str, str]]:
-    """Make a drive by each method: drives, seconds and, for those that refuse, their sentence."""
-    drives, seconds, refusals = {}, {}, {}
+def _all_drives(setup: Setup, transfer: TransferMatrix) -> tuple[dict[str, Drive], dict[str, float], list[str]]:
+    """Make a drive by each method: drives, seconds, and sentences of those that refused or stalled."""
+    drives, seconds, said = {}, {}, []
     for name, method in METHODS.items():
         begun = time.perf_counter()
+        words = name.replace("_", " ")
         try:
-            drives[name.replace("_", " ")] = method(transfer, setup.target)
+            drives[words], notes = synthesised(method, transfer, setup.target)
         except InvalidInput as fault:
-            refusals[name.replace("_", " ")] = str(fault)
-        seconds[name.replace("_", " ")] = time.perf_counter() - begun
+            notes = (f"{words} made no drive: {fault}",)
+        said += notes
+        seconds[words] = time.perf_counter() - begun
     if not drives:
-        name, sentence = next(iter(refusals.items()))
-        raise InvalidInput(f"0 of {len(METHODS)} methods make a drive; {name}: {sentence}")
+        raise InvalidInput(f"0 of {len(METHODS)} methods make a drive; {said[0]}")
     begun = time.perf_counter()
     drives[IGNORED] = focus_by_distance(setup.array, setup.target, setup.scene.medium, setup.scene.frequency)
     seconds[IGNORED] = time.perf_counter() - begun
-    return drives, seconds, refusals
+    return drives, seconds, said
 
 
 def _cut(setup: Setup, judge: Judge, names: list[str]) -> Cut:
@@ -138,10 +139,3 @@ def _write_table(file: Path, contest: Contest) -> None:
             for focus, pressure, weight in zip(contest.foci, one.pressures, contest.target.weights, strict=True):
                 numbers = [f"{pressure:.6g}", f"{weight:.6g}", f"{one.energy:.6g}", f"{one.seconds:.3g}"]
                 writer.writerow([one.name, focus, *numbers])
-
-
-def _bound(transfer: TransferMatrix, target: Target) -> float:
-    """Least, over the foci, of what one focus alone could get over its weight [Pa]."""
-    alone = np.abs(transfer.matrix[: len(target.points)]).sum(axis=1)
-    asked = target.weights > 0.0
-    return float((alone[asked] / target.weights[asked]).min())

@@ -1,6 +1,7 @@
 """What the ways through a scene file share: steps, the transfer matrix, and a finer solution that judges."""
 
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -9,10 +10,12 @@ import numpy as np
 from airtact.scene.guards import counted
 from airtact.scene.scene import Scene
 from airtact.scene.sources import Monopoles
+from airtact.scene.target import Target
 from airtact.scene_file.building import Setup
 from airtact.solvers.boundary_element import BoundaryElement
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport
-from airtact.transfer import TransferMatrix, transfer_matrix
+from airtact.synthesis.stalling import Stalled
+from airtact.transfer import Drive, TransferMatrix, transfer_matrix
 
 REFINEMENT = 1.8
 """How many times the unknowns of the drive's solution the one that judges it gets, where memory allows."""
@@ -89,3 +92,23 @@ def heard_foci(setup: Setup, clock: Clock) -> tuple[TransferMatrix, SolveReport]
         beacons = setup.solver.radiate(setup.scene, target.beacons(quiet=True))
     with clock.step("transfer", f"hearing them at {counted(len(setup.array), 'transducer', 'transducers')}"):
         return transfer_matrix(beacons, setup.array), beacons.report
+
+
+def synthesised(
+    method: Callable[[TransferMatrix, Target], Drive], transfer: TransferMatrix, target: Target
+) -> tuple[Drive, tuple[str, ...]]:
+    """Make a drive, and collect what the method says of having stopped early.
+
+    Parameters
+    ----------
+    method : one of ``METHODS``.
+    transfer : the transfer matrix.
+    target : the foci.
+    """
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", Stalled)
+        drive = method(transfer, target)
+    for other in caught:
+        if not isinstance(other.message, Stalled):
+            warnings.warn_explicit(other.message, other.category, other.filename, other.lineno)
+    return drive, tuple(str(one.message) for one in caught if isinstance(one.message, Stalled))

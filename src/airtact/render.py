@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64, Real
 
 from airtact.evaluation.comparison import Comparison, compare
-from airtact.judging import Clock, Judge, heard_foci
+from airtact.judging import Clock, Judge, heard_foci, synthesised
 from airtact.report.drive_files import write_drive_csv, write_drive_h5
 from airtact.report.field_figure import Cut, cut_bodies
 from airtact.report.run_page import Run, write_page
@@ -36,6 +36,7 @@ class _Made:
     transfer: TransferMatrix
     drive: Drive
     frame: Frame
+    said: tuple[str, ...]
 
 
 def render(path: Path, folder: Path, tell: Callable[[str], None] = lambda step: None) -> Run:
@@ -89,6 +90,7 @@ def render(path: Path, folder: Path, tell: Callable[[str], None] = lambda step: 
         comparison=comparison,
         plane=plane,
         close_ups=close_ups,
+        said=made.said,
         seconds=clock.seconds,
     )
     tell("drawing the report")
@@ -99,8 +101,8 @@ def render(path: Path, folder: Path, tell: Callable[[str], None] = lambda step: 
 def _make_drive(setup: Setup, clock: Clock) -> _Made:
     transfer, report = heard_foci(setup, clock)
     with clock.step("drive", f"making the drive by {setup.method.replace('_', ' ')}"):
-        drive = setup.synthesise(transfer, setup.target)
-    return _Made(report, transfer, drive, quantise(drive))
+        drive, said = synthesised(setup.synthesise, transfer, setup.target)
+    return _Made(report, transfer, drive, quantise(drive), said)
 
 
 def _write_drive(folder: Path, setup: Setup, made: _Made) -> None:

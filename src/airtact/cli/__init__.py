@@ -141,8 +141,7 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None
     console = Console()
     for table in quality_tables(meshed):
         console.print(table)
-    if meshed.warning:
-        console.print(f"[yellow]Warning:[/yellow] {meshed.warning}", soft_wrap=True, highlight=False)
+    _warn(console, [meshed.warning] if meshed.warning else [])
     console.print(f"The panels: {meshed.file}, their picture: {meshed.picture}", soft_wrap=True, highlight=False)
 
 
@@ -164,6 +163,7 @@ def render(scene: Path, folder: Path) -> None:
         run = run_render(scene, folder, tell)
     console = Console()
     console.print(run_table(run))
+    _warn(console, run.said)
     console.print(f"The page of this run: {folder / 'report.html'}", soft_wrap=True, highlight=False)
 
 
@@ -188,8 +188,7 @@ def compare(scene: Path, folder: Path) -> None:
         contest = compare_methods(scene, folder, tell)
     console = Console()
     console.print(methods_table(contest))
-    for name, sentence in contest.refusals.items():
-        console.print(f"[yellow]{name}:[/yellow] {sentence}", soft_wrap=True, highlight=False)
+    _warn(console, contest.said)
     console.print(f"The page of this comparison: {folder / 'methods.html'}", soft_wrap=True, highlight=False)
 
 
@@ -224,9 +223,15 @@ def compare_scan(
         compared = run_compare_scan(scan, scene, folder, Microphone(**given), tell)  # pyright: ignore[reportArgumentType]
     console = Console()
     console.print(scan_table(compared))
-    for warning in (*compared.overlay.warnings, *compared.report.warnings):
-        console.print(f"[yellow]Warning:[/yellow] {warning}", soft_wrap=True, highlight=False)
+    _warn(console, [*compared.overlay.warnings, *compared.report.warnings])
     console.print(f"The overlay: {folder / 'overlay.png'}", soft_wrap=True, highlight=False)
+
+
+def _warn(console: "Console", sentences: Sequence[str]) -> None:
+    from rich.markup import escape
+
+    for sentence in sentences:
+        console.print(f"[yellow]Warning:[/yellow] {escape(sentence)}", soft_wrap=True, highlight=False)
 
 
 @contextmanager

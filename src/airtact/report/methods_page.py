@@ -56,7 +56,7 @@ class Contest:
     foci : a name for each.
     bodies : a name for each body.
     contenders : the methods that made a drive, and the control last.
-    refusals : the sentence of each method that made none.
+    said : sentences of methods that made no drive or stalled.
     transfer : what the drives were made from.
     bound : no drive of amplitudes up to 1 gives every focus more than this times its weight [Pa].
     report : how the judging solver came to the pressures.
@@ -70,7 +70,7 @@ class Contest:
     foci: Sequence[str]
     bodies: Sequence[str]
     contenders: Sequence[Contender]
-    refusals: Mapping[str, str]
+    said: Sequence[str]
     transfer: TransferMatrix
     bound: float
     report: SolveReport
@@ -82,10 +82,14 @@ class Contest:
         asked = self.target.weights > 0.0
         return float((one.pressures[asked] / self.target.weights[asked]).min())
 
+    def of_the_bound(self, one: Contender) -> float:
+        """Divide what a method's worst focus would get at full scale by the bound."""
+        return self.worst(one) / float(np.abs(one.emitted.amplitudes).max()) / self.bound
+
     @property
     def best(self) -> Contender:
-        """The method whose worst focus gets most."""
-        return max(self.contenders, key=self.worst)
+        """The method whose worst focus gets most at full scale."""
+        return max(self.contenders, key=self.of_the_bound)
 
 
 def write_methods_page(path: Path, contest: Contest) -> None:
@@ -114,14 +118,11 @@ def _summary(contest: Contest) -> Iterable[str]:
         [
             (best.name, "gives its worst focus most"),
             (f"{contest.worst(best):,.0f}", f"{_unit(contest)} at that focus"),
-            (f"{contest.worst(best) / contest.bound:.0%}", "of a bound that no drive can pass"),
+            (f"{contest.of_the_bound(best):.0%}", "of a bound that no drive can pass, at full scale"),
             (f"{1e3 * best.seconds:.3g} ms", "to make that drive"),
         ]
     )
-    yield from (
-        paragraph(f"{name} made no drive: {sentence}", "warning") for name, sentence in contest.refusals.items()
-    )
-    yield from (paragraph(words, "warning") for words in contest.report.warnings)
+    yield from (paragraph(words, "warning") for words in (*contest.said, *contest.report.warnings))
 
 
 def _unit(contest: Contest) -> str:
@@ -134,7 +135,7 @@ def _unit(contest: Contest) -> str:
 def _table(contest: Contest) -> Iterable[str]:
     yield section("What each method gives")
     rows = []
-    for one in sorted(contest.contenders, key=contest.worst, reverse=True):
+    for one in sorted(contest.contenders, key=contest.of_the_bound, reverse=True):
         exact, rounded = (
             np.abs(contest.transfer.pressure(drive))[: len(contest.foci)] for drive in (one.drive, one.emitted)
         )
@@ -142,7 +143,7 @@ def _table(contest: Contest) -> Iterable[str]:
             [
                 one.name,
                 f"{contest.worst(one):,.4g}",
-                f"{contest.worst(one) / contest.bound:.0%}",
+                f"{contest.of_the_bound(one):.0%}",
                 f"{one.pressures.mean():,.0f}",
                 f"{one.pressures.min() / one.pressures.max():.2f}",
                 f"{one.energy:.2f}",
@@ -153,7 +154,7 @@ def _table(contest: Contest) -> Iterable[str]:
     header = [
         "method",
         f"worst focus [{_unit(contest)}]",
-        "of the bound",
+        "at full scale, of the bound",
         "mean [Pa]",
         "weakest / strongest",
         "energy",
@@ -172,10 +173,10 @@ def _table(contest: Contest) -> Iterable[str]:
 
 def _pictures(contest: Contest) -> Iterable[str]:
     names = [one.name for one in contest.contenders]
-    weighted = np.array([contest.worst(one) for one in contest.contenders])
+    strengths = np.array([contest.of_the_bound(one) * contest.bound for one in contest.contenders])
     yield picture(
-        draw_bars(names, weighted, contest.bound, f"worst focus [{_unit(contest)}]"),
-        "What the worst focus gets by each method, against the bound.",
+        draw_bars(names, strengths, contest.bound, f"worst focus at full scale [{_unit(contest)}]"),
+        "What the worst focus gets by each method with its loudest transducer at full scale, against the bound.",
         "Bars of the pressure at the worst focus for each method, and a line at the bound",
     )
     yield section("The field of each drive")

@@ -53,6 +53,7 @@ class Run:
     comparison : the drive against the one that ignores the hand.
     plane : pressures of both, at equal energy, in the plane through the foci.
     close_ups : the same across each focus; may be none.
+    said : what the method said of having stopped early.
     seconds : wall time by step of the run [s].
     """
 
@@ -72,6 +73,7 @@ class Run:
     comparison: Comparison
     plane: Cut
     close_ups: Sequence[Cut]
+    said: Sequence[str]
     seconds: Mapping[str, float]
 
 
@@ -111,7 +113,7 @@ def _summary(run: Run) -> Iterable[str]:
             (_percent(run.comparison.report.estimated_error), "estimated error of these pressures"),
         ]
     )
-    warnings = [*run.beacons.warnings, *run.comparison.report.warnings]
+    warnings = [*run.said, *run.beacons.warnings, *run.comparison.report.warnings]
     if run.reached.max() > LOUD:
         warnings.append(
             f"The computation is linear; at {_rounded(run.reached.max())} Pa real air steepens the wave, and a real "
