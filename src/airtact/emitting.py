@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Complex128, Float64
 
 from airtact.conventions import InvalidInput, about
 from airtact.evaluation.thresholds import sound_pressure_level
@@ -29,6 +29,9 @@ from airtact.transfer import Drive
 FREQUENCY = 40e3
 """What all boards here play [Hz]."""
 
+MOST_LOOKED_AT = 32
+"""Of a sequence so many frames, the most powerful, are looked at for what rounding costs and how loud it is."""
+
 LINKS = ("audit", "ethercrab", "twincat", "remote", "simulator", "serial", "file")
 """Ways to boards, by name."""
 
@@ -51,7 +54,7 @@ class Plan:
     board : the kind of board.
     poses : where each stands.
     rounding : (F,) relative change of the pressure at each focus that the board's levels make, the worst over the
-        frames; None where the file does not tell how the foci hear the elements.
+        most powerful frames; None where the file does not tell how the foci hear the elements.
     head : loudest level half a metre off the array [dB].
     cap : loudest that an element may be, in per cent of full scale.
     """
@@ -87,22 +90,29 @@ def plan(path: Path, board: str, cap: float = 100.0) -> Plan:
         poses = tuple(poses_of_boards(kind, stored.positions, stored.normals))
     levels = codec_of(kind).levels
     share = share_under_cap(stored.drives, levels, cap)
-    played = np.stack([faded(Drive(row), levels, share).drive().amplitudes for row in stored.drives])
+    loud = _most_powerful(stored.drives)
+    played = np.stack([faded(Drive(row), levels, share).drive().amplitudes for row in loud])
     sensitivity = DEFAULT_SENSITIVITY if stored.sensitivity is None else stored.sensitivity
     around = loudest_around(stored.positions, played, sensitivity, 2 * np.pi * FREQUENCY / speed)
     head = float(sound_pressure_level(np.array([around]))[0])
-    return Plan(stored, kind, poses, _rounding(stored, kind), head, cap)
+    return Plan(stored, kind, poses, _rounding(stored, loud, kind), head, cap)
 
 
-def _rounding(stored: StoredDrive, board: Board) -> Float64[np.ndarray, "foci"] | None:
+def _most_powerful(drives: Complex128[np.ndarray, "frames elements"]) -> Complex128[np.ndarray, "loud elements"]:
+    return drives[np.argsort(-np.linalg.norm(drives, axis=1), kind="stable")[:MOST_LOOKED_AT]]
+
+
+def _rounding(
+    stored: StoredDrive, loud: Complex128[np.ndarray, "loud elements"], board: Board
+) -> Float64[np.ndarray, "foci"] | None:
     transfer, levels = stored.transfer, codec_of(board).levels
-    if transfer is None or transfer.matrix.shape[1] != stored.drives.shape[1] or not stored.drives.any(axis=1).all():
+    if transfer is None or transfer.matrix.shape[1] != loud.shape[1]:
         return None
-    drives = [Drive(row) for row in stored.drives]
-    frames = [quantise(drive, levels) for drive in drives]
-    if any(frame.silent for frame in frames):
+    pairs = [(drive, quantise(drive, levels)) for drive in (Drive(row) for row in loud)]
+    heard = [rounding_error(transfer, drive, frame) for drive, frame in pairs if not frame.silent]
+    if not heard:
         return None
-    changes = np.array([rounding_error(transfer, *pair) for pair in zip(drives, frames, strict=True)])
+    changes = np.array(heard)
     return changes[np.abs(changes).argmax(axis=0), np.arange(changes.shape[1])]
 
 

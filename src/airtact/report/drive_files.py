@@ -150,7 +150,7 @@ def read_drive_h5(path: Path) -> StoredDrive:
 
 
 def _drives(
-    amplitude: Real[np.ndarray, "*frames"], phase: Real[np.ndarray, "*frames"], elements: int
+    amplitude: Real[np.ndarray, "*amplitudes"], phase: Real[np.ndarray, "*phases"], elements: int
 ) -> Complex128[np.ndarray, "frames elements"]:
     """Return complex drives, one row a frame; refuse numbers that cannot be."""
     if amplitude.shape != phase.shape or amplitude.ndim not in (1, 2) or amplitude.shape[-1] != elements:
