@@ -79,6 +79,9 @@ def gerchberg_saxton(
     worst: np.ndarray,
     drives: np.ndarray,
 ) -> None: ...
+def gerchberg_saxton_of_foci(
+    heard: np.ndarray, wanted: np.ndarray, turns: int, pressure: np.ndarray
+) -> None: ...
 def near_integrals(
     single_layer: bool,
     targets: np.ndarray,

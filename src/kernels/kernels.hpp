@@ -82,5 +82,9 @@ void gerchberg_saxton(const float *real, const float *imag, std::int64_t element
                       const float *wanted, std::int64_t sets, std::int64_t foci, std::int64_t turns, bool weighted,
                       std::complex<float> *sources, float *worst, std::complex<float> *drives);
 
+// pressure <- heard (wanted phase(pressure)), `turns` times; heard is (foci, foci)
+void gerchberg_saxton_of_foci(const std::complex<double> *heard, const double *wanted, std::int64_t foci,
+                              std::int64_t turns, std::complex<double> *pressure);
+
 }  // namespace AIRTACT_VARIANT
 }  // namespace airtact

@@ -39,6 +39,7 @@ struct Variant {
     decltype(&baseline::inscribed_diameter) inscribed_diameter;
     decltype(&baseline::near_integrals) near_integrals;
     decltype(&baseline::gerchberg_saxton) gerchberg_saxton;
+    decltype(&baseline::gerchberg_saxton_of_foci) gerchberg_saxton_of_foci;
 };
 
 #define AIRTACT_FAR(v, Real)                                                                                         \
@@ -46,7 +47,7 @@ struct Variant {
 #define AIRTACT_TABLE(v)                                                                                             \
     { #v, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::panel_entries, &v::near_pairs, &v::closest_on_panels,      \
             &v::inscribed_diameter, \
-      &v::near_integrals, &v::gerchberg_saxton }
+      &v::near_integrals, &v::gerchberg_saxton, &v::gerchberg_saxton_of_foci }
 
 static std::vector<Variant> runnable() {  // on this machine, the best last
     std::vector<Variant> found{AIRTACT_TABLE(baseline)};
@@ -193,6 +194,13 @@ static void saxton(Read<float, -1, -1> real, Read<float, -1, -1> imag, Read<std:
                              sources.data(), worst.data(), drives.data());
 }
 
+static void saxton_of_foci(Read<Complex, -1, -1> heard, Line wanted, std::int64_t turns, Write<Complex, -1> pressure) {
+    const std::size_t foci = wanted.shape(0);
+    same(heard.shape(0), foci), same(heard.shape(1), foci), same(pressure.shape(0), foci);
+    nb::gil_scoped_release release;
+    active->gerchberg_saxton_of_foci(heard.data(), wanted.data(), foci, turns, pressure.data());
+}
+
 NB_MODULE(_kernels, m) {
     m.doc() = "The compiled loops of the boundary element solver; kernels.hpp says what each computes.";
     m.def("variants", [] {
@@ -217,4 +225,5 @@ NB_MODULE(_kernels, m) {
     m.def("inscribed_diameter", &thickness);
     m.def("near_integrals", &near);
     m.def("gerchberg_saxton", &saxton);
+    m.def("gerchberg_saxton_of_foci", &saxton_of_foci);
 }

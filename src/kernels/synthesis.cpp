@@ -165,5 +165,27 @@ void gerchberg_saxton(const float *real, const float *imag, std::int64_t element
     }
 }
 
+void gerchberg_saxton_of_foci(const std::complex<double> *heard, const double *wanted, std::int64_t foci,
+                              std::int64_t turns, std::complex<double> *pressure) {
+    std::vector<double> real(foci), imag(foci);
+    for (std::int64_t t = 0; t < turns; t++) {
+        for (std::int64_t f = 0; f < foci; f++) {
+            const double square = std::norm(pressure[f]), scale = square > 0.0 ? wanted[f] / std::sqrt(square) : 0.0;
+            real[f] = pressure[f].real() * scale;
+            imag[f] = pressure[f].imag() * scale;
+        }
+        for (std::int64_t f = 0; f < foci; f++) {
+            const double *row = reinterpret_cast<const double *>(heard + f * foci);
+            double pr = 0.0, pi = 0.0;
+#pragma omp simd reduction(+ : pr, pi)
+            for (std::int64_t g = 0; g < foci; g++) {
+                pr += row[2 * g] * real[g] - row[2 * g + 1] * imag[g];
+                pi += row[2 * g] * imag[g] + row[2 * g + 1] * real[g];
+            }
+            pressure[f] = {pr, pi};
+        }
+    }
+}
+
 }  // namespace AIRTACT_VARIANT
 }  // namespace airtact

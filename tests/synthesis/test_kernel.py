@@ -69,3 +69,15 @@ def test_an_element_that_no_focus_hears_stays_silent():
 def test_rows_that_are_not_there_are_refused():
     with pytest.raises(IndexError, match="a row that the matrix does not have"):
         compiled(np.ones((2, 3), dtype=complex), np.array([[0, 2]]), np.ones((1, 2)), np.ones((1, 2)), 1, True)
+
+
+def test_going_to_and_fro_between_foci_alone_is_taken_as_by_numpy():
+    random = np.random.default_rng(3)
+    matrix = random.normal(size=(7, 40)) + 1j * random.normal(size=(7, 40))
+    heard, wanted = matrix @ matrix.conj().T, random.uniform(0.5, 1.0, 7)
+    pressure = expected = random.normal(size=7) + 1j * random.normal(size=7)
+    pressure = pressure.copy()
+    _kernels.gerchberg_saxton_of_foci(heard, wanted, 6, pressure)
+    for _ in range(6):
+        expected = heard @ (wanted * expected / np.abs(expected))
+    np.testing.assert_allclose(pressure, expected, rtol=1e-10)

@@ -18,6 +18,9 @@ from airtact.transfer import Drive, TransferMatrix
 LAGGING = 1e-3
 """A focus that gets less than this of the mean is not given more weight for being quieter still."""
 
+AFTERWARDS = 10
+"""Turns of weighted Gerchberg-Saxton after GS-PAT."""
+
 SINGLE = np.float32(1.0 - 2e-7)
 """What brings magnitudes of 1 in single precision to at most 1."""
 
@@ -29,7 +32,7 @@ class Turns:
     Attributes
     ----------
     sources : (S, F) the sources in the foci of the best turn, their magnitudes being the weights.
-    worst : (S,) smallest pressure over what was asked.
+    worst : (S,) smallest pressure over what was asked, the largest of which counts 1 [Pa].
     drives : (S, E) phases of every element, magnitude 1.
     """
 
@@ -82,16 +85,20 @@ def gs_pat(
     """Gerchberg-Saxton on what the foci hear of each other, H Hᴴ, of foci by foci alone.
 
     Plasencia, Hirayama, Montano-Murillo and Subramanian, ACM Trans. Graph. 39 (2020) 138: each turn is s -> w · phase(H
-    Hᴴ s); at the end the sources are weighed by w²/|p|, and every element is brought to full scale. Parameters, result
-    and refusals as ``gerchberg_saxton``.
+    Hᴴ s); at the end the sources are weighed by w²/|p|, and every element is brought to full scale. What that costs the
+    worst focus is made up for by a few turns of weighted Gerchberg-Saxton, which the paper does not have; they never
+    make it worse. Parameters, result and refusals as ``gerchberg_saxton``.
     """
     matrix, wanted = asked_rows(transfer, target)
     check_iterations(iterations)
-    heard = matrix @ matrix.conj().T
+    single = matrix.astype(np.complex64)
+    heard = (single @ single.conj().T).astype(np.complex128)
     pressure = wanted.astype(np.complex128)
-    for _ in range(iterations):
-        pressure = heard @ (wanted * phase(pressure))
+    _kernels.gerchberg_saxton_of_foci(heard, wanted, iterations, pressure)
     sources = wanted**2 * pressure / np.maximum(np.abs(pressure) ** 2, np.finfo(float).tiny)
+    if constraint.phase_bits is None:
+        alike = np.arange(len(wanted))[None]
+        sources = to_and_fro(matrix, alike, wanted[None], sources[None], AFTERWARDS).sources[0].astype(np.complex128)
     return scaled_to_target(transfer, target, phase(matrix.conj().T @ sources), constraint)
 
 
@@ -155,8 +162,8 @@ def to_and_fro(
     iterations : how often.
     weighted : whether foci that lag get more weight; the best turn is kept then, else the last.
     """
-    loudest = np.abs(matrix).max()
-    real, imag = ((part(matrix) / loudest).astype(np.float32) for part in (np.real, np.imag))
+    single = matrix.astype(np.complex64)
+    real, imag = np.ascontiguousarray(single.real), np.ascontiguousarray(single.imag)
     asked = (wanted / wanted.max(axis=1, keepdims=True)).astype(np.float32)
     kept, worst = sources.astype(np.complex64), np.empty(len(sets), dtype=np.float32)
     drives = np.empty((len(sets), matrix.shape[1]), dtype=np.complex64)
@@ -176,7 +183,9 @@ def _to_and_fro(
     check_iterations(iterations)
     starts = wanted.astype(np.complex128)[None]
     if weighted:
-        starts = np.stack([starts[0], wanted * phase(matrix.sum(axis=1))])
+        heard = matrix.sum(axis=1)
+        in_phase = wanted**2 * phase(heard) / np.maximum(np.abs(heard), LAGGING * np.abs(heard).max())
+        starts = np.stack([starts[0], in_phase / np.abs(in_phase).max()])
     if constraint.phase_bits is not None:
         return scaled_to_target(
             transfer, target, in_levels(matrix, wanted, starts[-1], iterations, constraint, weighted), constraint

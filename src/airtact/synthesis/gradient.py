@@ -17,6 +17,9 @@ from airtact.transfer import Drive, TransferMatrix
 SOFTNESS = 200.0
 """Power of the mean that stands for the smallest share: 16 equal shares count 1.4 % less than one."""
 
+SILENCE = 1e-3
+"""Quiet points that get less than this of the weakest focus are quiet enough; 60 dB."""
+
 STEEPNESS = 1e4
 """What passing the allowed loss costs, per squared neper."""
 
@@ -69,7 +72,8 @@ def gradient(
         raise InvalidInput(f"the loss at the foci is {loss:g}, but it must be a share from 0 up to 1.")
     matrix = matrix / wanted[:, None]
     start = phase(matrix.conj().T @ strongest_sources(matrix, 300))
-    climb = _height(matrix, quiet, _soft_smallest(matrix, start)[0] + np.log1p(-loss))
+    heard = quiet / (SILENCE * worst_share(matrix * wanted[:, None], start))
+    climb = _height(matrix, heard, _soft_smallest(matrix, start)[0] + np.log1p(-loss))
     found, done = _descend(climb, start, iterations, constraint.phase_only)
     if not len(quiet) and worst_share(matrix, found) < worst_share(matrix, start):
         found = start
@@ -109,9 +113,9 @@ def _soft_smallest(
 def _noise(
     quiet: Complex128[np.ndarray, "quiet elements"], amplitudes: Complex128[np.ndarray, "elements"]
 ) -> tuple[float, Complex128[np.ndarray, "elements"]]:
-    """Logarithm of the root of the mean squared pressure in the quiet points, and its gradient."""
+    """Logarithm of the root of 1 and the mean squared pressure in the quiet points, and its gradient."""
     pressure = quiet @ amplitudes
-    energy = max(float(np.vdot(pressure, pressure).real), np.finfo(float).tiny)
+    energy = float(np.vdot(pressure, pressure).real) + len(quiet)
     return 0.5 * np.log(energy / len(quiet)), quiet.conj().T @ pressure / energy
 
 
@@ -135,6 +139,6 @@ def _descend(
 
     numbers = np.angle(start) if phase_only else np.concatenate([np.angle(start), full])
     bounds = [(None, None)] * count + [(0.0, 1.0)] * (len(numbers) - count)
-    options = {"maxiter": iterations, "maxfun": 2 * iterations, "ftol": 1e-6}
+    options = {"maxiter": iterations, "maxfun": 2 * iterations, "ftol": 1e-4}
     found = minimize(value, numbers, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
     return amplitudes_of(found.x), found.status == 0

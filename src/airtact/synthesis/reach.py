@@ -16,7 +16,7 @@ NEAREST = 0.1
 """Foci nearer than this cannot be told apart [wavelengths]."""
 
 ALIKE = 1.0 - 1e-4
-"""Two foci whose rows of the transfer matrix are parallel to this are heard alike by every element."""
+"""Foci whose rows of the matrix are parallel to this are heard alike, which counts where no wavelength is known."""
 
 SHADOWED = 0.05
 """A focus that can get less than this of what the others can in the median is in a shadow; 26 dB."""
@@ -56,8 +56,9 @@ def asked_rows(
 ) -> tuple[Complex128[np.ndarray, "asked elements"], Float64[np.ndarray, "asked"]]:
     """Return the rows of the foci that ask for something, and what they ask, after ``check_solvable``."""
     check_solvable(transfer, target)
-    asked = target.weights > 0.0
-    return foci_rows(transfer, target)[asked], target.weights[asked]
+    rows, wanted = foci_rows(transfer, target), target.weights
+    asked = wanted > 0.0
+    return (rows, wanted) if asked.all() else (rows[asked], wanted[asked])
 
 
 def check_solvable(transfer: TransferMatrix, target: Target) -> None:
@@ -67,8 +68,8 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> None:
     ------
     InvalidInput
         As ``check_foci``; or there are more foci than elements (both numbers), two foci are nearer than λ/10 (which,
-        how near) or heard alike by every element, or what a focus can get at most, over what it asks, is under
-        ``SHADOWED`` of that of the rest (both pressures).
+        how near) or, where the matrix does not know λ, heard alike by every element, or what a focus can get at most,
+        over what it asks, is under ``SHADOWED`` of that of the rest (both pressures).
     """
     rows = foci_rows(transfer, target)
     if len(rows) > rows.shape[1]:
@@ -78,32 +79,33 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> None:
         )
     _refuse_near_foci(transfer, target)
     asked = target.weights > 0.0
-    attainable = np.abs(rows).sum(axis=1)
-    shares = attainable[asked] / target.weights[asked]
-    worst = int(np.argmin(shares))
-    rest = np.delete(shares, worst)
-    if len(rest) and shares[worst] < SHADOWED * np.median(rest):
-        index = int(np.flatnonzero(asked)[worst])
-        others = float(np.median(np.delete(attainable[asked], worst)))
-        raise InvalidInput(
-            f"focus {index} at {place(target.points[index])} is shadowed: it can get {attainable[index]:.3g} Pa at "
-            f"most, the rest {others:.3g} Pa in the median; move it, leave it out or ask for less there.",
-            target.points[index],
-        )
+    attainable = np.abs(rows).sum(axis=1)[asked]
+    shares = attainable / target.weights[asked]
+    worst = int(shares.argmin())
+    if shares[worst] >= SHADOWED * shares.max() or shares[worst] >= SHADOWED * np.median(np.delete(shares, worst)):
+        return
+    index, others = int(np.flatnonzero(asked)[worst]), float(np.median(np.delete(attainable, worst)))
+    raise InvalidInput(
+        f"focus {index} at {place(target.points[index])} is shadowed: it can get {attainable[worst]:.3g} Pa at most, "
+        f"the rest {others:.3g} Pa in the median; move it, leave it out or ask for less there.",
+        target.points[index],
+    )
 
 
 def _refuse_near_foci(transfer: TransferMatrix, target: Target) -> None:
-    rows = foci_rows(transfer, target)
-    first, second = np.triu_indices(len(rows), 1)
-    apart = np.linalg.norm(target.points[first] - target.points[second], axis=1)
-    norms = np.maximum(np.linalg.norm(rows, axis=1), np.finfo(float).tiny)
-    alike = np.abs(rows @ rows.conj().T) / np.outer(norms, norms)
-    near = np.flatnonzero((apart < NEAREST * (transfer.wavelength or 0.0)) | (alike[first, second] > ALIKE))
-    if len(near):
-        pair = near[np.argmin(apart[near])]
-        one, other = int(first[pair]), int(second[pair])
+    count = len(target.points)
+    apart = np.linalg.norm(target.points[:, None] - target.points, axis=2)
+    if transfer.wavelength is None:
+        rows = foci_rows(transfer, target)
+        loudness = np.maximum(np.linalg.norm(rows, axis=1), np.finfo(float).tiny)
+        near = np.abs(rows @ rows.conj().T) > ALIKE * loudness[:, None] * loudness
+    else:
+        near = apart < NEAREST * transfer.wavelength
+    near.flat[:: count + 1] = False
+    if near.any():
+        one, other = divmod(int(np.argmin(np.where(near, apart, np.inf))), count)
         raise InvalidInput(
-            f"foci {one} and {other} are {1e3 * apart[pair]:.3g} mm apart, at {place(target.points[one])} and "
+            f"foci {one} and {other} are {1e3 * apart[one, other]:.3g} mm apart, at {place(target.points[one])} and "
             f"{place(target.points[other])}, too near to be told apart: leave one out, or move them a tenth of the "
             "wavelength apart or more.",
             target.points[one],
