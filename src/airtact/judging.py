@@ -13,6 +13,7 @@ from airtact.scene.sources import Monopoles
 from airtact.scene.target import Target
 from airtact.scene_file.building import Setup
 from airtact.solvers.boundary_element import BoundaryElement
+from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.synthesis.stalling import Stalled
 from airtact.transfer import Drive, TransferMatrix, transfer_matrix
@@ -49,7 +50,7 @@ class Clock:
 
 
 class Judge(Solver):
-    """Boundary elements finer than a drive's own; keeps its field, so that one solution serves numbers and pictures.
+    """Boundary elements finer than a drive's own, or the closed form of open air; keeps its field for the pictures.
 
     Attributes
     ----------
@@ -59,7 +60,10 @@ class Judge(Solver):
     field: RadiatedField
 
     def __init__(self, setup: Setup, unknowns: int) -> None:
-        self._solver = BoundaryElement(accuracy=_judging_accuracy(setup, unknowns))
+        if setup.scene.obstacles:
+            self._solver = BoundaryElement(accuracy=_judging_accuracy(setup, unknowns))
+        else:
+            self._solver = FreeField()
 
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
         """Solve the scene for the monopoles."""
@@ -70,7 +74,7 @@ class Judge(Solver):
 def _judging_accuracy(setup: Setup, unknowns: int) -> float:
     """Find an accuracy that brings ``REFINEMENT`` times the unknowns of the drive's solution, or as many as fit."""
     speakers = Monopoles(setup.array.positions, np.ones(len(setup.array)))
-    fitting = finer = setup.solver.accuracy / 1.2
+    fitting = finer = setup.accuracy / 1.2
     while finer > FINEST:
         count = BoundaryElement(accuracy=finer).unknowns(setup.scene, speakers)
         if count > MOST_UNKNOWNS:
@@ -87,7 +91,7 @@ def heard_foci(setup: Setup, clock: Clock) -> tuple[TransferMatrix, SolveReport]
     target = setup.target
     count = len(target.points)
     quiet = f" and {counted(len(target.quiet), 'quiet point', 'quiet points')}" if len(target.quiet) else ""
-    words = f"solving for a beacon in each focus ({count}){quiet} around {', '.join(setup.bodies)}"
+    words = f"solving for a beacon in each focus ({count}){quiet} around {', '.join(setup.bodies) or 'nothing'}"
     with clock.step("beacons", words):
         beacons = setup.solver.radiate(setup.scene, target.beacons(quiet=True))
     with clock.step("transfer", f"hearing them at {counted(len(setup.array), 'transducer', 'transducers')}"):

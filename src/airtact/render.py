@@ -136,8 +136,10 @@ def _cuts(setup: Setup, field: RadiatedField) -> tuple[Cut, list[Cut]]:
         pressure = field.at(window.points)[:, :2] * scales
         return Cut(window, {CONSIDERED: pressure[:, 0], IGNORED: pressure[:, 1]}, cut_bodies(window, solid))
 
-    plane = cut(plane_through(foci, np.concatenate([surface.vertices for surface in surfaces]), scene.wavelength))
-    if len(foci) < 3:
+    plane = cut(
+        plane_through(foci, np.concatenate([np.empty((0, 3)), *(one.vertices for one in surfaces)]), scene.wavelength)
+    )
+    if len(foci) < 3 or not surfaces:
         return plane, []
     outwards = _away_from_skin(scene, foci)
     return plane, [cut(close_up(*pair, scene.wavelength)) for pair in zip(foci, outwards, strict=True)]

@@ -9,7 +9,9 @@ from airtact.conventions import InvalidInput
 from airtact.report.body_figure import sharp_edges
 from airtact.scene.medium import air
 from airtact.scene.primitives import capsule
-from airtact.scene_file.building import METHODS, drawable_bodies, read_setup
+from airtact.scene_file.building import drawable_bodies, read_setup
+from airtact.solvers.free_field import FreeField
+from airtact.synthesis.methods import METHODS
 from airtact.synthesis.time_reversal import phase_conjugate
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -246,7 +248,10 @@ def test_a_faulty_array_file_is_refused(read, tmp_path, text, sentence):
             "solver: body 0 is filled, but boundary_element solves sound_hard bodies only",
         ),
         ([MEDIUM, ARRAY, BALL, BALL, FOCUS], "bodies 0 and 1 overlap or touch: 10 mm deep"),
-        ([MEDIUM, ARRAY, FOCUS], "solver: the scene has 0 obstacles, and boundary_element needs one or more"),
+        (
+            [MEDIUM, ARRAY, FOCUS, '[solver]\nname = "boundary_element"'],
+            "solver: the scene has 0 obstacles, and boundary_element needs one or more",
+        ),
         (
             [MEDIUM, ARRAY.replace("box", "bax"), BALL, FOCUS],
             'array: layout = "surrounding_bax" is neither a known layout',
@@ -322,8 +327,16 @@ def test_a_file_that_cannot_be_read_is_refused(tmp_path):
         read_setup(tmp_path / "bytes.toml")
 
 
-def test_every_method_is_a_way_to_make_a_drive():
-    assert set(METHODS) == {"time_reversal", "phase_conjugate"}
+@pytest.mark.parametrize("name", METHODS)
+def test_a_file_can_name_every_method(read, name):
+    setup = read(MEDIUM, ARRAY, FOCUS, f'[drive]\nmethod = "{name}"')
+    assert setup.synthesise is METHODS[name]
+
+
+def test_open_air_is_solved_in_closed_form(read):
+    assert isinstance(read(MEDIUM, ARRAY, FOCUS).solver, FreeField)
+    with pytest.raises(InvalidInput, match="the scene has 1 obstacle, and free_field is for open air"):
+        read(MEDIUM, ARRAY, BALL, FOCUS, '[solver]\nname = "free_field"')
 
 
 def _box_facets(side):

@@ -18,6 +18,7 @@ from airtact.scene.geometry import Surface
 from airtact.scene.scene import Scene
 from airtact.scene.topology import shells
 from airtact.scene_file.building import Setup
+from airtact.solvers.boundary_element import BoundaryElement
 
 
 def scene_tables(setup: Setup) -> Iterator[Table]:
@@ -28,7 +29,8 @@ def scene_tables(setup: Setup) -> Iterator[Table]:
         surface = obstacle.surface
         size = f"{1e4 * surface.area:.1f} cm² = {surface.area / wavelength**2:.0f} λ²"
         bodies.add_row(escape(name), obstacle.boundary.replace("_", "-"), f"{len(surface.triangles):,}", size)
-    yield bodies
+    if setup.bodies:
+        yield bodies
     notes = [(name, one.surface) for name, one in zip(setup.bodies, setup.scene.obstacles, strict=True)]
     yield from (_mended(surface, name) for name, surface in notes if surface.mended)
     foci = _table("foci", "x", "y", "z", "off the skin", "pressure")
@@ -37,17 +39,19 @@ def scene_tables(setup: Setup) -> Iterator[Table]:
     for index, (name, point) in enumerate(zip(setup.foci, setup.target.points, strict=True)):
         wanted = "strongest" if asked is None else f"{asked[index]:g} Pa"
         place = [f"{1e3 * number:.2f} mm" for number in point]
-        foci.add_row(escape(name), *place, f"{1e3 * off_skin[index]:.3g} mm", wanted)
+        foci.add_row(escape(name), *place, f"{1e3 * off_skin[index]:.3g} mm" if setup.bodies else "–", wanted)
     yield foci
-    unknowns = setup.solver.unknowns(setup.scene, setup.target.beacons())
     elements = setup.array
     clearance = -setup.scene.depth(elements.positions).max()
     facts = _table("", "")
     sensitivity = f"{elements.element.sensitivity:g} Pa·m, uncalibrated"
-    facts.add_row("transducers", f"{len(elements)}, {sensitivity}, {1e3 * clearance:.0f} mm off the bodies or more")
+    away = f", {1e3 * clearance:.0f} mm off the bodies or more" if setup.bodies else ""
+    facts.add_row("transducers", f"{len(elements)}, {sensitivity}{away}")
     facts.add_row("wavelength", f"{1e3 * wavelength:.2f} mm at {setup.scene.frequency / 1e3:g} kHz")
-    facts.add_row("drive", f"{setup.method.replace('_', ' ')}, accuracy {setup.solver.accuracy:g}")
-    facts.add_row("unknowns", f"{unknowns:,}, matrix {_memory(unknowns)}")
+    facts.add_row("drive", f"{setup.method.replace('_', ' ')}, accuracy {setup.accuracy:g}")
+    if isinstance(setup.solver, BoundaryElement):
+        unknowns = setup.solver.unknowns(setup.scene, setup.target.beacons())
+        facts.add_row("unknowns", f"{unknowns:,}, matrix {_memory(unknowns)}")
     yield facts
 
 
@@ -132,7 +136,7 @@ def run_table(run: Run) -> Table:
 def methods_table(contest: Contest) -> Table:
     """Tabulate what the worst focus gets by each method, best first."""
     table = _table("method", "worst focus", "of the bound", "mean", "time")
-    table.title = "What the foci get by each method, and at full scale of a bound that no drive can pass"
+    table.title = "What the foci get; of the bound: at full scale, of what no drive can pass"
     for one in sorted(contest.contenders, key=contest.of_the_bound, reverse=True):
         worst, mean = one.pressures.min(), one.pressures.mean()
         share = contest.of_the_bound(one)

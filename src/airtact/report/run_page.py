@@ -99,8 +99,7 @@ def _summary(run: Run) -> Iterable[str]:
     count = f"{len(run.foci)} {'focus' if len(run.foci) == 1 else 'foci'}"
     yield f"<h1>{escape(run.title)}</h1>"
     yield paragraph(
-        f"What {_transducers(run)} must emit at {run.scene.frequency / 1e3:g} kHz so that {count} stand "
-        f"beside {_and(run.bodies)}, which {'scatters' if len(run.bodies) == 1 else 'scatter'} the sound.",
+        f"What {_transducers(run)} must emit at {run.scene.frequency / 1e3:g} kHz so that {count} stand {_where(run)}.",
         "lead",
     )
     solve = sum(run.seconds[step] for step in ("beacons", "transfer", "drive"))
@@ -120,6 +119,12 @@ def _summary(run: Run) -> Iterable[str]:
             "focus is weaker."
         )
     yield from (paragraph(words, "warning") for words in dict.fromkeys(warnings))
+
+
+def _where(run: Run) -> str:
+    if not run.bodies:
+        return "in open air"
+    return f"beside {_and(run.bodies)}, which {'scatters' if len(run.bodies) == 1 else 'scatter'} the sound"
 
 
 def _emission(run: Run) -> Iterable[str]:

@@ -11,6 +11,7 @@ from jaxtyping import Float64
 from airtact.conventions import InvalidInput, about
 from airtact.scene.files import load_surface
 from airtact.scene.geometry import Surface
+from airtact.scene.guards import counted
 from airtact.scene.medium import Medium, air
 from airtact.scene.pinch import pinch
 from airtact.scene.pose import Pose
@@ -31,21 +32,20 @@ from airtact.scene_file.tables import (
     parse_scene,
 )
 from airtact.solvers.boundary_element import BoundaryElement
-from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
+from airtact.solvers.free_field import FreeField
+from airtact.solvers.problem import Solver
+from airtact.synthesis.methods import METHODS
 from airtact.transducers.calibration import load_calibration
 from airtact.transducers.element import Element, monopole, piston
 from airtact.transducers.layout import PhasedArray, board_array, flat_boards, surrounding_box
 from airtact.transducers.placement import check_placement
 from airtact.transfer import Drive, TransferMatrix
 
-SOLVERS = {"boundary_element": BoundaryElement}
+SOLVERS = ("boundary_element", "free_field")
 """The solvers that a file can name."""
 
 BOUNDARIES = {"boundary_element": ("sound_hard",)}
-"""The boundaries that each of them can solve."""
-
-METHODS = {"time_reversal": time_reversal, "phase_conjugate": phase_conjugate}
-"""The ways to make a drive that a file can name."""
+"""The boundaries of bodies that each of them can solve."""
 
 SURFACE_SETTINGS = ("scale", "largest_hole", "sharp_degrees")
 """Keys that go only with a surface, and what ``load_surface`` calls them."""
@@ -68,6 +68,7 @@ class Setup:
     target : the foci.
     foci : a name for each focus.
     solver : makes the drive.
+    accuracy : that it is asked for.
     method : name of the way the drive is made.
     synthesise : that way.
     """
@@ -79,7 +80,8 @@ class Setup:
     array: PhasedArray
     target: Target
     foci: tuple[str, ...]
-    solver: BoundaryElement
+    solver: Solver
+    accuracy: float
     method: str
     synthesise: Callable[[TransferMatrix, Target], Drive]
 
@@ -137,24 +139,32 @@ def _set_up(path: Path, text: str, file: SceneFile) -> Setup:
         target=target,
         foci=foci,
         solver=solver,
+        accuracy=file.solver.accuracy,
         method=file.drive.method,
         synthesise=METHODS[file.drive.method],
     )
 
 
-def _solver(file: SceneFile, scene: Scene) -> BoundaryElement:
+def _solver(file: SceneFile, scene: Scene) -> Solver:
     with about("solver"):
-        name = file.solver.name
+        name = file.solver.name or ("boundary_element" if scene.obstacles else "free_field")
         if name not in SOLVERS:
             raise InvalidInput(f'"{name}" is not a solver here; {nearest(name, SOLVERS)}')
+        if name == "free_field":
+            if scene.obstacles:
+                raise InvalidInput(
+                    f"the scene has {counted(len(scene.obstacles), 'obstacle', 'obstacles')}, and free_field is for "
+                    "open air; name boundary_element, or nothing."
+                )
+            return FreeField()
         if not scene.obstacles:
-            raise InvalidInput(f"the scene has 0 obstacles, and {name} needs one or more.")
+            raise InvalidInput(f"the scene has 0 obstacles, and {name} needs one or more; name free_field, or nothing.")
         for index, obstacle in enumerate(scene.obstacles):
             if obstacle.boundary not in BOUNDARIES[name]:
                 raise InvalidInput(
                     f"body {index} is {obstacle.boundary}, but {name} solves {', '.join(BOUNDARIES[name])} bodies only."
                 )
-        return SOLVERS[name](accuracy=file.solver.accuracy)
+        return BoundaryElement(accuracy=file.solver.accuracy)
 
 
 def _one_of(table: Table, names: tuple[str, ...]) -> str:

@@ -111,9 +111,9 @@ class FocusTable(Table, frozen=True):
 
 
 class SolverTable(Table, frozen=True):
-    """How sound travels is computed; ``accuracy`` is the relative error asked for."""
+    """How sound travels is computed, by default as the bodies need; ``accuracy`` is the relative error asked for."""
 
-    name: str = "boundary_element"
+    name: str | None = None
     accuracy: float = 0.01
 
 
