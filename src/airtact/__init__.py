@@ -49,6 +49,13 @@ from airtact.synthesis.inverse_filter import inverse_filter, iterated_time_rever
 from airtact.synthesis.max_min import max_min
 from airtact.synthesis.quantise import Frame, Levels, quantise, rounding_error
 from airtact.synthesis.reach import share_reached
+from airtact.synthesis.sequence import (
+    Sequence,
+    amplitude_modulation,
+    check_playable,
+    lateral_modulation,
+    spatiotemporal_modulation,
+)
 from airtact.synthesis.stalling import Stalled
 from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
 from airtact.synthesis.upper_bound import UpperBound, upper_bound
@@ -100,6 +107,7 @@ __all__ = [
     "RecordingLink",
     "Scan",
     "Scene",
+    "Sequence",
     "SerialLink",
     "Skin",
     "SkinMap",
@@ -113,11 +121,13 @@ __all__ = [
     "TransferMatrix",
     "UpperBound",
     "air",
+    "amplitude_modulation",
     "attainable",
     "autd3_board",
     "board_array",
     "board_named",
     "capsule",
+    "check_playable",
     "circle",
     "compare",
     "eigenvector",
@@ -135,6 +145,7 @@ __all__ = [
     "iterated_time_reversal",
     "join",
     "judge",
+    "lateral_modulation",
     "load_calibration",
     "load_scan",
     "load_surface",
@@ -157,6 +168,7 @@ __all__ = [
     "skin_points",
     "sound_hard",
     "sound_pressure_level",
+    "spatiotemporal_modulation",
     "sphere",
     "sphere_shell",
     "surrounding_box",

@@ -1,0 +1,273 @@
+"""Drives that follow each other: what modulation makes of sound that is too fast to be felt by itself.
+
+Skin feels changes of a few to a few hundred hertz. They are made by swinging the amplitude (amplitude modulation), by
+moving a focus to and fro (lateral modulation; R. Takahashi, K. Hasegawa, H. Shinoda, IEEE Trans. Haptics 13, 334, 2020)
+or by leading it along a path (spatiotemporal modulation; W. Frier et al., EuroHaptics 2018).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex128, Float64, Int64
+
+from airtact.conventions import InvalidInput
+from airtact.scene.guards import complex_numbers, counted, of_kind, positive, refuse_not_finite
+from airtact.scene.printing import in_short
+from airtact.scene.target import Target
+from airtact.synthesis.reach import foci_rows
+from airtact.synthesis.time_reversal import phase_conjugate
+from airtact.transfer import FULL_SCALE, Drive, TransferMatrix, check_drive
+
+FEWEST = 4
+"""Frames that one period of a modulation takes at least."""
+
+Method = Callable[[TransferMatrix, Target], Drive]
+"""A way to make a drive, such as ``phase_conjugate``."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sequence:
+    """Drives that are played one after another, and again from the first.
+
+    Attributes
+    ----------
+    drives : (N, E) complex amplitudes of each frame, 1 at full scale.
+    rate : frames a second [Hz].
+
+    Raises
+    ------
+    InvalidInput
+        If there is no frame, a number is not finite, a magnitude passes 1 (in which frame), or the rate is not above
+        zero.
+    """
+
+    drives: Complex128[np.ndarray, "frames elements"]
+    rate: float
+
+    __repr__ = in_short
+
+    def __post_init__(self) -> None:
+        drives = complex_numbers(self.drives, "the drives of a sequence")
+        if drives.ndim != 2 or drives.size == 0:
+            raise InvalidInput(f"a sequence has the shape (frames, elements), not {drives.shape}.")
+        refuse_not_finite(drives, "the drives of a sequence (frame, element)")
+        loudest = np.abs(drives).max(axis=1)
+        if loudest.max() > FULL_SCALE:
+            raise InvalidInput(
+                f"frame {int(loudest.argmax())} of a sequence drives an element at {loudest.max():.4g} of full scale; "
+                "divide the sequence by that."
+            )
+        drives.flags.writeable = False
+        object.__setattr__(self, "drives", drives)
+        object.__setattr__(self, "rate", positive(self.rate, "the rate of a sequence", "frames/s"))
+
+    def __len__(self) -> int:
+        return len(self.drives)
+
+    @property
+    def seconds(self) -> float:
+        """How long it takes until it begins again [s]."""
+        return len(self.drives) / self.rate
+
+    def drive(self, index: int) -> Drive:
+        """Return one frame.
+
+        Parameters
+        ----------
+        index : which, from 0.
+
+        Raises
+        ------
+        InvalidInput
+            If there is no such frame.
+        """
+        if not 0 <= index < len(self):
+            raise InvalidInput(f"there is no frame {index}; the sequence has frames 0 to {len(self) - 1}.")
+        return Drive(self.drives[index])
+
+    def pressure(self, transfer: TransferMatrix) -> Complex128[np.ndarray, "frames foci"]:
+        """Pressure at each focus in every frame [Pa].
+
+        Parameters
+        ----------
+        transfer : the transfer matrix.
+
+        Raises
+        ------
+        InvalidInput
+            If the elements do not match in number.
+        """
+        of_kind(transfer, TransferMatrix, "the transfer matrix", "transfer_matrix(beacons, array)")
+        if self.drives.shape[1] != transfer.matrix.shape[1]:
+            raise InvalidInput(
+                f"a sequence for {counted(self.drives.shape[1], 'element', 'elements')} does not fit a transfer matrix "
+                f"of {counted(transfer.matrix.shape[1], 'element', 'elements')}."
+            )
+        return self.drives @ transfer.matrix.T
+
+    @property
+    def slew(self) -> Float64[np.ndarray, "frames"]:
+        """(N,) largest change |Δd| of an element from each frame to the next, the last to the first: 0 to 2.
+
+        Steps of the amplitude are heard as noise, and boards that smooth their output lag behind large ones.
+        """
+        return np.abs(np.roll(self.drives, -1, axis=0) - self.drives).max(axis=1)
+
+
+def check_playable(sequence: Sequence, *, clock: float, most: int, slowest: int = 65535) -> None:
+    """Refuse a sequence that a board cannot play.
+
+    Parameters
+    ----------
+    sequence : the frames.
+    clock : the board plays this rate over whole numbers [Hz].
+    most : frames that it keeps.
+    slowest : largest of the whole numbers.
+
+    Raises
+    ------
+    InvalidInput
+        Too many frames, or a rate that is no such fraction: the nearest that is.
+    """
+    if len(sequence) > most:
+        raise InvalidInput(f"the sequence has {len(sequence)} frames, and the board keeps {most}; lower its rate.")
+    divide = min(max(round(clock / sequence.rate), 1), slowest)
+    if abs(clock / divide - sequence.rate) > 1e-6 * sequence.rate:
+        raise InvalidInput(
+            f"{sequence.rate:g} frames/s are not {clock:g} over a whole number up to {slowest}: the nearest that the "
+            f"board plays is {clock / divide:.7g} frames/s."
+        )
+
+
+def amplitude_modulation(drive: Drive, frequency: float = 200.0, rate: float = 4000.0, depth: float = 1.0) -> Sequence:
+    """Swing the loudness of a drive so that the force on the skin follows a cosine.
+
+    Radiation force goes with the square of the pressure, so the amplitude of frame t is the drive's times
+    √(1 − depth (1 − cos 2πft)/2): the force swings between 1 and 1 − depth with no overtone.
+
+    Parameters
+    ----------
+    drive : at its loudest.
+    frequency : of the swing [Hz]; fingers feel 200 Hz best.
+    rate : frames a second, a whole number of times the frequency.
+    depth : of the swing of the force, above 0 to 1.
+
+    Raises
+    ------
+    InvalidInput
+        If the rate is no whole multiple of the frequency, or less than four times it (the nearest that is), or the
+        depth is outside 0 to 1.
+
+    Examples
+    --------
+    >>> swing = amplitude_modulation(Drive(np.ones(2, dtype=complex)), frequency=200.0, rate=800.0)
+    >>> (np.abs(swing.drives[:, 0]) ** 2).round(12).tolist()
+    [1.0, 0.5, 0.0, 0.5]
+    """
+    check_drive(drive, "the drive")
+    if not 0.0 < depth <= 1.0:
+        raise InvalidInput(f"the depth of the modulation is {depth:g}, but it must be above 0 and at most 1.")
+    turn = 2.0 * np.pi * np.arange(_frames(frequency, rate)) / _frames(frequency, rate)
+    envelope = np.sqrt(np.maximum(1.0 - depth * (1.0 - np.cos(turn)) / 2.0, 0.0))
+    return Sequence(envelope[:, None] * drive.amplitudes, rate)
+
+
+def lateral_modulation(
+    transfer: TransferMatrix,
+    target: Target,
+    frequency: float = 10.0,
+    rate: float = 1000.0,
+    method: Method = phase_conjugate,
+) -> Sequence:
+    """Move a focus to and fro along the points of a target, from the first to the last and back, once a period.
+
+    Parameters
+    ----------
+    transfer : of all the points.
+    target : points of a line in their order, such as ``segment`` gives, one focus at a time.
+    frequency : of the motion [Hz].
+    rate : frames a second, a whole number of times the frequency.
+    method : makes the drive of each point from its row of the matrix.
+
+    Raises
+    ------
+    InvalidInput
+        As ``amplitude_modulation``, the target does not fit the matrix, it has 1 point, or a period has too few frames
+        to stop at every point (how many it needs).
+    """
+    last = _line_of(target, "lateral modulation") - 1
+    count = _frames(frequency, rate, least=2 * last)
+    way = 2.0 * last * np.arange(count) / count
+    return _led(transfer, target, np.rint(last - np.abs(way - last)).astype(np.int64), rate, method)
+
+
+def spatiotemporal_modulation(
+    transfer: TransferMatrix,
+    target: Target,
+    frequency: float = 100.0,
+    rate: float = 4000.0,
+    method: Method = phase_conjugate,
+) -> Sequence:
+    """Lead a focus along the points of a closed path, once a period.
+
+    Parameters
+    ----------
+    transfer : of all the points.
+    target : points of a path in their order, such as ``circle`` gives, one focus at a time.
+    frequency : of the turns [Hz].
+    rate : frames a second, a whole number of times the frequency.
+    method : makes the drive of each point from its row of the matrix.
+
+    Raises
+    ------
+    InvalidInput
+        As ``lateral_modulation``.
+    """
+    points = _line_of(target, "spatiotemporal modulation")
+    count = _frames(frequency, rate, least=points)
+    return _led(transfer, target, points * np.arange(count, dtype=np.int64) // count, rate, method)
+
+
+def _line_of(target: Target, what: str) -> int:
+    of_kind(target, Target, "the target", "Target(points, pressures)")
+    if len(target.points) < 2:
+        raise InvalidInput(
+            f"{what} leads a focus along points, and the target has {len(target.points)}; give 2 or more."
+        )
+    return len(target.points)
+
+
+def _led(
+    transfer: TransferMatrix, target: Target, places: Int64[np.ndarray, "frames"], rate: float, method: Method
+) -> Sequence:
+    """Focus on one point of a target after another."""
+    matrix = foci_rows(transfer, target)
+    drives = np.zeros((len(matrix), matrix.shape[1]), dtype=np.complex128)
+    for index in np.unique(places):
+        wanted = None if target.pressures is None else target.pressures[index : index + 1]
+        share = None if target.shares is None else float(target.shares[index] / target.shares.max())
+        if (wanted is not None and wanted[0] == 0.0) or share == 0.0:
+            continue
+        alone = Target(target.points[index : index + 1], wanted)
+        row = TransferMatrix(matrix[index : index + 1], transfer.estimated_error)
+        drives[index] = method(row, alone).amplitudes * (1.0 if share is None else share)
+    return Sequence(drives[places], rate)
+
+
+def _frames(frequency: float, rate: float, least: int = FEWEST) -> int:
+    """Count the frames of a period, or refuse a rate that does not fit the frequency."""
+    frequency = positive(frequency, "the frequency of the modulation", "Hz")
+    rate = positive(rate, "the rate of a sequence", "frames/s")
+    least = max(least, FEWEST)
+    count = round(rate / frequency)
+    if count < least:
+        raise InvalidInput(
+            f"{rate:g} frames/s give {rate / frequency:.3g} frames a period of {frequency:g} Hz, and {least} are "
+            f"needed: give {least * frequency:g} frames/s or more."
+        )
+    if abs(count * frequency - rate) > 1e-6 * rate:
+        raise InvalidInput(
+            f"{rate:g} frames/s are no whole multiple of {frequency:g} Hz: the nearest is {count * frequency:.7g}."
+        )
+    return count

@@ -1,0 +1,148 @@
+"""Sequences: what each modulation makes of force and place, what a board can play, and what is refused."""
+
+import numpy as np
+import pytest
+
+from airtact.conventions import InvalidInput
+from airtact.scene.medium import Medium
+from airtact.scene.pose import Pose
+from airtact.scene.scene import Scene
+from airtact.scene.shapes import circle, segment
+from airtact.scene.target import Target
+from airtact.solvers.free_field import FreeField
+from airtact.synthesis.sequence import (
+    Sequence,
+    amplitude_modulation,
+    check_playable,
+    lateral_modulation,
+    spatiotemporal_modulation,
+)
+from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
+from airtact.transducers.layout import autd3_board
+from airtact.transfer import Drive, TransferMatrix, transfer_matrix
+
+ARRAY = autd3_board(Pose.identity())
+OPEN_AIR = Scene(Medium(343.1, 1.293), [])
+DRIVE = Drive(np.exp(1j * np.arange(5.0)) * np.linspace(0.2, 1.0, 5))
+
+
+def matrix_of(target: Target) -> TransferMatrix:
+    return transfer_matrix(FreeField().radiate(OPEN_AIR, target.beacons()), ARRAY)
+
+
+@pytest.mark.parametrize("depth", [1.0, 0.3])
+def test_force_swings_as_a_cosine_without_overtones(depth) -> None:
+    swing = amplitude_modulation(DRIVE, frequency=150.0, rate=3000.0, depth=depth)
+    assert (len(swing), swing.rate) == (20, 3000.0)
+    assert swing.seconds == pytest.approx(1 / 150.0)
+    force = np.abs(swing.drives[:, 4]) ** 2
+    spectrum = np.fft.rfft(force) / len(force)
+    assert spectrum[0].real == pytest.approx(1 - depth / 2)
+    assert spectrum[1].real == pytest.approx(depth / 4)
+    assert np.abs(spectrum[2:]).max() < 1e-15
+    np.testing.assert_allclose(swing.drives[0], DRIVE.amplitudes)
+    # The phases stay, so the sound keeps its shape.
+    loud = np.abs(swing.drives[:, 0]) > 1e-9
+    np.testing.assert_allclose(np.angle(swing.drives[loud] / DRIVE.amplitudes), 0.0, atol=1e-12)
+
+
+def test_lateral_modulation_goes_to_and_fro() -> None:
+    line = Target(segment((-0.01, 0.0, 0.15), (0.01, 0.0, 0.15), spacing=5e-3))
+    transfer = matrix_of(line)
+    sequence = lateral_modulation(transfer, line, frequency=10.0, rate=80.0)
+    loudest = np.abs(sequence.pressure(transfer)).argmax(axis=1)
+    assert loudest.tolist() == [0, 1, 2, 3, 4, 3, 2, 1]
+    # One focus at a time gets all that there is.
+    most = np.abs(transfer.matrix).sum(axis=1)
+    np.testing.assert_allclose(np.abs(sequence.pressure(transfer)).max(axis=1), most[loudest])
+
+
+def test_spatiotemporal_modulation_stays_equally_long_at_every_point() -> None:
+    ring = Target(circle((0.0, 0.0, 0.15), radius=0.01, spacing=8e-3))
+    transfer = matrix_of(ring)
+    sequence = spatiotemporal_modulation(transfer, ring, frequency=100.0, rate=2400.0, method=time_reversal)
+    loudest = np.abs(sequence.pressure(transfer)).argmax(axis=1)
+    assert np.all(np.diff(loudest) >= 0)
+    assert np.bincount(loudest).tolist() == [3] * 8
+    np.testing.assert_allclose(sequence.drives[0], time_reversal(*alone(transfer, ring, 0)).amplitudes)
+
+
+def alone(transfer: TransferMatrix, target: Target, index: int) -> tuple[TransferMatrix, Target]:
+    return TransferMatrix(transfer.matrix[index : index + 1], 0.0), Target(target.points[index : index + 1])
+
+
+def test_a_led_focus_keeps_what_each_point_asks() -> None:
+    points = circle((0.0, 0.0, 0.15), radius=0.01, spacing=0.016)
+    transfer = matrix_of(Target(points))
+    asked = np.array([400.0, 0.0, 100.0, 300.0])
+    sequence = spatiotemporal_modulation(transfer, Target(points, asked), 100.0, 400.0)
+    np.testing.assert_allclose(np.diag(np.abs(sequence.pressure(transfer))), asked, rtol=1e-12)
+    shares = spatiotemporal_modulation(transfer, Target(points, shares=asked), 100.0, 400.0)
+    got = np.diag(np.abs(shares.pressure(transfer))) / np.abs(transfer.matrix).sum(axis=1)
+    np.testing.assert_allclose(got, asked / 400.0, rtol=1e-12)
+
+
+def test_slew_is_the_largest_step_of_an_element() -> None:
+    drives = np.array([[1.0, 0.5], [1.0, -0.5], [0.0, 0.5j]])
+    sequence = Sequence(drives.astype(np.complex128), 100.0)
+    np.testing.assert_allclose(sequence.slew, [1.0, 1.0, 1.0])
+    turned = Sequence(np.array([[1.0], [-1.0], [1j]]), 100.0)
+    np.testing.assert_allclose(turned.slew, [2.0, np.sqrt(2), np.sqrt(2)])
+    assert amplitude_modulation(DRIVE, 200.0, 40e3).slew.max() < amplitude_modulation(DRIVE, 200.0, 1e3).slew.max()
+
+
+def test_frames_are_drives() -> None:
+    sequence = amplitude_modulation(DRIVE, 200.0, 800.0)
+    np.testing.assert_array_equal(sequence.drive(1).amplitudes, sequence.drives[1])
+    assert not sequence.drives.flags.writeable
+    assert repr(sequence) == "Sequence(drives=complex128 (4, 5), rate=800.0)"
+
+
+def test_what_a_board_plays_passes() -> None:
+    check_playable(amplitude_modulation(DRIVE, 200.0, 4000.0), clock=40e3, most=1024)
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda: Sequence(np.zeros((0, 3), complex), 1.0), r"shape \(frames, elements\), not \(0, 3\)"),
+        (lambda: Sequence(np.array([[0.5], [1.2j]]), 1.0), "frame 1 of a sequence drives an element at 1.2 of full"),
+        (
+            lambda: Sequence(np.array([[0.5j], [np.nan]]), 1.0),
+            r"hold 1 NaN or infinite value, the first at index \[1, 0\]",
+        ),
+        (lambda: Sequence(np.ones((2, 2), complex), 0.0), "the rate of a sequence is 0 frames/s"),
+        (lambda: amplitude_modulation(DRIVE).drive(20), "there is no frame 20; the sequence has frames 0 to 19"),
+        (lambda: amplitude_modulation(DRIVE, 200.0, 600.0), "600 frames/s give 3 frames a period of 200 Hz, and 4 are"),
+        (lambda: amplitude_modulation(DRIVE, 150.0, 1000.0), "are no whole multiple of 150 Hz: the nearest is 1050"),
+        (lambda: amplitude_modulation(DRIVE, depth=1.5), "the depth of the modulation is 1.5"),
+        (lambda: amplitude_modulation(DRIVE, frequency=-1.0), "the frequency of the modulation is -1 Hz"),
+        (
+            lambda: check_playable(amplitude_modulation(DRIVE, 250.0, 3000.0), clock=40e3, most=1024),
+            "3000 frames/s are not 40000 over a whole number up to 65535: the nearest that the board plays is 3076.923",
+        ),
+        (
+            lambda: check_playable(amplitude_modulation(DRIVE, 1.0, 2000.0), clock=40e3, most=1024),
+            "the sequence has 2000 frames, and the board keeps 1024",
+        ),
+    ],
+)
+def test_faults_are_refused_with_the_number(make, sentence) -> None:
+    with pytest.raises(InvalidInput, match=sentence):
+        make()
+
+
+def test_paths_that_do_not_fit_are_refused() -> None:
+    ring = Target(circle((0.0, 0.0, 0.15), radius=0.01, spacing=4e-3))
+    transfer = matrix_of(ring)
+    with pytest.raises(InvalidInput, match=r"give 8 frames a period of 100 Hz, and 16 are needed: give 1600 frames/s"):
+        spatiotemporal_modulation(transfer, ring, 100.0, 800.0)
+    with pytest.raises(InvalidInput, match="and 30 are needed: give 300 frames/s"):
+        lateral_modulation(transfer, ring, 10.0, 200.0)
+    single = Target(ring.points[:1])
+    with pytest.raises(InvalidInput, match=r"the target has 1; give 2 or more"):
+        lateral_modulation(matrix_of(single), single)
+    with pytest.raises(InvalidInput, match="does not fit a target of 1"):
+        phase_conjugate(transfer, single)
+    with pytest.raises(InvalidInput, match=r"a sequence for 5 elements does not fit a transfer matrix of 249 elements"):
+        amplitude_modulation(DRIVE).pressure(transfer)
