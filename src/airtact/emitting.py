@@ -11,10 +11,10 @@ from airtact.conventions import InvalidInput, about
 from airtact.evaluation.thresholds import sound_pressure_level
 from airtact.hardware.autd3_link import AUTD3Link
 from airtact.hardware.codecs import codec_of
-from airtact.hardware.emission import Emission, Played, faded, share_under_cap
-from airtact.hardware.exposure import loudest_around
+from airtact.hardware.emission import Emission, Played
 from airtact.hardware.file_link import FileLink, Frames, write_frames
 from airtact.hardware.link import Link
+from airtact.hardware.loudness import faded, loudest_around, share_under_cap
 from airtact.hardware.serial_link import SerialLink
 from airtact.report.drive_files import StoredDrive, read_drive_h5
 from airtact.scene.guards import counted, positive
@@ -86,6 +86,10 @@ def plan(path: Path, board: str, cap: float = 100.0) -> Plan:
     stored = read_drive_h5(path)
     with about(path.name):
         boards_needed(kind, stored.drives.shape[1])
+        if not stored.drives.any():
+            raise InvalidInput(
+                f"the drive is silent: all {stored.drives.size} amplitudes are 0, so nothing would sound."
+            )
         speed = _sound_speed(stored)
         poses = tuple(poses_of_boards(kind, stored.positions, stored.normals))
     levels = codec_of(kind).levels

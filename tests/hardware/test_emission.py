@@ -12,8 +12,9 @@ import pytest
 from airtact.conventions import InvalidInput
 from airtact.hardware.autd3_link import AUTD3Link
 from airtact.hardware.codecs import codec_of
-from airtact.hardware.emission import Emission, faded
+from airtact.hardware.emission import Emission
 from airtact.hardware.link import LinkFailed, RecordingLink
+from airtact.hardware.loudness import faded
 from airtact.hardware.serial_link import SerialLink
 from airtact.scene.pose import Pose
 from airtact.transfer import Drive
@@ -227,6 +228,48 @@ def test_a_cable_cut_during_play_raises_in_time() -> None:
     with wired(SonicSurface(), cut_after=2000) as wire, pytest.raises(LinkFailed, match="the serial link failed"):
         playing(SerialLink(wire.port), lambda emission: emission.play(moving(4, 256), 50.0, seconds=10.0))
     assert time.monotonic() - begun < 4.0
+
+
+def test_a_cable_cut_while_boards_play_on_is_noticed() -> None:
+    begun, link = time.monotonic(), AUTD3Link([Pose.identity()])
+
+    def work(emission) -> None:
+        emission.send(tone())
+        link.cut()
+        with pytest.raises(LinkFailed, match="while looking for the boards: broken; the last of 1 frames"):
+            emission.hold(10.0)
+
+    with pytest.raises(LinkFailed, match="may still sound"):
+        playing(link, work)
+    with wired(SonicSurface(), cut_after=259 * 3 + 100) as wire, pytest.raises(LinkFailed, match="may still sound"):
+        playing(SerialLink(wire.port), lambda emission: (emission.send(tone(256)), emission.hold(10.0)))
+    assert time.monotonic() - begun < 5.0
+
+
+def test_a_signal_ends_an_emission_from_another_thread_too() -> None:
+    link, heard = RecordingLink(), []
+
+    def feed(emission) -> None:
+        try:
+            while True:
+                emission.send(tone())
+        except LinkFailed as error:
+            heard.append(str(error))
+
+    def work(emission) -> None:
+        feeder = threading.Thread(target=feed, args=(emission,))
+        feeder.start()
+        time.sleep(0.05)
+        try:
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(5.0)
+        finally:
+            feeder.join(2.0)
+
+    with pytest.raises(SystemExit):
+        playing(link, work)
+    assert ended(link)
+    assert "over because of the signal SIGTERM" in heard[0]
 
 
 # --- how it begins, and how loud ------------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
-from airtact.report.drive_files import COLUMNS, write_drive_csv, write_drive_h5
+from airtact.report.drive_files import COLUMNS, read_drive_h5, write_drive_csv, write_drive_h5
 from airtact.scene.target import Target
 from airtact.synthesis.quantise import quantise
 from airtact.transducers.layout import autd3_board
@@ -66,3 +66,29 @@ def test_the_archive_holds_all_that_the_drive_came_from(tmp_path, drive):
         assert file["report"].asstr()[()] == texts["report"]
         assert file["sensitivity"][()] == array.element.sensitivity
         assert "uncalibrated" in file["sensitivity"].attrs["unit"]
+
+
+def test_what_was_written_is_read_back(tmp_path, drive):
+    array, matrix = autd3_board(), np.arange(2 * 249).reshape(2, 249) * (1 + 2j)
+    target = Target(np.array([[0.0, 0, 0.1], [0, 0, 0.2]]))
+    write_drive_h5(
+        tmp_path / "drive.h5", array, drive, quantise(drive), TransferMatrix(matrix, 0.0), target, {"scene": "x = 1"}
+    )
+    stored = read_drive_h5(tmp_path / "drive.h5")
+    np.testing.assert_array_equal(stored.positions, array.positions)
+    np.testing.assert_array_equal(stored.normals, array.normals)
+    np.testing.assert_allclose(stored.drives, drive.amplitudes[None], rtol=0, atol=1e-15)
+    assert stored.transfer is not None
+    np.testing.assert_array_equal(stored.transfer.matrix, matrix)
+    assert (stored.rate, stored.scene, stored.sensitivity) == (None, "x = 1", array.element.sensitivity)
+
+
+def test_a_sequence_is_read_frame_by_frame(tmp_path, drive):
+    turns = np.exp(0.1j * np.arange(5))[:, None]
+    with h5py.File(tmp_path / "sequence.h5", "w") as file:
+        file["positions"], file["normals"] = autd3_board().positions, autd3_board().normals
+        file["amplitude"], file["phase"] = np.abs(turns * drive.amplitudes), np.angle(turns * drive.amplitudes)
+        file["rate"] = 200.0
+    stored = read_drive_h5(tmp_path / "sequence.h5")
+    np.testing.assert_allclose(stored.drives, turns * drive.amplitudes, rtol=0, atol=1e-15)
+    assert (stored.rate, stored.transfer, stored.scene, stored.sensitivity) == (200.0, None, None, None)

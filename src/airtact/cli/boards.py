@@ -84,7 +84,9 @@ def emit(drive: Path, board: str, link: str, cap: float, seconds: float, yes: bo
     from airtact.cli import _progress
     from airtact.emitting import emit as run
     from airtact.emitting import link_for, plan
+    from airtact.scene.guards import positive
 
+    positive(seconds, "how long to emit", "s")
     made = plan(drive, board, cap)
     way = link_for(made, link, **where)
     console = Console()

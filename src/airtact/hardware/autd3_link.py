@@ -196,6 +196,11 @@ class AUTD3Link(Link):
             raise self._failed("sending", self._lost)
         self._sender.send((pyautd3.Static(), _gain_of(self._words(frame))))
 
+    def _look(self) -> None:
+        if self._lost is not None:
+            raise self._failed("looking for the boards", self._lost)
+        self._controller.fpga_state()
+
     def _upload(self, frames: Sequence[Frame], rate: float) -> None:
         import pyautd3
 

@@ -14,8 +14,9 @@ from jaxtyping import Complex
 
 from airtact.conventions import InvalidInput
 from airtact.hardware.link import Link, LinkFailed
+from airtact.hardware.loudness import faded, share_under_cap
 from airtact.scene.guards import number, positive
-from airtact.synthesis.quantise import Frame, Levels, quantise
+from airtact.synthesis.quantise import Frame
 from airtact.transfer import Drive, check_drive
 
 RAMP = 0.2
@@ -27,10 +28,11 @@ STEP = 0.025
 PATIENCE = 0.5
 """How long boards sound without being fed before they are silenced [s]."""
 
+LOOK = 0.1
+"""How often a link is asked whether its boards are still there while they play on [s]."""
+
 SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Signals that end an emission with silence."""
-
-GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 
 
 @dataclass(frozen=True)
@@ -47,46 +49,6 @@ class Played:
     rate: float
     frames: int
     dropped: int
-
-
-def faded(drive: Drive, levels: Levels, share: float) -> Frame:
-    """Quantise a drive at a share of its loudness.
-
-    Boards that play amplitudes play every element that much quieter. Boards that cannot play that share of their
-    elements, spread evenly over the order of the elements: the pressure at a focus goes with their number.
-
-    Parameters
-    ----------
-    drive : what every element emits.
-    levels : what the board can play.
-    share : 0 to 1.
-    """
-    if not levels.phase_only:
-        return quantise(Drive(share * drive.amplitudes), levels)
-    turns = (np.arange(len(drive)) + 0.5) * GOLDEN % 1.0
-    return quantise(Drive(np.where(turns < share, drive.amplitudes, 0.0)), levels)
-
-
-def share_under_cap(drives: Complex[np.ndarray, "frames elements"], levels: Levels, cap: float) -> float:
-    """Return what drives must be turned down to, all alike, so that none is louder than a cap.
-
-    Parameters
-    ----------
-    drives : (N, E) what every element emits in each frame.
-    levels : what the board can play; where it cannot play amplitudes, the cap is the share of elements that speak.
-    cap : loudest that an element may be, in per cent of full scale.
-
-    Raises
-    ------
-    InvalidInput
-        If the cap is not above 0 and at most 100.
-    """
-    cap = number(cap, "the cap", "per cent")
-    if not 0.0 < cap <= 100.0:
-        raise InvalidInput(f"the cap is {cap:g} per cent of full scale, but it must be above 0 and at most 100.")
-    if levels.phase_only:
-        return cap / 100.0
-    return min(1.0, cap / 100.0 / max(float(np.abs(drives).max()), 1e-12))
 
 
 class Emission:
@@ -134,7 +96,7 @@ class Emission:
         self._done = threading.Event()
 
     def __enter__(self) -> "Emission":
-        self._inside += 1
+        self._shield(1)
         self._listen()
         try:
             self.link.open()
@@ -142,7 +104,7 @@ class Emission:
             self._unlisten()
             raise
         finally:
-            self._inside -= 1
+            self._shield(-1)
         self._over, self._speaking, self._failure = None, False, None
         self._done.clear()
         threading.Thread(target=self._watch, name="watchdog", daemon=True).start()
@@ -156,7 +118,7 @@ class Emission:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._inside += 1
+        self._shield(1)
         try:
             self._done.set()
             self._finish("it was ended")
@@ -168,7 +130,7 @@ class Emission:
             with suppress(LinkFailed):
                 self.link.close()
             self._unlisten()
-            self._inside -= 1
+            self._shield(-1)
         if kind is None:
             self._obey()
 
@@ -220,10 +182,13 @@ class Emission:
         LinkFailed
             If the emission was ended before or meanwhile.
         """
-        end = time.monotonic() + seconds
-        while (left := end - time.monotonic()) > 0.0:
+        begun = looked = time.monotonic()
+        while (left := begun + seconds - time.monotonic()) > 0.0:
             self.beat()
             time.sleep(min(left, self._patience / 5.0, 0.05))
+            if time.monotonic() - looked > LOOK:
+                self._do(self.link.probe, self._speaking)
+                looked = time.monotonic()
         self.beat()
 
     def play(self, drives: Complex[np.ndarray, "frames elements"], rate: float, seconds: float) -> Played:
@@ -297,7 +262,7 @@ class Emission:
 
     def _do(self, work: Callable[[], None], speaking: bool = True) -> None:
         """Talk to the boards while no signal can come between."""
-        self._inside += 1
+        self._shield(1)
         try:
             with self._lock:
                 self._refuse_over()
@@ -307,8 +272,13 @@ class Emission:
                 self._speaking = speaking
                 self._fed = time.monotonic()
         finally:
-            self._inside -= 1
+            self._shield(-1)
         self._obey()
+
+    def _shield(self, step: int) -> None:
+        """Count how deep the main thread, the one that signals come to, is in talking to the boards."""
+        if threading.current_thread() is threading.main_thread():
+            self._inside += step
 
     def _refuse_over(self) -> None:
         if self._failure is not None:
@@ -322,7 +292,7 @@ class Emission:
 
     def _finish(self, why: str) -> None:
         """Silence the boards once, whoever asks first; remember why, and whether it failed."""
-        self._inside += 1
+        self._shield(1)
         try:
             with self._lock:
                 if self._over is not None:
@@ -330,7 +300,7 @@ class Emission:
                 self._over = why
                 self._quieten()
         finally:
-            self._inside -= 1
+            self._shield(-1)
 
     def _quieten(self) -> None:
         before, sent = self.link.last, self.link.sent
@@ -377,8 +347,8 @@ class Emission:
             self._obey()
 
     def _obey(self) -> None:
-        """Do what a signal asked for, now that nothing is being sent."""
-        if self._signal is None:
+        """Do what a signal asked for, now that nothing is being sent; only the main thread can be ended by one."""
+        if self._signal is None or threading.current_thread() is not threading.main_thread():
             return
         kind, self._signal = self._signal, None
         self._finish(f"of the signal {signal.Signals(kind).name}")

@@ -174,6 +174,18 @@ class Link(ABC):
         self.last = self.zero()
         self.sent += 1
 
+    def probe(self) -> None:
+        """See whether the boards are still there, where the link can tell, while they go on playing.
+
+        Raises
+        ------
+        LinkFailed
+            If they are not.
+        """
+        if self._open:
+            with self._talking("looking for the boards"):
+                self._look()
+
     def close(self) -> None:
         """Let go of the boards; they keep what they play, so stop first."""
         if self._open:
@@ -197,6 +209,9 @@ class Link(ABC):
 
     def _silence(self) -> None:
         self._transmit(self.zero())
+
+    def _look(self) -> None:  # noqa: B027 (links that cannot tell do nothing)
+        """Raise what ``_talking`` understands where the boards are gone; links that cannot tell do nothing."""
 
     @abstractmethod
     def _end(self) -> None: ...

@@ -1,0 +1,104 @@
+"""How loud: caps and fades of drives, and what is heard around an array, where a head may be."""
+
+import numpy as np
+from jaxtyping import Complex, Float64, Real
+
+from airtact.conventions import InvalidInput
+from airtact.scene.guards import number
+from airtact.synthesis.quantise import Frame, Levels, quantise
+from airtact.transfer import Drive
+
+GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
+"""Multiples of the golden ratio's fraction spread evenly over 0 to 1, however many are taken."""
+
+COARSE, BEAMS, FINE = 2000, 12, 100
+"""Directions that are looked at, the loudest of them that are looked at closely, and how many around each."""
+
+
+def faded(drive: Drive, levels: Levels, share: float) -> Frame:
+    """Quantise a drive at a share of its loudness.
+
+    Boards that play amplitudes play every element that much quieter. Boards that cannot play that share of their
+    elements, spread evenly over the order of the elements: the pressure at a focus goes with their number.
+
+    Parameters
+    ----------
+    drive : what every element emits.
+    levels : what the board can play.
+    share : 0 to 1.
+    """
+    if not levels.phase_only:
+        return quantise(Drive(share * drive.amplitudes), levels)
+    turns = (np.arange(len(drive)) + 0.5) * GOLDEN % 1.0
+    return quantise(Drive(np.where(turns < share, drive.amplitudes, 0.0)), levels)
+
+
+def share_under_cap(drives: Complex[np.ndarray, "frames elements"], levels: Levels, cap: float) -> float:
+    """Return what drives must be turned down to, all alike, so that none is louder than a cap.
+
+    Parameters
+    ----------
+    drives : (N, E) what every element emits in each frame.
+    levels : what the board can play; where it cannot play amplitudes, the cap is the share of elements that speak.
+    cap : loudest that an element may be, in per cent of full scale.
+
+    Raises
+    ------
+    InvalidInput
+        If the cap is not above 0 and at most 100.
+    """
+    cap = number(cap, "the cap", "per cent")
+    if not 0.0 < cap <= 100.0:
+        raise InvalidInput(f"the cap is {cap:g} per cent of full scale, but it must be above 0 and at most 100.")
+    if levels.phase_only:
+        return cap / 100.0
+    return min(1.0, cap / 100.0 / max(float(np.abs(drives).max()), 1e-12))
+
+
+def loudest_around(
+    positions: Real[np.ndarray, "elements 3"],
+    drives: Complex[np.ndarray, "frames elements"],
+    sensitivity: float,
+    wavenumber: float,
+    distance: float = 0.5,
+) -> float:
+    """Find the loudest pressure on a sphere around an array, in open air, its elements radiating alike to all sides.
+
+    Bodies in the sound throw it elsewhere, and a real transducer radiates less to its back: this is a number to be
+    warned by, not one that was measured.
+
+    Parameters
+    ----------
+    positions : (E, 3) of the elements [m].
+    drives : (N, E) what they emit; the loudest frame counts.
+    sensitivity : peak pressure of an element at full scale, 1 m away [Pa·m].
+    wavenumber : 2πf/c [rad/m].
+    distance : how far beyond the outermost element the sphere is [m].
+
+    Returns
+    -------
+    Peak pressure [Pa].
+    """
+    middle = (positions.min(axis=0) + positions.max(axis=0)) / 2.0
+    radius = float(np.linalg.norm(positions - middle, axis=1).max()) + distance
+
+    def pressures(directions: Real[np.ndarray, "directions 3"]) -> Float64[np.ndarray, "directions"]:
+        apart = np.linalg.norm((middle + radius * directions)[:, None] - positions[None], axis=-1)
+        return np.abs((np.exp(1j * wavenumber * apart) / apart) @ drives.T).max(axis=1)
+
+    directions = _directions(COARSE)
+    heard = np.concatenate([pressures(part) for part in np.array_split(directions, 20)])
+    # A beam may be narrower than what is between two directions: look closely around the loudest ones.
+    near = _directions(FINE)[None] * np.sqrt(4.0 * np.pi / COARSE) * np.linspace(0.2, 1.0, FINE)[None, :, None]
+    around = (directions[np.argsort(heard)[-BEAMS:], None] + near).reshape(-1, 3)
+    around /= np.linalg.norm(around, axis=1, keepdims=True)
+    loudest = max(float(heard.max()), *(float(pressures(part).max()) for part in np.array_split(around, 10)))
+    return sensitivity * loudest
+
+
+def _directions(count: int) -> Float64[np.ndarray, "directions 3"]:
+    """Spread unit vectors evenly: a spiral from pole to pole."""
+    index = np.arange(count) + 0.5
+    height, turn = 1.0 - 2.0 * index / count, np.pi * (1.0 + np.sqrt(5.0)) * index
+    width = np.sqrt(1.0 - height**2)
+    return np.stack([width * np.cos(turn), width * np.sin(turn), height], axis=1)
