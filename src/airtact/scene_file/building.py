@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput, about
 from airtact.scene.files import load_surface
@@ -19,18 +18,18 @@ from airtact.scene.primitives import capsule, sphere
 from airtact.scene.scene import Obstacle, Scene, check_outside, filled, impedance, sound_hard
 from airtact.scene.target import Target
 from airtact.scene_file.bare_triangles import Triangles, bare_triangles
+from airtact.scene_file.keys import goes_with, one_of
 from airtact.scene_file.merging import with_merged_bodies
 from airtact.scene_file.tables import (
     ArrayTable,
-    FocusTable,
     MediumTable,
     ObstacleTable,
     PoseTable,
     SceneFile,
-    Table,
     nearest,
     parse_scene,
 )
+from airtact.scene_file.targets import Places, target_of
 from airtact.solvers.boundary_element import BoundaryElement
 from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import Solver
@@ -49,9 +48,6 @@ BOUNDARIES = {"boundary_element": ("sound_hard",)}
 
 SURFACE_SETTINGS = ("scale", "largest_hole", "sharp_degrees")
 """Keys that go only with a surface, and what ``load_surface`` calls them."""
-
-Places = dict[str, tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"], float]]
-"""Named points of bodies, the outward normals there, and how far off the next body is [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,10 +115,14 @@ def _set_up(path: Path, text: str, file: SceneFile) -> Setup:
     scene, bodies, places = _scene(file, medium, path.parent)
     with about("array"):
         array = _array(file.array, path.parent)
-    target, foci = _target(file.foci, places)
+    surfaces = {name: obstacle.surface for name, obstacle in zip(bodies, scene.obstacles, strict=True)}
+    target, foci = target_of(file.foci, file.quiet, places, surfaces, path.parent)
     solver = _solver(file, scene)
     with about("foci"):
         check_outside(scene, target.points, "focus")
+    with about("quiet"):
+        if len(target.quiet):
+            check_outside(scene, target.quiet, "quiet point")
     with about("array"):
         check_placement(scene, array, target.points)
     with about("drive"):
@@ -167,18 +167,6 @@ def _solver(file: SceneFile, scene: Scene) -> Solver:
         return BoundaryElement(accuracy=file.solver.accuracy)
 
 
-def _one_of(table: Table, names: tuple[str, ...]) -> str:
-    given = [name for name in names if getattr(table, name) is not None]
-    if len(given) != 1:
-        raise InvalidInput(f"give exactly one of {', '.join(names)}; {len(given)} given.")
-    return given[0]
-
-
-def _goes_with(table: Table, key: str, owner: str, fits: bool) -> None:
-    if getattr(table, key) is not None and not fits:
-        raise InvalidInput(f"{key} goes only with {owner}.")
-
-
 def _medium(table: MediumTable, frequency: float) -> Medium:
     weather = {key: value for key in ("celsius", "humidity") if (value := getattr(table, key)) is not None}
     keys = ("sound_speed", "density", "absorption")
@@ -208,9 +196,9 @@ def _scene(file: SceneFile, medium: Medium, folder: Path) -> tuple[Scene, tuple[
 
 def _bodies(table: ObstacleTable, folder: Path, places: Places) -> dict[str, Surface]:
     """Build an obstacle's bodies by name, and note the places that foci can ask for."""
-    kind = _one_of(table, ("pinch", "capsule", "sphere", "surface"))
+    kind = one_of(table, ("pinch", "capsule", "sphere", "surface"))
     for key in SURFACE_SETTINGS:
-        _goes_with(table, key, "surface", kind == "surface")
+        goes_with(table, key, "surface", kind == "surface")
     if table.pinch is not None:
         fingers = pinch(gap=table.pinch.gap)
         for name, pad, normal in zip(("thumb", "finger"), fingers.pads, fingers.normals, strict=True):
@@ -251,8 +239,8 @@ def drawable_bodies(path: Path) -> list[Triangles]:
 
 
 def _obstacle(table: ObstacleTable, surface: Surface, frequency: float) -> Obstacle:
-    _goes_with(table, "ratio", 'boundary = "impedance"', table.boundary == "impedance")
-    _goes_with(table, "medium", 'boundary = "filled"', table.boundary == "filled")
+    goes_with(table, "ratio", 'boundary = "impedance"', table.boundary == "impedance")
+    goes_with(table, "medium", 'boundary = "filled"', table.boundary == "filled")
     if table.boundary == "impedance":
         if table.ratio is None:
             raise InvalidInput('boundary = "impedance" needs ratio, Z/(ρc), a number or [real, imaginary].')
@@ -282,9 +270,9 @@ def _array(table: ArrayTable, folder: Path) -> PhasedArray:
     loudness = {} if table.sensitivity is None else {"sensitivity": table.sensitivity}
     element = monopole(**loudness) if table.piston_radius is None else piston(table.piston_radius, **loudness)
     for key, owner in (("rows", "flat_boards"), ("columns", "flat_boards"), ("poses", "boards")):
-        _goes_with(table, key, f'layout = "{owner}"', table.layout == owner)
+        goes_with(table, key, f'layout = "{owner}"', table.layout == owner)
     owners = ("surrounding_box", "boards")
-    _goes_with(table, "board", " or ".join(f'layout = "{owner}"' for owner in owners), table.layout in owners)
+    goes_with(table, "board", " or ".join(f'layout = "{owner}"' for owner in owners), table.layout in owners)
     array = _layout(table, element, folder)
     if table.calibration is not None:
         with about("calibration"):
@@ -335,39 +323,3 @@ def _numbers(line: str) -> list[float]:
         return [float(word) for word in line.split(",")]
     except ValueError:
         return []
-
-
-def _target(tables: list[FocusTable], places: Places) -> tuple[Target, tuple[str, ...]]:
-    points, names = [], []
-    for index, table in enumerate(tables):
-        with about(f"foci[{index}]"):
-            points.append(_focus(table, places))
-            names.append(table.name or table.at or f"focus {index + 1}")
-    pressures = [table.pressure for table in tables if table.pressure is not None]
-    with about("foci"):
-        if len(pressures) not in (0, len(tables)):
-            asked = f"{len(pressures)} of {len(tables)} have a pressure"
-            raise InvalidInput(f"{asked}; give it to all, or to none for as strong as possible.")
-        wanted = np.array(pressures) if pressures else None
-        return Target(np.array(points).reshape(-1, 3), pressures=wanted), tuple(names)
-
-
-def _focus(table: FocusTable, places: Places) -> Float64[np.ndarray, "3"]:
-    if _one_of(table, ("at", "point")) == "point":
-        _goes_with(table, "offset", "at", fits=False)
-        return np.array(table.point)
-    if table.at not in places:
-        known = (
-            nearest(str(table.at), places) if places else "no body here has named places, so give point = [x, y, z]."
-        )
-        raise InvalidInput(f'at = "{table.at}" is not a place of a body; {known}')
-    offset = 0.5e-3 if table.offset is None else table.offset
-    if not (math.isfinite(offset) and offset >= 0):
-        raise InvalidInput(f"offset = {offset} m must be 0 (on the skin) or more.")
-    point, normal, room = places[table.at]
-    if offset >= room:
-        raise InvalidInput(
-            f"offset = {offset:g} m does not lie in the gap of {1e3 * room:g} mm before {table.at}: is it in "
-            "millimetres? Give metres."
-        )
-    return point + offset * normal

@@ -100,14 +100,116 @@ class ObstacleTable(Table, frozen=True):
     medium: MediumTable | None = None
 
 
+class SegmentTable(Table, frozen=True):
+    """Points of a straight line, at most ``spacing`` apart [m]."""
+
+    start: Triple
+    end: Triple
+    spacing: float
+
+
+class PolylineTable(Table, frozen=True):
+    """Points of lines from corner to corner, and back to the first where it is ``closed``."""
+
+    corners: list[Triple]
+    spacing: float
+    closed: bool = False
+
+
+class CircleTable(Table, frozen=True):
+    """Points of a circle in the plane at right angles to ``normal``."""
+
+    centre: Triple
+    radius: float
+    spacing: float
+    normal: Triple = (0.0, 0.0, 1.0)
+
+
+class SphereShellTable(Table, frozen=True):
+    """Points spread over a sphere, about ``spacing`` apart."""
+
+    centre: Triple
+    radius: float
+    spacing: float
+
+
+class TextTable(Table, frozen=True):
+    """Writing in single strokes, read from where ``normal`` points to; ``height`` is that of a capital letter."""
+
+    words: str
+    height: float
+    spacing: float
+    centre: Triple = (0.0, 0.0, 0.0)
+    normal: Triple = (0.0, 0.0, 1.0)
+    up: Triple | None = None
+
+
+class SvgTable(Table, frozen=True):
+    """The lines of an SVG ``file`` beside the scene file, or of the text of one ``path``, ``width`` wide."""
+
+    width: float
+    spacing: float
+    file: str | None = None
+    path: str | None = None
+    centre: Triple = (0.0, 0.0, 0.0)
+    normal: Triple = (0.0, 0.0, 1.0)
+    up: Triple | None = None
+
+
+class PictureTable(Table, frozen=True):
+    """A grey-scale picture beside the scene file on a grid of points; bright ones ask for more."""
+
+    file: str
+    width: float
+    spacing: float
+    centre: Triple = (0.0, 0.0, 0.0)
+    normal: Triple = (0.0, 0.0, 1.0)
+    up: Triple | None = None
+
+
+class SkinTable(Table, frozen=True):
+    """Points on the skin of a ``body``, or on the side of it that looks to ``facing`` within so many degrees."""
+
+    body: str
+    spacing: float
+    facing: Triple | None = None
+    within: float = 90.0
+
+
 class FocusTable(Table, frozen=True):
-    """What to feel: ``at`` a named place of a body, ``offset`` off its skin, or at a ``point``; ``pressure`` [Pa]."""
+    """What to feel: ``at`` a named place of a body, ``offset`` off its skin, at a ``point``, or a shape.
+
+    ``pressure`` [Pa] is asked of every point of it, or a ``share`` in proportion to the others; ``phase_degrees`` fixes
+    the phase.
+    """
 
     at: str | None = None
     offset: float | None = None
     point: Triple | None = None
+    segment: SegmentTable | None = None
+    polyline: PolylineTable | None = None
+    circle: CircleTable | None = None
+    sphere_shell: SphereShellTable | None = None
+    text: TextTable | None = None
+    svg: SvgTable | None = None
+    picture: PictureTable | None = None
     pressure: float | None = None
+    share: float | None = None
+    phase_degrees: float | None = None
     name: str | None = None
+
+
+class QuietTable(Table, frozen=True):
+    """What to keep quiet: a point, a shape, or ``skin`` of a body."""
+
+    point: Triple | None = None
+    segment: SegmentTable | None = None
+    polyline: PolylineTable | None = None
+    circle: CircleTable | None = None
+    sphere_shell: SphereShellTable | None = None
+    text: TextTable | None = None
+    svg: SvgTable | None = None
+    skin: SkinTable | None = None
 
 
 class SolverTable(Table, frozen=True):
@@ -130,6 +232,7 @@ class SceneFile(Table, frozen=True):
     medium: MediumTable
     array: ArrayTable
     foci: list[FocusTable]
+    quiet: list[QuietTable] = []
     obstacles: list[ObstacleTable] = []
     frequency: float = 40e3
     merge_bodies: bool = False

@@ -1,0 +1,143 @@
+"""Shapes, shares, phases and quiet zones of a scene file become a target, or a sentence that names the table."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from airtact.conventions import InvalidInput
+from airtact.scene.drawings import svg_path, text
+from airtact.scene.pinch import pinch
+from airtact.scene.shapes import circle, polyline, segment, skin_points, sphere_shell
+from airtact.scene.target import Target
+from airtact.scene_file.building import Setup, read_setup
+
+HEAD = '[medium]\nsound_speed = 343.1\ndensity = 1.293\n[array]\nlayout = "surrounding_box"\n'
+FINGERS = "[[obstacles]]\npinch = { gap = 0.012 }\n"
+POINT = "[[foci]]\npoint = [0.0, 0.0, 0.03]\n"
+
+
+@pytest.fixture
+def read(tmp_path):
+    def reader(*parts: str) -> Setup:
+        path = tmp_path / "scene.toml"
+        path.write_text(HEAD + "".join(parts))
+        return read_setup(path)
+
+    return reader
+
+
+SHAPES = {
+    "segment = { start = [0, 0, 0.03], end = [0.02, 0, 0.03], spacing = 4e-3 }": segment(
+        (0, 0, 0.03), (0.02, 0, 0.03), 4e-3
+    ),
+    "polyline = { corners = [[0, 0, 0], [0.02, 0, 0], [0.02, 0.01, 0]], spacing = 4e-3, closed = true }": polyline(
+        np.array([[0, 0, 0], [0.02, 0, 0], [0.02, 0.01, 0]]), 4e-3, closed=True
+    ),
+    "circle = { centre = [0, 0, 0.03], radius = 0.01, normal = [0, 1, 1], spacing = 4e-3 }": circle(
+        (0, 0, 0.03), 0.01, 4e-3, normal=(0, 1, 1)
+    ),
+    "sphere_shell = { centre = [0, 0, 0.03], radius = 0.01, spacing = 5e-3 }": sphere_shell((0, 0, 0.03), 0.01, 5e-3),
+    'text = { words = "AIR", height = 0.02, spacing = 3e-3, centre = [0, 0, 0.03] }': text(
+        "AIR", 0.02, 3e-3, (0.0, 0.0, 0.03)
+    ),
+    'svg = { path = "M 0 0 H 10 V 5", width = 0.02, spacing = 3e-3, up = [1, 0, 0] }': svg_path(
+        "M 0 0 H 10 V 5", 0.02, 3e-3, up=(1.0, 0.0, 0.0)
+    ),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_shape_is_the_points_of_its_function(read, shape) -> None:
+    setup = read("[[foci]]\n", shape)
+    np.testing.assert_allclose(setup.target.points, SHAPES[shape], atol=1e-12)
+    assert setup.foci[0] == f"{shape.split()[0]} 1"
+    assert len(setup.foci) == len(SHAPES[shape])
+    assert (setup.target.pressures, setup.target.shares) == (None, None)
+
+
+def test_shapes_points_and_names_go_together(read) -> None:
+    ring = "[[foci]]\nname = 'ring'\ncircle = { centre = [0, 0, 0.03], radius = 0.01, spacing = 0.016 }\n"
+    setup = read(POINT, "pressure = 500.0\n", ring, "pressure = 200.0\n")
+    assert setup.foci == ("focus 1", "ring 1", "ring 2", "ring 3", "ring 4")
+    assert setup.target.pressures.tolist() == [500.0, 200.0, 200.0, 200.0, 200.0]
+
+
+def test_shares_and_phases_are_those_of_a_target(read) -> None:
+    other = "[[foci]]\npoint = [0.0, 0.01, 0.03]\n"
+    setup = read(POINT, "share = 1.0\nphase_degrees = 0.0\n", other, "share = 0.5\nphase_degrees = 180.0\n")
+    expected = Target(setup.target.points, shares=np.array([1.0, -0.5 + 0j]))
+    np.testing.assert_allclose(setup.target.wanted, expected.wanted, atol=1e-12)
+    phased = read(POINT, "phase_degrees = 90.0\n", other, "phase_degrees = 0.0\n").target
+    np.testing.assert_allclose(phased.wanted, [1j, 1.0], atol=1e-12)
+    loud = read(POINT, "phase_degrees = 90.0\npressure = 300.0\n").target
+    np.testing.assert_allclose(loud.wanted, [300j], atol=1e-9)
+
+
+def test_a_picture_asks_for_shares(read, tmp_path) -> None:
+    grey = np.zeros((2, 2), dtype=np.uint8)
+    grey[0, 0], grey[1, 1] = 200, 100
+    Image.fromarray(grey).save(tmp_path / "grey.png")
+    shape = '[[foci]]\npicture = { file = "grey.png", width = 0.02, spacing = 0.01, centre = [0, 0, 0.03] }\n'
+    target = read(shape).target
+    np.testing.assert_allclose(target.points, [[-0.005, 0.005, 0.03], [0.005, -0.005, 0.03]], atol=1e-12)
+    assert target.shares.tolist() == [1.0, 0.5]
+    assert read(shape, "pressure = 300.0\n").target.pressures.tolist() == [300.0, 150.0]
+
+
+def test_an_svg_file_lies_beside_the_scene(read, tmp_path) -> None:
+    (tmp_path / "line.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg"><path d="M 0 0 H 10 V 5"/></svg>')
+    found = read('[[foci]]\nsvg = { file = "line.svg", width = 0.02, spacing = 3e-3 }\n').target.points
+    np.testing.assert_allclose(found, svg_path("M 0 0 H 10 V 5", 0.02, 3e-3), atol=1e-12)
+
+
+def test_quiet_zones_are_kept_beside_the_foci(read) -> None:
+    back = '[[quiet]]\nskin = { body = "finger", spacing = 4e-3, facing = [1, 0, 0], within = 60 }\n'
+    head = "[[quiet]]\nsphere_shell = { centre = [0, 0, 0.2], radius = 0.05, spacing = 0.03 }\n"
+    target = read(FINGERS, '[[foci]]\nat = "thumb.pad"\n', back, head).target
+    finger = skin_points(pinch().surfaces[1], 4e-3, facing=(1.0, 0.0, 0.0), within=60.0)
+    np.testing.assert_allclose(target.quiet, [*finger, *sphere_shell((0, 0, 0.2), 0.05, 0.03)], atol=1e-12)
+    assert len(target.points) == 1
+    assert len(read(FINGERS, '[[foci]]\nat = "thumb.pad"\n').target.quiet) == 0
+
+
+@pytest.mark.parametrize(
+    ("parts", "sentence"),
+    [
+        (
+            (POINT, "svg = { width = 1, spacing = 1 }"),
+            r"foci\[0\]: give exactly one of .*; 2 g",
+        ),
+        ((POINT, "offset = 1e-3"), r"foci\[0\]: offset goes only with at"),
+        (
+            ("[[foci]]\ncircle = { centre = [0, 0, 0.03], radius = 10.0, spacing = 3e-3 }",),
+            r"foci\[0\]: a spacing of 3 mm",
+        ),
+        (("[[foci]]\ncircle = { centre = [0, 0, 0], radius = 0.01 }",), r"the key foci\[0\].circle.spacing is missing"),
+        (
+            ("[[foci]]\ncircle = { center = [0, 0, 0] }",),
+            r"foci\[0\].circle.center is not a key .*circle.centre",
+        ),
+        ((POINT, "share = 1.0\n", POINT), "foci: 1 of 2 have a share; give it to all, or to none"),
+        ((POINT, "share = 1.0\npressure = 3.0"), "foci: 1 of 1 have a pressure and a share"),
+        ((POINT, "share = -1.0"), "foci: a target share is -1"),
+        (("[[foci]]\nsvg = { width = 0.02, spacing = 3e-3 }",), r"foci\[0\]: svg: give file, or path"),
+        (('[[foci]]\nsvg = { file = "no.svg", width = 0.02, spacing = 3e-3 }',), r"foci\[0\]: cannot read no.svg"),
+        ((POINT, "[[quiet]]\n"), r"quiet\[0\]: give exactly one of point, .*, skin; 0 given"),
+        (
+            (POINT, "[[quiet]]\nskin = { body = 'palm', spacing = 4e-3 }"),
+            r"quiet\[0\]: body = .* is not .*; there is no",
+        ),
+        (
+            (FINGERS, POINT, "[[quiet]]\nskin = { body = 'fingr', spacing = 4e-3 }"),
+            r'quiet\[0\]: body = "fingr" is not a body; did you mean finger',
+        ),
+        (
+            (FINGERS, POINT, "[[quiet]]\npoint = [0.014, 0, 0]"),
+            r"quiet: a quiet point lies inside a body: .* 8 mm",
+        ),
+        ((POINT, "[[quiet]]\npoint = [0.0, 0.0, 0.03]"), "foci: quiet point 0 is 0 mm from focus 0"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_its_table(read, parts, sentence) -> None:
+    with pytest.raises(InvalidInput, match=f"^scene.toml: {sentence}"):
+        read(*parts)
