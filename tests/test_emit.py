@@ -14,12 +14,13 @@ import pytest
 from airtact.cli import main
 from airtact.hardware.codecs import codec_of
 from airtact.hardware.file_link import read_frames
-from airtact.report.drive_files import write_drive_h5
+from airtact.report.drive_files import write_drive_h5, write_sequence_h5
 from airtact.scene.medium import Medium
 from airtact.scene.scene import Scene
 from airtact.scene.target import Target
 from airtact.solvers.free_field import FreeField
 from airtact.synthesis.quantise import quantise
+from airtact.synthesis.sequence import Sequence
 from airtact.synthesis.time_reversal import time_reversal
 from airtact.transducers.layout import PhasedArray, board_array, flat_boards, surrounding_box
 from airtact.transfer import transfer_matrix
@@ -42,14 +43,11 @@ def write(path: Path, array: PhasedArray, scene: str = SCENE, frames: int = 1, r
     beacons = FreeField().radiate(Scene(Medium(343.1, 1.293), []), target.beacons())
     transfer = transfer_matrix(beacons, array)
     drive = time_reversal(transfer, target)
-    write_drive_h5(path, array, drive, quantise(drive), transfer, target, {"scene": scene})
-    if rate is not None:
-        with h5py.File(path, "a") as file:
-            for name, step in (("amplitude", 0.0), ("phase", 0.3)):
-                one = file[name][()]
-                del file[name]
-                file[name] = np.stack([one + step * index for index in range(frames)])
-            file["rate"] = rate
+    if rate is None:
+        write_drive_h5(path, array, drive, quantise(drive), transfer, target, {"scene": scene})
+    else:
+        turns = np.exp(0.3j * np.arange(frames))[:, None]
+        write_sequence_h5(path, array, Sequence(turns * drive.amplitudes, rate), transfer, target, {"scene": scene})
     return path
 
 

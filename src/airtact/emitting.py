@@ -22,6 +22,7 @@ from airtact.scene.medium import air
 from airtact.scene.pose import Pose
 from airtact.scene_file.tables import parse_scene
 from airtact.synthesis.quantise import quantise, rounding_error
+from airtact.synthesis.sequence import Sequence
 from airtact.transducers.boards import Board, board_named, boards_needed, poses_of_boards
 from airtact.transducers.element import DEFAULT_SENSITIVITY
 from airtact.transfer import Drive
@@ -205,7 +206,7 @@ def emit(made: Plan, link: Link, seconds: float, tell: Callable[[str], None] = l
     with Emission(link, cap=made.cap) as emission:
         tell(f"emitting for {seconds:g} s")
         if stored.rate is not None and len(stored.drives) > 1:
-            played = emission.play(stored.drives, stored.rate, seconds)
+            played = emission.play(Sequence(stored.drives, stored.rate), seconds)
         else:
             emission.send(Drive(stored.drives[0]))
             emission.hold(seconds)

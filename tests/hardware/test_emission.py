@@ -17,6 +17,7 @@ from airtact.hardware.link import LinkFailed, RecordingLink
 from airtact.hardware.loudness import faded
 from airtact.hardware.serial_link import SerialLink
 from airtact.scene.pose import Pose
+from airtact.synthesis.sequence import Sequence, amplitude_modulation
 from airtact.transfer import Drive
 from hardware.receivers import Nano16, SonicSurface, wired
 
@@ -180,7 +181,7 @@ def test_a_signal_during_a_sequence_ends_in_silence_on_serial_boards(name, model
 
     def work(emission) -> None:
         strike.start()
-        emission.play(moving(10, elements), 40.0, seconds=5.0)
+        emission.play(Sequence(moving(10, elements), 40.0), seconds=5.0)
 
     with wired(model()) as wire:
         with pytest.raises(SystemExit):
@@ -226,7 +227,7 @@ def test_a_watchdog_that_cannot_silence_is_heard_of() -> None:
 def test_a_cable_cut_during_play_raises_in_time() -> None:
     begun = time.monotonic()
     with wired(SonicSurface(), cut_after=2000) as wire, pytest.raises(LinkFailed, match="the serial link failed"):
-        playing(SerialLink(wire.port), lambda emission: emission.play(moving(4, 256), 50.0, seconds=10.0))
+        playing(SerialLink(wire.port), lambda emission: emission.play(Sequence(moving(4, 256), 50.0), seconds=10.0))
     assert time.monotonic() - begun < 4.0
 
 
@@ -301,7 +302,7 @@ def test_one_cap_holds_for_all_frames_of_a_sequence() -> None:
     drives = moving(2) * np.array([[1.0], [0.5]])
     link = RecordingLink()
     with Emission(link, cap=50.0, ramp=0.0) as emission:
-        emission.play(drives, 100.0, seconds=0.04)
+        emission.play(Sequence(drives, 100.0), seconds=0.04)
     loudness = [int(frame.amplitude.max()) for frame in link.frames[:2]]
     np.testing.assert_allclose(loudness, [127.5, 63.75], rtol=0, atol=0.51)
 
@@ -320,7 +321,7 @@ def test_boards_without_amplitudes_are_capped_by_speaking_with_fewer() -> None:
 def test_a_sequence_keeps_its_rate_and_tells_what_it_dropped() -> None:
     link = RecordingLink()
     with Emission(link, ramp=0.0) as emission:
-        played = emission.play(moving(10), 50.0, seconds=0.4)
+        played = emission.play(Sequence(moving(10), 50.0), seconds=0.4)
     assert played.frames + played.dropped == 20
     assert played.dropped == 0 or played.rate < 50.0
 
@@ -334,7 +335,7 @@ def test_frames_that_would_be_late_are_dropped() -> None:
     link = Slow()
     with Emission(link, ramp=0.0) as emission:
         begun = time.monotonic()
-        played = emission.play(moving(10), 100.0, seconds=0.6)
+        played = emission.play(Sequence(moving(10), 100.0), seconds=0.6)
         took = time.monotonic() - begun
     assert played.dropped > 10
     assert played.frames + played.dropped == 60
@@ -344,11 +345,21 @@ def test_frames_that_would_be_late_are_dropped() -> None:
 def test_autd3_repeats_a_sequence_by_itself() -> None:
     link = AUTD3Link([Pose.identity()])
     with Emission(link, ramp=0.0) as emission:
-        played = emission.play(moving(8), 500.0, seconds=0.1)
+        played = emission.play(Sequence(moving(8), 500.0), seconds=0.1)
         assert not link.played(7).silent
         assert not link.played(7).same_as(link.played(0))
     assert (played.rate, played.dropped) == (500.0, 0)
     assert link.sent == 8 + 1
+
+
+def test_a_swing_that_begins_in_silence_rises_too() -> None:
+    swing = amplitude_modulation(tone(), frequency=100.0, rate=400.0)
+    link = RecordingLink()
+    with Emission(link) as emission:
+        emission.play(Sequence(np.roll(swing.drives, 2, axis=0), 400.0), seconds=0.05)
+    loudness = [int(frame.amplitude.max()) for frame in link.frames]
+    np.testing.assert_allclose(loudness[:7], 255 * np.arange(1, 8) / 8, rtol=0, atol=0.51)
+    assert loudness[7] == 0  # the first frame, after the most powerful one rose
 
 
 @pytest.mark.parametrize(
@@ -371,11 +382,11 @@ def test_settings_that_cannot_be_are_refused(make, sentence: str) -> None:
     [
         (lambda emission: emission.send(tone(996)), "a drive for 996 elements does not fit 1 autd3 board of 249"),
         (lambda emission: emission.send(None), "what is emitted is a NoneType"),
-        (lambda emission: emission.play(moving(3, 12), 10, 1), "a drive for 12 elements does not fit 1 autd3 board"),
-        (lambda emission: emission.play(moving(3)[0], 10, 1), r"the shape \(frames, elements\), not \(249,\)"),
-        (lambda emission: emission.play(2 * moving(3), 10, 1), "249 elements are driven over full scale, .* at 2"),
-        (lambda emission: emission.play(np.nan * moving(3), 10, 1), "hold 249 NaN or infinite values"),
-        (lambda emission: emission.play(moving(3), -1, 1), "the rate of a sequence is -1 frames/s"),
+        (
+            lambda emission: emission.play(Sequence(moving(3, 12), 10.0), 1),
+            "a drive for 12 elements does not fit 1 autd3 board",
+        ),
+        (lambda emission: emission.play(moving(3), 1), "what is played is an array|what is played is a"),
     ],
 )
 def test_what_cannot_be_emitted_is_refused_and_silent(work, sentence: str, monkeypatch: pytest.MonkeyPatch) -> None:

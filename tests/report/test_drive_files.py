@@ -6,9 +6,10 @@ import h5py
 import numpy as np
 import pytest
 
-from airtact.report.drive_files import COLUMNS, read_drive_h5, write_drive_csv, write_drive_h5
+from airtact.report.drive_files import COLUMNS, read_drive_h5, write_drive_csv, write_drive_h5, write_sequence_h5
 from airtact.scene.target import Target
 from airtact.synthesis.quantise import quantise
+from airtact.synthesis.sequence import Sequence
 from airtact.transducers.layout import autd3_board
 from airtact.transfer import Drive, TransferMatrix
 
@@ -84,11 +85,18 @@ def test_what_was_written_is_read_back(tmp_path, drive):
 
 
 def test_a_sequence_is_read_frame_by_frame(tmp_path, drive):
-    turns = np.exp(0.1j * np.arange(5))[:, None]
-    with h5py.File(tmp_path / "sequence.h5", "w") as file:
-        file["positions"], file["normals"] = autd3_board().positions, autd3_board().normals
-        file["amplitude"], file["phase"] = np.abs(turns * drive.amplitudes), np.angle(turns * drive.amplitudes)
-        file["rate"] = 200.0
+    sequence = Sequence(np.exp(0.1j * np.arange(5))[:, None] * drive.amplitudes, 200.0)
+    transfer, target = TransferMatrix(np.ones((1, 249), dtype=complex), 0.0), Target(np.array([[0.0, 0.0, 0.1]]))
+    write_sequence_h5(tmp_path / "sequence.h5", autd3_board(), sequence, transfer, target, {"scene": "x = 1"})
     stored = read_drive_h5(tmp_path / "sequence.h5")
-    np.testing.assert_allclose(stored.drives, turns * drive.amplitudes, rtol=0, atol=1e-15)
-    assert (stored.rate, stored.transfer, stored.scene, stored.sensitivity) == (200.0, None, None, None)
+    np.testing.assert_allclose(stored.drives, sequence.drives, rtol=0, atol=1e-15)
+    assert (stored.rate, stored.scene) == (200.0, "x = 1")
+
+
+def test_an_array_and_its_drive_are_enough(tmp_path, drive):
+    with h5py.File(tmp_path / "drive.h5", "w") as file:
+        file["positions"], file["normals"] = autd3_board().positions, autd3_board().normals
+        file["amplitude"], file["phase"] = np.abs(drive.amplitudes), np.angle(drive.amplitudes)
+    stored = read_drive_h5(tmp_path / "drive.h5")
+    np.testing.assert_allclose(stored.drives, drive.amplitudes[None], rtol=0, atol=1e-15)
+    assert (stored.rate, stored.transfer, stored.scene, stored.sensitivity) == (None, None, None, None)

@@ -3,20 +3,20 @@
 import signal
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from types import FrameType, TracebackType
 from typing import Any
 
 import numpy as np
-from jaxtyping import Complex
 
 from airtact.conventions import InvalidInput
 from airtact.hardware.link import Link, LinkFailed
 from airtact.hardware.loudness import faded, share_under_cap
-from airtact.scene.guards import number, positive
+from airtact.scene.guards import number, of_kind, positive
 from airtact.synthesis.quantise import Frame
+from airtact.synthesis.sequence import Sequence
 from airtact.transfer import Drive, check_drive
 
 RAMP = 0.2
@@ -191,13 +191,12 @@ class Emission:
                 looked = time.monotonic()
         self.beat()
 
-    def play(self, drives: Complex[np.ndarray, "frames elements"], rate: float, seconds: float) -> Played:
-        """Play a sequence over and over; the first frame rises over the ramp before.
+    def play(self, sequence: Sequence, seconds: float) -> Played:
+        """Play a sequence over and over; its most powerful frame rises over the ramp before.
 
         Parameters
         ----------
-        drives : (N, E) what every element emits in each frame.
-        rate : frames a second.
+        sequence : drives and their rate.
         seconds : how long.
 
         Returns
@@ -212,22 +211,21 @@ class Emission:
         LinkFailed
             If the link fails, or the emission was ended before or meanwhile.
         """
-        if np.ndim(drives) != 2:
-            raise InvalidInput(f"a sequence has the shape (frames, elements), not {np.shape(drives)}.")
+        of_kind(sequence, Sequence, "what is played", "Sequence(drives, rate)")
+        drives, rate = sequence.drives, sequence.rate
         self._refuse_other_size(drives.shape[1])
         self.link.check_sequence(len(drives), rate)
-        parts = [Drive(row) for row in drives]
         share = share_under_cap(drives, self.link.levels, self._cap)
-        frames = [faded(part, self.link.levels, share) for part in parts]
+        frames = [faded(Drive(row), self.link.levels, share) for row in drives]
         if not self._speaking:
-            self._rise(parts[0], share)
+            self._rise(Drive(drives[np.linalg.norm(drives, axis=1).argmax()]), share)
         if self.link.plays_itself:
             self._do(lambda: self.link.play(frames, rate))
             self.hold(seconds)
             return Played(rate, round(seconds * rate), 0)
         return self._pace(frames, rate, seconds)
 
-    def _pace(self, frames: Sequence[Frame], rate: float, seconds: float) -> Played:
+    def _pace(self, frames: list[Frame], rate: float, seconds: float) -> Played:
         begun, index, sent, dropped = time.monotonic(), 0, 0, 0
         total = max(round(seconds * rate), 1)
         while index < total:

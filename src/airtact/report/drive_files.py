@@ -14,6 +14,7 @@ from airtact.report.whole_file import whole_file
 from airtact.scene.guards import points_of, positive, real_numbers, refuse_not_finite
 from airtact.scene.target import Target
 from airtact.synthesis.quantise import Frame
+from airtact.synthesis.sequence import Sequence
 from airtact.transducers.layout import PhasedArray
 from airtact.transfer import FULL_SCALE, Drive, TransferMatrix
 
@@ -62,15 +63,52 @@ def write_drive_h5(
     target : the foci.
     texts : further datasets of text by name, such as the scene file and the solver's report.
     """
+    levels = {
+        "amplitude_level": (frame.amplitude, "255 is full scale"),
+        "phase_level": (frame.phase, "256 is a turn"),
+    }
+    _write(path, array, drive.amplitudes, levels, transfer, target, texts)
+
+
+def write_sequence_h5(
+    path: Path,
+    array: PhasedArray,
+    sequence: Sequence,
+    transfer: TransferMatrix,
+    target: Target,
+    texts: Mapping[str, str],
+) -> None:
+    """Write a sequence with what it was made from: as a drive, but ``amplitude`` and ``phase`` have a row a frame.
+
+    Parameters
+    ----------
+    path : the file to write; it appears only once it is whole.
+    array : the transducers, in the obstacles' frame.
+    sequence : what each emits in each frame, and the rate.
+    transfer : pressure at the foci per unit drive.
+    target : the foci.
+    texts : further datasets of text by name, such as the scene file and the solver's report.
+    """
+    _write(path, array, sequence.drives, {"rate": (np.float64(sequence.rate), "frames/s")}, transfer, target, texts)
+
+
+def _write(
+    path: Path,
+    array: PhasedArray,
+    drives: Complex128[np.ndarray, "*frames elements"],
+    more: Mapping[str, tuple[Any, str]],
+    transfer: TransferMatrix,
+    target: Target,
+    texts: Mapping[str, str],
+) -> None:
     import h5py
 
     columns = {
         "positions": (array.positions, "m"),
         "normals": (array.normals, ""),
-        "amplitude": (np.abs(drive.amplitudes), "share of full scale"),
-        "phase": (np.angle(drive.amplitudes), "rad, of Re[u exp(-i omega t)]"),
-        "amplitude_level": (frame.amplitude, "255 is full scale"),
-        "phase_level": (frame.phase, "256 is a turn"),
+        "amplitude": (np.abs(drives), "share of full scale"),
+        "phase": (np.angle(drives), "rad, of Re[u exp(-i omega t)]"),
+        **more,
         "transfer_matrix": (transfer.matrix, "Pa per unit drive; first axis hears, second speaks"),
         "foci": (target.points, "m"),
         "sensitivity": (np.float64(array.element.sensitivity), "Pa m, uncalibrated"),
