@@ -122,3 +122,16 @@ def test_what_has_no_pad_or_no_skin_is_refused(fingers) -> None:
     with pytest.raises(InvalidInput, match="body 0 is impedance, but radiation pressure is computed on sound_hard"):
         skin_map(soft, array, drive, solver=SphereSeries())
     assert PAD_REACH == 2e-3
+
+
+def test_a_field_that_does_not_know_the_skin_is_refused() -> None:
+    field = in_plane_wave(4e-3, SphereSeries())
+
+    class Unknowing(type(field)):
+        velocity = RadiatedField.velocity  # differences, which reach into the sphere
+
+    unknowing = Unknowing(field.scene, field.sources, field.modes, field.centre, field.report)
+    with pytest.raises(
+        InvalidInput, match=r"SphereSeries tells no pressure or velocity at \d+ of \d+ points of the skin"
+    ):
+        skin_of(unknowing, 0)

@@ -197,7 +197,8 @@ def skin_of(field: RadiatedField, sound: int) -> SkinMap:
     Raises
     ------
     InvalidInput
-        If there is no body, or one is not sound-hard.
+        If there is no body, one is not sound-hard, or the solver does not tell the velocity on the skin (at how many
+        points).
     """
     scene = field.scene
     _refuse_soft(scene)
@@ -210,6 +211,12 @@ def skin_of(field: RadiatedField, sound: int) -> SkinMap:
         own = nodes.body == index
         points[own] = shape.project(points[own])
     pressure, velocity = field.at(points)[:, sound], field.velocity(points)[:, :, sound]
+    lost = int(np.sum(~np.isfinite(pressure) | ~np.isfinite(velocity).all(axis=1)))
+    if lost:
+        raise InvalidInput(
+            f"{field.report.solver} tells no pressure or velocity at {lost} of {len(points)} points of the skin; take "
+            "BoundaryElement for radiation pressure."
+        )
     pushing = radiation_pressure(pressure, velocity, scene.medium)
     return SkinMap(
         panels.six_nodes, panels.body, points, nodes.normals, nodes.weights, pressure, velocity, pushing, field.report
