@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import h5py
+import jaxtyping
 import numpy as np
 import pytest
 
@@ -217,6 +218,17 @@ REFUSALS = {
     "no file": (lambda path: path.with_name("none.h5"), AUDIT, r"cannot read .*none\.h5: there is no such file"),
     "no HDF5": (lambda path: path.parent / "text.h5", AUDIT, r"cannot read .*text\.h5: it is no HDF5 file"),
     "no drive": (lambda path: change(path, phase=None), AUDIT, r"drive\.h5: 1 datasets are missing: phase"),
+    "words": (
+        lambda path: change(path, amplitude="loud"),
+        AUDIT,
+        r"drive\.h5: amplitude are .* give real numbers",
+    ),
+    "one number": (
+        lambda path: change(path, amplitude=1.0),
+        AUDIT,
+        r"amplitude of shape \(\) and phase of shape \(996,\)",
+    ),
+    "no scene of ours": (lambda path: change(path, scene="colour = 3"), AUDIT, r"drive\.h5: colour is not a key"),
     "too loud": (
         full_scale,
         AUDIT,
@@ -275,7 +287,8 @@ REFUSALS = {
 
 
 @pytest.mark.parametrize("name", REFUSALS)
-def test_what_cannot_be_emitted_is_refused(capsys, drive, name) -> None:
+def test_what_cannot_be_emitted_is_refused(capsys, drive, name, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
     (drive.parent / "text.h5").write_text("not HDF5")
     spoil, arguments, sentence = REFUSALS[name]
     code, _, errors = output(capsys, "emit", spoil(drive), *arguments)

@@ -169,6 +169,8 @@ def test_sequences_that_the_boards_refuse(link: AUTD3Link, frames: int, rate: fl
     [
         (lambda link: link.send(random_frame(249)), "a frame of 249 elements does not fit 4 autd3 boards .* for 996"),
         (lambda link: link.send(None), "what is sent is a NoneType, but it must be a Frame"),
+        (lambda link: AUTD3Link(Pose.identity()), "where the boards stand is a Pose, .* a list of Pose"),
+        (lambda link: AUTD3Link([None]), "pose 0 is a NoneType, but it must be a Pose"),
         (lambda link: AUTD3Link([]), "1 to 256 autd3 boards, not 0"),
         (lambda link: AUTD3Link([Pose.identity()], "usb"), "'usb' is none of the 5 ways to AUTD3"),
         (lambda link: AUTD3Link([Pose.identity()], "remote"), "the remote link needs 1 address"),

@@ -273,6 +273,19 @@ def test_a_signal_ends_an_emission_from_another_thread_too() -> None:
     assert "over because of the signal SIGTERM" in heard[0]
 
 
+def test_a_process_that_shall_outlive_its_terminal_does() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        link = RecordingLink()
+        with Emission(link, ramp=0.0) as emission:
+            emission.send(tone())
+            os.kill(os.getpid(), signal.SIGHUP)
+            emission.send(tone())
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert [frame.silent for frame in link.frames] == [False, False, True]
+
+
 # --- how it begins, and how loud ------------------------------------------------------------------------------------
 
 
@@ -370,9 +383,11 @@ def test_a_swing_that_begins_in_silence_rises_too() -> None:
         (lambda link: Emission(link, cap=np.nan), "the cap is nan per cent"),
         (lambda link: Emission(link, ramp=-1.0), "the ramp is -1 s"),
         (lambda link: Emission(link, patience=0.0), "the patience of the watchdog is 0 s"),
+        (lambda link: Emission("autd3"), "the link is 'autd3', but it must be a Link: give one such as AUTD3Link"),
     ],
 )
-def test_settings_that_cannot_be_are_refused(make, sentence: str) -> None:
+def test_settings_that_cannot_be_are_refused(make, sentence: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
     with pytest.raises(InvalidInput, match=sentence):
         make(RecordingLink())
 

@@ -171,6 +171,8 @@ def busy() -> None:
     [
         (lambda: SerialLink("/dev/no-such-port").open(), r"the port /dev/no-such-port cannot be opened \(error 2\)"),
         (busy, r"the port /dev/pts/\d+ is busy \(error 11\)"),
+        (lambda: SerialLink(None), "the port is a NoneType, but it must be a str"),
+        (lambda: SerialLink("x", boards=1.5), "1 to 2 sonicsurface boards, not 1.5"),
         (lambda: SerialLink("x", "openmpd"), r"openmpd has no serial line \(0 baud\)"),
         (lambda: SerialLink("x", "sonicsurface", 3), "1 to 2 sonicsurface boards, not 3"),
         (lambda: SerialLink("x", "nano16", 2), "1 to 1 nano16 boards, not 2"),

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from airtact.conventions import InvalidInput
 from airtact.hardware.link import Link, LinkFailed
+from airtact.scene.guards import of_kind
 from airtact.scene.pose import Pose
 from airtact.synthesis.quantise import EIGHT_BITS, Frame
 
@@ -63,6 +64,9 @@ class AUTD3Link(Link):
         address: str | None = None,
         sound_speed: float | None = None,
     ) -> None:
+        of_kind(poses, list | tuple, "where the boards stand", "a list of Pose, one for each board")
+        for index, pose in enumerate(poses):
+            of_kind(pose, Pose, f"pose {index}", "Pose(rotation, translation)")
         super().__init__("autd3", len(poses))
         if through not in THROUGH:
             raise InvalidInput(f"{through!r} is none of the {len(THROUGH)} ways to AUTD3: {', '.join(THROUGH)}.")

@@ -34,6 +34,9 @@ LOOK = 0.1
 SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Signals that end an emission with silence."""
 
+NOHUP = getattr(signal, "SIGHUP", None)
+"""The one of them that is left alone where it is ignored."""
+
 
 @dataclass(frozen=True)
 class Played:
@@ -79,6 +82,7 @@ class Emission:
     link: Link
 
     def __init__(self, link: Link, *, cap: float = 100.0, ramp: float = RAMP, patience: float = PATIENCE) -> None:
+        of_kind(link, Link, "the link", "one such as AUTD3Link(poses)")
         share_under_cap(np.ones((1, 1), dtype=np.complex128), link.levels, cap)
         if not 0.0 <= number(ramp, "the ramp", "s") < np.inf:
             raise InvalidInput(f"the ramp is {ramp:g} s, but it must be 0 or more.")
@@ -332,7 +336,9 @@ class Emission:
 
     def _listen(self) -> None:
         if threading.current_thread() is threading.main_thread():
-            self._handlers = {kind: signal.signal(kind, self._on_signal) for kind in SIGNALS}
+            # A process that was begun with nohup shall outlive its terminal.
+            kept = [kind for kind in SIGNALS if (kind != NOHUP or signal.getsignal(kind) != signal.SIG_IGN)]
+            self._handlers = {kind: signal.signal(kind, self._on_signal) for kind in kept}
 
     def _unlisten(self) -> None:
         for kind, handler in self._handlers.items():

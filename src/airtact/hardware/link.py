@@ -49,7 +49,7 @@ class Link(ABC):
 
     def __init__(self, board: str, boards: int = 1) -> None:
         self.codec = codec_of(board)
-        if boards < 1 or boards > self.codec.board.most:
+        if not isinstance(boards, int | np.integer) or not 1 <= boards <= self.codec.board.most:
             raise InvalidInput(f"one link speaks to 1 to {self.codec.board.most} {board} boards, not {boards}.")
         self.elements = boards * len(self.codec.board)
         self.boards = boards

@@ -9,6 +9,7 @@ import numpy as np
 
 from airtact.conventions import InvalidInput
 from airtact.hardware.link import Link
+from airtact.scene.guards import of_kind
 from airtact.synthesis.quantise import Frame
 
 PATIENCE = 0.5
@@ -50,6 +51,7 @@ class SerialLink(Link):
         super().__init__(board, boards)
         if self.codec.baud is None:
             raise InvalidInput(f"{board} has no serial line (0 baud): sonicsurface and nano16 have one.")
+        of_kind(port, str, "the port", 'the name of a device, such as "/dev/ttyUSB0"')
         self.port = port
         self.boot = boot
         self._line: Any = None

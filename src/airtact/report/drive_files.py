@@ -171,17 +171,20 @@ def read_drive_h5(path: Path) -> StoredDrive:
         why = "there is no such file" if not path.exists() else f"it is no HDF5 file ({error.errno or 0})"
         raise InvalidInput(f"cannot read {path}: {why}.") from None
     with file, about(path.name):
-        missing = [name for name in ("positions", "normals", "amplitude", "phase") if name not in file]
+        needed = ("positions", "normals", "amplitude", "phase")
+        missing = [name for name in needed if not isinstance(file.get(name), h5py.Dataset)]
         if missing:
             raise InvalidInput(f"{len(missing)} datasets are missing: {', '.join(missing)}; is this a drive.h5?")
         positions, normals = (points_of(file[name][()], name) for name in ("positions", "normals"))
-        drives = _drives(file["amplitude"][()], file["phase"][()], len(positions))
+        amplitude, phase = (real_numbers(np.asarray(file[name][()]), name) for name in ("amplitude", "phase"))
+        drives = _drives(amplitude, phase, len(positions))
         if normals.shape != positions.shape:
             raise InvalidInput(f"{len(positions)} positions have {len(normals)} normals.")
         rate = positive(file["rate"][()], "the rate", "frames/s") if "rate" in file else None
         if len(drives) > 1 and rate is None:
             raise InvalidInput(f"a sequence of {len(drives)} frames needs rate, in frames/s.")
-        sensitivity = float(file["sensitivity"][()]) if "sensitivity" in file else None
+        told = "sensitivity" in file
+        sensitivity = positive(file["sensitivity"][()], "the sensitivity of an element", "Pa·m") if told else None
         transfer = TransferMatrix(file["transfer_matrix"][()], np.nan) if "transfer_matrix" in file else None
         scene = file["scene"].asstr()[()] if "scene" in file else None
     return StoredDrive(path, positions, normals, drives, rate, sensitivity, transfer, scene)
@@ -191,13 +194,13 @@ def _drives(
     amplitude: Real[np.ndarray, "*amplitudes"], phase: Real[np.ndarray, "*phases"], elements: int
 ) -> Complex128[np.ndarray, "frames elements"]:
     """Return complex drives, one row a frame; refuse numbers that cannot be."""
-    if amplitude.shape != phase.shape or amplitude.ndim not in (1, 2) or amplitude.shape[-1] != elements:
+    if amplitude.shape != phase.shape or amplitude.ndim not in (1, 2) or amplitude.shape[-1:] != (elements,):
         raise InvalidInput(
             f"amplitude of shape {amplitude.shape} and phase of shape {phase.shape} do not fit {elements} elements."
         )
     if amplitude.size == 0:
         raise InvalidInput("the sequence has 0 frames.")
-    amplitude, phase = np.atleast_2d(real_numbers(amplitude, "amplitude")), np.atleast_2d(real_numbers(phase, "phase"))
+    amplitude, phase = np.atleast_2d(amplitude), np.atleast_2d(phase)
     refuse_not_finite(amplitude, "amplitude")
     refuse_not_finite(phase, "phase")
     bad = np.argwhere((amplitude < 0.0) | (amplitude > FULL_SCALE))
