@@ -1,0 +1,74 @@
+"""Quiet zones, measured by another solver on the whole zone and not only in the points that were asked."""
+
+import numpy as np
+import pytest
+
+from airtact.evaluation.field import drive_sources
+from airtact.scene.medium import Medium
+from airtact.scene.panels import panels_of
+from airtact.scene.pinch import pinch
+from airtact.scene.primitives import sphere
+from airtact.scene.scene import Scene, sound_hard
+from airtact.scene.shapes import skin_points
+from airtact.scene.target import Target
+from airtact.solvers.boundary_element import BoundaryElement
+from airtact.solvers.boundary_quadrature import place_nodes
+from airtact.solvers.problem import Solver
+from airtact.solvers.sphere_series import SphereSeries
+from airtact.synthesis.gradient import gradient
+from airtact.synthesis.max_min import max_min
+from airtact.transducers.layout import surrounding_box
+from airtact.transfer import Drive, TransferMatrix, transfer_matrix
+
+AIR = Medium(343.1, 1.293)
+ARRAY = surrounding_box()
+
+
+def drives_for(transfer: TransferMatrix, target: Target) -> tuple[Drive, Drive]:
+    """The strongest drive that knows no quiet zone, and the one that does, at full scale."""
+    foci = TransferMatrix(transfer.matrix[: len(target.points)], 0.0, target.points)
+    loud, quiet = max_min(foci, Target(target.points)), gradient(transfer, target, loss=0.09)
+    return loud, quiet
+
+
+def measured(
+    scene: Scene, target: Target, drives: tuple[Drive, Drive], facing: np.ndarray, within: float, solver: Solver
+) -> tuple[float, float]:
+    """Fall of the mean p² over the skin that looks to its body's side [dB], and the loss of the weakest focus."""
+    field = solver.radiate(scene, drive_sources(ARRAY, list(drives)))
+    edge = scene.wavelength / 3
+    panels = panels_of([obstacle.surface.shape for obstacle in scene.obstacles], edge, np.empty((0, 3)), edge)
+    nodes = place_nodes(panels.six_nodes, panels.body, panels.deviation)
+    chosen = np.einsum("qd,qd->q", nodes.normals, facing[nodes.body]) > np.cos(np.radians(within))
+    loud, quiet = np.average(np.abs(field.at(nodes.points[chosen])) ** 2, axis=0, weights=nodes.weights[chosen])
+    weakest = np.abs(field.at(target.points)).min(axis=0)
+    return 10.0 * float(np.log10(quiet / loud)), 1.0 - float(weakest[1] / weakest[0])
+
+
+def test_the_back_of_a_ball_falls_silent_by_the_measure_of_another_solver() -> None:
+    ball = sphere(8e-3, edge=3e-3)
+    scene = Scene(AIR, [sound_hard(ball)])
+    back = np.array([[-1.0, 0.0, 0.0]])
+    zone = skin_points(ball, 0.3 * scene.wavelength, facing=(-1.0, 0.0, 0.0), within=60.0)
+    target = Target(np.array([[8.5e-3, 0.0, 0.0]]), quiet=zone)
+    transfer = transfer_matrix(SphereSeries().radiate(scene, target.beacons(quiet=True)), ARRAY)
+    fall, loss = measured(scene, target, drives_for(transfer, target), back, 60.0, BoundaryElement(0.02))
+    assert fall < -10.0
+    assert loss < 0.10
+
+
+@pytest.mark.slow
+def test_the_backs_of_both_fingers_of_the_pinch_fall_by_ten_decibels() -> None:
+    # The backs: the skin that looks within 60 degrees of straight away from the other finger.
+    fingers = pinch()
+    scene = Scene(AIR, [sound_hard(surface) for surface in fingers.surfaces])
+    outward = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    zone = [
+        skin_points(surface, 0.25 * scene.wavelength, facing=tuple(side), within=60.0)
+        for surface, side in zip(fingers.surfaces, outward, strict=True)
+    ]
+    target = Target(fingers.foci(), quiet=np.concatenate(zone))
+    transfer = transfer_matrix(BoundaryElement(0.1).radiate(scene, target.beacons(quiet=True)), ARRAY)
+    fall, loss = measured(scene, target, drives_for(transfer, target), outward, 60.0, BoundaryElement(0.01))
+    assert fall < -10.0
+    assert loss < 0.10
