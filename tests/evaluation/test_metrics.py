@@ -46,6 +46,14 @@ def test_figures_are_of_shares_where_pressures_are_asked() -> None:
     assert result.uniformity == pytest.approx(1.0 - 0.5 / 1.5)
 
 
+def test_foci_that_get_what_their_shares_ask_are_uniform() -> None:
+    target = Target(np.arange(9.0).reshape(-1, 3) * 1e-3, shares=np.array([1.0, 0.5, 0.0]))
+    result = Evaluation(target, np.array([300.0, 150j, 20.0]), REPORT)
+    assert (result.worst, result.mean, result.uniformity) == (300.0, 300.0, 1.0)
+    uneven = Evaluation(target, np.array([300.0, 300j, 20.0]), REPORT)
+    assert (uneven.worst, uneven.uniformity) == (300.0, pytest.approx(1.0 - 300.0 / 900.0))
+
+
 def test_foci_that_get_alike_are_uniform_and_silent_ones_are_not() -> None:
     assert given_pressures(5.0, 5j, -5.0).uniformity == 1.0
     assert given_pressures(5.0, 0.0).uniformity == 0.0

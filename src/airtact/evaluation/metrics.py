@@ -52,8 +52,14 @@ class Evaluation:
 
     @property
     def counted(self) -> Float64[np.ndarray, "counted"]:
-        """What worst, mean and uniformity are taken over: shares where asked, else all magnitudes [Pa]."""
-        return self.magnitudes if self.target.pressures is None else self.shares[np.isfinite(self.shares)]
+        """What worst, mean and uniformity are taken over.
+
+        Shares of the pressure asked where one is; else magnitudes [Pa], each over the share that it asks for, if any.
+        """
+        if self.target.pressures is not None:
+            return self.shares[np.isfinite(self.shares)]
+        asked = self.target.weights > 0.0
+        return self.magnitudes[asked] / self.target.weights[asked]
 
     @property
     def worst(self) -> float:
