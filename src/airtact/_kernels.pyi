@@ -97,5 +97,29 @@ def near_integrals(
     radial: int,
     out: np.ndarray,
     distance: np.ndarray,
+def hull_distances(points: np.ndarray, balls: np.ndarray, parts: np.ndarray, out: np.ndarray) -> None: ...
+def blended_distance(
+    points: np.ndarray,
+    balls: np.ndarray,
+    parts: np.ndarray,
+    blend: np.ndarray,
+    apart: np.ndarray,
+    carve: float,
+    reach: float,
+    distance: np.ndarray,
+    gradient: np.ndarray,
+    bend: np.ndarray,
+    facing: np.ndarray,
+    nearest: np.ndarray,
+) -> None: ...
+def even_pass(
+    vertices: np.ndarray,
+    sizes: np.ndarray,
+    triangles: np.ndarray,
+    counts: np.ndarray,
+    keep: bool,
+    needle: float,
+    share: float,
+) -> None: ...
     foot: np.ndarray,
 ) -> None: ...

@@ -74,10 +74,31 @@ void near_integrals(bool single_layer, const double *targets, const std::int64_t
                     const double *contact, Wavenumber k, NearRule rule, std::complex<double> *out, double *distance,
                     double *foot);
 
-// For each set of foci, `turns` of Gerchberg-Saxton with elements at full scale, weighted or not. The matrix is
-// (points, elements); rows (sets, foci) are each set's rows of it, wanted (sets, foci) what they ask, 0 for nothing. In:
-// sources (sets, foci) to start from, their magnitudes being the weights. Out: sources of the best turn (the last one
-// where not weighted), worst (sets) = min |p| / wanted then, and drives (sets, elements), all magnitudes 1.
+// out[i, h] = distance of point i to the hull h of the two or three balls parts[h] (the third -1 for two), negative inside
+void hull_distances(const double *points, std::int64_t n, const double *balls, const std::int64_t *parts,
+                    std::int64_t count, double *out);
+
+// Distance to the union of hulls, creases between hulls i and j filled over a width blend[i, j] (1 - n_i n_j)/2, n being
+// outward normals. Hulls with apart[i, j] > 0 are each carved out to `carve` round the other, or not at all if 0, but not
+// where a hull that joins both is nearer. Hulls farther than the nearest by `reach` are left out. Also, unless null, its gradient; the radius at which it bends there;
+// the distance of the nearest hull that stands apart from the nearest one; the nearest hull.
+void blended_distance(const double *points, std::int64_t n, const double *balls, const std::int64_t *parts,
+                      std::int64_t count, const double *blend, const double *apart, double carve, double reach,
+                      double *distance, double *gradient, double *bend, double *facing,
+                      std::int64_t *nearest);
+
+// One pass towards even triangles with edges about as long as the sizes of their ends, in place: `counts` are the
+// vertices and triangles in use, before and after, `most` the vertices and half the triangles that there is room for.
+// With `keep` only vertices move. Triangles with a larger cosine than `needle` lose their shortest edge; vertices move
+// by `share` of the way to the middle of their neighbours, within the skin.
+void even_pass(double *vertices, double *sizes, std::int64_t most, std::int64_t *triangles, std::int64_t *counts,
+               bool keep, double needle, double share);
+
+// For each set of foci, `foci_turns` of GS-PAT on what foci hear of each other, if above 0, and then `turns` of
+// Gerchberg-Saxton with elements at full scale, weighted or not. The matrix is (points, elements); rows (sets, foci) are
+// each set's rows of it, wanted (sets, foci) what they ask, 0 for nothing. In: sources (sets, foci) to start from, their
+// magnitudes being the weights. Out: sources of the best turn (the last one where not weighted), worst (sets) = min |p| /
+// wanted then, and drives (sets, elements), all magnitudes 1.
 void gerchberg_saxton(const float *real, const float *imag, std::int64_t elements, const std::int64_t *rows,
                       const float *wanted, std::int64_t sets, std::int64_t foci, std::int64_t turns, bool weighted,
                       std::complex<float> *sources, float *worst, std::complex<float> *drives);

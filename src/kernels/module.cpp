@@ -38,6 +38,9 @@ struct Variant {
     decltype(&baseline::closest_on_panels) closest_on_panels;
     decltype(&baseline::inscribed_diameter) inscribed_diameter;
     decltype(&baseline::near_integrals) near_integrals;
+    decltype(&baseline::hull_distances) hull_distances;
+    decltype(&baseline::blended_distance) blended_distance;
+    decltype(&baseline::even_pass) even_pass;
     decltype(&baseline::gerchberg_saxton) gerchberg_saxton;
     decltype(&baseline::gerchberg_saxton_of_foci) gerchberg_saxton_of_foci;
 };
@@ -47,7 +50,7 @@ struct Variant {
 #define AIRTACT_TABLE(v)                                                                                             \
     { #v, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::panel_entries, &v::near_pairs, &v::closest_on_panels,      \
             &v::inscribed_diameter, \
-      &v::near_integrals, &v::gerchberg_saxton, &v::gerchberg_saxton_of_foci }
+      &v::near_integrals, &v::hull_distances, &v::blended_distance, &v::even_pass, &v::gerchberg_saxton }
 
 static std::vector<Variant> runnable() {  // on this machine, the best last
     std::vector<Variant> found{AIRTACT_TABLE(baseline)};
@@ -194,11 +197,45 @@ static void saxton(Read<float, -1, -1> real, Read<float, -1, -1> imag, Read<std:
                              sources.data(), worst.data(), drives.data());
 }
 
-static void saxton_of_foci(Read<Complex, -1, -1> heard, Line wanted, std::int64_t turns, Write<Complex, -1> pressure) {
-    const std::size_t foci = wanted.shape(0);
-    same(heard.shape(0), foci), same(heard.shape(1), foci), same(pressure.shape(0), foci);
+using Square = Read<double, -1, -1>;
+using Hulls = Read<std::int64_t, -1, 3>;
+
+static void right_balls(Read<double, -1, 4> balls, Hulls parts) {
+    for (std::size_t i = 0; i < 3 * parts.shape(0); i++)
+        if (parts.data()[i] < (i % 3 == 2 ? -1 : 0) || parts.data()[i] >= std::int64_t(balls.shape(0)))
+            throw nb::index_error("a hull has a ball that does not exist");
+}
+
+static void apart_from_hulls(Points x, Read<double, -1, 4> balls, Hulls parts, Write<double, -1, -1> out) {
+    right_balls(balls, parts);
+    same(out.shape(0), x.shape(0)), same(out.shape(1), parts.shape(0));
     nb::gil_scoped_release release;
-    active->gerchberg_saxton_of_foci(heard.data(), wanted.data(), foci, turns, pressure.data());
+    active->hull_distances(x.data(), x.shape(0), balls.data(), parts.data(), parts.shape(0), out.data());
+}
+
+static void blended(Points x, Read<double, -1, 4> balls, Hulls parts, Square blend, Square apart,
+                    double carve, double reach, Write<double, -1> distance, Write<double, -1, 3> gradient,
+                    Write<double, -1> bend, Write<double, -1> facing, Write<std::int64_t, -1> nearest) {
+    right_balls(balls, parts);
+    for (const Square &table : {blend, apart})
+        same(table.shape(0), parts.shape(0)), same(table.shape(1), parts.shape(0));
+    same(distance.shape(0), x.shape(0)), same(gradient.shape(0), x.shape(0)), same(bend.shape(0), x.shape(0));
+    same(facing.shape(0), x.shape(0)), same(nearest.shape(0), x.shape(0));
+    nb::gil_scoped_release release;
+    active->blended_distance(x.data(), x.shape(0), balls.data(), parts.data(), parts.shape(0), blend.data(), apart.data(),
+                             carve, reach, distance.data(), gradient.data(), bend.data(), facing.data(),
+                             nearest.data());
+}
+
+static void even(Write<double, -1, 3> vertices, Write<double, -1> sizes, Write<std::int64_t, -1, 3> triangles,
+                 Write<std::int64_t, 2> counts, bool keep, double needle, double share) {
+    same(vertices.shape(0), sizes.shape(0)), same(2 * vertices.shape(0), triangles.shape(0));
+    for (std::int64_t i = 0; i < 3 * counts.data()[1]; i++)
+        if (triangles.data()[i] < 0 || triangles.data()[i] >= counts.data()[0])
+            throw nb::index_error("a triangle has a vertex that does not exist");
+    nb::gil_scoped_release release;
+    active->even_pass(vertices.data(), sizes.data(), vertices.shape(0), triangles.data(), counts.data(), keep, needle,
+                      share);
 }
 
 NB_MODULE(_kernels, m) {
@@ -223,6 +260,9 @@ NB_MODULE(_kernels, m) {
     m.def("list_near", &list_near);
     m.def("closest_on_panels", &closest);
     m.def("inscribed_diameter", &thickness);
+    m.def("hull_distances", &apart_from_hulls);
+    m.def("blended_distance", &blended);
+    m.def("even_pass", &even);
     m.def("near_integrals", &near);
     m.def("gerchberg_saxton", &saxton);
     m.def("gerchberg_saxton_of_foci", &saxton_of_foci);

@@ -1,0 +1,138 @@
+"""How fingers bend: the axes of their joints, and opening two of them to a gap."""
+
+import math
+from itertools import pairwise
+from typing import cast
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+
+from airtact.conventions import InvalidInput
+from airtact.scene.hand_hulls import Hulls
+from airtact.scene.hand_parts import OWNER, PARTS
+from airtact.scene.joints import CHAINS, FINGERS, unit
+
+THUMB_TILT = 0.5
+"""How much the thumb's pad looks away from the back of the hand, over how much it looks to the index finger's root."""
+
+STEADY = 0.3
+"""Weight of the palm's own axis beside what the bends of a finger say."""
+
+ROOTS = (1, 6, 11, 16, 21)
+"""Joint at the root of each finger, which opens it."""
+
+TURNS = np.radians(np.concatenate([np.arange(0.0, 61.0, 3.0), -np.arange(3.0, 46.0, 3.0)]))
+"""Turns of both fingers that are tried, positive ones straightening them [rad]."""
+
+
+def bending_axis(joints: Float64[np.ndarray, "25 3"], side: str, finger: int) -> Float64[np.ndarray, "3"]:
+    """Find the unit axis (3,) about which a positive turn bends a finger.
+
+    Parameters
+    ----------
+    joints : (25, 3) [m].
+    side : "right" or "left".
+    finger : 0 to 4, thumb to little finger.
+    """
+    sign = 1.0 if side == "right" else -1.0
+    across = unit(joints[6] - joints[21])
+    chain = CHAINS[finger]
+    bones = np.diff(joints[list(chain[-4:])], axis=0)
+    bones = bones / np.linalg.norm(bones, axis=1, keepdims=True)
+    if finger == 0:
+        back = sign * unit(np.cross(joints[11] - joints[0], across))
+        towards = unit(0.5 * (joints[6] + joints[7]) - joints[4]) - THUMB_TILT * back
+        return unit(np.cross(bones[-1], towards))
+    axis, seen = sign * across, np.cross(bones[:-1], bones[1:]).sum(axis=0)
+    axis = unit(STEADY * axis + (seen if seen @ axis > 0.0 else 0.0))
+    return unit(axis - (axis @ bones[-1]) * bones[-1])
+
+
+def turned(joints: Float64[np.ndarray, "25 3"], side: str, finger: int, angle: float) -> Float64[np.ndarray, "25 3"]:
+    """Straighten a finger at its root.
+
+    Parameters
+    ----------
+    joints : (25, 3) [m].
+    side : "right" or "left".
+    finger : 0 to 4.
+    angle : by how much [rad].
+    """
+    root = ROOTS[finger]
+    outer = [joint for joint in CHAINS[finger] if joint > root]
+    turn = Rotation.from_rotvec(-angle * bending_axis(joints, side, finger))
+    moved = joints.copy()
+    moved[outer] = joints[root] + turn.apply(joints[outer] - joints[root])
+    return moved
+
+
+def gap_of(joints: Float64[np.ndarray, "25 3"], radii: Float64[np.ndarray, "25"], fingers: tuple[int, int]) -> float:
+    """Distance of the skins of two last phalanges [m], negative where they overlap.
+
+    Parameters
+    ----------
+    joints : (25, 3) [m].
+    radii : (25,) [m].
+    fingers : 0 to 4, both.
+    """
+    one, other = (int(np.flatnonzero(finger == OWNER)[-1]) for finger in fingers)
+    zero = np.zeros((1, 1))
+    balls = np.column_stack([joints, radii])
+    alone = Hulls(balls, PARTS[other : other + 1], zero, zero)
+    low, high = 0.0, 1.0
+    gap = math.inf
+    for _ in range(5):
+        shares = np.linspace(low, high, 13)[:, None]
+        spheres = (1.0 - shares) * balls[PARTS[one, 0]] + shares * balls[PARTS[one, 1]]
+        gaps = alone.each(np.ascontiguousarray(spheres[:, :3]))[:, 0] - spheres[:, 3]
+        best, step = int(gaps.argmin()), (high - low) / 12.0
+        gap = float(gaps[best])
+        low, high = max(shares[best, 0] - step, 0.0), min(shares[best, 0] + step, 1.0)
+    return gap
+
+
+def opened(
+    joints: Float64[np.ndarray, "25 3"],
+    radii: Float64[np.ndarray, "25"],
+    side: str,
+    fingers: tuple[int, int],
+    gap: float,
+) -> Float64[np.ndarray, "25 3"]:
+    """Turn two fingers at their roots, both alike, until the skins of their last phalanges are a gap apart.
+
+    Parameters
+    ----------
+    joints : (25, 3) [m].
+    radii : (25,) [m].
+    side : "right" or "left".
+    fingers : 0 to 4, both.
+    gap : the distance wanted [m].
+
+    Raises
+    ------
+    InvalidInput
+        When no turn brings them there: the nearest and farthest that they come.
+    """
+
+    def both(angle: float) -> Float64[np.ndarray, "25 3"]:
+        moved = joints
+        for finger in fingers:
+            moved = turned(moved, side, finger, angle)
+        return moved
+
+    def missing(angle: float) -> float:
+        return gap_of(both(angle), radii, fingers) - gap
+
+    found = np.array([missing(float(angle)) for angle in TURNS])
+    for way in (np.flatnonzero(TURNS >= 0.0), np.r_[0, np.flatnonzero(TURNS < 0.0)]):
+        for start, end in pairwise(way):
+            if found[start] <= 0.0 <= found[end] or found[end] <= 0.0 <= found[start]:
+                return both(float(cast("float", brentq(missing, TURNS[start], TURNS[end], xtol=1e-9))))
+    one, other = (FINGERS[finger] for finger in fingers)
+    raise InvalidInput(
+        f"the {one} and the {other} cannot be brought {1e3 * gap:g} mm apart: turning their roots leaves them "
+        f"{1e3 * (found.min() + gap):.3g} to {1e3 * (found.max() + gap):.3g} mm apart; give such a gap, or "
+        "another pose."
+    )
