@@ -50,7 +50,7 @@ struct Variant {
 #define AIRTACT_TABLE(v)                                                                                             \
     { #v, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::panel_entries, &v::near_pairs, &v::closest_on_panels,      \
             &v::inscribed_diameter, \
-      &v::near_integrals, &v::hull_distances, &v::blended_distance, &v::even_pass, &v::gerchberg_saxton }
+      &v::near_integrals, &v::hull_distances, &v::blended_distance, &v::even_pass, &v::gerchberg_saxton, &v::gerchberg_saxton_of_foci }
 
 static std::vector<Variant> runnable() {  // on this machine, the best last
     std::vector<Variant> found{AIRTACT_TABLE(baseline)};
@@ -197,6 +197,13 @@ static void saxton(Read<float, -1, -1> real, Read<float, -1, -1> imag, Read<std:
                              sources.data(), worst.data(), drives.data());
 }
 
+static void saxton_of_foci(Read<Complex, -1, -1> heard, Line wanted, std::int64_t turns, Write<Complex, -1> pressure) {
+    const std::size_t foci = wanted.shape(0);
+    same(heard.shape(0), foci), same(heard.shape(1), foci), same(pressure.shape(0), foci);
+    nb::gil_scoped_release release;
+    active->gerchberg_saxton_of_foci(heard.data(), wanted.data(), foci, turns, pressure.data());
+}
+
 using Square = Read<double, -1, -1>;
 using Hulls = Read<std::int64_t, -1, 3>;
 
@@ -260,10 +267,10 @@ NB_MODULE(_kernels, m) {
     m.def("list_near", &list_near);
     m.def("closest_on_panels", &closest);
     m.def("inscribed_diameter", &thickness);
+    m.def("near_integrals", &near);
     m.def("hull_distances", &apart_from_hulls);
     m.def("blended_distance", &blended);
     m.def("even_pass", &even);
-    m.def("near_integrals", &near);
     m.def("gerchberg_saxton", &saxton);
     m.def("gerchberg_saxton_of_foci", &saxton_of_foci);
 }
