@@ -354,11 +354,16 @@ def ended_by(kind, path: Path, moment: float) -> None:
             stderr=subprocess.PIPE,
             text=True,
         )
-        wire.settle(259 * 4, seconds=30.0)
-        time.sleep(moment)
-        process.send_signal(kind)
-        _, errors = process.communicate(timeout=20)
+        try:
+            while wire.heard < 259 * 4 and process.poll() is None:
+                time.sleep(0.005)
+            time.sleep(moment)
+            process.send_signal(kind)
+            _, errors = process.communicate(timeout=20)
+        finally:
+            process.kill()
         time.sleep(0.05)
+        assert wire.heard >= 259 * 4, errors
         assert not wire.board.pulses().any()
         assert process.returncode == (130 if kind == signal.SIGINT else 143), errors
         assert "Traceback" not in errors
