@@ -33,6 +33,7 @@ from airtact.scene.shapes import circle, polyline, segment, skin_points, sphere_
 from airtact.scene.sources import Monopoles
 from airtact.scene.target import Target
 from airtact.solvers.boundary_element import BoundaryElement
+from airtact.solvers.finite_element import FiniteElement
 from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import RadiatedField, Skin, Solver, SolveReport
 from airtact.solvers.sphere_series import SphereSeries
@@ -84,6 +85,7 @@ __all__ = [
     "Emission",
     "Evaluation",
     "FileLink",
+    "FiniteElement",
     "Frame",
     "FreeField",
     "InvalidInput",

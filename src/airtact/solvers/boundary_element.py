@@ -121,7 +121,7 @@ class BoundaryElement(Solver):
         )
         pressure, density = (result.solution.astype(np.complex128) for result in (direct, transposed))
         field = BoundaryField(scene, sources, surface, pressure, density, factors, report)
-        estimate = float(field.error_at(_surrounding_points(scene, nodes.points)).max())
+        estimate = float(field.error_at(surrounding_points(scene, nodes.points)).max())
         clock.lap("estimate")
         warnings = (*_warnings(estimate, self.accuracy), *_off_triangles(panels, scene.wavelength))
         return replace(field, report=replace(report, estimated_error=estimate, warnings=warnings))
@@ -191,7 +191,7 @@ def _off_triangles(panels: Panels, wavelength: float) -> Iterator[str]:
             )
 
 
-def _surrounding_points(scene: Scene, points: Float64[np.ndarray, "nodes 3"]) -> Float64[np.ndarray, "around 3"]:
+def surrounding_points(scene: Scene, points: Float64[np.ndarray, "nodes 3"]) -> Float64[np.ndarray, "around 3"]:
     """128 points spread over a sphere 8 λ outside the bodies, where the array would be."""
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
     radius = np.linalg.norm(points - centre, axis=1).max() + 8 * scene.wavelength

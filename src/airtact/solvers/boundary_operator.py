@@ -27,6 +27,7 @@ from airtact.solvers.boundary_pressure import (
     project_contacts,
 )
 from airtact.solvers.boundary_quadrature import Nodes, thickness
+from airtact.solvers.free_memory import available_memory as _available_memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,15 +106,3 @@ def refuse_too_large(count: int, precision: str) -> None:
             f"{count} unknowns need {size / 2**30:.1f} GiB for the matrix, but {available / 2**30:.1f} GiB of memory "
             "are free; ask for less accuracy (0.03 needs a quarter of the matrix of 0.01) or leave out distant bodies."
         )
-
-
-def _available_memory() -> float:
-    """Bytes that can be had without swapping; infinite where the system does not say."""
-    try:
-        with open("/proc/meminfo") as lines:
-            for line in lines:
-                if line.startswith("MemAvailable:"):
-                    return 1024.0 * int(line.split()[1])
-    except OSError:
-        return float("inf")
-    return float("inf")

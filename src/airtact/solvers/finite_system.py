@@ -1,0 +1,333 @@
+"""The Helmholtz equation on curved tetrahedra: its matrix, factorised, and its right-hand sides.
+
+The weak form of the paper's equation (8), divided by the density of the air and 4π, in wavelengths: find p with
+
+    ∫ w (∇p · ∇v − k² p v) dV − ∮ (ik/ratio) p v dS = L(v),
+
+w being 1 in air and the ratio of the densities in a filled body. A monopole G(x, y) = e^{ikr}/r makes the scattered
+pressure with the load
+
+    L_y(v) = ∮ (w_d ∂G/∂n + w_s G) v dS + ∫_body w_v G v dV,
+
+and by the symmetry of the form L_y(p) is also the scattered pressure, times 4π, that a total pressure p makes at y
+(Kirchhoff and Helmholtz): n points out of the body, w_d = 1 − w, w_s = ik/ratio, w_v = −w (k² − k_body²).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jaxtyping import Complex128, Float64, Int64, Real
+from scipy.sparse import csr_array
+
+from airtact import _kernels
+from airtact.scene.panel_tree import PanelTree, panel_tree
+from airtact.scene.printing import in_short
+from airtact.scene.scene import Scene
+from airtact.solvers.boundary_pressure import monopole_pressure
+from airtact.solvers.finite_netgen import (
+    AssembledForm,
+    CurvedMesh,
+    FiniteSpace,
+    NetgenMesh,
+    many_threads,
+    ngsolve_library,
+)
+from airtact.solvers.finite_skin import SkinMesh
+from airtact.solvers.finite_tetrahedra import EDGES, Tetrahedra
+from airtact.solvers.finite_volume import Box
+
+ROWS_AT_ONCE = 64
+
+LARGEST_RULE = 5
+"""NGSolve 6.2.2608 mixes up the points of larger rules in tetrahedra."""
+
+NEVER = 1e5
+"""A place [λ] that no layer begins beyond."""
+
+STRETCH = 1.5
+"""Strength of the matched layer: the imaginary part of its complex coordinate over the real one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spots:
+    """Quadrature points of the skins, or inside filled bodies.
+
+    Attributes
+    ----------
+    points : (Q, 3) [λ].
+    normals : (Q, 3) out of the body; 0 inside.
+    areas : (Q,) area [λ²] or volume [λ³] that each stands for.
+    body : (Q,) obstacle of each.
+    weighted : (unknowns, Q) integrates values given there against the test functions.
+    """
+
+    points: Float64[np.ndarray, "spots 3"]
+    normals: Float64[np.ndarray, "spots 3"]
+    areas: Float64[np.ndarray, "spots"]
+    body: Int64[np.ndarray, "spots"]
+    weighted: csr_array
+
+    __repr__ = in_short
+
+    def pressure(self, solution: Complex128[np.ndarray, "unknowns sounds"]) -> Complex128[np.ndarray, "spots sounds"]:
+        """Pressure of a solution at the spots."""
+        return (self.weighted.T @ solution) / self.areas[:, None]
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """The assembled equation of a scene at one order.
+
+    Attributes
+    ----------
+    scene : what is solved.
+    box : where.
+    tetrahedra : the curved mesh.
+    panels : the bodies' skins as meshed [λ].
+    order : polynomial order.
+    mesh, space, form : NGSolve's mesh, unknowns and assembled matrix, the unknowns inside tetrahedra left out.
+    skin, inner : where loads are integrated: on the skins, and inside the filled bodies.
+    weights : (3, bodies) w_d, w_s and w_v of the loads.
+    """
+
+    scene: Scene
+    box: Box
+    tetrahedra: Tetrahedra
+    panels: PanelTree
+    order: int
+    mesh: CurvedMesh
+    space: FiniteSpace
+    form: AssembledForm
+    skin: Spots
+    inner: Spots
+    weights: Complex128[np.ndarray, "3 bodies"]
+
+    __repr__ = in_short
+
+    @property
+    def unknowns(self) -> int:
+        """Number of unknowns."""
+        return int(self.space.ndof)
+
+    @property
+    def wavenumber(self) -> complex:
+        """Wavenumber times the wavelength: 2π, and the absorption in a wavelength as its imaginary part."""
+        return complex(self.scene.wavenumber * self.scene.wavelength)
+
+    def load(
+        self, places: Real[np.ndarray, "sources 3"], strengths: Complex128[np.ndarray, "sources sounds"]
+    ) -> Complex128[np.ndarray, "unknowns sounds"]:
+        """Load of the pressure that monopoles scatter.
+
+        Parameters
+        ----------
+        places : (N, 3) [λ].
+        strengths : (N, S) of e^{ikr}/r.
+        """
+        w_d, w_s, w_v = self.weights
+        on, within, k = self.skin, self.inner, self.wavenumber
+        value = w_d[on.body, None] * _normal_slopes(on, places, strengths, k)
+        if w_s.any():
+            value += w_s[on.body, None] * monopole_pressure(on.points, places, strengths, k, "float64")
+        load = on.weighted @ value
+        if len(within.points):
+            load += within.weighted @ (
+                w_v[within.body, None] * monopole_pressure(within.points, places, strengths, k, "float64")
+            )
+        return load
+
+    def heard(
+        self,
+        points: Real[np.ndarray, "points 3"],
+        on_skin: Complex128[np.ndarray, "spots sounds"],
+        inside: Complex128[np.ndarray, "inner sounds"],
+    ) -> Complex128[np.ndarray, "points sounds"]:
+        """Scattered pressure at points (P, 3) [λ] off the skins, from the total pressure on and in the bodies."""
+        w_d, w_s, w_v = self.weights
+        points = np.ascontiguousarray(points, dtype=np.float64)
+        found = np.empty((len(points), on_skin.shape[1]), dtype=np.complex128)
+        dipoles = np.ascontiguousarray(w_d[self.skin.body, None] * on_skin)
+        directions = np.ascontiguousarray(self.skin.normals * self.skin.areas[:, None])
+        _kernels.apply_double_layer_float64(points, self.skin.points, directions, dipoles, self.wavenumber, 0.0, found)
+        for spots, weight, pressure in ((self.skin, w_s, on_skin), (self.inner, w_v, inside)):
+            if len(spots.points) and weight.any():
+                strengths = (weight[spots.body] * spots.areas)[:, None] * pressure / (4 * np.pi)
+                found += monopole_pressure(points, spots.points, strengths, self.wavenumber, "float64")
+        return found
+
+    def point_load(self, number: int, weights: Real[np.ndarray, "4"]) -> Complex128[np.ndarray, "unknowns"]:
+        """Load of a monopole of unit strength e^{ikr}/r at a place in a tetrahedron."""
+        ngsolve = ngsolve_library()
+        element = ngsolve.ElementId(ngsolve.VOL, number)
+        load = np.zeros(self.unknowns, dtype=np.complex128)
+        shape = np.asarray(self.space.GetFE(element).CalcShape(*weights[:3])).ravel()
+        load[list(self.space.GetDofNrs(element))] = 4 * np.pi * shape
+        return load
+
+    def values_at(
+        self,
+        number: Int64[np.ndarray, "points"],
+        weights: Real[np.ndarray, "points 4"],
+        solution: Complex128[np.ndarray, "unknowns sounds"],
+    ) -> Complex128[np.ndarray, "points sounds"]:
+        """Pressure at places in tetrahedra."""
+        ngsolve = ngsolve_library()
+        found = np.empty((len(number), solution.shape[1]), dtype=np.complex128)
+        if not len(number):
+            return found
+        places: Any = np.zeros(len(number), dtype=self._mesh_point.dtype)
+        places[:] = self._mesh_point
+        places["nr"] = number
+        places["x"], places["y"], places["z"] = weights[:, 0], weights[:, 1], weights[:, 2]
+        pressure = ngsolve.GridFunction(self.space)
+        for column in range(solution.shape[1]):
+            pressure.vec.FV().NumPy()[:] = solution[:, column]
+            found[:, column] = np.asarray(pressure(places)).ravel()
+        return found
+
+    @cached_property
+    def _mesh_point(self) -> Any:
+        ngsolve = ngsolve_library()
+        return self.mesh.MapToAllElements(ngsolve.IntegrationRule(ngsolve.TET, 0), ngsolve.VOL)[0]
+
+
+def _normal_slopes(
+    spots: Spots,
+    places: Real[np.ndarray, "sources 3"],
+    strengths: Complex128[np.ndarray, "sources sounds"],
+    wavenumber: complex,
+) -> Complex128[np.ndarray, "spots sounds"]:
+    """Slope of Σ_j s_j e^{ikr}/r along the normals of the spots."""
+    found = np.zeros((len(spots.points), strengths.shape[1]), dtype=np.complex128)
+    for first in range(0, len(places), ROWS_AT_ONCE):
+        some = np.ascontiguousarray(places[first : first + ROWS_AT_ONCE], dtype=np.float64)
+        rows = np.empty((len(some), len(spots.points)), dtype=np.complex128)
+        _kernels.double_layer_matrix_float64(some, spots.points, spots.normals, wavenumber, rows)
+        found += 4 * np.pi * (rows.T @ strengths[first : first + ROWS_AT_ONCE])
+    return found
+
+
+def assembled(
+    scene: Scene, box: Box, skin: SkinMesh, tetrahedra: Tetrahedra, netgen_mesh: NetgenMesh, order: int
+) -> System:
+    """Write the equation down on a mesh of Netgen's.
+
+    Parameters
+    ----------
+    scene : what is solved.
+    box : where.
+    skin : the bodies' triangles.
+    tetrahedra : how the mesh is curved.
+    netgen_mesh : Netgen's mesh, in wavelengths.
+    order : polynomial order.
+    """
+    ngsolve = ngsolve_library()
+    with many_threads():
+        mesh = ngsolve.Mesh(netgen_mesh)
+        _bend(mesh, tetrahedra)
+        _absorb(mesh, box, scene.wavelength)
+        space = ngsolve.H1(mesh, order=order, complex=True)
+        form = ngsolve.BilinearForm(_weak_form(scene, mesh, space), symmetric=True, condense=True).Assemble()
+        on_skin = _spots(mesh, space, "skin", order + 2)
+        inner = _spots(mesh, space, "body", min(order + 1, LARGEST_RULE))
+    panels = panel_tree(skin.six_nodes / scene.wavelength)
+    return System(scene, box, tetrahedra, panels, order, mesh, space, form, on_skin, inner, _load_weights(scene))
+
+
+def _bend(mesh: Any, tetrahedra: Tetrahedra) -> None:
+    """Bend the tetrahedra beside the bodies by a deformation that is quadratic along their edges."""
+    ngsolve = ngsolve_library()
+    field = ngsolve.GridFunction(ngsolve.VectorH1(mesh, order=2))
+    plain = ngsolve.H1(mesh, order=2)
+    bend = field.vec.FV().NumPy().reshape(3, plain.ndof)
+    for number in np.flatnonzero((tetrahedra.bends != 0).any(axis=(1, 2))):
+        element = ngsolve.ElementId(ngsolve.VOL, int(number))
+        unknowns, shape = np.array(plain.GetDofNrs(element)), plain.GetFE(element)
+        for edge in np.flatnonzero((tetrahedra.bends[number] != 0).any(axis=1)):
+            weights = np.zeros(4)
+            weights[EDGES[edge]] = 0.5
+            values = np.asarray(shape.CalcShape(*weights[:3])).ravel()
+            bubble = 4 + int(np.argmax(np.abs(values[4:])))
+            bend[:, unknowns[bubble]] = tetrahedra.bends[number, edge] / values[bubble]
+    mesh.SetDeformation(field)
+
+
+def _absorb(mesh: Any, box: Box, wavelength: float) -> None:
+    """Make the layer swallow sound by complex coordinates (J.-P. Berenger 1994; F. Collino, P. Monk 1998)."""
+    ngsolve = ngsolve_library()
+    low, high = box.low / wavelength, box.high / wavelength
+    for mirror in box.mirrors:
+        low[mirror.axis] = -NEVER
+    layer = ngsolve.pml.Cartesian(mins=tuple(low), maxs=tuple(high), alpha=STRETCH * 1j)
+    mesh.SetPML(layer, "layer")
+
+
+def _weak_form(scene: Scene, mesh: Any, space: Any) -> Any:
+    ngsolve = ngsolve_library()
+    tested, test = space.TnT()
+    squared = complex(scene.wavenumber * scene.wavelength) ** 2
+    weights, squares = {}, {}
+    extra = None
+    for body, obstacle in enumerate(scene.obstacles):
+        if obstacle.medium is not None:
+            ratio, inner = _filling(scene, body)
+            weights[f"body{body}"], squares[f"body{body}"] = ratio, ratio * inner
+        if obstacle.ratio is not None:
+            term = -1j * np.sqrt(squared) / obstacle.ratio * tested * test * ngsolve.ds(f"skin{body}")
+            extra = term if extra is None else extra + term
+    form = mesh.MaterialCF(weights, default=1.0) * ngsolve.grad(tested) * ngsolve.grad(test) * ngsolve.dx
+    form -= mesh.MaterialCF(squares, default=squared) * tested * test * ngsolve.dx
+    return form if extra is None else form + extra
+
+
+def _filling(scene: Scene, body: int) -> tuple[float, complex]:
+    """Density of the air over that of the filling, and the square of the filling's wavenumber [1/λ²]."""
+    medium = scene.obstacles[body].medium
+    assert medium is not None
+    return scene.medium.density / medium.density, complex(medium.wavenumber(scene.frequency) * scene.wavelength) ** 2
+
+
+def _load_weights(scene: Scene) -> Complex128[np.ndarray, "3 bodies"]:
+    weights = np.zeros((3, len(scene.obstacles)), dtype=np.complex128)
+    weights[0] = 1.0
+    wavenumber = scene.wavenumber * scene.wavelength
+    for body, obstacle in enumerate(scene.obstacles):
+        if obstacle.ratio is not None:
+            weights[1, body] = 1j * wavenumber / obstacle.ratio
+        if obstacle.medium is not None:
+            ratio, inner = _filling(scene, body)
+            weights[0, body], weights[2, body] = 1 - ratio, -ratio * (wavenumber**2 - inner)
+    return weights
+
+
+def _spots(mesh: Any, space: Any, kind: str, order: int) -> Spots:
+    """Quadrature points, exact to twice an order, of the boundaries ``skin0`` ... or the materials ``body0`` ..."""
+    ngsolve = ngsolve_library()
+    on_skin = kind == "skin"
+    names = mesh.GetBoundaries() if on_skin else mesh.GetMaterials()
+    owner = np.array([int(name[4:]) if name.startswith(kind) else -1 for name in names])
+    if (owner < 0).all():
+        none, nothing = np.zeros((0, 3)), np.zeros(0)
+        return Spots(none, none, nothing, np.zeros(0, dtype=np.int64), csr_array((space.ndof, 0)))
+    region = mesh.Boundaries(f"{kind}.*") if on_skin else mesh.Materials(f"{kind}.*")
+    rules_space = ngsolve.comp.IntegrationRuleSpaceSurface if on_skin else ngsolve.comp.IntegrationRuleSpace
+    values = rules_space(mesh, order=order)
+    rules = values.GetIntegrationRules()
+    integral = ngsolve.BilinearForm(trialspace=values, testspace=space)
+    measure = ngsolve.ds if on_skin else ngsolve.dx
+    integral += values.TrialFunction() * space.TestFunction() * measure(definedon=region, intrules=rules)
+    integral.Assemble()
+    entries, columns, first = (np.array(part) for part in integral.mat.CSR())
+    matrix = csr_array((np.real(entries), columns, first), shape=(integral.mat.height, integral.mat.width))
+    places = mesh.MapToAllElements(rules, region)
+    each = len(places) // len(np.unique(places["nr"]))
+    chosen = matrix.tocsc()[:, places["nr"].astype(np.int64) * each + np.tile(np.arange(each), len(places) // each)]
+    points = np.asarray(ngsolve.CF((ngsolve.x, ngsolve.y, ngsolve.z))(places)).reshape(-1, 3)
+    normals = -np.asarray(ngsolve.specialcf.normal(3)(places)).reshape(-1, 3) if on_skin else np.zeros_like(points)
+    ones = np.zeros(space.ndof)
+    ones[: mesh.nv] = 1.0
+    kinds = mesh.BoundaryCF if on_skin else mesh.MaterialCF
+    body = np.asarray(kinds({f"{kind}{number}": number for number in owner[owner >= 0]}, default=-1)(places)).ravel()
+    return Spots(points, normals, chosen.T @ ones, body.round().astype(np.int64), csr_array(chosen))

@@ -1,0 +1,184 @@
+"""Finite elements against closed forms, and what they refuse."""
+
+import numpy as np
+import pytest
+
+import airtact as at
+from airtact.solvers import finite_memory
+from airtact.solvers.finite_factor import pardiso_library
+from airtact.solvers.finite_field import FiniteField
+from airtact.solvers.finite_symmetry import mirrors_of
+from benchmarks.accuracy import PAPER_AIR, directions, far_points, one_each, relative
+
+WATER = at.Medium(1481.0, 999.7)
+BALL = at.sphere(0.005, 0.0025)
+QUICK = at.FiniteElement(order=4, symmetry=())
+
+
+def ball_scene(obstacle: at.Obstacle, medium: at.Medium = PAPER_AIR) -> at.Scene:
+    return at.Scene(medium, [obstacle])
+
+
+def errors(solver: at.Solver, scene: at.Scene, sources: at.Monopoles, points: np.ndarray) -> float:
+    found = solver.radiate(scene, sources).at(points)
+    return float(relative(found, at.SphereSeries().radiate(scene, sources).at(points)).max())
+
+
+BODIES = {
+    "hard": at.sound_hard(BALL),
+    "impedance": at.impedance(BALL, 1.5 + 0.5j),
+    "water": at.filled(BALL, WATER),
+    "light gas": at.filled(BALL, at.Medium(500.0, 2.0)),
+}
+
+
+@pytest.mark.parametrize("name", list(BODIES))
+def test_spheres_at_default_settings(name):
+    scene = ball_scene(BODIES[name])
+    ready = at.FiniteElement(symmetry=()).factorised(scene)
+    sources = one_each(np.concatenate([directions(2, 0) * (0.005 + gap) for gap in (0.0, 5e-4, 0.02)]))
+    assert errors(ready, scene, sources, far_points(20)) < 5e-3
+    aloof = one_each(directions(2, 1) * 0.02)
+    points = directions(30, 6) * np.linspace(0.0005, 0.0065, 30)[:, None]
+    field, exact = ready.radiate(scene, aloof), at.SphereSeries().radiate(scene, aloof)
+    valid = field.valid(points)
+    assert np.array_equal(valid, exact.valid(points))
+    assert np.array_equal(np.isfinite(field.at(points)), np.isfinite(exact.at(points)))
+    assert relative(field.at(points)[valid], exact.at(points)[valid]).max() < 0.02
+
+
+def test_one_octant_solves_the_whole_sphere():
+    scene = ball_scene(BODIES["hard"])
+    sources = one_each(directions(2, 0) * 0.0055)
+    ready = at.FiniteElement(symmetry=("x", "y", "z")).factorised(scene)
+    assert errors(ready, scene, sources, far_points(20)) < 0.01
+    whole = at.FiniteElement(symmetry=()).factorised(scene)
+    assert 4 * ready.report.nodes < whole.report.nodes
+    skin = ready.radiate(scene, sources).skin
+    assert skin.areas.sum() == pytest.approx(4 * np.pi * 0.005**2, rel=2e-3)
+    assert np.allclose((skin.normals * skin.points).sum(axis=1), 0.005, atol=1e-5)
+    places = 0.005 * skin.points / np.linalg.norm(skin.points, axis=1)[:, None]
+    exact = at.SphereSeries().radiate(scene, sources).at(places)
+    assert relative(skin.pressure, exact).max() < 0.03
+
+
+def test_absorption_is_solved_for():
+    scene = ball_scene(BODIES["hard"], at.Medium(343.1, 1.293, absorption=20.0))
+    assert errors(QUICK, scene, one_each(directions(3, 0) * 0.0055), far_points(20)) < 0.01
+
+
+def test_next_sources_reuse_the_factorisation():
+    scene = ball_scene(BODIES["hard"])
+    ready = QUICK.factorised(scene)
+    first = ready.radiate(scene, one_each(directions(2, 0) * 0.0055))
+    factors = dict(ready.ready[0].factors)
+    second = ready.radiate(scene, one_each(directions(2, 1) * 0.0055))
+    assert isinstance(second, FiniteField)
+    assert ready.ready[0].factors == factors
+    assert first.from_afar is not second.from_afar
+    with pytest.raises(at.InvalidInput, match="another scene of 1 body"):
+        ready.radiate(ball_scene(BODIES["water"]), one_each(directions(2, 1) * 0.0055))
+
+
+def test_the_estimate_tells_the_error():
+    scene, points = ball_scene(BODIES["hard"]), far_points(20)
+    sources = one_each(directions(2, 0) * 0.0055)
+    field = at.FiniteElement(order=3, symmetry=(), estimate=True).radiate(scene, sources)
+    true = float(relative(field.at(points), at.SphereSeries().radiate(scene, sources).at(points)).max())
+    assert 0.3 < field.report.estimated_error / true < 3
+
+
+def test_progress_is_told():
+    steps: list[str] = []
+    at.FiniteElement(order=2, symmetry=(), progress=steps.append).radiate(
+        ball_scene(BODIES["hard"]), one_each(np.array([[0, 0, 0.02]]))
+    )
+    assert steps == ["meshing", "assembling", "factorising and solving"]
+
+
+def test_a_meshed_workspace_is_read_off_the_mesh():
+    scene, corner = ball_scene(at.sound_hard(at.sphere(0.003, 0.001))), 0.012
+    box = ((-corner, -corner, -corner), (corner, corner, corner))
+    solver = at.FiniteElement(order=5, domain="box", box=box)
+    sources = one_each(np.array([[0.0, 0.0, 0.003]]))
+    points = directions(20, 3) * 0.011
+    field = solver.radiate(scene, sources)
+    exact = at.SphereSeries().radiate(scene, sources).at(points)
+    assert relative(field.at(points), exact).max() < 0.05
+    assert not field.valid(np.array([[0.0, 0.0, 0.013]]))[0]
+    with pytest.raises(
+        at.InvalidInput, match=r"source 0 at .* stands 1 mm outside the workspace, in the matched layer"
+    ):
+        solver.radiate(scene, one_each(np.array([[0.0, 0.0, 0.013]])))
+
+
+@pytest.mark.skipif(pardiso_library() is None, reason="the package mkl is not installed")
+def test_pardiso_agrees():
+    scene, sources = ball_scene(BODIES["hard"]), one_each(directions(2, 0) * 0.0055)
+    one, other = (
+        at.FiniteElement(order=3, symmetry=("x",), factorisation=name).radiate(scene, sources).at(far_points(20))
+        for name in ("sparsecholesky", "pardiso")
+    )
+    assert relative(one, other).max() < 1e-6
+
+
+# --- symmetry -------------------------------------------------------------------------------------------------------
+
+
+def test_mirrors_are_found_where_they_are():
+    fingers = at.pinch().surfaces
+    scene = at.Scene(PAPER_AIR, [at.sound_hard(surface) for surface in fingers])
+    assert [mirror.axis for mirror in mirrors_of(scene, None)] == [0, 1]
+    mixed = at.Scene(PAPER_AIR, [at.sound_hard(fingers[0]), at.filled(fingers[1], WATER)])
+    assert [mirror.axis for mirror in mirrors_of(mixed, None)] == [1]
+
+
+def test_symmetry_that_is_not_there_is_refused_with_how_far_it_is_off():
+    shapes = [at.sphere(0.004, 0.002, centre=(side * 0.007, 0.0, 0.0)) for side in (-1, 1)]
+    lifted = at.sphere(0.004, 0.002, centre=(0.007, 0.0, 0.001))
+    scene = at.Scene(PAPER_AIR, [at.sound_hard(shapes[0]), at.sound_hard(lifted)])
+    with pytest.raises(at.InvalidInput, match=r"plane x = 0 mm was asked for, but the bodies are 1 mm off it"):
+        at.FiniteElement(symmetry=("x",)).radiate(scene, one_each(np.array([[0.0, 0, 0.02]])))
+    with pytest.raises(at.InvalidInput, match="bodies of 2 kinds face each other"):
+        mirrors_of(at.Scene(PAPER_AIR, [at.sound_hard(shapes[0]), at.filled(shapes[1], WATER)]), ("x",))
+
+
+# --- what is refused ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        ({"order": 0}, "order is 0, but it must be a whole number from 1 to 10"),
+        ({"elements_per_wavelength": 30.0}, "elements_per_wavelength is 30"),
+        ({"symmetry": "x"}, r"symmetry is 'x', but it must be 'found' or axes such as \('x', 'y'\)"),
+        ({"symmetry": ("w",)}, r"symmetry is \('w',\)"),
+        ({"domain": "open"}, "domain is 'open'"),
+        ({"factorisation": "lu"}, "factorisation is 'lu'"),
+    ],
+)
+def test_settings_out_of_range_are_refused(settings, sentence, monkeypatch):
+    monkeypatch.setattr("jaxtyping.config.jaxtyping_disable", True)  # so that the guard itself answers
+    with pytest.raises(at.InvalidInput, match=sentence):
+        at.FiniteElement(**settings)
+
+
+def test_scenes_that_cannot_be_solved_are_refused(monkeypatch):
+    sources = one_each(np.array([[0.0, 0, 0.02]]))
+    with pytest.raises(at.InvalidInput, match="the scene has 0 obstacles"):
+        QUICK.radiate(at.Scene(PAPER_AIR, []), sources)
+    with pytest.raises(at.InvalidInput, match=r"source 0 at .* is 5 mm deep"):
+        QUICK.radiate(ball_scene(BODIES["hard"]), one_each(np.zeros((1, 3))))
+    monkeypatch.setattr(finite_memory, "available_memory", lambda: 1e6)
+    with pytest.raises(
+        at.InvalidInput, match=r"order 4 need some .* GiB for a box of 6 cubic wavelengths, but 0\.0 GiB"
+    ):
+        QUICK.radiate(ball_scene(BODIES["hard"]), sources)
+
+
+def test_pardiso_without_its_package_is_refused(monkeypatch):
+    monkeypatch.setattr("airtact.solvers.finite_factor.pardiso_library", lambda: None)
+    with pytest.raises(at.InvalidInput, match=r"package mkl is not installed \(0 files found\)"):
+        at.FiniteElement(order=2, symmetry=(), factorisation="pardiso").radiate(
+            ball_scene(BODIES["hard"]), one_each(np.array([[0.0, 0, 0.02]]))
+        )
