@@ -73,14 +73,12 @@ def gerchberg_saxton(
     imag: np.ndarray,
     rows: np.ndarray,
     wanted: np.ndarray,
+    foci_turns: int,
     turns: int,
     weighted: bool,
     sources: np.ndarray,
     worst: np.ndarray,
     drives: np.ndarray,
-) -> None: ...
-def gerchberg_saxton_of_foci(
-    heard: np.ndarray, wanted: np.ndarray, turns: int, pressure: np.ndarray
 ) -> None: ...
 def near_integrals(
     single_layer: bool,
@@ -97,6 +95,8 @@ def near_integrals(
     radial: int,
     out: np.ndarray,
     distance: np.ndarray,
+    foot: np.ndarray,
+) -> None: ...
 def hull_distances(points: np.ndarray, balls: np.ndarray, parts: np.ndarray, out: np.ndarray) -> None: ...
 def blended_distance(
     points: np.ndarray,
@@ -120,6 +120,4 @@ def even_pass(
     keep: bool,
     needle: float,
     share: float,
-) -> None: ...
-    foot: np.ndarray,
 ) -> None: ...

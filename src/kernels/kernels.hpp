@@ -100,12 +100,9 @@ void even_pass(double *vertices, double *sizes, std::int64_t most, std::int64_t 
 // magnitudes being the weights. Out: sources of the best turn (the last one where not weighted), worst (sets) = min |p| /
 // wanted then, and drives (sets, elements), all magnitudes 1.
 void gerchberg_saxton(const float *real, const float *imag, std::int64_t elements, const std::int64_t *rows,
-                      const float *wanted, std::int64_t sets, std::int64_t foci, std::int64_t turns, bool weighted,
-                      std::complex<float> *sources, float *worst, std::complex<float> *drives);
-
-// pressure <- heard (wanted phase(pressure)), `turns` times; heard is (foci, foci)
-void gerchberg_saxton_of_foci(const std::complex<double> *heard, const double *wanted, std::int64_t foci,
-                              std::int64_t turns, std::complex<double> *pressure);
+                      const float *wanted, std::int64_t sets, std::int64_t foci, std::int64_t foci_turns,
+                      std::int64_t turns, bool weighted, std::complex<float> *sources, float *worst,
+                      std::complex<float> *drives);
 
 }  // namespace AIRTACT_VARIANT
 }  // namespace airtact

@@ -42,7 +42,6 @@ struct Variant {
     decltype(&baseline::blended_distance) blended_distance;
     decltype(&baseline::even_pass) even_pass;
     decltype(&baseline::gerchberg_saxton) gerchberg_saxton;
-    decltype(&baseline::gerchberg_saxton_of_foci) gerchberg_saxton_of_foci;
 };
 
 #define AIRTACT_FAR(v, Real)                                                                                         \
@@ -50,7 +49,7 @@ struct Variant {
 #define AIRTACT_TABLE(v)                                                                                             \
     { #v, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::panel_entries, &v::near_pairs, &v::closest_on_panels,      \
             &v::inscribed_diameter, \
-      &v::near_integrals, &v::hull_distances, &v::blended_distance, &v::even_pass, &v::gerchberg_saxton, &v::gerchberg_saxton_of_foci }
+      &v::near_integrals, &v::hull_distances, &v::blended_distance, &v::even_pass, &v::gerchberg_saxton }
 
 static std::vector<Variant> runnable() {  // on this machine, the best last
     std::vector<Variant> found{AIRTACT_TABLE(baseline)};
@@ -182,7 +181,7 @@ static void closest(Points targets, Read<double, -1, 6, 3> panels, Index order, 
 }
 
 static void saxton(Read<float, -1, -1> real, Read<float, -1, -1> imag, Read<std::int64_t, -1, -1> rows,
-                   Read<float, -1, -1> wanted, std::int64_t turns, bool weighted,
+                   Read<float, -1, -1> wanted, std::int64_t foci_turns, std::int64_t turns, bool weighted,
                    Write<std::complex<float>, -1, -1> sources, Write<float, -1> worst,
                    Write<std::complex<float>, -1, -1> drives) {
     const std::size_t sets = rows.shape(0), foci = rows.shape(1), points = real.shape(0), elements = real.shape(1);
@@ -193,15 +192,8 @@ static void saxton(Read<float, -1, -1> real, Read<float, -1, -1> imag, Read<std:
         if (rows.data()[i] < 0 || rows.data()[i] >= std::int64_t(points))
             throw nb::index_error("a set has a row that the matrix does not have");
     nb::gil_scoped_release release;
-    active->gerchberg_saxton(real.data(), imag.data(), elements, rows.data(), wanted.data(), sets, foci, turns, weighted,
+    active->gerchberg_saxton(real.data(), imag.data(), elements, rows.data(), wanted.data(), sets, foci, foci_turns, turns, weighted,
                              sources.data(), worst.data(), drives.data());
-}
-
-static void saxton_of_foci(Read<Complex, -1, -1> heard, Line wanted, std::int64_t turns, Write<Complex, -1> pressure) {
-    const std::size_t foci = wanted.shape(0);
-    same(heard.shape(0), foci), same(heard.shape(1), foci), same(pressure.shape(0), foci);
-    nb::gil_scoped_release release;
-    active->gerchberg_saxton_of_foci(heard.data(), wanted.data(), foci, turns, pressure.data());
 }
 
 using Square = Read<double, -1, -1>;
@@ -272,5 +264,4 @@ NB_MODULE(_kernels, m) {
     m.def("blended_distance", &blended);
     m.def("even_pass", &even);
     m.def("gerchberg_saxton", &saxton);
-    m.def("gerchberg_saxton_of_foci", &saxton_of_foci);
 }

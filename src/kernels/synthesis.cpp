@@ -14,9 +14,10 @@ constexpr std::int64_t tile = 256;
 
 struct Set {  // the foci of one set: rows of the matrix, what they ask, their sources and pressures
     std::vector<const float *> real, imag;
-    std::vector<float> wanted, source_real, source_imag, pressure_real, pressure_imag, weight, best_real, best_imag;
+    std::vector<float> wanted, source_real, source_imag, pressure_real, pressure_imag, weight, step, best_real, best_imag;
+    float damping = 1.0f;
     explicit Set(std::int64_t n)
-        : real(n), imag(n), wanted(n), source_real(n), source_imag(n), pressure_real(n), pressure_imag(n), weight(n),
+        : real(n), imag(n), wanted(n), source_real(n), source_imag(n), pressure_real(n), pressure_imag(n), weight(n), step(n),
           best_real(n), best_imag(n) {}
 };
 
@@ -42,9 +43,10 @@ inline void speak(const Set &set, std::size_t f, std::int64_t begin, std::int64_
     }
 }
 
-// p[f] += sum_j H[f, begin + j] d[j] for G foci
+// p[g] += sum_j H[f + g, begin + j] d[j] for G foci
 template <int G>
-inline void hear(Set &set, std::size_t f, std::int64_t begin, std::int64_t n, const float *re, const float *im) {
+inline void hear(const Set &set, std::size_t f, std::int64_t begin, std::int64_t n, const float *re, const float *im,
+                 float *pressure_real, float *pressure_imag) {
     constexpr int lanes = 8;  // sums side by side: a compiler may not reorder one sum
     const float *hr[G], *hi[G];
     float pr[G][lanes] = {}, pi[G][lanes] = {};
@@ -62,9 +64,17 @@ inline void hear(Set &set, std::size_t f, std::int64_t begin, std::int64_t n, co
         for (int g = 0; g < G; g++) add(g, 0, j);
     for (int g = 0; g < G; g++)
         for (int lane = 0; lane < lanes; lane++) {
-            set.pressure_real[f + g] += pr[g][lane];
-            set.pressure_imag[f + g] += pi[g][lane];
+            pressure_real[g] += pr[g][lane];
+            pressure_imag[g] += pi[g][lane];
         }
+}
+
+// The same for the first `count` foci
+inline void forth(const Set &set, std::size_t count, std::int64_t begin, std::int64_t n, const float *re,
+                  const float *im, float *pressure_real, float *pressure_imag) {
+    std::size_t f = 0;
+    for (; f + 4 <= count; f += 4) hear<4>(set, f, begin, n, re, im, pressure_real + f, pressure_imag + f);
+    for (; f < count; f++) hear<1>(set, f, begin, n, re, im, pressure_real + f, pressure_imag + f);
 }
 
 // d[j] = phase(sum_f conj(H[f, begin + j]) s[f])
@@ -81,12 +91,6 @@ inline void back(const Set &set, std::int64_t begin, std::int64_t n, float *re, 
     }
 }
 
-inline void forth(Set &set, std::int64_t begin, std::int64_t n, const float *re, const float *im) {
-    std::size_t f = 0;
-    for (; f + 4 <= set.real.size(); f += 4) hear<4>(set, f, begin, n, re, im);
-    for (; f < set.real.size(); f++) hear<1>(set, f, begin, n, re, im);
-}
-
 // Sources anew from the pressures; returns the worst share of what is asked.
 inline float turn(Set &set, bool weighted) {
     const std::size_t n = set.wanted.size();
@@ -96,10 +100,18 @@ inline float turn(Set &set, bool weighted) {
         worst = std::min(worst, share);
         mean += share / float(n);
     }
-    float most = 0.0f;
+    // Where steps undo each other, as between two foci heard alike, shorter ones settle.
+    float undone = 0.0f, before = 0.0f, most = 0.0f;
+    for (std::size_t f = 0; f < n && weighted; f++) {
+        const float loud = std::hypot(set.pressure_real[f], set.pressure_imag[f]) / set.wanted[f];
+        const float step = std::log(mean / std::max(loud, 1e-3f * mean));
+        undone -= step * set.step[f];
+        before += set.step[f] * set.step[f];
+        set.step[f] = step;
+    }
+    if (undone > 0.5f * before) set.damping = std::max(0.05f, 0.7f * set.damping);
     for (std::size_t f = 0; f < n; f++) {
-        const float loud = std::hypot(set.pressure_real[f], set.pressure_imag[f]);
-        if (weighted) set.weight[f] *= mean / std::max(loud / set.wanted[f], 1e-3f * mean);
+        if (weighted) set.weight[f] *= std::exp(set.damping * set.step[f]);
         most = std::max(most, set.weight[f]);
     }
     for (std::size_t f = 0; f < n; f++) {
@@ -113,10 +125,61 @@ inline float turn(Set &set, bool weighted) {
     return worst;
 }
 
+// What focus g hears of focus f, H[g] . conj(H[f]), into row f of both planes; only for g up to f
+inline void hear_each_other(const Set &set, std::int64_t elements, std::vector<float> &real, std::vector<float> &imag) {
+    const std::size_t count = set.real.size();
+    float conjugate[tile];
+    for (std::int64_t e = 0; e < elements; e += tile) {
+        const std::int64_t n = std::min(tile, elements - e);
+        for (std::size_t f = 0; f < count; f++) {
+            for (std::int64_t j = 0; j < n; j++) conjugate[j] = -set.imag[f][e + j];
+            forth(set, f + 1, e, n, set.real[f] + e, conjugate, real.data() + f * count, imag.data() + f * count);
+        }
+    }
+    for (std::size_t f = 0; f < count; f++)
+        for (std::size_t g = 0; g < f; g++) {
+            real[g * count + f] = real[f * count + g];
+            imag[g * count + f] = -imag[f * count + g];
+        }
+}
+
+// Gerchberg-Saxton between foci alone; at the end sources are w^2 / |p|
+inline void turn_between_foci(Set &set, std::int64_t elements, std::int64_t turns) {
+    const std::size_t n = set.real.size();
+    std::vector<float> real(n * n), imag(n * n);
+    hear_each_other(set, elements, real, imag);
+    float *sr = set.source_real.data(), *si = set.source_imag.data();
+    float *pr = set.pressure_real.data(), *pi = set.pressure_imag.data();
+    std::copy(sr, sr + n, pr), std::copy(si, si + n, pi);
+    for (std::int64_t t = 0; t < turns; t++) {
+        for (std::size_t f = 0; f < n; f++) {
+            const float scale = set.wanted[f] * inverse_root(pr[f] * pr[f] + pi[f] * pi[f]);
+            sr[f] = pr[f] * scale, si[f] = pi[f] * scale;
+            pr[f] = pi[f] = 0.0f;
+        }
+        for (std::size_t g = 0; g < n; g++) {  // row g holds what g says to all
+            const float *hr = real.data() + g * n, *hi = imag.data() + g * n;
+#pragma omp simd
+            for (std::size_t f = 0; f < n; f++) {
+                pr[f] += hr[f] * sr[g] - hi[f] * si[g];
+                pi[f] += hr[f] * si[g] + hi[f] * sr[g];
+            }
+        }
+    }
+    for (std::size_t f = 0; f < n; f++) {
+        const float root = set.wanted[f] * inverse_root(pr[f] * pr[f] + pi[f] * pi[f]);
+        sr[f] = pr[f] * root * root, si[f] = pi[f] * root * root;
+    }
+    float most = 0.0f;
+    for (std::size_t f = 0; f < n; f++) most = std::max(most, set.weight[f] = std::hypot(sr[f], si[f]));
+    for (std::size_t f = 0; f < n; f++) sr[f] /= most, si[f] /= most, set.weight[f] /= most;
+}
+
 }  // namespace
 
 void gerchberg_saxton(const float *real, const float *imag, std::int64_t elements, const std::int64_t *rows,
-                      const float *wanted, std::int64_t sets, std::int64_t foci, std::int64_t turns, bool weighted,
+                      const float *wanted, std::int64_t sets, std::int64_t foci, std::int64_t foci_turns,
+                      std::int64_t turns, bool weighted,
                       std::complex<float> *sources, float *worst, std::complex<float> *drives) {
 #pragma omp parallel for schedule(static) if (sets > 8)
     for (std::int64_t s = 0; s < sets; s++) {
@@ -133,6 +196,7 @@ void gerchberg_saxton(const float *real, const float *imag, std::int64_t element
             set.weight[g] = std::abs(sources[s * foci + f]);
             g++;
         }
+        if (foci_turns > 0) turn_between_foci(set, elements, foci_turns);
         float re[tile], im[tile];
         worst[s] = -1.0f;
         for (std::int64_t t = 0; t < turns; t++) {
@@ -141,7 +205,7 @@ void gerchberg_saxton(const float *real, const float *imag, std::int64_t element
             for (std::int64_t e = 0; e < elements; e += tile) {
                 const std::int64_t n = std::min(tile, elements - e);
                 back(set, e, n, re, im);
-                forth(set, e, n, re, im);
+                forth(set, set.real.size(), e, n, re, im, set.pressure_real.data(), set.pressure_imag.data());
             }
             const std::vector<float> before_real = set.source_real, before_imag = set.source_imag;
             const float reached = turn(set, weighted);
@@ -161,28 +225,6 @@ void gerchberg_saxton(const float *real, const float *imag, std::int64_t element
             if (!(wanted[s * foci + f] > 0.0f)) continue;
             sources[s * foci + f] = {set.best_real[g], set.best_imag[g]};
             g++;
-        }
-    }
-}
-
-void gerchberg_saxton_of_foci(const std::complex<double> *heard, const double *wanted, std::int64_t foci,
-                              std::int64_t turns, std::complex<double> *pressure) {
-    std::vector<double> real(foci), imag(foci);
-    for (std::int64_t t = 0; t < turns; t++) {
-        for (std::int64_t f = 0; f < foci; f++) {
-            const double square = std::norm(pressure[f]), scale = square > 0.0 ? wanted[f] / std::sqrt(square) : 0.0;
-            real[f] = pressure[f].real() * scale;
-            imag[f] = pressure[f].imag() * scale;
-        }
-        for (std::int64_t f = 0; f < foci; f++) {
-            const double *row = reinterpret_cast<const double *>(heard + f * foci);
-            double pr = 0.0, pi = 0.0;
-#pragma omp simd reduction(+ : pr, pi)
-            for (std::int64_t g = 0; g < foci; g++) {
-                pr += row[2 * g] * real[g] - row[2 * g + 1] * imag[g];
-                pi += row[2 * g] * imag[g] + row[2 * g + 1] * real[g];
-            }
-            pressure[f] = {pr, pi};
         }
     }
 }

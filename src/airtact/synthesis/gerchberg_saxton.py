@@ -21,6 +21,9 @@ LAGGING = 1e-3
 AFTERWARDS = 10
 """Turns of weighted Gerchberg-Saxton after GS-PAT."""
 
+BETWEEN_FOCI = 50
+"""Turns of GS-PAT before weighted Gerchberg-Saxton where there are many sets."""
+
 SINGLE = np.float32(1.0 - 2e-7)
 """What brings magnitudes of 1 in single precision to at most 1."""
 
@@ -73,7 +76,8 @@ def weighted_gerchberg_saxton(
     """Gerchberg-Saxton in which a focus that lags is given more weight at every turn; the best turn is kept.
 
     Di Leonardo, Ianni and Ruocco, Opt. Express 15 (2007) 1913; for sound Marzo and Drinkwater, PNAS 116 (2019) 84. It
-    starts from the foci in phase and from the elements in phase, and keeps the better. Parameters, result and refusals
+    starts from the foci in phase and from the elements in phase, and keeps the better. Where weights swing to and fro,
+    as they can between two foci that are heard alike, their steps are shortened. Parameters, result and refusals
     as ``gerchberg_saxton``.
     """
     return _to_and_fro(transfer, target, iterations, constraint, weighted=True)
@@ -91,14 +95,11 @@ def gs_pat(
     """
     matrix, wanted = asked_rows(transfer, target)
     check_iterations(iterations)
-    single = matrix.astype(np.complex64)
-    heard = (single @ single.conj().T).astype(np.complex128)
-    pressure = wanted.astype(np.complex128)
-    _kernels.gerchberg_saxton_of_foci(heard, wanted, iterations, pressure)
-    sources = wanted**2 * pressure / np.maximum(np.abs(pressure) ** 2, np.finfo(float).tiny)
-    if constraint.phase_bits is None:
-        alike = np.arange(len(wanted))[None]
-        sources = to_and_fro(matrix, alike, wanted[None], sources[None], AFTERWARDS).sources[0].astype(np.complex128)
+    alike = np.arange(len(wanted))[None]
+    turns = to_and_fro(
+        matrix, alike, wanted[None], wanted[None].astype(np.complex128), AFTERWARDS, between_foci=iterations
+    )
+    sources = turns.sources[0].astype(np.complex128)
     return scaled_to_target(transfer, target, phase(matrix.conj().T @ sources), constraint)
 
 
@@ -107,16 +108,16 @@ def weighted_gerchberg_saxton_sets(
     sets: Int64[np.ndarray, "sets foci"],
     weights: Float64[np.ndarray, "sets foci"] | None = None,
     *,
-    iterations: int = 30,
+    iterations: int = 10,
 ) -> list[Drive]:
-    """Make one drive by weighted Gerchberg-Saxton for each of many sets of foci on one matrix, as strong as possible.
+    """Make one drive for each of many sets of foci on one matrix: as ``gs_pat``, then weighted Gerchberg-Saxton.
 
     Parameters
     ----------
     transfer : the transfer matrix of all points.
     sets : (S, F) rows of the matrix that are the foci of each set.
     weights : (S, F) pressures asked in proportion, 0 where a set has fewer than F foci; 1 for all by default.
-    iterations : how often to go to and fro, from the foci in phase.
+    iterations : how often to go to and fro, after ``BETWEEN_FOCI`` turns of GS-PAT.
 
     Returns
     -------
@@ -139,8 +140,10 @@ def weighted_gerchberg_saxton_sets(
     silent = np.flatnonzero(wanted.max(axis=1, initial=0.0) == 0.0)
     if len(silent):
         raise InvalidInput(f"set {silent[0]} asks every focus for 0; ask at least one focus for more.")
-    turns = to_and_fro(transfer.matrix, sets, wanted, wanted.astype(np.complex128), iterations)
-    return [Drive(phases) for phases in SINGLE * turns.drives]
+    turns = to_and_fro(
+        transfer.matrix, sets, wanted, wanted.astype(np.complex128), iterations, between_foci=BETWEEN_FOCI
+    )
+    return [Drive(phases) for phases in (SINGLE * turns.drives).astype(np.complex128)]
 
 
 def to_and_fro(
@@ -150,6 +153,7 @@ def to_and_fro(
     sources: Complex128[np.ndarray, "sets foci"],
     iterations: int,
     weighted: bool = True,
+    between_foci: int = 0,
 ) -> Turns:
     """Go to and fro with phases only, for many sets of foci at once, in single precision.
 
@@ -161,14 +165,29 @@ def to_and_fro(
     sources : (S, F) where to start; their magnitudes are the weights.
     iterations : how often.
     weighted : whether foci that lag get more weight; the best turn is kept then, else the last.
+    between_foci : turns of GS-PAT before.
     """
     single = matrix.astype(np.complex64)
     real, imag = np.ascontiguousarray(single.real), np.ascontiguousarray(single.imag)
     asked = (wanted / wanted.max(axis=1, keepdims=True)).astype(np.float32)
     kept, worst = sources.astype(np.complex64), np.empty(len(sets), dtype=np.float32)
     drives = np.empty((len(sets), matrix.shape[1]), dtype=np.complex64)
-    _kernels.gerchberg_saxton(real, imag, np.ascontiguousarray(sets), asked, iterations, weighted, kept, worst, drives)
+    _kernels.gerchberg_saxton(
+        real, imag, np.ascontiguousarray(sets), asked, between_foci, iterations, weighted, kept, worst, drives
+    )
     return Turns(kept, worst, drives)
+
+
+def plain_starts(
+    matrix: Complex128[np.ndarray, "foci elements"], wanted: Float64[np.ndarray, "foci"]
+) -> Complex128[np.ndarray, "2 foci"]:
+    """Return sources to start from: the foci in phase, and what they are after one turn from the elements in phase."""
+    heard = matrix.sum(axis=1)
+    loudness = np.maximum(np.abs(heard), LAGGING * max(float(np.abs(heard).max()), np.finfo(float).tiny))
+    from_elements = wanted**2 * phase(heard) / loudness
+    if not from_elements.all():
+        from_elements = wanted.astype(np.complex128)
+    return np.stack([wanted.astype(np.complex128), from_elements / np.abs(from_elements).max()])
 
 
 def phase(numbers: Complex128[np.ndarray, "*shape"]) -> Complex128[np.ndarray, "*shape"]:
@@ -181,11 +200,7 @@ def _to_and_fro(
 ) -> Drive:
     matrix, wanted = asked_rows(transfer, target)
     check_iterations(iterations)
-    starts = wanted.astype(np.complex128)[None]
-    if weighted:
-        heard = matrix.sum(axis=1)
-        in_phase = wanted**2 * phase(heard) / np.maximum(np.abs(heard), LAGGING * np.abs(heard).max())
-        starts = np.stack([starts[0], in_phase / np.abs(in_phase).max()])
+    starts = plain_starts(matrix, wanted)[: 2 if weighted else 1]
     if constraint.phase_bits is not None:
         return scaled_to_target(
             transfer, target, in_levels(matrix, wanted, starts[-1], iterations, constraint, weighted), constraint

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Complex128, Float64
 
 from airtact.conventions import InvalidInput
+from airtact.scene.guards import counted
 from airtact.scene.target import Target
 from airtact.synthesis.constraint import AT_MOST_ONE, Constraint
 from airtact.synthesis.gerchberg_saxton import check_iterations, phase
@@ -20,8 +21,8 @@ SOFTNESS = 200.0
 SILENCE = 1e-3
 """Quiet points that get less than this of the weakest focus are quiet enough; 60 dB."""
 
-STEEPNESS = 1e4
-"""What passing the allowed loss costs, per squared neper."""
+STEEPNESS = (1e2, 1e3, 1e4, 1e5)
+"""What passing the allowed loss costs, per squared neper, in climbs one after another."""
 
 Climb = Callable[[Complex128[np.ndarray, "elements"]], tuple[float, Complex128[np.ndarray, "elements"]]]
 """From amplitudes to what shall be small and its gradient g, by which it changes by Re Σ conj(g_e) δd_e."""
@@ -47,7 +48,7 @@ def gradient(
     transfer : the transfer matrix, of the quiet points too where the target has some.
     target : the foci and what they ask.
     loss : part of the pressure at the foci that may be given for the quiet points, from 0 up to 1.
-    iterations : most steps of the climb.
+    iterations : most steps of a climb.
     constraint : what an element can play; levels are rounded to at the end.
 
     Returns
@@ -73,17 +74,27 @@ def gradient(
     matrix = matrix / wanted[:, None]
     start = phase(matrix.conj().T @ strongest_sources(matrix, 300))
     heard = quiet / (SILENCE * worst_share(matrix * wanted[:, None], start))
-    climb = _height(matrix, heard, _soft_smallest(matrix, start)[0] + np.log1p(-loss))
-    found, done = _descend(climb, start, iterations, constraint.phase_only)
+    least, found, done = _soft_smallest(matrix, start)[0] + np.log1p(-loss), start, True
+    for steepness in STEEPNESS if len(quiet) else STEEPNESS[:1]:
+        climb = _height(matrix, heard, least, steepness)
+        found, done = _descend(climb, found, iterations, constraint.phase_only)
     if not len(quiet) and worst_share(matrix, found) < worst_share(matrix, start):
         found = start
     if not done:
-        warn_stalled("gradient", matrix, worst_share(matrix, found), f"after {iterations} steps, still climbing")
+        warn_stalled(
+            "gradient",
+            matrix,
+            worst_share(matrix, found),
+            f"after {counted(iterations, 'step', 'steps')}, still climbing",
+        )
     return scaled_to_target(transfer, target, found, constraint)
 
 
 def _height(
-    matrix: Complex128[np.ndarray, "foci elements"], quiet: Complex128[np.ndarray, "quiet elements"], least: float
+    matrix: Complex128[np.ndarray, "foci elements"],
+    quiet: Complex128[np.ndarray, "quiet elements"],
+    least: float,
+    steepness: float,
 ) -> Climb:
     """Return what shall be small: minus the smallest share, or the noise with the smallest share above ``least``."""
 
@@ -93,7 +104,7 @@ def _height(
             return -smallest, -steeper
         noise, louder = _noise(quiet, amplitudes)
         missing = max(least - smallest, 0.0)
-        return noise + STEEPNESS * missing**2, louder - 2.0 * STEEPNESS * missing * steeper
+        return noise + steepness * missing**2, louder - 2.0 * steepness * missing * steeper
 
     return climb
 

@@ -5,7 +5,7 @@ from jaxtyping import Complex128
 
 from airtact.scene.target import Target
 from airtact.synthesis.constraint import AT_MOST_ONE, Constraint
-from airtact.synthesis.gerchberg_saxton import check_iterations, in_levels, phase, to_and_fro
+from airtact.synthesis.gerchberg_saxton import check_iterations, in_levels, phase, plain_starts, to_and_fro
 from airtact.synthesis.reach import asked_rows, scaled_to_target
 from airtact.synthesis.relaxation import to_one_slot
 from airtact.synthesis.stalling import tell_if_stalled
@@ -19,12 +19,13 @@ RELAXED_TO = 1e-2
 def max_min(
     transfer: TransferMatrix, target: Target, *, iterations: int = 300, constraint: Constraint = AT_MOST_ONE
 ) -> Drive:
-    """Make the worst focus as strong as is known how to, from one start.
+    """Make the worst focus as strong as is known how to.
 
     The relaxation of ``upper_bound`` is solved, in which every element may play several time slots; its weakest slots
     are dropped a few at a time, going to and fro in between, until one is left; and weighted Gerchberg-Saxton goes on
-    from there to where it cannot improve. Nothing is drawn at random. The relaxation is that of Inoue, Makino and
-    Shinoda (IEEE World Haptics 2015); the way down to one slot is our own.
+    from there to where it cannot improve. It also goes from where ``weighted_gerchberg_saxton`` starts, and the best is
+    kept; nothing is drawn at random. The relaxation is that of Inoue, Makino and Shinoda (IEEE World Haptics 2015); the
+    way down to one slot is our own.
 
     Parameters
     ----------
@@ -67,8 +68,11 @@ def strongest_sources(
     matrix : (F, E) rows over what each focus asks.
     iterations : how often to go to and fro at the end.
     """
-    start = to_one_slot(matrix, relaxed_bound(matrix, RELAXED_TO)[1])
-    turns = to_and_fro(matrix, np.arange(len(matrix))[None], np.ones((1, len(matrix))), start[None], iterations)
-    sources = turns.sources[0].astype(np.complex128)
+    alike = np.ones(len(matrix))
+    way_down = to_one_slot(matrix, relaxed_bound(matrix, RELAXED_TO)[1])
+    starts = np.concatenate([way_down[None], plain_starts(matrix, alike)])
+    sets = np.tile(np.arange(len(matrix)), (len(starts), 1))
+    turns = to_and_fro(matrix, sets, np.tile(alike, (len(starts), 1)), starts, iterations)
+    sources = turns.sources[turns.worst.argmax()].astype(np.complex128)
     tell_if_stalled("max_min", matrix, sources, iterations)
     return sources

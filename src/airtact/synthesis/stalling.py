@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 from jaxtyping import Complex128
 
+from airtact.scene.guards import counted
 from airtact.synthesis.upper_bound import relaxed_bound
 
 OPEN = 0.03
@@ -47,7 +48,8 @@ def tell_if_stalled(
     worst = worst_share(matrix, sent / np.maximum(loudness, np.finfo(float).tiny))
     left = 1.0 - worst * np.abs(sources).sum() / loudness.sum()
     if left > OPEN:
-        warn_stalled(method, matrix, worst, f"after {turns} turns, {left:.1%} of the pressure short of where they lead")
+        after = counted(turns, "turn", "turns")
+        warn_stalled(method, matrix, worst, f"after {after}, {left:.1%} of the pressure short of where they lead")
 
 
 def warn_stalled(method: str, matrix: Complex128[np.ndarray, "foci elements"], worst: float, where: str) -> None:

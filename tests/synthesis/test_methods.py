@@ -1,0 +1,236 @@
+"""Laws of every method, on matrices at random and in closed form."""
+
+import numpy as np
+import pytest
+
+import airtact as at
+from airtact.conventions import InvalidInput
+from airtact.scene.target import Target
+from airtact.synthesis.constraint import Constraint
+from airtact.synthesis.gerchberg_saxton import gerchberg_saxton, gs_pat, weighted_gerchberg_saxton
+from airtact.synthesis.gradient import gradient
+from airtact.synthesis.inverse_filter import inverse_filter, iterated_time_reversal
+from airtact.synthesis.max_min import max_min
+from airtact.synthesis.methods import HEED_QUIET, METHODS
+from airtact.synthesis.reach import share_reached
+from airtact.transfer import TransferMatrix
+from closed_form_transfers import WAVELENGTH, any_points, open_air, random_matrix, scattered, worst
+
+AT_FULL_SCALE = (gerchberg_saxton, weighted_gerchberg_saxton, gs_pat, max_min)
+
+
+# --- what all hold to -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_one_focus_with_every_method(name):
+    transfer, target = random_matrix(1, 1), Target(any_points(1))
+    drive = METHODS[name](transfer, target)
+    row = transfer.matrix[0]
+    # all that a method may choose for one focus is how loud each element is; its phase is that of the conjugate
+    np.testing.assert_allclose(np.angle(drive.amplitudes * row * np.vdot(drive.amplitudes, row.conj())), 0.0, atol=1e-5)
+    pressure = worst(transfer, drive)
+    assert np.abs(drive.amplitudes).max() == pytest.approx(1.0)
+    if name in ("time_reversal", "iterated_time_reversal", "inverse_filter"):
+        energy = np.linalg.norm(drive.amplitudes)
+        assert pressure == pytest.approx(energy * np.linalg.norm(row), rel=1e-6)
+    elif name != "eigenvector":
+        assert pressure == pytest.approx(np.abs(row).sum(), rel=1e-6)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_the_worst_focus_gets_what_it_asked_where_that_is_possible(name):
+    transfer, target = random_matrix(2, 4), Target(any_points(4), np.array([100.0, 200.0, 150.0, 300.0]))
+    drive = METHODS[name](transfer, target)
+    assert share_reached(transfer, target, drive).min() == pytest.approx(1.0, rel=1e-9)
+    greedy = Target(any_points(4), 1e6)
+    drive = METHODS[name](transfer, greedy)
+    assert np.abs(drive.amplitudes).max() == pytest.approx(1.0)
+    assert share_reached(transfer, greedy, drive).min() < 0.1
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_focus_that_asks_for_nothing_does_not_hold_the_others_back(name):
+    transfer = random_matrix(5, 3)
+    target = Target(any_points(3), np.array([300.0, 0.0, 200.0]))
+    assert np.nanmin(share_reached(transfer, target, METHODS[name](transfer, target))) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_shares_are_kept_by_methods_that_balance(name):
+    transfer, shares = random_matrix(6, 3), np.array([1.0, 0.5, 0.25])
+    got = np.abs(transfer.pressure(METHODS[name](transfer, Target(any_points(3), shares=shares))))
+    if name in ("weighted_gerchberg_saxton", "max_min", "gradient", "inverse_filter", "iterated_time_reversal"):
+        np.testing.assert_allclose(got / got[0], shares, rtol=0.03)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_wrong_sizes_are_refused(name):
+    with pytest.raises(InvalidInput, match="2 foci does not fit a target of 3"):
+        METHODS[name](random_matrix(7, 2), Target(any_points(3)))
+
+
+# --- one by one -----------------------------------------------------------------------------------------------------
+
+
+def test_the_inverse_filter_gives_the_pressures_and_phases_asked():
+    transfer, asked = random_matrix(8, 3), np.array([100.0, 50.0j, -70.0])
+    pressure = transfer.pressure(inverse_filter(transfer, Target(any_points(3), asked), weight=0.0))
+    np.testing.assert_allclose(pressure, asked, rtol=1e-9)
+
+
+def test_the_inverse_filter_is_the_drive_of_least_energy():
+    transfer, asked = random_matrix(9, 3), np.array([100.0, 50.0, 70.0])
+    drive = inverse_filter(transfer, Target(any_points(3), asked + 0j), weight=0.0)
+    np.testing.assert_allclose(drive.amplitudes, np.linalg.pinv(transfer.matrix) @ asked, rtol=1e-9, atol=1e-12)
+
+
+def test_tikhonovs_weight_makes_a_nearly_singular_drive_calm():
+    points = np.array([[0.0, 0, 0], [0.001, 0, 0]])
+    transfer, target = open_air(points), Target(points, shares=np.array([1.0, -1.0 + 0j]))
+    wild, calm = (inverse_filter(transfer, target, weight=weight) for weight in (0.0, 1e-2))
+    ratio = [np.linalg.norm(transfer.pressure(drive)) / np.linalg.norm(drive.amplitudes) for drive in (wild, calm)]
+    assert ratio[0] <= ratio[1] * (1 + 1e-9)
+    with pytest.raises(InvalidInput, match=r"-0\.1"):
+        inverse_filter(transfer, target, weight=-0.1)
+
+
+def test_the_l_curve_weighs_little_where_nothing_is_singular_and_more_where_it_is():
+    points = scattered(1, 5, least=2 * WAVELENGTH)
+    transfer, target = open_air(points), Target(points)
+    np.testing.assert_allclose(
+        np.abs(transfer.pressure(inverse_filter(transfer, target))),
+        np.abs(transfer.pressure(inverse_filter(transfer, target, weight=0.0))),
+        rtol=0.02,
+    )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_five_passes_of_time_reversal_are_the_inverse_filter_within_one_per_cent(seed):
+    points = scattered(seed, 6, least=2 * WAVELENGTH)
+    transfer, target = open_air(points), Target(points)
+    passes = iterated_time_reversal(transfer, target, passes=5).amplitudes
+    inverse = inverse_filter(transfer, target, weight=0.0).amplitudes
+    assert np.linalg.norm(passes - inverse) < 0.01 * np.linalg.norm(inverse)
+    first = iterated_time_reversal(transfer, target, passes=1).amplitudes
+    assert np.linalg.norm(first - inverse) > 0.02 * np.linalg.norm(inverse)
+    with pytest.raises(InvalidInput, match="0 passes"):
+        iterated_time_reversal(transfer, target, passes=0)
+
+
+def test_the_eigenvectors_phases_let_foci_add_to_each_other():
+    """Two foci in antiphase from every element: phases 0 and π make both loud, as the eigenvector of R says."""
+    row = random_matrix(10, 1).matrix[0]
+    other = random_matrix(11, 1).matrix[0]
+    transfer = TransferMatrix(np.stack([row, -row + 0.2 * other]), 0.0)
+    pressure = transfer.pressure(at.eigenvector(transfer, Target(any_points(2))))
+    assert np.cos(np.angle(pressure[0] / pressure[1])) < -0.95
+    worse = inverse_filter(transfer, Target(any_points(2)), weight=0.0)
+    assert np.abs(pressure).min() > 2.0 * worst(transfer, worse)
+
+
+@pytest.mark.parametrize("method", AT_FULL_SCALE)
+def test_gerchberg_saxton_and_its_kin_play_at_full_scale(method):
+    drive = method(random_matrix(12, 5), Target(any_points(5)))
+    np.testing.assert_allclose(np.abs(drive.amplitudes), 1.0, rtol=1e-9)
+
+
+def test_gerchberg_saxton_ends_at_a_fixed_point():
+    transfer = random_matrix(13, 4)
+    drive = gerchberg_saxton(transfer, Target(any_points(4)), iterations=2000).amplitudes
+    again = transfer.matrix.conj().T @ np.exp(1j * np.angle(transfer.matrix @ drive))
+    np.testing.assert_allclose(drive, again / np.abs(again), atol=1e-3)
+
+
+def test_weights_level_the_foci():
+    transfer, target = open_air(scattered(2, 8)), Target(scattered(2, 8))
+    plain = np.abs(transfer.pressure(gerchberg_saxton(transfer, target)))
+    weighted = np.abs(transfer.pressure(weighted_gerchberg_saxton(transfer, target, iterations=200)))
+    assert weighted.min() > 1.02 * plain.min()
+    assert weighted.max() / weighted.min() < 1.01
+
+
+def test_many_sets_at_once_are_what_each_is_alone():
+    points = scattered(3, 20)
+    transfer = open_air(points)
+    random = np.random.default_rng(0)
+    sets = np.array([random.permutation(20)[:5] for _ in range(12)])
+    weights = np.ones(sets.shape)
+    weights[3, 2:] = 0.0
+    drives = at.weighted_gerchberg_saxton_sets(transfer, sets, weights, iterations=50)
+    for rows, weight, drive in zip(sets, weights, drives, strict=True):
+        alone = TransferMatrix(transfer.matrix[rows[weight > 0]], 0.0)
+        target = Target(points[rows[weight > 0]])
+        assert at.upper_bound(alone, target).reached(alone, target, drive) > 0.85
+        assert worst(alone, drive) > 0.95 * worst(alone, weighted_gerchberg_saxton(alone, target))
+
+
+def test_bad_sets_are_refused():
+    transfer = random_matrix(14, 3)
+    with pytest.raises(InvalidInput, match="the row 3, but the transfer matrix has rows 0 to 2"):
+        at.weighted_gerchberg_saxton_sets(transfer, np.array([[0, 3]]))
+    with pytest.raises(InvalidInput, match="set 1 asks every focus for 0"):
+        at.weighted_gerchberg_saxton_sets(transfer, np.array([[0, 1], [1, 2]]), np.array([[1.0, 1.0], [0.0, 0.0]]))
+    with pytest.raises(InvalidInput, match="-1 is there"):
+        at.weighted_gerchberg_saxton_sets(transfer, np.array([[0, 1]]), np.array([[1.0, -1.0]]))
+
+
+# --- constraints ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", [*AT_FULL_SCALE, gradient])
+@pytest.mark.parametrize(
+    "constraint", [Constraint(phase_only=True), Constraint(phase_bits=2), Constraint(phase_bits=8, amplitude_bits=8)]
+)
+def test_drives_have_the_levels_that_there_are(method, constraint):
+    points = scattered(4, 4)
+    drive = method(open_air(points), Target(points), constraint=constraint).amplitudes
+    np.testing.assert_allclose(constraint.nearest(drive), drive, atol=1e-12)
+    if constraint.phase_bits == 2:
+        assert len(np.unique(np.round(np.angle(drive), 6) % np.round(2 * np.pi, 6))) <= 5
+
+
+def test_foci_make_up_for_coarse_phases():
+    points = scattered(5, 6)
+    transfer, target, coarse = open_air(points), Target(points), Constraint(phase_bits=1)
+    made_up = worst(transfer, max_min(transfer, target, constraint=coarse))
+    rounded = worst(transfer, at.Drive(coarse.nearest(max_min(transfer, target).amplitudes)))
+    assert made_up > 1.05 * rounded
+
+
+def test_bits_that_cannot_be_are_refused():
+    with pytest.raises(InvalidInput, match="0 bits of phase"):
+        Constraint(phase_bits=0)
+    with pytest.raises(InvalidInput, match="17 bits of amplitude"):
+        Constraint(amplitude_bits=17)
+
+
+# --- quiet points ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", HEED_QUIET)
+def test_quiet_points_are_quiet(name):
+    points, quiet = scattered(6, 3), 0.004 + scattered(7, 12)
+    target = Target(points, quiet=quiet)
+    transfer = open_air(np.concatenate([points, quiet]))
+    drive, loud = METHODS[name](transfer, target), max_min(transfer, target)
+    after, before = (np.abs(transfer.pressure(one)) for one in (drive, loud))
+    quieter = np.linalg.norm(after[3:]) / after[:3].min() / (np.linalg.norm(before[3:]) / before[:3].min())
+    assert quieter < 10 ** (-10 / 20)
+    if name == "gradient":
+        assert after[:3].min() > 0.898 * before[:3].min()
+    with pytest.raises(InvalidInput, match="12 points quiet that the transfer matrix does not hear"):
+        METHODS[name](open_air(points), target)
+
+
+@pytest.mark.parametrize("name", set(METHODS) - set(HEED_QUIET))
+def test_other_methods_do_not_mind_quiet_points(name):
+    points = scattered(8, 3)
+    whole = np.concatenate([points, 0.004 + scattered(9, 4)])
+    heard = METHODS[name](open_air(whole), Target(points, quiet=whole[3:]))
+    np.testing.assert_allclose(heard.amplitudes, METHODS[name](open_air(points), Target(points)).amplitudes, atol=1e-6)
+
+
+def test_a_loss_that_makes_no_sense_is_refused():
+    with pytest.raises(InvalidInput, match=r"loss at the foci is 1\.5"):
+        gradient(random_matrix(15, 2), Target(any_points(2)), loss=1.5)
