@@ -90,6 +90,17 @@ def test_the_strongest_stray_of_one_element_is_where_the_box_comes_nearest_to_it
     assert np.isnan(result.contrast(None))
 
 
+def test_the_strongest_stray_of_a_wide_target_is_not_lost_between_the_points_of_the_box() -> None:
+    # A focus that the target does not name, in a box so wide that its points are farther apart than a focus is large.
+    hidden = Target(np.array([[0.0131, 0.0127, 0.0019]]))
+    drive = phase_conjugate(in_open_air(hidden), hidden)
+    wide = Target(np.array([[-0.035, -0.035, 0.0], [0.035, -0.035, 0.0], [0.0, 0.035, 0.02]]))
+    result = judge(OPEN_AIR, ARRAY, drive, wide, solver=FreeField())
+    peak = np.abs(in_open_air(hidden).pressure(drive))[0]
+    assert result.stray_in_box is not None
+    assert result.stray_in_box.pressure > 0.9 * peak
+
+
 @pytest.fixture(scope="module")
 def beside_a_ball() -> tuple[Judgement, Judgement]:
     scene = Scene(AIR, [sound_hard(sphere(6e-3, edge=2e-3))])

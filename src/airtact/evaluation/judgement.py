@@ -35,6 +35,9 @@ BOX_SPACING = 1.0 / 6.0
 MOST_POINTS = 20_000
 """Points that the box has at most; a larger box gets them farther apart."""
 
+CANDIDATES = 40
+"""Round this many of the loudest of them it is heard again at a third of the spacing."""
+
 
 @dataclass(frozen=True, eq=False)
 class Stray:
@@ -305,13 +308,26 @@ def _strongest(
 
 def _stray_in_box(field: RadiatedField, array: PhasedArray, target: Target) -> Stray | None:
     """Return the strongest sound in the box round the foci, off them, off the bodies and off the elements."""
-    wavelength = field.scene.wavelength
-    margin = BOX_MARGIN * wavelength
+    margin = BOX_MARGIN * field.scene.wavelength
     lowest, highest = target.points.min(axis=0) - margin, target.points.max(axis=0) + margin
-    spacing = max(BOX_SPACING * wavelength, float(np.cbrt(np.prod(highest - lowest) / MOST_POINTS)))
+    spacing = max(BOX_SPACING * field.scene.wavelength, float(np.cbrt(np.prod(highest - lowest) / MOST_POINTS)))
     axes = [np.linspace(low, high, int((high - low) / spacing) + 1) for low, high in zip(lowest, highest, strict=True)]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    points = points[_away(field.scene, target, points) & _farther(points, array.positions, 0.5 * wavelength)]
-    points = points[field.scene.depth(points) < 0.0]
-    pressure = field.at(points)[:, 0]
+    points, pressure = _heard_off(field, array, target, _grid(axes))
+    loudest = points[np.argsort(-np.abs(pressure))[:CANDIDATES]]
+    around = loudest[:, None] + _grid([np.array([-1.0, 0.0, 1.0]) * spacing / 3.0] * 3)
+    points, pressure = _heard_off(field, array, target, np.clip(around.reshape(-1, 3), lowest, highest))
     return _strongest(points, pressure, np.isfinite(pressure))
+
+
+def _grid(axes: list[Float64[np.ndarray, "_"]]) -> Float64[np.ndarray, "points 3"]:
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def _heard_off(
+    field: RadiatedField, array: PhasedArray, target: Target, points: Float64[np.ndarray, "points 3"]
+) -> tuple[Float64[np.ndarray, "kept 3"], Complex128[np.ndarray, "kept"]]:
+    """Hear those of some points that are off the foci, the elements and the bodies."""
+    away = _away(field.scene, target, points) & _farther(points, array.positions, 0.5 * field.scene.wavelength)
+    points = points[away]
+    points = points[field.scene.depth(points) < 0.0]
+    return points, field.at(points)[:, 0]
