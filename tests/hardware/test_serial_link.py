@@ -16,7 +16,8 @@ from hardware.receivers import Nano16, SonicSurface, TwoSonicSurfaces, first_har
 from hardware.test_codecs import random_frame
 
 KINDS = [("sonicsurface", 1, SonicSurface), ("sonicsurface", 2, TwoSonicSurfaces), ("nano16", 1, Nano16)]
-SECONDS = 2.0
+SECONDS, SECONDS_WHEN_BUSY = 2.0, 20.0
+"""What no case may take, and what none takes on a machine that does other things too."""
 
 
 def plays(model, frame: Frame) -> bool:
@@ -68,7 +69,7 @@ def until_it_fails(link: SerialLink, frame: Frame, wire) -> str:
     return "nothing was noticed"
 
 
-def one_case(case: int) -> None:
+def one_case(case: int, seconds: float) -> None:
     """Noise before a frame, noise from the board, or a cable that is cut; then all must be well or said, in time."""
     random = np.random.default_rng(case)
     name, boards, model = KINDS[case % 3]
@@ -93,18 +94,18 @@ def one_case(case: int) -> None:
             wire.settle(3 * size)
             assert plays(wire.board, frame), f"case {case} ({kind})"
             link.close()
-    assert time.monotonic() - begun < SECONDS, f"case {case} ({kind}) hung"
+    assert time.monotonic() - begun < seconds, f"case {case} ({kind}) hung"
 
 
 def test_noise_and_cut_cables_end_in_a_frame_or_a_sentence() -> None:
     for case in range(45):
-        one_case(case)
+        one_case(case, SECONDS_WHEN_BUSY)
 
 
 @pytest.mark.slow
 def test_a_thousand_noises_and_cut_cables_end_in_a_frame_or_a_sentence() -> None:
     for case in range(1000):
-        one_case(case)
+        one_case(case, SECONDS)
 
 
 def test_a_board_that_does_not_answer_is_said_to_be_silent() -> None:
@@ -113,7 +114,7 @@ def test_a_board_that_does_not_answer_is_said_to_be_silent() -> None:
         link = SerialLink(wire.port, "nano16", boot=0.0)
         with pytest.raises(LinkFailed, match=r"did not answer 3 frames; nothing was sent before"):
             link.open()
-    assert time.monotonic() - begun < SECONDS
+    assert time.monotonic() - begun < SECONDS_WHEN_BUSY
 
 
 def test_a_board_that_falls_silent_is_told_with_what_was_sent_last() -> None:
