@@ -155,7 +155,7 @@ def certificate() -> None:
 
 def iterated() -> None:
     worst = 0.0
-    for transfer, target in sets(2, 6, 40, apart=2.0):
+    for transfer, target in sets(2, 10, 40, apart=2.0):
         inverse = at.inverse_filter(transfer, target, weight=0.0).amplitudes
         passes = at.iterated_time_reversal(transfer, target, passes=5).amplitudes
         passes = passes * np.vdot(passes, inverse) / np.vdot(passes, passes)

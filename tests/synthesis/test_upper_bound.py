@@ -111,6 +111,19 @@ def test_foci_that_cannot_be_told_apart_are_refused(judge):
         judge(random_matrix(3, 5, elements=4), Target(any_points(5)))
 
 
+def test_a_transfer_matrix_knows_how_near_is_too_near():
+    points = np.array([[0.0, 0, 0], [0.0008, 0, 0]])
+    for speed, taken in ((343.1, False), (300.0, True)):
+        scene, target = at.Scene(at.Medium(speed, 1.293), []), Target(points)
+        transfer = at.transfer_matrix(at.FreeField().radiate(scene, target.beacons()), at.surrounding_box())
+        assert transfer.wavelength == pytest.approx(speed / 40e3)
+        if taken:
+            upper_bound(transfer, target)
+            continue
+        with pytest.raises(InvalidInput, match=r"foci 0 and 1 are 0\.8 mm apart"):
+            upper_bound(transfer, target)
+
+
 def test_foci_a_tenth_of_the_wavelength_apart_are_taken():
     points = np.array([[0.0, 0, 0], [0.101 * WAVELENGTH, 0, 0]])
     transfer, target = open_air(points), Target(points)
