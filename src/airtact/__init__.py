@@ -36,6 +36,7 @@ from airtact.solvers.boundary_element import BoundaryElement
 from airtact.solvers.finite_element import FiniteElement
 from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import RadiatedField, Skin, Solver, SolveReport
+from airtact.solvers.sampled_field import SampledField, load_samples
 from airtact.solvers.sphere_series import SphereSeries
 from airtact.synthesis.constraint import Constraint
 from airtact.synthesis.eigenvector import eigenvector
@@ -108,6 +109,7 @@ __all__ = [
     "RadiatedField",
     "RecordingLink",
     "Scan",
+    "SampledField",
     "Scene",
     "Sequence",
     "SerialLink",
@@ -150,6 +152,7 @@ __all__ = [
     "lateral_modulation",
     "load_calibration",
     "load_scan",
+    "load_samples",
     "load_surface",
     "max_min",
     "merged",

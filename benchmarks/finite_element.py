@@ -1,0 +1,116 @@
+"""Finite elements: accuracy, time and memory on the pinch and on spheres.
+
+Run ``PYTHONPATH=.:tests python benchmarks/finite_element.py [figure ...]``. Truth is the sphere's series or fundamental
+solutions; boundary elements at 0.3 % are the other solver.
+"""
+
+import resource
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+import airtact as at
+from benchmarks.accuracy import PAPER_AIR, directions, far_points, finger_error, one_each, relative, table
+
+WATER = at.Medium(1481.0, 999.7)
+
+
+def sphere_errors(radius: float, kind: str) -> list[float]:
+    """Worst far error of 4 sources each in contact, 0.5 mm and 20 mm off a sphere."""
+    ball = at.sphere(radius, radius / 2)
+    scene = at.Scene(PAPER_AIR, [at.sound_hard(ball) if kind == "hard" else at.filled(ball, WATER)])
+    ready, found = at.FiniteElement(symmetry=()).factorised(scene), []
+    for gap in (0.0, 5e-4, 0.02):
+        sources = one_each(directions(4, 0) * (radius + gap))
+        field, exact = ready.radiate(scene, sources), at.SphereSeries().radiate(scene, sources)
+        found.append(float(relative(field.at(far_points(40)), exact.at(far_points(40))).max()))
+    return found
+
+
+def pinch_scene(kind: str = "hard") -> at.Scene:
+    """Build the paper's fingers, hard or of water."""
+    surfaces = at.pinch().surfaces
+    bodies = [at.sound_hard(one) if kind == "hard" else at.filled(one, WATER) for one in surfaces]
+    return at.Scene(PAPER_AIR, bodies)
+
+
+def pinch_run(symmetry: str, factorisation: str, one_sound: bool) -> None:
+    """Solve the pinch once in this process and print what it took."""
+    scene, array = pinch_scene(), at.surrounding_box()
+    beacons = at.Target(at.pinch().foci(0.0)).beacons()
+    sources = at.Monopoles(beacons.positions, beacons.strengths.sum(axis=1)) if one_sound else beacons
+    solver = at.FiniteElement(
+        symmetry="found" if symmetry == "found" else (),
+        factorisation=factorisation,  # pyright: ignore
+    )
+    solver.radiate(at.Scene(PAPER_AIR, [at.sound_hard(at.sphere(0.002, 0.001))]), one_each(np.array([[0, 0, 0.01]])))
+    began = time.perf_counter()
+    ready = solver.factorised(scene)
+    field = ready.radiate(scene, sources)
+    heard = field.at(array.positions)
+    whole = time.perf_counter() - began
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    more = at.Monopoles(sources.positions + 1e-4 * np.array([0, 0, 1.0]), sources.strengths)
+    began = time.perf_counter()
+    again = ready.radiate(scene, more)
+    solved = time.perf_counter() - began
+    again.at(array.positions)
+    read = time.perf_counter() - began
+    other = at.BoundaryElement(accuracy=0.003).radiate(scene, sources).at(array.positions)
+    print(
+        f"{100 * relative(heard, other).max():.2f} % off boundary elements, {whole:.1f} s, {memory:.2f} GiB, "
+        f"{field.report.nodes:,} unknowns; again with {sources.strengths.shape[1]} sounds: solve {solved:.2f} s, "
+        f"with read-out {read:.2f} s"
+    )
+
+
+def _pinch(symmetry: str, factorisation: str = "sparsecholesky", one_sound: bool = True) -> str:
+    command = [sys.executable, __file__, "--pinch", symmetry, factorisation, str(int(one_sound))]
+    return subprocess.run(command, capture_output=True, text=True, check=True, cwd=Path.cwd()).stdout.strip()
+
+
+def judged(symmetric: bool = True) -> str:
+    """How far the focus pressure of a drive by one solver is from its own prediction, judged by the other."""
+    scene, array = pinch_scene(), at.surrounding_box()
+    target = at.Target(at.pinch().foci())
+    boundary, finite = at.BoundaryElement(), at.FiniteElement(symmetry="found" if symmetric else ())
+    found = []
+    for maker, judge in ((boundary, finite), (finite, boundary)):
+        transfer = at.transfer_matrix(maker.radiate(scene, target.beacons()), array)
+        drive = at.time_reversal(transfer, target)
+        own = np.abs(transfer.matrix @ drive.amplitudes)
+        there = np.abs(at.field_map(scene, array, drive, target.points, solver=judge))
+        found.append(float(np.abs(there / own - 1).max()))
+    return f"{100 * found[0]:.2f} % (boundary elements' drive), {100 * found[1]:.2f} % (finite elements' drive)"
+
+
+def _fingers() -> str:
+    error, own = finger_error(8e-3, 20, 12e-3, solver=at.FiniteElement(symmetry=()))
+    return f"{100 * error:.2f} % (reference itself {100 * own:.2f} %)"
+
+
+def _spheres(kind: str) -> str:
+    found = np.max([sphere_errors(radius, kind) for radius in (5e-3, 8e-3, 10e-3)], axis=0)
+    return " / ".join(f"{100 * value:.2f}" for value in found) + " % in contact, 0.5 mm, 20 mm off"
+
+
+ROWS = [
+    ("rigid spheres of 5, 8 and 10 mm, far field", "0.5 %", lambda: _spheres("hard")),
+    ("water spheres of 5, 8 and 10 mm, far field", "0.5 %", lambda: _spheres("water")),
+    ("two fingers without symmetry against fundamental solutions", "1 %", _fingers),
+    ("quarter pinch, both foci as one sound", "1 %, 5 s, 1.5 GB", lambda: _pinch("found")),
+    ("both foci apart", "", lambda: _pinch("found", one_sound=False)),
+    ("whole pinch without symmetry", "1 %, 25 s, 4 GB", lambda: _pinch("none")),
+    ("Pardiso: quarter pinch", "3 s", lambda: _pinch("found", "pardiso")),
+    ("Pardiso: whole pinch", "10 s", lambda: _pinch("none", "pardiso")),
+    ("drive of one solver judged by the other", "2 %", judged),
+]
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["--pinch"]:
+        pinch_run(sys.argv[2], sys.argv[3], sys.argv[4] == "1")
+    else:
+        table(ROWS, sys.argv[1:])

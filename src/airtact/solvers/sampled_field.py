@@ -1,0 +1,317 @@
+"""A field computed elsewhere: nodes and complex pressures from a CSV or VTU file, heard between its nodes."""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Complex128, Float64, Int64, Num, Real
+from scipy.spatial import Delaunay, KDTree
+
+from airtact.conventions import InvalidInput, about
+from airtact.scene.guards import place, points_of, positive, refuse_not_finite
+from airtact.scene.printing import in_short
+from airtact.scene.scene import Scene, check_sources
+from airtact.scene.sources import Monopoles, check_off_sources
+from airtact.solvers.finite_tetrahedra import Tetrahedra
+from airtact.solvers.problem import RadiatedField, Skin, SolveReport
+
+TimeSign = Literal["e^{-iωt}", "e^{+jωt}"]
+
+NEARBY = 3.0
+"""Nodes within this many wavelengths of a source tell the sign of time."""
+
+CLEAR = 2.0
+"""How many times better one sign must fit than the other to tell which it is."""
+
+REPEATED = 1e-9
+"""Nodes nearer than this are one [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class SampledField(RadiatedField):
+    """A pressure known at nodes, interpolated between them.
+
+    Before it interpolates linearly in the tetrahedron that contains a point, it divides the pressure by that which the
+    sources make in open air, whose phase turns far faster than what is left.
+
+    Attributes
+    ----------
+    scene : what the field was computed for.
+    sources : the monopoles that speak in it.
+    nodes : (N, 3) [m].
+    pressures : (N, S) for each of the S sounds of the sources, as e^{-iωt}; (N,) is one sound [Pa].
+    tetrahedra : (T, 4) nodes of each cell; None to join the nodes by Delaunay's tetrahedra.
+
+    Raises
+    ------
+    InvalidInput
+        Shapes that do not match, NaN or infinity, fewer than four nodes, or repeated ones.
+    """
+
+    scene: Scene
+    sources: Monopoles
+    nodes: Real[np.ndarray, "nodes 3"]
+    pressures: Num[np.ndarray, "nodes sounds"] | Num[np.ndarray, "nodes"]
+    tetrahedra: Int64[np.ndarray, "tetrahedra 4"] | None = None
+    report: SolveReport = field(init=False)
+
+    __repr__ = in_short
+
+    def __post_init__(self) -> None:
+        """Check the samples, and join them where they come without cells."""
+        check_sources(self.scene, self.sources)
+        nodes = points_of(self.nodes, "nodes")
+        pressures = np.asarray(self.pressures, dtype=np.complex128)
+        pressures = pressures[:, None] if pressures.ndim == 1 else pressures
+        sounds = self.sources.strengths.shape[1]
+        if pressures.shape != (len(nodes), sounds):
+            raise InvalidInput(
+                f"the pressures have shape {pressures.shape}, but {len(nodes)} nodes and sources of {sounds} sounds "
+                f"ask for ({len(nodes)}, {sounds})."
+            )
+        refuse_not_finite(pressures, "pressures")
+        _refuse_repeated(nodes)
+        object.__setattr__(self, "nodes", nodes)
+        object.__setattr__(self, "pressures", pressures)
+        object.__setattr__(self, "report", self._made())
+
+    def _made(self) -> SolveReport:
+        cells = "Delaunay" if self.tetrahedra is None else "mesh"
+        return SolveReport(
+            solver="SampledField",
+            residual=0.0,
+            iterations=0,
+            nodes=len(self.nodes),
+            nodes_per_square_wavelength=float("nan"),
+            estimated_error=float("nan"),
+            settings={"cells": cells, "tetrahedra": len(self._cells)},
+        )
+
+    @cached_property
+    def _cells(self) -> Int64[np.ndarray, "tetrahedra 4"]:
+        """Cells that are not flat."""
+        cells = self.tetrahedra
+        if cells is None:
+            if len(self.nodes) < 4:
+                raise InvalidInput(f"there are {len(self.nodes)} nodes, but a tetrahedron has 4; give more.")
+            cells = Delaunay(self.nodes).simplices.astype(np.int64)
+        four = self.nodes[cells]
+        edges = four[:, 1:] - four[:, :1]
+        size = np.linalg.norm(edges, axis=2).max(axis=1)
+        return cells[np.abs(np.linalg.det(edges)) > 1e-6 * size**3]
+
+    @cached_property
+    def _search(self) -> Tetrahedra:
+        corners = np.asarray(self.nodes, dtype=np.float64)[self._cells]
+        return Tetrahedra(corners, np.zeros((len(corners), 6, 3)))
+
+    @property
+    def skin(self) -> Skin:
+        """No skin: the nodes do not tell where it is. Arrays of length 0."""
+        nowhere = np.zeros((0, 3))
+        return Skin(nowhere, nowhere, np.zeros(0), np.zeros((0, self.sources.strengths.shape[1]), dtype=np.complex128))
+
+    def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
+        """Whether points (P, 3) [m] lie in a cell: nothing is told beyond the samples."""
+        return self._held(points_of(points, "points", least=0))[0] >= 0
+
+    def at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
+        """Total pressure [Pa] at points (P, 3) [m] for each of the S sounds; NaN where ``valid`` is False.
+
+        Raises
+        ------
+        InvalidInput
+            A point is NaN or infinite, or stands on a source.
+        """
+        points = points_of(points, "points", least=0)
+        check_off_sources(points, self.sources)
+        found = np.full((len(points), self.sources.strengths.shape[1]), np.nan, dtype=np.complex128)
+        number, weights = self._held(points)
+        inside = np.flatnonzero(number >= 0)
+        for sound in range(found.shape[1]):
+            found[inside, sound] = self._between(points[inside], number[inside], weights[inside], sound)
+        return found
+
+    def _between(
+        self,
+        points: Real[np.ndarray, "points 3"],
+        number: Int64[np.ndarray, "points"],
+        weights: Float64[np.ndarray, "points 4"],
+        sound: int,
+    ) -> Complex128[np.ndarray, "points"]:
+        """Interpolate one sound, the wave of the source nearest to each cell divided out."""
+        speaking = self.sources.positions[self.sources.strengths[:, sound] != 0]
+        corners = self._cells[number]
+        pressures, nodes = np.asarray(self.pressures)[corners, sound], np.asarray(self.nodes)[corners]
+        if not len(speaking) or not len(points):
+            return np.einsum("pc,pc->p", weights, pressures).astype(np.complex128)
+        source = speaking[KDTree(speaking).query(nodes.mean(axis=1))[1]]
+        at_nodes = np.linalg.norm(nodes - source[:, None], axis=2)
+        at_point = np.linalg.norm(points - source, axis=1)
+        turned = pressures * at_nodes * np.exp(1j * self.scene.wavenumber * (at_point[:, None] - at_nodes))
+        return np.einsum("pc,pc->p", weights, turned) / at_point
+
+    def _held(
+        self, points: Real[np.ndarray, "points 3"]
+    ) -> tuple[Int64[np.ndarray, "points"], Float64[np.ndarray, "points 4"]]:
+        number, weights = self._search.holding(points)
+        beyond = weights.min(axis=1) < -1e-6
+        return np.where(beyond, -1, number), weights
+
+
+def load_samples(
+    path: str | Path, scene: Scene, sources: Monopoles, time_sign: TimeSign, scale: float = 1.0
+) -> SampledField:
+    """Load a field that another program computed.
+
+    A CSV file has the columns x, y, z, and for each sound a column of complex numbers such as ``0.5-1.2i``, or two
+    named ``..._real`` and ``..._imag``; lines that begin with % or # are comments, the last of which may name the
+    columns, as COMSOL writes them. A VTU file has point data of the same kind, and its tetrahedra are used.
+
+    Parameters
+    ----------
+    path : the file.
+    scene : what was computed.
+    sources : the monopoles that spoke, one sound for each pressure column.
+    time_sign : "e^{-iωt}" as here, or "e^{+jωt}" as COMSOL, whose pressures are conjugated.
+    scale : metres per unit of the file's lengths.
+
+    Raises
+    ------
+    InvalidInput
+        The file cannot be read, columns are missing, nodes repeated or numbers NaN, or the pressures beside the sources
+        run the other way round than ``time_sign`` says.
+    """
+    path = Path(path)
+    if time_sign not in ("e^{-iωt}", "e^{+jωt}"):
+        raise InvalidInput(f"time_sign is {time_sign!r}, but it must be 'e^{{-iωt}}', or 'e^{{+jωt}}' as in COMSOL.")
+    scale = positive(scale, "the scale of the samples", "metres per unit")
+    with about(path.name):
+        nodes, pressures, cells = _read_vtu(path) if path.suffix.lower() == ".vtu" else _read_csv(path)
+        pressures = np.conj(pressures) if time_sign == "e^{+jωt}" else pressures
+        sampled = SampledField(scene, sources, scale * nodes, pressures, cells)
+        warning = _refuse_other_sign(sampled, time_sign)
+        object.__setattr__(sampled, "report", replace(sampled.report, warnings=warning))
+    return sampled
+
+
+def _refuse_other_sign(sampled: SampledField, time_sign: str) -> tuple[str, ...]:
+    """Refuse pressures whose phase falls away from the sources; say so where they do not tell."""
+    fits = np.zeros(2)
+    for sound in range(sampled.sources.strengths.shape[1]):
+        for source in np.flatnonzero(sampled.sources.strengths[:, sound]):
+            away = np.linalg.norm(sampled.nodes - sampled.sources.positions[source], axis=1)
+            near = (away < NEARBY * sampled.scene.wavelength) & (away > REPEATED)
+            level = np.asarray(sampled.pressures)[near, sound] * away[near]
+            phase = np.exp(1j * sampled.scene.wavenumber.real * away[near])
+            fits += np.abs([np.vdot(phase, level), np.vdot(phase.conj(), level)])
+    if fits[1] > CLEAR * fits[0]:
+        raise InvalidInput(
+            f"time_sign is {time_sign}, but beside the sources the pressures fit the other one {fits[1] / fits[0]:.2g} "
+            "times better; state the other sign, or check where the sources stand and what a unit of length is."
+        )
+    if fits[0] > CLEAR * fits[1]:
+        return ()
+    return (f"the samples do not tell the sign of time ({fits[0]:.2g} against {fits[1]:.2g}); {time_sign} was stated",)
+
+
+def _refuse_repeated(nodes: Float64[np.ndarray, "nodes 3"]) -> None:
+    pairs = KDTree(nodes).query_pairs(REPEATED, output_type="ndarray")
+    if len(pairs):
+        one, other = pairs[0]
+        raise InvalidInput(
+            f"{len(pairs)} pairs of nodes stand on the same place, nodes {one} and {other} at {place(nodes[one])}; "
+            "keep one of each, or check the scale.",
+            nodes[one],
+        )
+
+
+def _read_csv(
+    path: Path,
+) -> tuple[Float64[np.ndarray, "nodes 3"], Complex128[np.ndarray, "nodes sounds"], None]:
+    try:
+        lines = [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+    except (OSError, UnicodeDecodeError) as fault:
+        raise InvalidInput(f"it cannot be read as text (0 nodes): {fault}.") from None
+    comments = [line.lstrip("%# ") for line in lines if line[0] in "%#"]
+    rows = [line.split(",") for line in lines if line[0] not in "%#"]
+    if rows and not _is_number(rows[0][0]):
+        comments.append(",".join(rows.pop(0)))
+    if not comments or not rows:
+        raise InvalidInput(f"it has {len(rows)} rows of numbers and {len(comments)} lines that could name the columns.")
+    names = [name.strip().lower() for name in comments[-1].split(",")]
+    for number, row in enumerate(rows):
+        if len(row) != len(names):
+            raise InvalidInput(f"row {number} has {len(row)} numbers, but there are {len(names)} columns.")
+    columns = {name: _numbers([row[index] for row in rows], name) for index, name in enumerate(names)}
+    missing = [name for name in "xyz" if name not in columns]
+    if missing:
+        raise InvalidInput(f"{len(missing)} columns are missing: {', '.join(missing)}; there are {', '.join(names)}.")
+    places = np.stack([np.real(columns.pop(name)) for name in "xyz"], axis=1)
+    return places, _sounds(columns), None
+
+
+def _read_vtu(
+    path: Path,
+) -> tuple[
+    Float64[np.ndarray, "nodes 3"], Complex128[np.ndarray, "nodes sounds"], Int64[np.ndarray, "tetrahedra 4"] | None
+]:
+    import meshio
+
+    try:
+        mesh = meshio.read(path)
+    except (OSError, meshio.ReadError, SystemExit) as fault:
+        raise InvalidInput(f"it cannot be read as a VTU file (0 nodes): {fault}.") from None
+    found = [np.asarray(block.data)[:, :4] for block in mesh.cells if block.type in ("tetra", "tetra10")]
+    cells = np.concatenate(found).astype(np.int64) if found else None
+    points, data = np.asarray(mesh.points, dtype=np.float64), dict(mesh.point_data)
+    columns = {name.lower(): np.asarray(values, dtype=np.complex128) for name, values in data.items()}
+    pressures = _sounds({name: values for name, values in columns.items() if values.ndim == 1})
+    if cells is not None:  # the middles of quadratic cells are no corners
+        used, cells = np.unique(cells, return_inverse=True)
+        points, pressures, cells = points[used], pressures[used], cells.reshape(-1, 4).astype(np.int64)
+    return points, pressures, cells
+
+
+def _sounds(columns: dict[str, Complex128[np.ndarray, "nodes"]]) -> Complex128[np.ndarray, "nodes sounds"]:
+    """Join real and imaginary columns; the others are complex by themselves."""
+    sounds = []
+    for name, values in columns.items():
+        stem, _, part = name.rpartition("_")
+        if part == "imag" and f"{stem}_real" in columns:
+            continue
+        if part in ("real", "imag"):
+            other = f"{stem}_{'imag' if part == 'real' else 'real'}"
+            if other not in columns:
+                raise InvalidInput(f"1 column is missing: {other}, the other half of {name}.")
+            sounds.append(np.real(values) + 1j * np.real(columns[other]))
+        else:
+            sounds.append(values)
+    if not sounds:
+        raise InvalidInput("0 columns of pressure were found; name them pressure, or pressure_real and pressure_imag.")
+    return np.stack(sounds, axis=1)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        complex(_plain(text))
+    except ValueError:
+        return False
+    return True
+
+
+def _plain(text: str) -> str:
+    """COMSOL writes i where Python writes j."""
+    return text.strip().lower().replace(" ", "").replace("i", "j").replace("jnf", "inf")
+
+
+def _numbers(texts: list[str], name: str) -> Complex128[np.ndarray, "rows"]:
+    found = np.empty(len(texts), dtype=np.complex128)
+    for row, text in enumerate(texts):
+        try:
+            found[row] = complex(_plain(text))
+        except ValueError:
+            raise InvalidInput(f"row {row} has {text.strip()!r} in column {name}, which is not a number.") from None
+    return found

@@ -1,0 +1,128 @@
+"""Fields computed elsewhere: what interpolation keeps of them, and what is refused."""
+
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+from scipy.spatial import Delaunay
+
+import airtact as at
+from benchmarks.accuracy import PAPER_AIR, one_each, relative
+
+SCENE = at.Scene(PAPER_AIR, [at.sound_hard(at.sphere(0.004, 0.002))])
+SOURCES = one_each(np.array([[0.0, 0.0, 0.006], [0.0, 0.007, 0.0]]))
+EXACT = at.SphereSeries().radiate(SCENE, SOURCES)
+
+
+def nodes_about(edge: float, reach: float = 0.012, away: float = 0.03) -> np.ndarray:
+    """Nodes on a jittered grid round a place away from the sphere."""
+    axis = np.arange(-reach, reach + 0.1 * edge, edge)
+    grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3) + [0.0, 0.0, away]
+    return grid + np.random.default_rng(1).uniform(-0.2, 0.2, size=grid.shape) * edge
+
+
+NODES = nodes_about(PAPER_AIR.wavelength(40e3) / 6)
+INNER = np.random.default_rng(2).uniform(-0.008, 0.008, size=(60, 3)) + [0.0, 0.0, 0.03]
+
+
+def as_csv(path: Path, nodes: np.ndarray, pressures: np.ndarray) -> Path:
+    """Write as COMSOL does, in millimetres."""
+    lines = ["% Model: ball.mph", "% X, Y, Z, p1 (Pa), p2 (Pa)"]
+    for node, row in zip(nodes * 1e3, pressures, strict=True):
+        numbers = [f"{value.real:.12g}{value.imag:+.12g}i" for value in row]
+        lines.append(",".join([*(f"{x:.12g}" for x in node), *numbers]))
+    path.write_text("\n".join(lines))
+    return path
+
+
+def test_interpolation_without_the_carrier_keeps_the_field():
+    """Plain linear interpolation at λ/6 is 9 % off; without the carrier only the slow part is."""
+    sampled = at.SampledField(SCENE, SOURCES, NODES, EXACT.at(NODES))
+    true = EXACT.at(INNER)
+    assert sampled.valid(INNER).all()
+    assert relative(sampled.at(INNER), true).max() < 0.01
+    plain = at.SampledField(SCENE, at.Monopoles(SOURCES.positions, np.zeros((2, 2))), NODES, EXACT.at(NODES))
+    assert relative(plain.at(INNER), true).min() > 0.04
+
+
+def test_nothing_is_told_beyond_the_samples():
+    sampled = at.SampledField(SCENE, SOURCES, NODES, EXACT.at(NODES))
+    beyond = np.array([[0.0, 0.0, 0.05], [0.02, 0.0, 0.03]])
+    assert not sampled.valid(beyond).any()
+    assert np.isnan(sampled.at(beyond)).all()
+    assert len(sampled.skin.points) == 0
+
+
+def test_a_whole_way_through_with_a_field_from_a_file(tmp_path):
+    path = as_csv(tmp_path / "ball.csv", NODES, EXACT.at(NODES).conj())
+    sampled = at.load_samples(path, SCENE, SOURCES, "e^{+jωt}", scale=1e-3)
+    array = at.PhasedArray(INNER[:12], np.tile([0.0, 0.0, -1.0], (12, 1)))
+    found = at.transfer_matrix(sampled, array).matrix
+    assert relative(found.T, at.transfer_matrix(EXACT, array).matrix.T).max() < 0.01
+    assert sampled.report.warnings == ()
+
+
+def test_a_mesh_file_is_read_with_its_cells(tmp_path):
+    pressures = EXACT.at(NODES)
+    cells = Delaunay(NODES).simplices
+    data = {f"p{sound}_{part}": getattr(pressures[:, sound], part) for sound in (0, 1) for part in ("real", "imag")}
+    meshio.Mesh(NODES, [("tetra", cells)], point_data=data).write(tmp_path / "ball.vtu")
+    sampled = at.load_samples(tmp_path / "ball.vtu", SCENE, SOURCES, "e^{-iωt}")
+    assert sampled.report.settings["cells"] == "mesh"
+    assert relative(sampled.at(INNER), EXACT.at(INNER)).max() < 0.01
+
+
+def test_the_other_sign_of_time_is_refused(tmp_path):
+    near = nodes_about(0.003, reach=0.006, away=0.016)
+    path = as_csv(tmp_path / "ball.csv", near, EXACT.at(near).conj())
+    with pytest.raises(at.InvalidInput, match=r"ball.csv: time_sign is e\^{-iωt}, but .* fit the other one \d.* times"):
+        at.load_samples(path, SCENE, SOURCES, "e^{-iωt}", scale=1e-3)
+
+
+def test_samples_that_do_not_tell_the_sign_are_warned_of(tmp_path):
+    far = nodes_about(0.004, away=0.09)
+    path = as_csv(tmp_path / "far.csv", far, EXACT.at(far))
+    sampled = at.load_samples(path, SCENE, SOURCES, "e^{-iωt}", scale=1e-3)
+    assert "do not tell the sign of time (0 against 0)" in sampled.report.warnings[0]
+
+
+def test_samples_that_do_not_fit_are_refused():
+    pressures = EXACT.at(NODES)
+    with pytest.raises(at.InvalidInput, match=r"shape \(4913, 1\), but 4913 nodes and sources of 2 sounds"):
+        at.SampledField(SCENE, SOURCES, NODES, pressures[:, 0])
+    with pytest.raises(at.InvalidInput, match="pressures hold 2 NaN or infinite values"):
+        at.SampledField(SCENE, SOURCES, NODES, np.where(np.arange(len(NODES))[:, None] == 3, np.nan, pressures)[:, :2])
+    twice = np.array(NODES)
+    twice[7] = twice[3]
+    with pytest.raises(at.InvalidInput, match="1 pairs of nodes stand on the same place, nodes 3 and 7 at"):
+        at.SampledField(SCENE, SOURCES, twice, pressures)
+    with pytest.raises(at.InvalidInput, match="there are 3 nodes, but a tetrahedron has 4"):
+        at.SampledField(SCENE, SOURCES, NODES[:3], pressures[:3])
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("x,y,p\n0,0,1", "1 columns are missing: z; there are x, y, p"),
+        ("x,y,z\n0,0,1", "0 columns of pressure were found"),
+        ("x,y,z,p_real\n0,0,1,2", "1 column is missing: p_imag, the other half of p_real"),
+        ("x,y,z,p\n0,0,1", "row 0 has 3 numbers, but there are 4 columns"),
+        ("x,y,z,p\n0,0,1,loud", "row 0 has 'loud' in column p, which is not a number"),
+        ("1,2,3,4", "1 rows of numbers and 0 lines that could name the columns"),
+    ],
+)
+def test_files_that_cannot_be_read_are_refused(tmp_path, text, sentence):
+    (tmp_path / "field.csv").write_text(text)
+    with pytest.raises(at.InvalidInput, match=f"field.csv: .*{sentence}"):
+        at.load_samples(tmp_path / "field.csv", SCENE, SOURCES, "e^{-iωt}")
+
+
+def test_other_faults_of_loading_are_refused(tmp_path, monkeypatch):
+    with pytest.raises(at.InvalidInput, match=r"none.csv: it cannot be read as text"):
+        at.load_samples(tmp_path / "none.csv", SCENE, SOURCES, "e^{-iωt}")
+    with pytest.raises(at.InvalidInput, match=r"none.vtu: it cannot be read as a VTU file"):
+        at.load_samples(tmp_path / "none.vtu", SCENE, SOURCES, "e^{-iωt}")
+    monkeypatch.setattr("jaxtyping.config.jaxtyping_disable", True)  # so that the guard itself answers
+    with pytest.raises(at.InvalidInput, match="time_sign is 'plus'"):
+        at.load_samples(tmp_path / "none.csv", SCENE, SOURCES, "plus")
