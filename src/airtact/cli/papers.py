@@ -1,0 +1,35 @@
+"""The command that does a published experiment again."""
+
+from pathlib import Path
+
+import click
+
+PAPERS = ("inoue2014",)
+
+
+@click.command(
+    short_help="Do a paper's experiment again and write a page about it.",
+    epilog="Example: airtact reproduce inoue2014 --out out/inoue2014 --quick",
+)
+@click.argument("paper", type=click.Choice(PAPERS))
+@click.option("--out", "folder", required=True, type=click.Path(path_type=Path), help="Folder for the results.")
+@click.option("--quick", is_flag=True, help="Do less of everything, in about three minutes in place of twenty.")
+def reproduce(paper: str, folder: Path, quick: bool) -> None:
+    """Do the experiment of PAPER again and write index.html, with the numbers behind each figure in data/.
+
+    inoue2014: S. Inoue, Y. Makino, H. Shinoda, "Producing Airborne Ultrasonic 3D Tactile Image by Time Reversal Field
+    Rendering", SICE 2014. Up to twenty minutes on two cores.
+    """
+    from rich.console import Console
+
+    from airtact.cli import _progress
+
+    with _progress(Console(stderr=True)) as tell:
+        tell(f"starting {paper}")
+        from airtact.experiments.inoue2014 import reproduce as run
+
+        done = run(folder, quick, tell)
+    console = Console()
+    for number, what in done.facts:
+        console.print(f"{number:>8}  {what}", highlight=False)
+    console.print(f"The page: {done.page} ({done.seconds:.0f} s)", soft_wrap=True, highlight=False)

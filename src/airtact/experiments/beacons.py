@@ -1,0 +1,147 @@
+"""Fig. 4 and 5 of the paper: the model as meshed, the phase of the beacons' field, and that of each transducer."""
+
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float64
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+
+from airtact.experiments.part import Part, places, write_columns
+from airtact.experiments.plane_figure import draw_planes
+from airtact.experiments.settings import Settings
+from airtact.experiments.solved import CONSIDERED, Solved
+from airtact.judging import Clock
+from airtact.report.field_figure import cut_bodies
+from airtact.report.page import paragraph, picture
+from airtact.report.panel_figure import draw_panels
+from airtact.report.phase_figure import draw_phases
+from airtact.report.windows import AXES, Window
+from airtact.solvers.finite_system import System
+
+ON_PLANE = 1e-6
+"""Corners nearer to a symmetry plane than this lie on it [λ]."""
+
+
+def beacons(made: Solved, settings: Settings, folder: Path, clock: Clock) -> Part:
+    """Show the model, the beacons' field and what each transducer gets.
+
+    Parameters
+    ----------
+    made : what was solved.
+    settings : how fine the picture of the phase is.
+    folder : where the numbers go.
+    clock : is told each step.
+    """
+    system, report = made.field.ready.system, made.field.report
+    with clock.step("phases", "hearing the beacons in the plane of the fingers"):
+        window = _workspace(made.dummies.middle, settings.plane_step)
+        pressure = made.field.at(window.points)[:, 0]
+    phase = np.angle(pressure)
+    drive = made.drives[CONSIDERED].amplitudes
+    write_columns(
+        folder,
+        "beacon_field",
+        {**places(window.points), "pressure": ("Pa", np.abs(pressure)), "phase": ("rad", phase)},
+    )
+    write_columns(
+        folder,
+        "transducers",
+        {
+            **places(made.array.positions),
+            "amplitude": ("", np.abs(drive)),
+            "phase": ("rad", np.angle(drive)),
+            "amplitude_level": ("", np.rint(255 * np.abs(drive)).astype(np.int64)),
+            "phase_level": ("", np.rint(np.angle(drive) * 128 / np.pi).astype(np.int64) % 256),
+        },
+    )
+    outlines = cut_bodies(window, made.dummies.surfaces)
+    scale = ("twilight", -np.pi, np.pi, "phase of the beacons' field [rad]")
+    tetrahedra, unknowns = report.settings["tetrahedra"], report.nodes
+    mirrors = str(report.settings["mirrors"])
+    mesh = (
+        f"{tetrahedra} tetrahedra of order {report.settings['order']}, {unknowns} unknowns, "
+        f"planes of symmetry across {' and '.join(mirrors)}"
+    )
+    seconds = sum(report.seconds.values())
+    pieces = (
+        paragraph(
+            f"The paper meshes a quarter of its whole box and reads the field off the mesh; COMSOL took about 120 "
+            f"minutes. Here only a tight box round the fingers is meshed ({mesh}) and took {seconds:.1f} s; outside "
+            "it the field follows from the pressure on the fingers by the surface integral of Kirchhoff and Helmholtz."
+        ),
+        picture(
+            draw_mesh(system, made.scene.wavelength),
+            "Fig. 4 of the paper: the model as meshed, cut in the plane of both fingers; dark: the matched layer. The "
+            "left edge is a plane of symmetry, and the circle is the beacon on the skin.",
+            "triangles in a plane round half a finger, and a darker layer round them",
+        ),
+        picture(
+            draw_panels(system.panels.six_nodes * made.scene.wavelength),
+            "The part of the skins that is meshed, its curved triangles coloured by their smallest angle.",
+            "a quarter of the fingers covered with curved triangles",
+        ),
+        picture(
+            draw_planes(window, {"phase of the beacons' field": phase}, outlines, made.dummies.foci, scale),
+            "Fig. 5 of the paper: the phase of the field of both beacons in step, in the plane of both fingers. The "
+            "upright edges are where the transducers stand.",
+            "rings of phase round two fingers, bent by them",
+        ),
+        picture(
+            draw_phases(made.array.positions, made.array.normals, drive),
+            f"Phase and amplitude of the {len(made.array)} transducers: the conjugate of that field, 256 levels each.",
+            "four faces of discs coloured by phase, and by amplitude",
+        ),
+    )
+    return Part("The model and the phases (Fig. 4 and 5)", pieces)
+
+
+def _workspace(middle: Float64[np.ndarray, "3"], step: float) -> Window:
+    up = np.abs(middle)
+    return Window(np.zeros(3), AXES["x"], up, 0.14, 0.18 if up[2] else 0.14, step)
+
+
+def on_plane(system: System, axis: int) -> tuple[Float64[np.ndarray, "faces 3 3"], Bool[np.ndarray, "faces"]]:
+    """Faces of the tetrahedra that lie on a plane of symmetry [λ], and whether each is of the matched layer.
+
+    Parameters
+    ----------
+    system : what was meshed.
+    axis : across which the plane lies.
+    """
+    corners = system.tetrahedra.corners
+    spot = next(one.place for one in system.box.mirrors if one.axis == axis) / system.scene.wavelength
+    on = np.abs(corners[:, :, axis] - spot) < ON_PLANE
+    flat = on.sum(axis=1) == 3
+    faces = corners[flat][on[flat]].reshape(-1, 3, 3)
+    return faces, ~system.box.holds(faces.mean(axis=1) * system.scene.wavelength)
+
+
+def draw_mesh(system: System, wavelength: float) -> Figure:
+    """Draw the tetrahedra where they meet the plane y = 0, or the first plane of symmetry there is.
+
+    Parameters
+    ----------
+    system : what was meshed.
+    wavelength : [m].
+    """
+    axes_of = [mirror.axis for mirror in system.box.mirrors]
+    axis = 1 if 1 in axes_of else axes_of[0]
+    faces, layer = on_plane(system, axis)
+    kept = [index for index in range(3) if index != axis]
+    flat = 1e3 * wavelength * faces[:, :, kept]
+    figure = Figure(figsize=(6.0, 8.0), layout="constrained")
+    axes = figure.subplots()
+    for chosen, colour in ((~layer, "#e8eef7"), (layer, "#a9b8cf")):
+        axes.add_collection(PolyCollection(list(flat[chosen]), facecolor=colour, edgecolor="0.3", linewidth=0.5))
+    axes.plot(*_beacon(system, kept), "o", markersize=9, markerfacecolor="none", markeredgecolor="#b3202a", mew=2)
+    low, high = flat.reshape(-1, 2).min(axis=0), flat.reshape(-1, 2).max(axis=0)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+    axes.set(xlabel=f"{'xyz'[kept[0]]} [mm]", ylabel=f"{'xyz'[kept[1]]} [mm]")
+    return figure
+
+
+def _beacon(system: System, kept: list[int]) -> Float64[np.ndarray, "2"]:
+    """Place of the skin that is nearest the middle, where the beacon stands [mm]."""
+    points = system.skin.points * system.scene.wavelength
+    return 1e3 * points[np.argmin(np.abs(points[:, 0]))][kept]

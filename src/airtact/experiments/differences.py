@@ -1,0 +1,88 @@
+"""Water against rigid fingers, and boundary against finite elements."""
+
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Complex128
+
+from airtact.experiments.mesh_sizes import relative_error
+from airtact.experiments.part import Part, write_columns
+from airtact.experiments.settings import Settings
+from airtact.experiments.solved import Solved
+from airtact.judging import Clock
+from airtact.report.page import paragraph, table
+from airtact.report.windows import plane_through
+from airtact.scene.scene import Scene
+from airtact.solvers.boundary_element import BoundaryElement
+from airtact.solvers.finite_element import FiniteElement
+from airtact.solvers.problem import Solver
+
+OFF_SKIN = 0.5
+"""Points of the plane nearer to a finger than so many wavelengths are left out."""
+
+
+def differences(made: Solved, settings: Settings, folder: Path, clock: Clock) -> Part:
+    """Solve for the beacons in four ways and say how far each pair is apart.
+
+    Parameters
+    ----------
+    made : what was solved.
+    settings : how fine.
+    folder : where the numbers go.
+    clock : is told each step.
+    """
+    fingers, elements = made.dummies, made.array.positions
+    vertices = np.concatenate([surface.vertices for surface in fingers.surfaces])
+    plane = plane_through(fingers.foci, vertices, made.scene.wavelength).points[::7]
+    plane = plane[made.scene.depth(plane) < -OFF_SKIN * made.scene.wavelength]
+    points = np.concatenate([elements, plane])
+    rough = FiniteElement(order=settings.water_order, elements_per_wavelength=settings.elements_per_wavelength)
+    ways: dict[str, tuple[Scene, Solver]] = {
+        "boundary elements, rigid": (made.scene, BoundaryElement(accuracy=settings.truth)),
+        f"finite elements of order {settings.water_order}, rigid": (made.scene, rough),
+        f"finite elements of order {settings.water_order}, water": (fingers.watery, rough),
+    }
+    heard = {f"finite elements of order {settings.order}, rigid": made.field.at(points)[:, 0]}
+    for name, (scene, solver) in ways.items():
+        if name not in heard:
+            with clock.step(name, f"solving for the beacons by {name}"):
+                heard[name] = solver.radiate(scene, fingers.beacon).at(points)[:, 0]
+    count = len(elements)
+    pairs = [(one, other) for index, one in enumerate(heard) for other in list(heard)[index + 1 :]]
+    rows = [(one, other, *_apart(heard[one], heard[other], count)) for one, other in pairs]
+    one, other, at_elements, in_plane, alike = (list(column) for column in zip(*rows, strict=True))
+    write_columns(
+        folder,
+        "differences",
+        {
+            "one": ("", one),
+            "other": ("", other),
+            "at_the_transducers": ("", np.array(at_elements)),
+            "in_the_plane": ("", np.array(in_plane)),
+            "correlation_of_the_drives": ("", np.array(alike)),
+        },
+    )
+    pieces = (
+        paragraph(
+            "The paper fills its fingers with water (Table 1), which reflects 0.9994 of the pressure; everything above "
+            "has them rigid. How far the field of both beacons in step is apart between solvers and fillings:"
+        ),
+        table(
+            ["", "against", "at the transducers", "in the plane of the fingers", "drives alike"],
+            [
+                [str(a), str(b), f"{100 * c:.2f} %", f"{100 * d:.2f} %", f"{e:.5f}"]
+                for a, b, c, d, e in zip(one, other, at_elements, in_plane, alike, strict=True)
+            ],
+            f"Relative differences ‖a − b‖ / ‖b‖; in the plane, points {OFF_SKIN:g} λ and more off the skins. The last "
+            "column is the correlation of the two drives, 1 for equal ones.",
+        ),
+    )
+    return Part("Water against rigid, boundary against finite elements", pieces)
+
+
+def _apart(
+    one: Complex128[np.ndarray, "points"], other: Complex128[np.ndarray, "points"], elements: int
+) -> tuple[float, float, float]:
+    first, second = one[:elements], other[:elements]
+    alike = abs(np.vdot(first, second)) / float(np.linalg.norm(first) * np.linalg.norm(second))
+    return relative_error(first, second), relative_error(one[elements:], other[elements:]), float(alike)

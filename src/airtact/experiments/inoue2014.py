@@ -1,0 +1,129 @@
+"""The experiment of Inoue, Makino and Shinoda (SICE 2014), done again from its own numbers. Prints nothing."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from airtact.experiments.beacons import beacons
+from airtact.experiments.differences import differences
+from airtact.experiments.measurement import measurement
+from airtact.experiments.mesh_sizes import mesh_sizes
+from airtact.experiments.part import Part
+from airtact.experiments.pressures import pressures
+from airtact.experiments.ratios import ratios
+from airtact.experiments.rigid_motion import rigid_motion
+from airtact.experiments.settings import FULL, QUICK, Settings
+from airtact.experiments.solved import solved
+from airtact.judging import Clock
+from airtact.report.page import document, paragraph, section, table, tiles
+from airtact.report.whole_file import whole_file, writable_folder
+
+PAGE = "index.html"
+"""The page, which needs no other file."""
+
+
+@dataclass(frozen=True)
+class Reproduced:
+    """What came of it.
+
+    Attributes
+    ----------
+    page : the page that was written.
+    facts : (number, what it is), the most telling ones.
+    seconds : wall time in all [s].
+    """
+
+    page: Path
+    facts: tuple[tuple[str, str], ...]
+    seconds: float
+
+
+def reproduce(
+    folder: Path,
+    quick: bool = False,
+    tell: Callable[[str], None] = lambda step: None,
+    settings: Settings | None = None,
+) -> Reproduced:
+    """Do the paper's experiment and write a page about it, with the numbers behind each figure beside it.
+
+    Parameters
+    ----------
+    folder : where ``index.html`` goes, and below ``data`` the numbers as .csv and .h5; made if it is not there.
+    quick : whether to do it in three minutes, with less of everything; the page says what was left out.
+    tell : is told each step as it begins.
+    settings : how much is done, in place of those of the two.
+
+    Raises
+    ------
+    InvalidInput
+        The folder is at fault, or memory is short.
+    NotConverged
+        A solver stopped early; the numbers that were written stay.
+    """
+    chosen = settings or (QUICK if quick else FULL)
+    data = writable_folder(folder / "data")
+    (folder / PAGE).unlink(missing_ok=True)
+    clock = Clock(tell)
+    made = solved(chosen, clock)
+    parts = [beacons(made, chosen, data, clock), pressures(made, data, clock), measurement(made, chosen, data, clock)]
+    parts.append(differences(made, chosen, data, clock))
+    parts.append(ratios(chosen, data, clock))
+    parts.append(rigid_motion(chosen, data, clock))
+    parts.append(mesh_sizes(chosen, data, clock))
+    facts = tuple(fact for part in parts for fact in part.facts)
+    tell("writing the page")
+    with whole_file(folder / PAGE) as partial:
+        partial.write_text(_page(chosen, parts, clock, facts), encoding="utf-8")
+    return Reproduced(folder / PAGE, facts, sum(clock.seconds.values()))
+
+
+def _page(settings: Settings, parts: list[Part], clock: Clock, facts: tuple[tuple[str, str], ...]) -> str:
+    title = "Inoue, Makino, Shinoda 2014, done again"
+    head = [
+        f"<h1>{title}</h1>",
+        paragraph(
+            "Producing Airborne Ultrasonic 3D Tactile Image by Time Reversal Field Rendering, SICE Annual Conference "
+            "2014, computed anew: 996 transducers round 14 x 14 x 18 cm at 40 kHz, two fingers, a focus on the skin of "
+            "each, open solvers only.",
+            "lead",
+        ),
+        tiles(facts),
+    ]
+    if settings is not FULL:
+        head.append(paragraph(_left_out(settings), "warning"))
+    body = [piece for part in parts for piece in (section(part.title), *part.pieces)]
+    return document(title, [*head, *body, *_foot(settings, clock)])
+
+
+def _left_out(settings: Settings) -> str:
+    return (
+        f"This is the {settings.name} run. Of the full one it has: order {settings.order} in place of {FULL.order}; "
+        f"{len(settings.gaps) * len(settings.radii)} of {len(FULL.gaps) * len(FULL.radii)} gaps and radii, "
+        f"{len(settings.tilts)} tilts at {len(settings.tilt_gaps)} of {len(FULL.tilt_gaps)} gaps; microphone steps of "
+        f"{1e3 * settings.scan_step:g} mm in place of {1e3 * FULL.scan_step:g} mm; in the study of meshes only what is "
+        f"predicted under {settings.study_seconds:g} s in place of {FULL.study_seconds:g} s; {settings.poses} of "
+        f"{FULL.poses} poses; a judge at {100 * settings.judging:g} % in place of {100 * FULL.judging:g} %; water "
+        f"against rigid at order {settings.water_order} in place of {FULL.water_order}."
+    )
+
+
+def _foot(settings: Settings, clock: Clock) -> list[str]:
+    """Say what was not modelled, and how long each part took."""
+    swept = sum(seconds for name, seconds in clock.seconds.items() if name.startswith("fingers "))
+    studied = sum(seconds for name, seconds in clock.seconds.items() if name.startswith("order "))
+    others = {name: seconds for name, seconds in clock.seconds.items() if not name.startswith(("fingers ", "order "))}
+    rows = [*others.items(), ("sweep of fingers", swept), ("study of meshes", studied)]
+    return [
+        section("How it was done"),
+        paragraph(
+            "Fingers are capsules 44 mm long from the tip's centre to the root's; transducers are monopoles in the "
+            "places of four AUTD3 boards and, like the walls, do not reflect (section 3.1 of the paper). Beacons stand "
+            "on the skin. Every drive is rounded to 256 levels of amplitude and phase before it is judged. The numbers "
+            "behind each figure are in data/, as .csv and .h5."
+        ),
+        table(
+            ["step", "time"],
+            [[name, f"{seconds:.1f} s"] for name, seconds in rows],
+            f"{settings.name} run, {sum(clock.seconds.values()):.0f} s in all.",
+        ),
+    ]

@@ -1,0 +1,126 @@
+"""One combination of order, mesh and domain, solved in a process of its own so that its memory can be told."""
+
+import json
+import resource
+import subprocess
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex128
+
+from airtact.experiments.dummies import dummies
+from airtact.scene.printing import in_short
+from airtact.solvers.finite_element import FiniteElement
+from airtact.transducers.layout import surrounding_box
+
+ROOM = 0.5e-3
+"""How far the meshed workspace reaches past the transducers, so that they lie in it [m]."""
+
+BOX = ((-0.07 - ROOM, -0.07 - ROOM, -0.09 - ROOM), (0.07 + ROOM, 0.07 + ROOM, 0.09 + ROOM))
+"""The paper's workspace with that room [m]."""
+
+
+@dataclass(frozen=True)
+class Combination:
+    """What is solved.
+
+    Attributes
+    ----------
+    order : polynomial order.
+    elements_per_wavelength : wavelength over the edge of the tetrahedra.
+    domain : "tight" or "box".
+    """
+
+    order: int
+    elements_per_wavelength: float
+    domain: str
+
+    def solver(self) -> FiniteElement:
+        """Finite elements of this combination."""
+        domain = "box" if self.domain == "box" else "tight"
+        return FiniteElement(self.order, self.elements_per_wavelength, domain=domain, box=BOX)
+
+
+@dataclass(frozen=True, eq=False)
+class Ran:
+    """What came of it.
+
+    Attributes
+    ----------
+    unknowns : of the system.
+    seconds : meshing, factorising, solving and listening at the transducers [s].
+    most_bytes : largest memory of the process, the libraries with it.
+    heard : (E,) pressure at the transducers [Pa].
+    """
+
+    unknowns: int
+    seconds: float
+    most_bytes: int
+    heard: Complex128[np.ndarray, "elements"]
+
+    __repr__ = in_short
+
+
+def run_apart(combination: Combination, limit: float) -> Ran | str:
+    """Solve for the paper's beacons in a process of its own.
+
+    Parameters
+    ----------
+    combination : what is solved.
+    limit : the process is ended after so many seconds.
+
+    Returns
+    -------
+    What came of it, or a sentence that says why nothing did.
+    """
+    asked = json.dumps([combination.order, combination.elements_per_wavelength, combination.domain])
+    command = [sys.executable, "-m", "airtact.experiments.mesh_run", asked]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=limit, check=False)
+    except subprocess.TimeoutExpired:
+        return f"ended after {limit:.0f} s"
+    if done.returncode != 0:
+        lines = done.stderr.strip().splitlines()
+        return lines[-1] if lines else f"ended with code {done.returncode}"
+    told = json.loads(done.stdout.splitlines()[-1])
+    heard = np.array(told["real"]) + 1j * np.array(told["imaginary"])
+    return Ran(told["unknowns"], told["seconds"], told["most_bytes"], heard)
+
+
+def run_here(combination: Combination) -> Ran:
+    """Solve for the paper's beacons in this process.
+
+    Parameters
+    ----------
+    combination : what is solved.
+    """
+    import time
+
+    fingers, array = dummies(), surrounding_box()
+    scene = fingers.rigid
+    begun = time.perf_counter()
+    field = combination.solver().radiate(scene, fingers.beacon)
+    heard = field.at(array.positions)[:, 0]
+    seconds = time.perf_counter() - begun
+    per_unit = 1 if sys.platform == "darwin" else 1024
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * per_unit
+    return Ran(field.report.nodes, seconds, most, heard)
+
+
+def main() -> None:
+    """Solve what the command line asks for in JSON and print what came of it in JSON."""
+    order, size, domain = json.loads(sys.argv[1])
+    ran = run_here(Combination(order, size, domain))
+    told = {
+        "unknowns": ran.unknowns,
+        "seconds": ran.seconds,
+        "most_bytes": ran.most_bytes,
+        "real": np.real(ran.heard).tolist(),
+        "imaginary": np.imag(ran.heard).tolist(),
+    }
+    print(json.dumps(told))
+
+
+if __name__ == "__main__":
+    main()

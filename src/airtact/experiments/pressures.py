@@ -1,0 +1,109 @@
+"""Fig. 6 and 7 of the paper: the pressure with the fingers considered and ignored, by the other solver."""
+
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+
+from airtact.evaluation.comparison import HELD_EQUAL
+from airtact.experiments.part import Part, places, write_columns
+from airtact.experiments.plane_figure import draw_planes
+from airtact.experiments.solved import CONSIDERED, IGNORED, Solved
+from airtact.judging import Clock
+from airtact.report.field_figure import COLOURS, cut_bodies
+from airtact.report.page import paragraph, picture, table
+from airtact.report.windows import plane_through
+
+HELD = "equal energy"
+"""What is held equal in the pictures."""
+
+PAPER = {"simulated": "about half", "measured": "0.60"}
+"""What the paper says of ignored over considered."""
+
+
+def loudness(made: Solved) -> Float64[np.ndarray, "sounds"]:
+    """Factors that bring the sounds of the judging field to equal energy; its last two are of phases alone."""
+    loud = made.compared.pressures["equal energy"][:, 0] / made.compared.pressures["equal peak"][:, 0]
+    return np.concatenate([loud, np.ones(2)])
+
+
+def pressures(made: Solved, folder: Path, clock: Clock) -> Part:
+    """Show both fields on one scale, and what each focus gets.
+
+    Parameters
+    ----------
+    made : what was solved.
+    folder : where the numbers go.
+    clock : is told each step.
+    """
+    fingers = made.dummies
+    vertices = np.concatenate([surface.vertices for surface in fingers.surfaces])
+    window = plane_through(fingers.foci, vertices, made.scene.wavelength)
+    with clock.step("fields", "computing the pressure with the fingers considered and ignored"):
+        heard = np.abs(made.forward.at(window.points)[:, :2] * loudness(made)[:2])
+    strongest = float(np.nanmax(heard))
+    normalised: dict[str, np.ndarray] = dict(zip((CONSIDERED, IGNORED), (heard / strongest).T, strict=True))
+    write_columns(
+        folder,
+        "pressures",
+        {
+            **places(window.points),
+            "considered": ("Pa", np.ascontiguousarray(heard[:, 0])),
+            "ignored": ("Pa", np.ascontiguousarray(heard[:, 1])),
+        },
+    )
+    scale = (COLOURS, 0.0, 1.0, f"pressure over the largest of both, {HELD}")
+    off = abs(made.judged - made.predicted) / abs(made.predicted)
+    pieces = (
+        paragraph(
+            "The drives were made by finite elements and are judged by boundary elements, which share no code with "
+            f"them. At the foci the boundary elements hear {100 * off:.2f} % another pressure than the finite elements "
+            f"predict (estimated error of the judge: {100 * made.compared.report.estimated_error:.1f} %)."
+        ),
+        picture(
+            draw_planes(window, normalised, cut_bodies(window, fingers.surfaces), fingers.foci, scale),
+            f"Fig. 6 (left) and Fig. 7 (right) of the paper, on one scale, both drives at {HELD}: {HELD_EQUAL[HELD]}. "
+            "The circles are the foci.",
+            "pressure between two fingers under two drives",
+        ),
+        table(
+            ["held equal", "pressure", "pressure squared", "paper, simulated", "paper, measured"],
+            _rows(made),
+            "Ignored over considered at the foci, drives in 256 levels. The paper calls the pressure of its plots "
+            "intensity and does not say what it holds equal.",
+        ),
+        *(paragraph(words, "warning") for words in made.compared.report.warnings),
+    )
+    ratios = made.compared.ratios(HELD)[1].mean()
+    facts = ((f"{ratios:.2f}", f"ignored / considered, pressure at {HELD}"), (f"{100 * off:.2f} %", "between solvers"))
+    _write_ratios(made, folder)
+    return Part("Considered and ignored (Fig. 6 and 7)", pieces, facts)
+
+
+def _rows(made: Solved) -> list[list[str]]:
+    rows = []
+    for held in HELD_EQUAL:
+        ratio = made.compared.ratios(held)[1]
+        squared = made.compared.squared_ratios(held)[1]
+        rows.append([held, f"{ratio.mean():.3f}", f"{squared.mean():.3f}", *PAPER.values()])
+    return rows
+
+
+def _write_ratios(made: Solved, folder: Path) -> None:
+    rows = [
+        (held, name, focus, float(pressure))
+        for held, both in made.compared.pressures.items()
+        for name, foci in zip(made.compared.names, both, strict=True)
+        for focus, pressure in enumerate(foci)
+    ]
+    held, name, focus, pressure = (list(column) for column in zip(*rows, strict=True))
+    write_columns(
+        folder,
+        "foci",
+        {
+            "held_equal": ("", held),
+            "drive": ("", name),
+            "focus": ("", np.array(focus, dtype=np.int64)),
+            "pressure": ("Pa", np.array(pressure)),
+        },
+    )

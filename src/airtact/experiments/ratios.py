@@ -1,0 +1,206 @@
+"""The ratio ignored over considered at the foci, over all that the paper does not tell of its fingers."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+from matplotlib.figure import Figure
+
+from airtact.evaluation.comparison import HELD_EQUAL, compare
+from airtact.experiments.dummies import Dummies, Entering, dummies
+from airtact.experiments.part import Part, write_columns
+from airtact.experiments.settings import Settings
+from airtact.judging import Clock
+from airtact.report.page import paragraph, picture, table
+from airtact.solvers.boundary_element import BoundaryElement
+from airtact.synthesis.quantise import quantise
+from airtact.synthesis.time_reversal import time_reversal
+from airtact.transducers.layout import PhasedArray, surrounding_box
+from airtact.transfer import focus_by_distance, transfer_matrix
+
+WANTED = {0.5: "about half (simulated)", 0.6: "0.60 (measured)"}
+"""The paper's two numbers."""
+
+
+@dataclass(frozen=True)
+class Fingers:
+    """One way to fill in what the paper leaves open.
+
+    Attributes
+    ----------
+    gap, radius : [m].
+    tilt : [degrees].
+    entering : where the fingers come from.
+    """
+
+    gap: float
+    radius: float
+    tilt: float
+    entering: Entering
+
+    def __str__(self) -> str:
+        return f"gap {1e3 * self.gap:.0f} mm, radius {1e3 * self.radius:.0f} mm, tilt {self.tilt:.0f}°, {self.entering}"
+
+
+def ratio_of(fingers: Dummies, array: PhasedArray, settings: Settings) -> Float64[np.ndarray, "3"]:
+    """Pressure ignored over considered under the normalisations of ``HELD_EQUAL``, mean over the foci.
+
+    Parameters
+    ----------
+    fingers : the scene.
+    array : the transducers.
+    settings : how fine.
+    """
+    scene, target = fingers.rigid, fingers.target
+    solver = BoundaryElement(accuracy=settings.sweep_drive)
+    transfer = transfer_matrix(solver.radiate(scene, target.beacons()), array)
+    drives = {
+        "considered": time_reversal(transfer, target),
+        "ignored": focus_by_distance(array, target, scene.medium, scene.frequency),
+    }
+    emitted = {name: quantise(drive).drive() for name, drive in drives.items()}
+    compared = compare(scene, array, emitted, target, solver=BoundaryElement(accuracy=settings.sweep_judge))
+    return np.array([compared.ratios(held)[1].mean() for held in HELD_EQUAL])
+
+
+def all_fingers(settings: Settings) -> list[Fingers]:
+    """All that is swept: gap by radius, and tilt by way of entering at some gaps."""
+    found = [Fingers(gap, radius, 20.0, "from below") for gap in settings.gaps for radius in settings.radii]
+    found += [
+        Fingers(gap, 8e-3, tilt, entering)
+        for gap in settings.tilt_gaps
+        for tilt in settings.tilts
+        for entering in settings.ways
+    ]
+    return list(dict.fromkeys(found))
+
+
+def ratios(settings: Settings, folder: Path, clock: Clock) -> Part:
+    """Sweep the fingers and show where the paper's numbers lie.
+
+    Parameters
+    ----------
+    settings : what is swept, and how fine.
+    folder : where the numbers go.
+    clock : is told each step.
+    """
+    array, found = surrounding_box(), {}
+    wanted = all_fingers(settings)
+    for index, one in enumerate(wanted, start=1):
+        with clock.step(f"fingers {index}", f"fingers {index} of {len(wanted)}: {one}"):
+            found[one] = ratio_of(dummies(one.gap, one.radius, one.tilt, one.entering), array, settings)
+    _write(found, folder)
+    lowest, highest = (np.array(list(found.values())).T for _ in range(2))
+    spans = [
+        f"{held} {low:.2f} to {high:.2f} (squared {low**2:.2f} to {high**2:.2f})"
+        for held, low, high in zip(HELD_EQUAL, lowest.min(axis=1), highest.max(axis=1), strict=True)
+    ]
+    pieces = (
+        paragraph(
+            f"The paper does not give the size, the gap or the tilt of its dummies. Over {len(found)} of them the "
+            f"ratio ignored over considered at the foci, as pressure, is: {'; '.join(spans)}. Drives and judge are "
+            f"boundary elements (accuracy {settings.sweep_drive:g} and {settings.sweep_judge:g}), drives in 256 levels."
+        ),
+        picture(
+            draw_maps(settings, found),
+            "Ratio over gap and radius, fingers from below tilted by 20 degrees; white lines: 0.60 (solid) and 0.50 "
+            "(dashed), where they occur.",
+            "maps of the ratio over gap and radius",
+        ),
+        picture(
+            draw_tilts(settings, found),
+            "Ratio over the tilt for the ways in which the fingers may enter (radius 8 mm); the lines are the paper's "
+            "0.60 and 0.50.",
+            "curves of the ratio over tilt",
+        ),
+        table(
+            ["paper", "taken as", "held equal", "nearest here", "fingers"],
+            list(_nearest(found)),
+            "The fingers of the sweep that come nearest to the paper's numbers.",
+            text=True,
+        ),
+    )
+    return Part("What the paper leaves open", pieces)
+
+
+def _nearest(found: Mapping[Fingers, Float64[np.ndarray, "3"]]) -> Iterator[list[str]]:
+    for wanted, words in WANTED.items():
+        for power, name in ((1, "pressure"), (2, "pressure squared")):
+            for column, held in enumerate(HELD_EQUAL):
+                one = min(found, key=lambda it: abs(found[it][column] ** power - wanted))
+                yield [words, name, held, f"{found[one][column] ** power:.3f}", str(one)]
+
+
+def _write(found: Mapping[Fingers, Float64[np.ndarray, "3"]], folder: Path) -> None:
+    values = np.array(list(found.values()))
+    columns = {
+        "gap": ("m", np.array([one.gap for one in found])),
+        "radius": ("m", np.array([one.radius for one in found])),
+        "tilt": ("degrees", np.array([one.tilt for one in found])),
+        "entering": ("", [str(one.entering) for one in found]),
+    }
+    ratio = {held.replace(" ", "_"): ("", np.array(values[:, index])) for index, held in enumerate(HELD_EQUAL)}
+    write_columns(folder, "sweep", {**columns, **ratio})
+
+
+def draw_maps(settings: Settings, found: Mapping[Fingers, Float64[np.ndarray, "3"]]) -> Figure:
+    """Draw the ratio over gap and radius, as pressure above and squared below.
+
+    Parameters
+    ----------
+    settings : what was swept.
+    found : the ratios.
+    """
+    grid = np.array(
+        [[found[Fingers(gap, radius, 20.0, "from below")] for gap in settings.gaps] for radius in settings.radii]
+    )
+    figure = Figure(figsize=(11.0, 6.2), layout="constrained")
+    rows = figure.subplots(2, len(HELD_EQUAL), sharex=True, sharey=True)
+    across, along = 1e3 * np.array(settings.gaps), 1e3 * np.array(settings.radii)
+    for power, row in zip((1, 2), rows, strict=True):
+        values = grid**power
+        levels = np.linspace(min(0.3, values.min()), max(1.0, values.max()), 24)
+        shown = None
+        for column, (held, place) in enumerate(zip(HELD_EQUAL, row, strict=True)):
+            shown = place.contourf(across, along, values[:, :, column], levels=levels, cmap="viridis", extend="both")
+            for wanted, style in ((0.5, "dashed"), (0.6, "solid")):
+                if values[:, :, column].min() < wanted < values[:, :, column].max():
+                    lines = place.contour(
+                        across, along, values[:, :, column], levels=[wanted], colors="white", linestyles=style
+                    )
+                    place.clabel(lines, fmt="%.2f", fontsize=8)
+            place.set_title(f"{held}, {'pressure' if power == 1 else 'squared'}", fontsize=10)
+            if power == 2:
+                place.set_xlabel("gap [mm]")
+        row[0].set_ylabel("radius [mm]")
+        assert shown is not None
+        figure.colorbar(shown, ax=list(row), label="ignored / considered", aspect=20, format="%.2f")
+    return figure
+
+
+def draw_tilts(settings: Settings, found: Mapping[Fingers, Float64[np.ndarray, "3"]]) -> Figure:
+    """Draw the ratio over the tilt, a line for each gap and way of entering.
+
+    Parameters
+    ----------
+    settings : what was swept.
+    found : the ratios.
+    """
+    figure = Figure(figsize=(11.0, 4.6), layout="constrained")
+    row = figure.subplots(1, len(HELD_EQUAL), sharey=True)
+    styles = dict(zip(settings.ways, ("-", "--", ":"), strict=False))
+    for column, (held, place) in enumerate(zip(HELD_EQUAL, row, strict=True)):
+        for shade, gap in enumerate(settings.tilt_gaps):
+            for entering, style in styles.items():
+                line = [found[Fingers(gap, 8e-3, tilt, entering)][column] for tilt in settings.tilts]
+                label = f"{1e3 * gap:.0f} mm, {entering}"
+                place.plot(settings.tilts, line, style, color=f"C{shade}", marker="o", markersize=3, label=label)
+        for wanted in WANTED:
+            place.axhline(wanted, color="0.4", linewidth=0.8, linestyle="--" if wanted == 0.5 else "-")
+        place.set(xlabel="tilt [degrees]", title=held)
+    row[0].set_ylabel("pressure, ignored / considered")
+    handles, labels = row[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside right", fontsize=8, frameon=False)  # pyright: ignore[reportArgumentType, reportCallIssue]
+    return figure

@@ -1,0 +1,233 @@
+"""Section 3.3 of the paper: one solution, the hand moved rigidly, read off by nodes or by the surface integral."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Complex128, Float64
+from matplotlib.figure import Figure
+from scipy.ndimage import binary_dilation
+from scipy.spatial import KDTree
+
+from airtact.experiments.dummies import dummies
+from airtact.experiments.part import Part, write_columns
+from airtact.experiments.settings import Settings
+from airtact.judging import Clock
+from airtact.report.page import paragraph, picture, table
+from airtact.scene.pose import Pose
+from airtact.scene.printing import in_short
+from airtact.scene.scene import Scene
+from airtact.scene.sources import Monopoles
+from airtact.solvers.boundary_element import BoundaryElement
+from airtact.solvers.problem import RadiatedField
+from airtact.transducers.layout import surrounding_box
+
+FARTHEST, WIDEST = 5e-3, 10.0
+"""The hand is moved up to so far along each axis [m], and turned about any axis by up to so many degrees."""
+
+SEED = 33
+
+SHIFT = 0.3
+"""How far nodes lie off a grid at most, over its step: the nodes of a mesh of tetrahedra are not in rows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """A field known at nodes alone.
+
+    Attributes
+    ----------
+    points : (N, 3) [m].
+    pressure : (N,) [Pa].
+    carrier : gives e^{ikr}/r of the beacon at points (P, 3).
+    tree : finds the nearest nodes.
+    """
+
+    points: Float64[np.ndarray, "nodes 3"]
+    pressure: Complex128[np.ndarray, "nodes"]
+    carrier: Callable[[Float64[np.ndarray, "points 3"]], Complex128[np.ndarray, "points"]]
+    tree: KDTree
+
+    __repr__ = in_short
+
+    def literal(
+        self, points: Float64[np.ndarray, "points 3"]
+    ) -> tuple[Complex128[np.ndarray, "points"], Bool[np.ndarray, "points"]]:
+        """Interpolate as the paper does, in the tetrahedron of the 4 nearest nodes; also whether points lie outside."""
+        nearest, shares = self._shares(points)
+        return (shares * self.pressure[nearest]).sum(axis=1), shares.min(axis=1) < -1e-9
+
+    def carrier_free(
+        self, points: Float64[np.ndarray, "points 3"]
+    ) -> tuple[Complex128[np.ndarray, "points"], Bool[np.ndarray, "points"]]:
+        """Do the same with the beacon's own e^{ikr}/r divided out first and multiplied in again."""
+        nearest, shares = self._shares(points)
+        smooth = self.pressure[nearest] / self.carrier(self.points[nearest].reshape(-1, 3)).reshape(nearest.shape)
+        return self.carrier(points) * (shares * smooth).sum(axis=1), shares.min(axis=1) < -1e-9
+
+    def _shares(self, points: Float64[np.ndarray, "points 3"]) -> tuple[np.ndarray, np.ndarray]:
+        """Numbers of the 4 nearest nodes and what each counts; the nearest counts all where the 4 lie in a plane."""
+        nearest = np.asarray(self.tree.query(points, k=4)[1])
+        corners = self.points[nearest]
+        edges = (corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
+        flat = np.abs(np.linalg.det(edges)) < 1e-12 * np.linalg.norm(edges, axis=1).prod(axis=1)
+        edges[flat] = np.eye(3)
+        others = np.linalg.solve(edges, (points - corners[:, 0])[:, :, None])[:, :, 0]
+        others[flat] = 0.0
+        return nearest, np.concatenate([1 - others.sum(axis=1, keepdims=True), others], axis=1)
+
+
+def nodes_beside(points: Float64[np.ndarray, "points 3"], step: float, scene: Scene) -> Float64[np.ndarray, "nodes 3"]:
+    """Nodes of an uneven grid within two steps of some points, outside the bodies.
+
+    Parameters
+    ----------
+    points : (P, 3) where the field will be read [m].
+    step : of the grid [m].
+    scene : the bodies.
+    """
+    low = points.min(axis=0) - 3 * step
+    cells = np.floor((points - low) / step).astype(np.int64)
+    wanted = np.zeros(cells.max(axis=0) + 4, dtype=np.bool_)
+    wanted[tuple(cells.T)] = True
+    wanted = binary_dilation(wanted, np.ones((3, 3, 3)), iterations=1)
+    grid = np.argwhere(wanted) + 0.5 + np.random.default_rng(SEED).uniform(-SHIFT, SHIFT, (int(wanted.sum()), 3))
+    nodes = low + step * grid
+    return nodes[scene.depth(nodes) < 0.0]
+
+
+def random_poses(count: int) -> list[Pose]:
+    """Give small random motions of a hand, the same every time.
+
+    Parameters
+    ----------
+    count : how many.
+    """
+    chance = np.random.default_rng(SEED)
+    poses = []
+    for _ in range(count):
+        axis, angle = chance.standard_normal(3), np.radians(chance.uniform(-WIDEST, WIDEST))
+        shift = chance.uniform(-FARTHEST, FARTHEST, 3)
+        poses.append(Pose.turn(tuple(axis), angle, translation=tuple(shift)))
+    return poses
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How one way of reading the transducers did.
+
+    Attributes
+    ----------
+    name : of it.
+    errors : of the drive, one for each pose.
+    outside : share of the points that lay outside their tetrahedron; NaN where there is none.
+    seconds : for one pose.
+    """
+
+    name: str
+    errors: tuple[float, ...]
+    outside: float
+    seconds: float
+
+
+def rigid_motion(settings: Settings, folder: Path, clock: Clock) -> Part:
+    """Compare ways of reading one solution at the transducers of a moved hand.
+
+    Parameters
+    ----------
+    settings : how many poses, and how near the nodes.
+    folder : where the numbers go.
+    clock : is told each step.
+    """
+    fingers, array = dummies(), surrounding_box()
+    scene, poses = fingers.rigid, random_poses(settings.poses)
+    beacon = Monopoles(fingers.foci[1:], np.ones(1))
+    with clock.step("moved", f"moving the hand to {len(poses)} poses"):
+        field = BoundaryElement(accuracy=0.01).radiate(scene, beacon)
+        finer = BoundaryElement(accuracy=0.5 * settings.truth).radiate(scene, beacon)
+        places = np.stack([array.seen_from(pose).positions for pose in poses])
+        true = finer.at(places.reshape(-1, 3))[:, 0].reshape(len(poses), -1)
+    readings = [_timed("surface integral", places, true, lambda at: (field.at(at)[:, 0], None))]
+    counts = []
+    for spacing in settings.node_spacings:
+        with clock.step(f"nodes {spacing:g}", f"reading the moved transducers off nodes at λ/{spacing:g}"):
+            nodes = _sampled(field, places.reshape(-1, 3), scene.wavelength / spacing)
+            counts.append(f"{len(nodes.points):,} at λ/{spacing:g}")
+            readings.append(_timed(f"4 nearest nodes at λ/{spacing:g}", places, true, nodes.literal))
+            readings.append(_timed(f"the same, e^ikr/r divided out, λ/{spacing:g}", places, true, nodes.carrier_free))
+    write_columns(
+        folder,
+        "rigid_motion",
+        {
+            "pose": ("", np.arange(len(poses), dtype=np.int64)),
+            **{_plain(one.name): ("", np.array(one.errors)) for one in readings},
+        },
+    )
+    pieces = (
+        paragraph(
+            f"One solution serves every rigid motion. The hand was moved {len(poses)} times at random, by up to "
+            f"{1e3 * FARTHEST:.0f} mm along each axis and {WIDEST:.0f} degrees; each time the beacon was read at the "
+            f"{len(array)} transducers: by the surface integral over the same solution, and by the paper's scheme, the "
+            "4 nearest nodes and linear interpolation in their tetrahedron (a k-d tree in place of FLANN). The nodes "
+            f"form an uneven grid ({', '.join(counts)} nodes) and know the pressure of that same solution, so that "
+            "interpolation alone is compared. The error is that of the drive against boundary elements at "
+            f"{100 * 0.5 * settings.truth:g} %."
+        ),
+        table(
+            ["read by", "median error", "largest error", "points extrapolated", "time a pose"],
+            [_row(one) for one in readings],
+            "Error of the drive (the conjugate of what the transducers hear) over the poses.",
+        ),
+        picture(_draw(readings), "Error of the drive in each pose, from the smallest.", "curves of errors over poses"),
+    )
+    return Part("Rigid motion (section 3.3)", pieces)
+
+
+def _sampled(field: RadiatedField, points: Float64[np.ndarray, "points 3"], step: float) -> Nodes:
+    beacon, k = field.sources.positions[0], field.scene.wavenumber
+
+    def carrier(at: Float64[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points"]:
+        distance = np.linalg.norm(at - beacon, axis=1)
+        return np.exp(1j * k * distance) / distance
+
+    nodes = nodes_beside(points, step, field.scene)
+    pressure = np.concatenate([field.at(some)[:, 0] for some in np.array_split(nodes, 1 + len(nodes) // 50_000)])
+    return Nodes(nodes, pressure, carrier, KDTree(nodes))
+
+
+def _timed(
+    name: str,
+    places: Float64[np.ndarray, "poses elements 3"],
+    true: Complex128[np.ndarray, "poses elements"],
+    read: Callable[..., tuple[np.ndarray, np.ndarray | None]],
+) -> Reading:
+    errors, outside = [], []
+    begun = time.perf_counter()
+    heard = [read(one) for one in places]
+    seconds = (time.perf_counter() - begun) / len(places)
+    for (pressure, beyond), exact in zip(heard, true, strict=True):
+        errors.append(float(np.linalg.norm(pressure - exact) / np.linalg.norm(exact)))
+        outside.append(float("nan") if beyond is None else float(beyond.mean()))
+    return Reading(name, tuple(errors), float(np.mean(outside)), seconds)
+
+
+def _plain(name: str) -> str:
+    return name.replace(", ", "_").replace(" ", "_").replace("/", "_").replace("λ", "lambda").replace("^", "")
+
+
+def _row(one: Reading) -> list[str]:
+    outside = "–" if np.isnan(one.outside) else f"{100 * one.outside:.0f} %"
+    errors = [f"{100 * error:.2g} %" for error in (np.median(one.errors), max(one.errors))]
+    return [one.name, *errors, outside, f"{1e3 * one.seconds:.1f} ms"]
+
+
+def _draw(readings: list[Reading]) -> Figure:
+    figure = Figure(figsize=(8.0, 4.0), layout="constrained")
+    axes = figure.subplots()
+    for one in readings:
+        axes.plot(np.linspace(0, 100, len(one.errors)), sorted(one.errors), label=one.name)
+    axes.set(yscale="log", xlabel="share of the poses [%]", ylabel="error of the drive")
+    figure.legend(loc="outside right", fontsize=8, frameon=False)  # pyright: ignore[reportArgumentType]
+    return figure

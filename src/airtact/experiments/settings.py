@@ -1,0 +1,107 @@
+"""How much of an experiment is done: all of it, or what fits into three minutes."""
+
+from dataclasses import dataclass
+
+from airtact.experiments.dummies import Entering
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How fine and how much.
+
+    Attributes
+    ----------
+    name : what the page calls it.
+    order, elements_per_wavelength : of the finite elements that make the drive.
+    plane_step : distance of the points in the picture of the beacons' phase [m].
+    judging : accuracy of the boundary elements that judge it.
+    truth : accuracy of the boundary elements that the errors of others are taken from.
+    sweep_drive, sweep_judge : accuracy of the boundary elements that make and judge the drives of the sweep.
+    gaps, radii : of the fingers in the sweep [m].
+    tilts : of the fingers [degrees].
+    ways : how the fingers enter.
+    tilt_gaps : gaps at which the tilts and the ways of entering are swept [m].
+    scan_step, scan_half : step and half side of the virtual measurement [m].
+    study_orders, study_sizes : polynomial orders, and elements per wavelength, of the study of meshes.
+    study_seconds, study_bytes : a combination that is predicted to take more is not run.
+    study_budget : no further combination is begun after so many seconds.
+    poses, node_spacings : random poses, and wavelengths over the distance of nodes, of the study of interpolation.
+    water_order : order of the finite elements that compare water with rigid fingers.
+    """
+
+    name: str
+    order: int
+    elements_per_wavelength: float
+    plane_step: float
+    judging: float
+    truth: float
+    sweep_drive: float
+    sweep_judge: float
+    gaps: tuple[float, ...]
+    radii: tuple[float, ...]
+    tilts: tuple[float, ...]
+    ways: tuple[Entering, ...]
+    tilt_gaps: tuple[float, ...]
+    scan_step: float
+    scan_half: float
+    study_orders: tuple[int, ...]
+    study_sizes: tuple[float, ...]
+    study_seconds: float
+    study_bytes: float
+    study_budget: float
+    poses: int
+    node_spacings: tuple[float, ...]
+    water_order: int
+
+
+FULL = Settings(
+    name="full",
+    order=5,
+    elements_per_wavelength=1.7,
+    plane_step=0.7e-3,
+    judging=0.005,
+    truth=0.003,
+    sweep_drive=0.02,
+    sweep_judge=0.01,
+    gaps=(6e-3, 9e-3, 12e-3, 15e-3, 18e-3, 21e-3, 24e-3, 27e-3, 30e-3),
+    radii=(6e-3, 7e-3, 8e-3, 9e-3, 10e-3),
+    tilts=(0.0, 20.0, 40.0, 60.0),
+    ways=("from below", "from above", "from the side"),
+    tilt_gaps=(6e-3, 12e-3, 18e-3, 24e-3, 30e-3),
+    scan_step=0.25e-3,
+    scan_half=6e-3,
+    study_orders=(1, 2, 3, 4, 5, 6),
+    study_sizes=(1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0),
+    study_seconds=60.0,
+    study_bytes=8 * 2.0**30,
+    study_budget=600.0,
+    poses=200,
+    node_spacings=(6.0, 10.0),
+    water_order=5,
+)
+
+QUICK = Settings(
+    name="quick",
+    order=4,
+    elements_per_wavelength=1.7,
+    plane_step=1.4e-3,
+    judging=0.02,
+    truth=0.01,
+    sweep_drive=0.05,
+    sweep_judge=0.03,
+    gaps=(6e-3, 12e-3, 21e-3, 30e-3),
+    radii=(6e-3, 8e-3, 10e-3),
+    tilts=(0.0, 20.0, 45.0),
+    ways=("from below", "from above", "from the side"),
+    tilt_gaps=(12e-3,),
+    scan_step=0.5e-3,
+    scan_half=5e-3,
+    study_orders=(1, 2, 3, 4, 5, 6),
+    study_sizes=(1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0),
+    study_seconds=4.0,
+    study_bytes=2 * 2.0**30,
+    study_budget=40.0,
+    poses=20,
+    node_spacings=(6.0,),
+    water_order=3,
+)

@@ -1,0 +1,110 @@
+"""The drive as the paper makes it: one solution by finite elements, its conjugate at the transducers."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex128
+
+from airtact.evaluation.comparison import Comparison, compare
+from airtact.experiments.dummies import Dummies, dummies
+from airtact.experiments.settings import Settings
+from airtact.judging import Clock
+from airtact.scene.printing import in_short
+from airtact.scene.scene import Scene
+from airtact.scene.sources import Monopoles
+from airtact.solvers.boundary_element import BoundaryElement
+from airtact.solvers.finite_element import FactorisedScene, FiniteElement
+from airtact.solvers.finite_field import FiniteField
+from airtact.solvers.problem import RadiatedField, Solver
+from airtact.synthesis.quantise import quantise
+from airtact.transducers.layout import PhasedArray, surrounding_box
+from airtact.transfer import Drive, focus_by_distance
+
+CONSIDERED, IGNORED = "fingers considered", "fingers ignored"
+"""The paper's two drives."""
+
+
+class Keeping(Solver):
+    """Boundary elements that keep what they solved last.
+
+    Attributes
+    ----------
+    field : what they solved last.
+    """
+
+    field: RadiatedField
+
+    def __init__(self, accuracy: float) -> None:
+        self._solver = BoundaryElement(accuracy=accuracy)
+
+    def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
+        """Solve the scene for the monopoles."""
+        self.field = self._solver.radiate(scene, sources)
+        return self.field
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """The paper's experiment up to the judged drives.
+
+    Attributes
+    ----------
+    dummies : the fingers.
+    scene : with them, sound-hard.
+    array : the 996 transducers.
+    factorised : the finite elements.
+    field : of both beacons in step, by them.
+    heard : (E,) its pressure at the transducers [Pa].
+    drives : by name, in 256 levels.
+    compared : what each drive gives at the foci, by boundary elements.
+    forward : the field of the drives at equal peak, then of their phases alone, by boundary elements.
+    """
+
+    dummies: Dummies
+    scene: Scene
+    array: PhasedArray
+    factorised: FactorisedScene
+    field: FiniteField
+    heard: Complex128[np.ndarray, "elements"]
+    drives: dict[str, Drive]
+    compared: Comparison
+    forward: RadiatedField
+
+    __repr__ = in_short
+
+    @property
+    def predicted(self) -> complex:
+        """Mean pressure at the foci [Pa] under the first drive, as the finite elements predict it by reciprocity."""
+        drive = self.drives[CONSIDERED].amplitudes
+        return complex(self.array.element.sensitivity * (self.heard @ drive) / len(self.dummies.foci))
+
+    @property
+    def judged(self) -> complex:
+        """The same by the boundary elements, all transducers speaking."""
+        return complex(self.forward.at(self.dummies.foci)[:, 0].mean())
+
+
+def solved(settings: Settings, clock: Clock) -> Solved:
+    """Solve for the beacons by finite elements, make both drives, and judge them by boundary elements.
+
+    Parameters
+    ----------
+    settings : how fine.
+    clock : is told each step.
+    """
+    fingers, array = dummies(), surrounding_box()
+    scene = fingers.rigid
+    solver = FiniteElement(order=settings.order, elements_per_wavelength=settings.elements_per_wavelength)
+    with clock.step("finite elements", f"solving for the beacons by finite elements of order {settings.order}"):
+        factorised = solver.factorised(scene)
+        field = factorised.radiate(scene, fingers.beacon)
+        heard = field.at(array.positions)[:, 0]
+    drives = {
+        CONSIDERED: Drive(heard.conj() / np.abs(heard).max()),
+        IGNORED: focus_by_distance(array, fingers.target, scene.medium, scene.frequency),
+    }
+    drives = {name: quantise(drive).drive() for name, drive in drives.items()}
+    judge = Keeping(settings.judging)
+    with clock.step("judging", "judging both drives by boundary elements, all transducers speaking"):
+        compared = compare(scene, array, drives, fingers.target, solver=judge)
+    return Solved(fingers, scene, array, factorised, field, heard, drives, compared, judge.field)
