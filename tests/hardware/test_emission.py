@@ -6,45 +6,22 @@ import threading
 import time
 from contextlib import suppress
 
-import jaxtyping
 import numpy as np
 import pytest
 
-from airtact.conventions import InvalidInput
 from airtact.hardware.autd3_link import AUTD3Link
-from airtact.hardware.codecs import codec_of
 from airtact.hardware.emission import Emission
 from airtact.hardware.link import LinkFailed, RecordingLink
-from airtact.hardware.loudness import faded
 from airtact.hardware.serial_link import SerialLink
 from airtact.scene.pose import Pose
-from airtact.synthesis.sequence import Sequence, amplitude_modulation
-from airtact.transfer import Drive
+from airtact.synthesis.sequence import Sequence
 from hardware.receivers import Nano16, SonicSurface, wired
+from hardware.sounds import ended, moving, playing, tone
 
 TIMES = 50
 
 
-def tone(elements: int = 249, loudness: float = 1.0) -> Drive:
-    return Drive(loudness * np.exp(2j * np.pi * np.arange(elements) / 7))
-
-
-def moving(frames: int, elements: int = 249) -> np.ndarray:
-    turns = np.arange(frames)[:, None] / frames + np.arange(elements) / 7
-    return np.exp(2j * np.pi * turns)
-
-
-def ended(link: RecordingLink) -> bool:
-    """Whether there was sound, then silence, then nothing."""
-    return any(not frame.silent for frame in link.frames) and link.frames[-1].silent
-
-
 # --- how it ends ----------------------------------------------------------------------------------------------------
-
-
-def playing(link, work) -> None:
-    with Emission(link, ramp=0.0) as emission:
-        work(emission)
 
 
 @pytest.mark.parametrize("kind", [signal.SIGTERM, signal.SIGINT])
@@ -286,126 +263,3 @@ def test_a_process_that_shall_outlive_its_terminal_does() -> None:
     finally:
         signal.signal(signal.SIGHUP, before)
     assert [frame.silent for frame in link.frames] == [False, False, True]
-
-
-# --- how it begins, and how loud ------------------------------------------------------------------------------------
-
-
-def test_sound_rises_over_the_ramp() -> None:
-    link = RecordingLink()
-    with Emission(link) as emission:
-        emission.send(tone())
-        emission.send(tone())
-    loudness = [int(frame.amplitude.max()) for frame in link.frames]
-    np.testing.assert_allclose(loudness[:7], 255 * np.arange(1, 8) / 8, rtol=0, atol=0.51)
-    assert loudness[7:] == [255, 255, 0]
-    assert link.seconds[7] - link.seconds[0] >= 0.17
-
-
-def test_the_cap_turns_a_drive_down_as_a_whole() -> None:
-    drive = Drive(np.linspace(0.0, 0.8, 249) * tone().amplitudes)
-    link = RecordingLink()
-    with Emission(link, cap=40.0, ramp=0.0) as emission:
-        frame = emission.send(drive)
-    np.testing.assert_allclose(frame.amplitude / 255, 0.5 * np.abs(drive.amplitudes), rtol=0, atol=0.5 / 255)
-    with Emission(link, cap=90.0, ramp=0.0) as emission:
-        frame = emission.send(drive)
-    np.testing.assert_allclose(frame.amplitude / 255, np.abs(drive.amplitudes), rtol=0, atol=0.5 / 255)
-
-
-def test_one_cap_holds_for_all_frames_of_a_sequence() -> None:
-    drives = moving(2) * np.array([[1.0], [0.5]])
-    link = RecordingLink()
-    with Emission(link, cap=50.0, ramp=0.0) as emission:
-        emission.play(Sequence(drives, 100.0), seconds=0.04)
-    loudness = [int(frame.amplitude.max()) for frame in link.frames[:2]]
-    np.testing.assert_allclose(loudness, [127.5, 63.75], rtol=0, atol=0.51)
-
-
-def test_boards_without_amplitudes_are_capped_by_speaking_with_fewer() -> None:
-    levels = codec_of("sonicsurface").levels
-    for share in (0.0, 0.1, 0.5, 1.0):
-        frame = faded(tone(256), levels, share)
-        assert abs(int(frame.amplitude.sum()) - 256 * share) <= 2
-    # Spread evenly: every run of 16 elements has its part.
-    runs = faded(tone(256), levels, 0.5).amplitude.reshape(16, 16).sum(axis=1)
-    assert runs.min() >= 7
-    assert runs.max() <= 9
-
-
-def test_a_sequence_keeps_its_rate_and_tells_what_it_dropped() -> None:
-    link = RecordingLink()
-    with Emission(link, ramp=0.0) as emission:
-        played = emission.play(Sequence(moving(10), 50.0), seconds=0.4)
-    assert played.frames + played.dropped == 20
-    assert played.dropped == 0 or played.rate < 50.0
-
-
-def test_frames_that_would_be_late_are_dropped() -> None:
-    class Slow(RecordingLink):
-        def _transmit(self, frame) -> None:
-            time.sleep(0.03)
-            super()._transmit(frame)
-
-    link = Slow()
-    with Emission(link, ramp=0.0) as emission:
-        played = emission.play(Sequence(moving(10), 100.0), seconds=0.6)
-    assert played.dropped > 10
-    assert played.frames + played.dropped == 60
-
-
-def test_autd3_repeats_a_sequence_by_itself() -> None:
-    link = AUTD3Link([Pose.identity()])
-    with Emission(link, ramp=0.0) as emission:
-        played = emission.play(Sequence(moving(8), 500.0), seconds=0.1)
-        assert not link.played(7).silent
-        assert not link.played(7).same_as(link.played(0))
-    assert (played.rate, played.dropped) == (500.0, 0)
-    assert link.sent == 8 + 1
-
-
-def test_a_swing_that_begins_in_silence_rises_too() -> None:
-    swing = amplitude_modulation(tone(), frequency=100.0, rate=400.0)
-    link = RecordingLink()
-    with Emission(link) as emission:
-        emission.play(Sequence(np.roll(swing.drives, 2, axis=0), 400.0), seconds=0.05)
-    loudness = [int(frame.amplitude.max()) for frame in link.frames]
-    np.testing.assert_allclose(loudness[:7], 255 * np.arange(1, 8) / 8, rtol=0, atol=0.51)
-    assert loudness[7] == 0  # the first frame, after the most powerful one rose
-
-
-@pytest.mark.parametrize(
-    ("make", "sentence"),
-    [
-        (lambda link: Emission(link, cap=0.0), "the cap is 0 per cent of full scale"),
-        (lambda link: Emission(link, cap=120.0), "the cap is 120 per cent"),
-        (lambda link: Emission(link, cap=np.nan), "the cap is nan per cent"),
-        (lambda link: Emission(link, ramp=-1.0), "the ramp is -1 s"),
-        (lambda link: Emission(link, patience=0.0), "the patience of the watchdog is 0 s"),
-        (lambda link: Emission("autd3"), "the link is 'autd3', but it must be a Link: give one such as AUTD3Link"),
-    ],
-)
-def test_settings_that_cannot_be_are_refused(make, sentence: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
-    with pytest.raises(InvalidInput, match=sentence):
-        make(RecordingLink())
-
-
-@pytest.mark.parametrize(
-    ("work", "sentence"),
-    [
-        (lambda emission: emission.send(tone(996)), "a drive for 996 elements does not fit 1 autd3 board of 249"),
-        (lambda emission: emission.send(None), "what is emitted is a NoneType"),
-        (
-            lambda emission: emission.play(Sequence(moving(3, 12), 10.0), 1),
-            "a drive for 12 elements does not fit 1 autd3 board",
-        ),
-        (lambda emission: emission.play(moving(3), 1), "what is played is an array|what is played is a"),
-    ],
-)
-def test_what_cannot_be_emitted_is_refused_and_silent(work, sentence: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
-    link = RecordingLink()
-    with Emission(link) as emission, pytest.raises(InvalidInput, match=sentence):
-        work(emission)
-    assert all(frame.silent for frame in link.frames)
