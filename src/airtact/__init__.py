@@ -22,6 +22,9 @@ from airtact.hardware.serial_link import SerialLink
 from airtact.scene.drawings import picture, svg_path, text
 from airtact.scene.files import load_surface
 from airtact.scene.geometry import Surface
+from airtact.scene.hand import Hand, hand_from_joints
+from airtact.scene.hand_files import load_hand
+from airtact.scene.hand_parts import Touch
 from airtact.scene.medium import Medium, air
 from airtact.scene.merging import merged
 from airtact.scene.panels import Panels
@@ -89,6 +92,7 @@ __all__ = [
     "FiniteElement",
     "Frame",
     "FreeField",
+    "Hand",
     "InvalidInput",
     "Judgement",
     "Levels",
@@ -108,8 +112,8 @@ __all__ = [
     "Pose",
     "RadiatedField",
     "RecordingLink",
-    "Scan",
     "SampledField",
+    "Scan",
     "Scene",
     "Sequence",
     "SerialLink",
@@ -122,6 +126,7 @@ __all__ = [
     "Stray",
     "Surface",
     "Target",
+    "Touch",
     "TransferMatrix",
     "UpperBound",
     "air",
@@ -144,6 +149,7 @@ __all__ = [
     "gerchberg_saxton",
     "gradient",
     "gs_pat",
+    "hand_from_joints",
     "impedance",
     "inverse_filter",
     "iterated_time_reversal",
@@ -151,8 +157,9 @@ __all__ = [
     "judge",
     "lateral_modulation",
     "load_calibration",
-    "load_scan",
+    "load_hand",
     "load_samples",
+    "load_scan",
     "load_surface",
     "max_min",
     "merged",

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, TypeVar
 import click
 
 from airtact.cli.boards import boards, emit, export
+from airtact.cli.hands import hand
 from airtact.cli.papers import reproduce
 from airtact.conventions import InvalidInput, NotConverged
 from airtact.hardware.link import LinkFailed
@@ -60,7 +61,7 @@ def commands() -> None:
     """Compute what a phased array must emit so that a hand feels points while it scatters the sound."""
 
 
-for _command in (boards, emit, export, reproduce):
+for _command in (boards, emit, export, hand, reproduce):
     commands.add_command(_command)
 
 

@@ -7,7 +7,7 @@ Sources
 - A. Buryanov, V. Kotiuk, "Proportions of hand segments", Int. J. Morphol. 28, 755 (2010): lengths of phalanges.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from itertools import pairwise
 
 import numpy as np
@@ -106,7 +106,7 @@ def joints_of(given: Real[np.ndarray, "joints 3"]) -> Float64[np.ndarray, "25 3"
     return fixed(joints)
 
 
-def named_joints(given: dict[str, Sequence[float]]) -> Float64[np.ndarray, "25 3"]:
+def named_joints(given: Mapping[str, Real[np.ndarray, "3"]]) -> Float64[np.ndarray, "25 3"]:
     """Put joints that are given by WebXR's names into its order.
 
     Parameters

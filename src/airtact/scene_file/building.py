@@ -11,6 +11,7 @@ from airtact.conventions import InvalidInput, about
 from airtact.scene.files import load_surface
 from airtact.scene.geometry import Surface
 from airtact.scene.guards import counted
+from airtact.scene.hand_files import ROOM, load_hand
 from airtact.scene.medium import Medium, air
 from airtact.scene.pinch import pinch
 from airtact.scene.pose import Pose
@@ -185,7 +186,8 @@ def _scene(file: SceneFile, medium: Medium, folder: Path) -> tuple[Scene, tuple[
     places: Places = {}
     for index, table in enumerate(file.obstacles):
         with about(f"obstacles[{index}]"):
-            for name, surface in _bodies(table, folder, places).items():
+            named = tuple(focus.at for focus in file.foci if focus.at is not None)
+            for name, surface in _bodies(table, folder, places, named).items():
                 obstacles.append(_obstacle(table, surface, file.frequency))
                 bodies.append(f"{name} {index + 1}" if name in bodies else name)
     if file.merge_bodies:
@@ -194,9 +196,12 @@ def _scene(file: SceneFile, medium: Medium, folder: Path) -> tuple[Scene, tuple[
     return Scene(medium, obstacles, frequency=file.frequency), tuple(bodies), places
 
 
-def _bodies(table: ObstacleTable, folder: Path, places: Places) -> dict[str, Surface]:
+def _bodies(
+    table: ObstacleTable, folder: Path, places: Places, named: tuple[str, ...] = ()
+) -> dict[str, Surface]:
     """Build an obstacle's bodies by name, and note the places that foci can ask for."""
-    kind = one_of(table, ("pinch", "capsule", "sphere", "surface"))
+    kind = one_of(table, ("pinch", "capsule", "sphere", "surface", "hand"))
+    goes_with(table, "gap", "hand", kind == "hand")
     for key in SURFACE_SETTINGS:
         goes_with(table, key, "surface", kind == "surface")
     if table.pinch is not None:
@@ -210,6 +215,11 @@ def _bodies(table: ObstacleTable, folder: Path, places: Places) -> dict[str, Sur
     if table.sphere is not None:
         ball = table.sphere
         return {"sphere": sphere(radius=ball.radius, edge=ball.edge, centre=np.array(ball.centre))}
+    if table.hand is not None:
+        hand = load_hand(folder / table.hand, table.gap)
+        for name in hand.places:
+            places[name] = (*(hand.place(name) if name in named else hand.places[name]), ROOM)
+        return {"hand": hand.surface}
     file = Path(str(table.surface))
     settings = {key: value for key in SURFACE_SETTINGS if (value := getattr(table, key)) is not None}
     return {file.stem: load_surface(folder / file, **settings)}

@@ -82,16 +82,20 @@ class SphereTable(Table, frozen=True):
 
 
 class ObstacleTable(Table, frozen=True):
-    """A ``pinch``, ``capsule``, ``sphere`` or ``surface`` (a mesh file beside the scene file), and its skin.
+    """A ``pinch``, ``capsule``, ``sphere``, ``surface`` or ``hand`` (files beside the scene file), and its skin.
 
-    ``scale`` is metres per unit of the mesh file; its holes up to ``largest_hole`` [m] are filled; its edges that turn
-    by more than ``sharp_degrees`` stay sharp.
+    A hand is a pose; with ``gap`` [m] thumb and index finger are opened until their last phalanges are so far apart.
+
+    For a surface ``scale`` is metres per unit of the mesh file; its holes up to ``largest_hole`` [m] are filled; its
+    edges that turn by more than ``sharp_degrees`` stay sharp.
     """
 
     pinch: PinchTable | None = None
     capsule: CapsuleTable | None = None
     sphere: SphereTable | None = None
     surface: str | None = None
+    hand: str | None = None
+    gap: float | None = None
     scale: float | None = None
     largest_hole: float | None = None
     sharp_degrees: float | None = None
