@@ -155,6 +155,8 @@ NANO, ONES = codec_of("nano16").levels, np.ones(3, dtype=np.uint8)
         (lambda: Levels(np.array([0.0]), 32), r"2 to 256 shares, not of shape \(1,\)"),
         (lambda: Levels(np.array([0.0, 0.5]), 32), "rise from 0 to 1, not from 0 to 0.5"),
         (lambda: Levels(np.array([0.0, 1.0]), 300), "2 to 256 levels of phase, not 300"),
+        (lambda: Levels(np.array([0.0, 1.0]), 4.5), "2 to 256 levels of phase, not 4.5"),
+        (lambda: rounding_error(*focus(), 3), "what is played is 3, but it must be a Frame"),
         (lambda: Frame(2 * ONES, 0 * ONES, NANO), "below 2, .* is 2"),
         (
             lambda: Frame(ONES, 16 * ONES, NANO),

@@ -150,6 +150,7 @@ def mirrored():
         (lambda: boards_needed(board_named("sonicsurface"), 768), "768 elements are 3 .* at most 2: .* 512 elements"),
         (lambda: shifted(300), "elements 249 to 497 are not laid out like board 1 of autd3: element 300 stands 0.99"),
         (mirrored, "elements 0 to 248 are not laid out like board 0 of autd3: .* mm off"),
+        (lambda: board_array("autd3", Pose.identity()), "where the boards stand is a Pose"),
         (lambda: board_array("autd3", []), "at least 1 array, not 0"),
         (lambda: surrounding_box(board="openmpd"), "256 transducers of openmpd have no known outline"),
     ],

@@ -13,6 +13,7 @@ from jaxtyping import Float64
 from airtact.conventions import InvalidInput
 from airtact.hardware.codecs import codec_of
 from airtact.hardware.link import Link
+from airtact.scene.guards import of_kind
 from airtact.synthesis.quantise import Frame
 
 SUFFIXES = (".npz", ".csv", ".h5", ".bin")
@@ -208,7 +209,7 @@ class FileLink(Link):
 
     def __init__(self, path: str | Path, board: str = "autd3", boards: int = 1) -> None:
         super().__init__(board, boards)
-        self.path = check_suffix(Path(path))
+        self.path = check_suffix(Path(of_kind(path, str | Path, "the file of frames", "its path")))
         self._frames: list[Frame] = []
         self._seconds: list[float] = []
 

@@ -51,7 +51,7 @@ class Levels:
             raise InvalidInput(
                 f"levels of amplitude must rise from 0 to 1, not from {amplitudes[0]:g} to {amplitudes[-1]:g}."
             )
-        if not 2 <= self.phases <= MOST_LEVELS:
+        if not isinstance(self.phases, int | np.integer) or not 2 <= self.phases <= MOST_LEVELS:
             raise InvalidInput(f"a turn has 2 to {MOST_LEVELS} levels of phase, not {self.phases}.")
         object.__setattr__(self, "amplitudes", amplitudes)
 
@@ -188,6 +188,8 @@ def rounding_error(transfer: TransferMatrix, drive: Drive, frame: Frame) -> Floa
     InvalidInput
         If one is for another number of elements, or the frame is silent.
     """
+    of_kind(transfer, TransferMatrix, "the transfer matrix", "transfer_matrix(beacons, array)")
+    of_kind(frame, Frame, "what is played", "quantise(drive, levels)")
     if frame.silent:
         raise InvalidInput(f"all {len(frame)} elements of the frame are silent, so nothing can be compared.")
     played = frame.drive()

@@ -95,7 +95,7 @@ def boards_needed(board: Board, elements: int) -> int:
 
 
 def poses_of_boards(
-    board: Board, positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"]
+    board: Board | str, positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"]
 ) -> list[Pose]:
     """Find where each board of an array stands, board by board in the order of the elements.
 
@@ -103,7 +103,7 @@ def poses_of_boards(
 
     Parameters
     ----------
-    board : what the array is made of.
+    board : what the array is made of, or its name.
     positions, normals : of the array's elements [m].
 
     Returns
@@ -115,6 +115,7 @@ def poses_of_boards(
     InvalidInput
         If the elements do not fill whole boards, or are not laid out like them: which board, how far off.
     """
+    board = board_named(board) if isinstance(board, str) else board
     count = boards_needed(board, len(positions))
     if not board.placed:
         return [Pose.identity()] * count

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Complex128
 
 from airtact.conventions import InvalidInput, about
-from airtact.scene.guards import counted
+from airtact.scene.guards import counted, of_kind
 
 COLUMNS = ("element", "gain", "phase")
 """Columns of the table: index from 0, amplitude over the wanted one, phase by which it lags [rad]."""
@@ -37,7 +37,7 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
         If the file cannot be read or a line is not three numbers, names an element that is not there or was there
         before, or has a gain that is negative, over 10 or not finite; the sentence holds the line.
     """
-    path = Path(path)
+    path = Path(of_kind(path, str | Path, "the calibration", "the path of a .csv file"))
     try:
         lines = path.read_text(encoding="utf-8").rstrip().splitlines()
     except OSError as error:

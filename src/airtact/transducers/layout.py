@@ -197,6 +197,7 @@ def board_array(
     512
     """
     flat = _flat(board_named(board), element)
+    of_kind(poses, list | tuple | None, "where the boards stand", "a list of Pose, one for each board")
     return flat if poses is None else join([flat.moved(pose) for pose in poses])
 
 
