@@ -25,7 +25,8 @@ def max_min(
     are dropped a few at a time, going to and fro in between, until one is left; and weighted Gerchberg-Saxton goes on
     from there to where it cannot improve. It also goes from where ``weighted_gerchberg_saxton`` starts, and the best is
     kept; nothing is drawn at random. The relaxation is that of Inoue, Makino and Shinoda (IEEE World Haptics 2015); the
-    way down to one slot is our own.
+    way down to one slot is our own. With many dozens of foci beside each other the turns may not settle; ``gradient``
+    climbs on from there.
 
     Parameters
     ----------
@@ -51,6 +52,7 @@ def max_min(
     matrix, wanted = asked_rows(transfer, target)
     check_iterations(iterations)
     sources = strongest_sources(matrix / wanted[:, None], iterations)
+    tell_if_stalled("max_min", matrix / wanted[:, None], sources, iterations)
     if constraint.phase_bits is None:
         amplitudes = phase(matrix.conj().T @ (sources / wanted))
     else:
@@ -73,6 +75,4 @@ def strongest_sources(
     starts = np.concatenate([way_down[None], plain_starts(matrix, alike)])
     sets = np.tile(np.arange(len(matrix)), (len(starts), 1))
     turns = to_and_fro(matrix, sets, np.tile(alike, (len(starts), 1)), starts, iterations)
-    sources = turns.sources[turns.worst.argmax()].astype(np.complex128)
-    tell_if_stalled("max_min", matrix, sources, iterations)
-    return sources
+    return turns.sources[turns.worst.argmax()].astype(np.complex128)

@@ -66,7 +66,7 @@ def warn_stalled(method: str, matrix: Complex128[np.ndarray, "foci elements"], w
     warnings.warn(
         Stalled(
             f"{method} stalled {where}; its best drive gives the worst focus {reached:.1%} of the certified bound, a "
-            f"gap of {1.0 - reached:.1%}: allow more turns.",
+            f"gap of {1.0 - reached:.1%}: allow more turns, or let gradient climb on.",
             reached,
         ),
         stacklevel=4,
