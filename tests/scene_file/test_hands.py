@@ -1,0 +1,62 @@
+"""Hands in a scene file and from the command line."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from airtact.cli import main
+from airtact.conventions import InvalidInput
+from airtact.posing import pose
+from airtact.scene.topology import edge_twins
+from airtact.scene_file.building import read_setup
+
+EXAMPLES = Path(__file__).parent.parent.parent / "examples"
+PINCH = EXAMPLES / "hands/pinch.json"
+
+
+def scene_file(tmp_path: Path, old: str = "", new: str = "") -> Path:
+    text = (EXAMPLES / "pinch_pose.toml").read_text().replace("hands/pinch.json", str(PINCH))
+    assert old in text
+    path = tmp_path / "scene.toml"
+    path.write_text(text.replace(old, new))
+    return path
+
+
+def test_the_example_has_its_foci_half_a_millimetre_before_the_pads():
+    setup = read_setup(EXAMPLES / "pinch_pose.toml")
+    assert setup.bodies == ("hand",)
+    assert setup.foci == ("thumb.pad", "index.pad")
+    assert setup.scene.depth(setup.target.points) == pytest.approx([-0.5e-3, -0.5e-3], abs=1e-8)
+
+
+def test_pads_inside_the_body_are_refused(tmp_path):
+    with pytest.raises(InvalidInput, match=r"obstacles\[0\]: thumb.pad at .* mm inside the body.* would free it"):
+        read_setup(scene_file(tmp_path, "gap = 0.012\n"))
+
+
+def test_a_gap_goes_with_a_hand_only(tmp_path):
+    path = scene_file(tmp_path, f'hand = "{PINCH}"', "sphere = { radius = 0.01 }")
+    with pytest.raises(InvalidInput, match=r"obstacles\[0\]: gap goes only with hand"):
+        read_setup(path)
+
+
+def test_the_command_writes_a_closed_skin_and_a_picture(tmp_path, capsys):
+    import trimesh
+
+    assert main(["hand", str(PINCH), "--edge", "0.006", "--out", str(tmp_path / "hand.ply")]) == 0
+    mesh = trimesh.load_mesh(tmp_path / "hand.ply")
+    assert edge_twins(np.asarray(mesh.faces)).min() >= 0
+    assert 2.5e-4 < mesh.volume < 5e-4
+    assert (tmp_path / "hand.png").stat().st_size > 20_000
+    said = capsys.readouterr().out
+    assert "Merged: the last phalanx of the thumb and the last phalanx of the index finger are one" in said
+    assert "5.3 mm inside the body" in said
+
+
+def test_the_command_refuses_what_it_cannot_do(tmp_path):
+    with pytest.raises(InvalidInput, match=r"edge is 6 m, but it must lie between 0\.0008 and 0\.02 m"):
+        pose(PINCH, tmp_path / "hand.ply", edge=6)
+    with pytest.raises(InvalidInput, match=r"hand.png ends in '\.png'"):
+        pose(PINCH, tmp_path / "hand.png")
+    assert main(["hand", str(tmp_path / "none.json"), "--out", str(tmp_path / "hand.ply")]) == 2
