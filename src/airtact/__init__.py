@@ -32,7 +32,7 @@ from airtact.scene.pinch import Pinch, pinch
 from airtact.scene.pose import Pose
 from airtact.scene.primitives import capsule, sphere
 from airtact.scene.scene import Obstacle, Scene, filled, impedance, sound_hard
-from airtact.scene.shapes import circle, polyline, segment, skin_points, sphere_shell
+from airtact.scene.shapes import circle, onto_skin, polyline, segment, skin_points, sphere_shell
 from airtact.scene.sources import Monopoles
 from airtact.scene.target import Target
 from airtact.solvers.boundary_element import BoundaryElement
@@ -164,6 +164,7 @@ __all__ = [
     "max_min",
     "merged",
     "monopole",
+    "onto_skin",
     "overlay_scan",
     "phase_conjugate",
     "picture",

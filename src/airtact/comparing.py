@@ -64,8 +64,9 @@ def compare_methods(path: Path, folder: Path, tell: Callable[[str], None] = lamb
     _write_drives(folder / "drives", setup, transfer, beacons, drives)
     emitted = {name: quantise(drive).drive() for name, drive in drives.items()}
     with clock.step("judge", f"judging {len(drives)} drives by a finer solution with all transducers as sources"):
-        judge = Judge(setup, beacons.nodes)
+        judge = Judge(setup)
         heard, report = pressures_at_foci(setup.scene, setup.array, list(emitted.values()), setup.target, judge)
+        quiet = np.abs(judge.field.at(setup.target.quiet).T)
     with clock.step("cuts", "computing the fields in the pictures"):
         cut = _cut(setup, judge, list(drives))
     contest = Contest(
@@ -75,8 +76,8 @@ def compare_methods(path: Path, folder: Path, tell: Callable[[str], None] = lamb
         foci=setup.foci,
         bodies=setup.bodies,
         contenders=[
-            Contender(name, drives[name], emitted[name], np.abs(pressures), seconds[name])
-            for name, pressures in zip(drives, heard, strict=True)
+            Contender(name, drives[name], emitted[name], np.abs(pressures), levels, seconds[name])
+            for name, pressures, levels in zip(drives, heard, quiet, strict=True)
         ],
         said=said,
         transfer=transfer,

@@ -19,7 +19,7 @@ from airtact.synthesis.stalling import Stalled
 from airtact.transfer import Drive, TransferMatrix, transfer_matrix
 
 REFINEMENT = 1.8
-"""How many times the unknowns of the drive's solution the one that judges it gets, where memory allows."""
+"""How many times the unknowns of the scene's own accuracy the solution that judges gets, where memory allows."""
 
 MOST_UNKNOWNS = 19_000
 """Where the judging solution stops to be finer by that much: its matrix would pass 3 GB."""
@@ -59,9 +59,9 @@ class Judge(Solver):
 
     field: RadiatedField
 
-    def __init__(self, setup: Setup, unknowns: int) -> None:
+    def __init__(self, setup: Setup) -> None:
         if setup.scene.obstacles:
-            self._solver = BoundaryElement(accuracy=_judging_accuracy(setup, unknowns))
+            self._solver = BoundaryElement(accuracy=_judging_accuracy(setup))
         else:
             self._solver = FreeField()
 
@@ -71,16 +71,20 @@ class Judge(Solver):
         return self.field
 
 
-def _judging_accuracy(setup: Setup, unknowns: int) -> float:
-    """Find an accuracy that brings ``REFINEMENT`` times the unknowns of the drive's solution, or as many as fit."""
+def _judging_accuracy(setup: Setup) -> float:
+    """Find an accuracy that brings ``REFINEMENT`` times the unknowns that the scene's own has, or as many as fit.
+
+    Panels beside foci do not count: the judge hears foci, and the transducers speak from afar.
+    """
     speakers = Monopoles(setup.array.positions, np.ones(len(setup.array)))
+    own = BoundaryElement(accuracy=setup.accuracy).unknowns(setup.scene, speakers)
     fitting = finer = setup.accuracy / 1.2
     while finer > FINEST:
         count = BoundaryElement(accuracy=finer).unknowns(setup.scene, speakers)
         if count > MOST_UNKNOWNS:
             break
         fitting = finer
-        if count >= REFINEMENT * unknowns:
+        if count >= REFINEMENT * own:
             break
         finer /= 1.2
     return fitting

@@ -119,7 +119,7 @@ def _judge(setup: Setup, made: _Made, clock: Clock) -> tuple[Comparison, Radiate
     control = focus_by_distance(setup.array, setup.target, setup.scene.medium, setup.scene.frequency)
     drives = {CONSIDERED: made.drive, IGNORED: control}
     with clock.step("judge", "judging it by a finer solution with all transducers as sources"):
-        judge = Judge(setup, made.beacons.nodes)
+        judge = Judge(setup)
         comparison = compare(setup.scene, setup.array, drives, setup.target, solver=judge)
     return comparison, judge.field
 

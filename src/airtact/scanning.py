@@ -65,10 +65,10 @@ def compare_scan(
     with clock.step("scene", f"reading {scan_file.name} and {scene_file.name}"):
         scan, setup = load_scan(scan_file), read_setup(scene_file)
         writable_folder(folder)
-    transfer, beacons = heard_foci(setup, clock)
+    transfer, _ = heard_foci(setup, clock)
     drive = quantise(setup.synthesise(transfer, setup.target)).drive()
     with clock.step("judge", "predicting by a finer solution with all transducers as sources"):
-        field = Judge(setup, beacons.nodes).radiate(setup.scene, drive_sources(setup.array, [drive]))
+        field = Judge(setup).radiate(setup.scene, drive_sources(setup.array, [drive]))
     with clock.step("scan", f"listening at {len(scan.points)} positions"):
         predicted = microphone.hear(field, scan.points)[:, 0]
     with about(scan_file.name):

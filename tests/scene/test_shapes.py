@@ -5,9 +5,10 @@ import pytest
 from scipy.spatial import KDTree
 
 from airtact.conventions import InvalidInput
+from airtact.scene.files import load_surface
 from airtact.scene.pinch import pinch
 from airtact.scene.primitives import sphere
-from airtact.scene.shapes import circle, frame_of, polyline, segment, skin_points, sphere_shell, thinned
+from airtact.scene.shapes import circle, frame_of, onto_skin, polyline, segment, skin_points, sphere_shell, thinned
 
 TILTED = np.array([1.0, -2.0, 2.0]) / 3.0
 
@@ -114,3 +115,21 @@ def test_a_plane_is_seen_upright():
 def test_faults_are_refused_with_a_number(make, sentence):
     with pytest.raises(InvalidInput, match=sentence):
         make()
+
+
+def test_a_circle_is_brought_onto_a_ball():
+    drawn = circle((0.0, 0.0, 0.02), 5e-3, 2e-3)
+    brought = onto_skin(drawn, sphere(0.01, edge=1e-3, centre=(0.0, 0.0, 0.002)), offset=0.7e-3)
+    way = drawn - [0.0, 0.0, 0.002]
+    expected = [0.0, 0.0, 0.002] + 10.7e-3 * way / np.linalg.norm(way, axis=1, keepdims=True)
+    np.testing.assert_allclose(brought, expected, atol=1e-7)
+
+
+def test_an_offset_in_millimetres_and_a_crevice_are_refused(hand_file):
+    with pytest.raises(InvalidInput, match=r"the offset is 0\.5 m, but it must lie between 0 and 0\.02"):
+        onto_skin(np.array([[0.0, 0.0, 0.02]]), sphere(0.01, edge=2e-3), offset=0.5)
+    hand = load_surface(hand_file)
+    between = hand.vertices[hand.vertices[:, 1].argmin()] + [0.0, 0.02, 0.012]
+    crowd = between + np.random.default_rng(0).normal(scale=4e-3, size=(300, 3))
+    with pytest.raises(InvalidInput, match="stands in a crevice or before another part"):
+        onto_skin(crowd, hand, offset=0.015)

@@ -47,6 +47,8 @@ def scene_tables(setup: Setup) -> Iterator[Table]:
     sensitivity = f"{elements.element.sensitivity:g} Pa·m, uncalibrated"
     away = f", {1e3 * clearance:.0f} mm off the bodies or more" if setup.bodies else ""
     facts.add_row("transducers", f"{len(elements)}, {sensitivity}{away}")
+    if len(setup.target.quiet):
+        facts.add_row("quiet points", f"{len(setup.target.quiet)}")
     facts.add_row("wavelength", f"{1e3 * wavelength:.2f} mm at {setup.scene.frequency / 1e3:g} kHz")
     facts.add_row("drive", f"{setup.method.replace('_', ' ')}, accuracy {setup.accuracy:g}")
     if isinstance(setup.solver, BoundaryElement):
@@ -135,12 +137,15 @@ def run_table(run: Run) -> Table:
 
 def methods_table(contest: Contest) -> Table:
     """Tabulate what the worst focus gets by each method, best first."""
-    table = _table("method", "worst focus", "of the bound", "mean", "time")
+    quiet = ["quiet points"] if len(contest.target.quiet) else []
+    table = _table("method", "worst focus", "of the bound", "mean", "time", *quiet)
     table.title = "What the foci get; of the bound: at full scale, of what no drive can pass"
     for one in sorted(contest.contenders, key=contest.of_the_bound, reverse=True):
         worst, mean = one.pressures.min(), one.pressures.mean()
         share = contest.of_the_bound(one)
-        table.add_row(one.name, f"{worst:,.0f} Pa", f"{share:.0%}", f"{mean:,.0f} Pa", f"{1e3 * one.seconds:.3g} ms")
+        level = [f"{one.quiet_level:+.1f} dB"] if quiet else []
+        time = f"{1e3 * one.seconds:,.3g} ms" if one.seconds < 1.0 else f"{one.seconds:.1f} s"
+        table.add_row(one.name, f"{worst:,.0f} Pa", f"{share:.0%}", f"{mean:,.0f} Pa", time, *level)
     return table
 
 

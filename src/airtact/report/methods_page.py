@@ -29,6 +29,7 @@ class Contender:
     drive : what it gave.
     emitted : the same in 256 levels, which is what was judged.
     pressures : (F,) peak pressure at the foci, by the judging solver [Pa].
+    quiet : (Q,) peak pressure at the quiet points [Pa].
     seconds : how long it took [s].
     """
 
@@ -36,12 +37,20 @@ class Contender:
     drive: Drive
     emitted: Drive
     pressures: Float64[np.ndarray, "foci"]
+    quiet: Float64[np.ndarray, "quiet"]
     seconds: float
 
     @property
     def energy(self) -> float:
         """Mean of |d|² over the elements: 1 when all are at full scale."""
         return float(np.mean(np.abs(self.drive.amplitudes) ** 2))
+
+    @property
+    def quiet_level(self) -> float:
+        """Mean of p² in the quiet points against that in the foci [dB]; NaN without quiet points."""
+        if not len(self.quiet):
+            return float("nan")
+        return float(10.0 * np.log10(np.mean(self.quiet**2) / np.mean(self.pressures**2)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,6 +158,7 @@ def _table(contest: Contest) -> Iterable[str]:
                 f"{one.energy:.2f}",
                 f"{np.abs(rounded / exact - 1).max():.2%}",
                 f"{1e3 * one.seconds:.3g}",
+                *([f"{one.quiet_level:+.1f}"] if len(one.quiet) else []),
             ]
         )
     header = [
@@ -160,12 +170,14 @@ def _table(contest: Contest) -> Iterable[str]:
         "energy",
         "rounding",
         "time [ms]",
+        *(["quiet points [dB]"] if len(contest.target.quiet) else []),
     ]
     yield table(header, rows)
     yield paragraph(
         "The bound is certified for amplitudes up to full scale on this transfer matrix; no drive passes it, and "
         "it need not be reachable. Energy is the mean of |d|² over the transducers. Rounding is how much "
         "256 levels change the pressure at the foci at most. The control, hand ignored, is made from distances alone."
+        + (" Quiet points: their mean p² over that of the foci." if len(contest.target.quiet) else "")
     )
     focus_rows = [[one.name, *(f"{pressure:,.0f}" for pressure in one.pressures)] for one in contest.contenders]
     yield table(["peak pressure [Pa]", *contest.foci], focus_rows)

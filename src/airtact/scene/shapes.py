@@ -10,7 +10,7 @@ from scipy.spatial import KDTree
 
 from airtact.conventions import InvalidInput, Vector
 from airtact.scene.geometry import Surface
-from airtact.scene.guards import of_kind, points_of, positive
+from airtact.scene.guards import number, of_kind, place, points_of, positive
 from airtact.scene.panels import panels_of
 from airtact.scene.six_nodes import points_at
 
@@ -18,6 +18,12 @@ MOST_POINTS = 4096
 """A shape of more points than this has a spacing in the wrong unit."""
 
 Points = Float64[np.ndarray, "points 3"]
+
+FARTHEST_OFF = 0.02
+"""Drawings stand no farther than this off the skin that they are brought to [m]."""
+
+SLOPE = 1e-4
+"""Step over which the slope of the depth tells which way is out of a skin [m]."""
 
 
 def segment(start: Vector, end: Vector, spacing: float) -> Points:
@@ -182,6 +188,51 @@ def skin_points(surface: Surface, spacing: float, facing: Vector | None = None, 
     if not len(centres):
         raise InvalidInput(f"0 points of the skin look within {within:g} degrees of {np.asarray(facing).tolist()}.")
     return thinned(surface.shape.project(centres), 0.85 * spacing)
+
+
+def onto_skin(points: Points, surface: Surface, offset: float = 0.5e-3) -> Points:
+    """Bring points to the nearest places of a skin, and off it again: a drawing becomes one on the hand.
+
+    Parameters
+    ----------
+    points : (P, 3) [m].
+    surface : the body.
+    offset : how far off the skin they shall stand [m].
+
+    Returns
+    -------
+    (P, 3) points [m].
+
+    Raises
+    ------
+    InvalidInput
+        If the offset is negative or over 20 mm, or a point comes to stand nearer the skin than half of it, as in a
+        crevice (which one).
+
+    Examples
+    --------
+    >>> from airtact.scene.primitives import sphere
+    >>> ball = sphere(0.01, edge=2e-3)
+    >>> onto_skin(np.array([[0.0, 0.0, 0.03]]), ball, offset=1e-3).round(6).tolist()
+    [[0.0, 0.0, 0.011]]
+    """
+    of_kind(surface, Surface, "the surface", "one Surface, such as pinch().surfaces[0]")
+    offset = number(offset, "the offset", "m")
+    if not 0.0 <= offset <= FARTHEST_OFF:
+        raise InvalidInput(f"the offset is {offset:g} m, but it must lie between 0 and {FARTHEST_OFF:g}: give metres.")
+    feet = surface.shape.project(points_of(points, "points", least=0))
+    steps = SLOPE * np.concatenate([np.eye(3), -np.eye(3)])
+    depth = surface.depth((feet[:, None] + steps).reshape(-1, 3)).reshape(-1, 6)
+    outward = depth[:, 3:] - depth[:, :3]
+    stood = feet + offset * outward / np.linalg.norm(outward, axis=1, keepdims=True)
+    short = np.flatnonzero(-surface.depth(stood) < 0.5 * offset)
+    if len(short):
+        raise InvalidInput(
+            f"point {int(short[0])}, brought {1e3 * offset:.3g} mm off the skin at {place(feet[short[0]])}, stands in "
+            "a crevice or before another part of it; move the drawing.",
+            feet[short[0]],
+        )
+    return stood
 
 
 def thinned(points: Points, least: float) -> Float64[np.ndarray, "kept 3"]:

@@ -43,6 +43,11 @@ class Monopoles:
 
     __repr__ = in_short
 
+    @property
+    def heard_finely(self) -> Real[np.ndarray, "fine 3"]:
+        """Positions beside which a solver spends finer panels: all of them here."""
+        return self.positions
+
     def __post_init__(self) -> None:
         """Check both arrays and keep them read-only."""
         positions = points_of(self.positions, "monopole positions")

@@ -22,7 +22,19 @@ Wanted = Num[np.ndarray, "foci"] | complex | float | int
 
 @dataclass(frozen=True, eq=False)
 class Beacons(Monopoles):
-    """The imagined sources of a target, one in each focus, so that a refusal can call them foci."""
+    """The imagined sources of a target, one in each focus, so that a refusal can call them foci.
+
+    Attributes
+    ----------
+    foci : how many of them, the first, are foci; the others are quiet points, which need no finer panels beside them.
+    """
+
+    foci: int = 0
+
+    @property
+    def heard_finely(self) -> Real[np.ndarray, "fine 3"]:
+        """Positions of the foci."""
+        return self.positions[: self.foci]
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +153,7 @@ class Target:
         quiet : whether the quiet points follow as further beacons, (F + Q, F + Q).
         """
         points = np.concatenate([self.points, self.quiet]) if quiet else self.points
-        return Beacons(points, np.eye(len(points), dtype=np.complex128))
+        return Beacons(points, np.eye(len(points), dtype=np.complex128), foci=len(self.points))
 
 
 def _near_enough(points: Float64[np.ndarray, "points 3"], what: str) -> Float64[np.ndarray, "points 3"]:

@@ -183,12 +183,15 @@ class SkinTable(Table, frozen=True):
 class FocusTable(Table, frozen=True):
     """What to feel: ``at`` a named place of a body, ``offset`` off its skin, at a ``point``, or a shape.
 
+    A point or shape ``onto`` a body is brought to its skin, and ``offset`` off it.
+
     ``pressure`` [Pa] is asked of every point of it, or a ``share`` in proportion to the others; ``phase_degrees`` fixes
     the phase.
     """
 
     at: str | None = None
     offset: float | None = None
+    onto: str | None = None
     point: Triple | None = None
     segment: SegmentTable | None = None
     polyline: PolylineTable | None = None

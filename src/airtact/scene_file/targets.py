@@ -12,7 +12,7 @@ from jaxtyping import Float64, Num
 from airtact.conventions import InvalidInput, about
 from airtact.scene.drawings import picture, svg_path, text
 from airtact.scene.geometry import Surface
-from airtact.scene.shapes import Points, circle, polyline, segment, skin_points, sphere_shell
+from airtact.scene.shapes import Points, circle, onto_skin, polyline, segment, skin_points, sphere_shell
 from airtact.scene.target import Target
 from airtact.scene_file.keys import goes_with, one_of
 from airtact.scene_file.tables import FocusTable, QuietTable, SvgTable, Table, nearest
@@ -59,6 +59,9 @@ def target_of(
     for index, table in enumerate(tables):
         with about(f"foci[{index}]"):
             found, part = _foci(table, places, folder)
+            if table.onto is not None:
+                offset = 0.5e-3 if table.offset is None else table.offset
+                found = onto_skin(found, _body(table.onto, bodies, "onto"), offset)
             names += _names(table, index, len(found))
             points.append(found)
             parts.append(part)
@@ -110,7 +113,8 @@ def _names(table: FocusTable, index: int, count: int) -> list[str]:
 def _foci(table: FocusTable, places: Places, folder: Path) -> tuple[Points, Float64[np.ndarray, "points"]]:
     """Points of one table, and the part of what it asks that each of them gets."""
     kind = one_of(table, ("at", *DRAWN, "picture"))
-    goes_with(table, "offset", "at", fits=kind == "at")
+    goes_with(table, "offset", "at or onto", fits=kind == "at" or table.onto is not None)
+    goes_with(table, "onto", "a point or a shape", fits=kind != "at")
     if kind == "at":
         found = _named(table, places)[None]
     elif table.picture is not None:
@@ -145,10 +149,14 @@ def _zone(table: QuietTable, bodies: Mapping[str, Surface], folder: Path) -> Poi
     kind = one_of(table, (*DRAWN, "skin"))
     if table.skin is None:
         return _drawn(table, kind, folder)
-    if table.skin.body not in bodies:
-        known = nearest(table.skin.body, bodies) if bodies else "there is no body here."
-        raise InvalidInput(f'body = "{table.skin.body}" is not a body; {known}')
-    return skin_points(bodies[table.skin.body], **_arguments(table.skin, leave_out=("body",)))
+    return skin_points(_body(table.skin.body, bodies, "body"), **_arguments(table.skin, leave_out=("body",)))
+
+
+def _body(name: str, bodies: Mapping[str, Surface], key: str) -> Surface:
+    if name not in bodies:
+        known = nearest(name, bodies) if bodies else "there is no body here."
+        raise InvalidInput(f'{key} = "{name}" is not a body; {known}')
+    return bodies[name]
 
 
 def _named(table: FocusTable, places: Places) -> Float64[np.ndarray, "3"]:

@@ -128,7 +128,7 @@ class BoundaryElement(Solver):
 
     def _panels(self, scene: Scene, sources: Monopoles) -> Panels:
         edge = scene.wavelength * np.sqrt(6 / self.nodes_per_square_wavelength * 4 / np.sqrt(3))
-        near = sources.positions[scene.depth(sources.positions) > -edge]
+        near = sources.heard_finely[scene.depth(sources.heard_finely) > -edge]
         shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
         return panels_of(shapes, edge, near, smallest=0.5 * edge)
 
