@@ -26,6 +26,9 @@ COLOURS = "magma"
 MOST_COLUMNS = 4
 """More fields than two are drawn in so many columns, without the names of the foci."""
 
+MOST_NAMES = 8
+"""More foci than this have small rings and no names."""
+
 
 @dataclass(frozen=True, eq=False)
 class Cut:
@@ -108,7 +111,7 @@ def draw_fields(cut: Cut, foci: Real[np.ndarray, "foci 3"], names: Sequence[str]
     for place, (title, pressure) in zip(axes.ravel(), cut.pressures.items(), strict=False):
         _draw_cut(place, cut, pressure, scale)
         place.set_title(title, fontsize=11)
-        _mark_foci(place, cut.window, foci, names if count <= 2 else [""] * len(names))
+        _mark_foci(place, cut.window, foci, names if count <= 2 and len(names) <= MOST_NAMES else [""] * len(names))
     for place in axes[:, 0]:
         place.set_ylabel(cut.window.labels[1])
     for column, place in enumerate(axes.T):
@@ -208,10 +211,11 @@ def _mark_foci(axes: Axes, window: Window, foci: Real[np.ndarray, "foci 3"], nam
     places = window.seen(foci)
     off = np.abs(window.height_of(foci)) > 0.5e-3
     outwards = places - places.mean(axis=0)
+    size = 90 if len(foci) <= MOST_NAMES else 12
     plate = {"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
     for place, is_off, away, name in zip(places, off, outwards, names, strict=True):
         style = (0, (2, 1.5)) if is_off else "solid"
-        ring = axes.scatter(*place, s=90, facecolors="none", edgecolors="white", linewidths=1.3, linestyles=[style])
+        ring = axes.scatter(*place, s=size, facecolors="none", edgecolors="white", linewidths=1.3, linestyles=[style])
         ring.set_path_effects([withStroke(linewidth=2.4, foreground="black")])
         if not name:
             continue
