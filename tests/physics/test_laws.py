@@ -11,8 +11,8 @@ from airtact.solvers.boundary_quadrature import Nodes, find_near, integrate_near
 from airtact.solvers.gmres import gmres
 from benchmarks.accuracy import PAPER_AIR, directions, far_points, motion, one_each, reciprocity, relative
 
-SOLVERS = [at.SphereSeries(), at.BoundaryElement()]
-NAMES = ["series", "boundary element"]
+SOLVERS = [at.SphereSeries(), at.BoundaryElement(), at.FiniteElement(order=4, symmetry=())]
+NAMES = ["series", "boundary element", "finite element"]
 
 
 def ball_scene(centre=(0.0, 0.0, 0.0)) -> at.Scene:

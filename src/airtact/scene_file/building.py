@@ -32,6 +32,7 @@ from airtact.scene_file.tables import (
 )
 from airtact.scene_file.targets import Places, target_of
 from airtact.solvers.boundary_element import BoundaryElement
+from airtact.solvers.finite_element import FiniteElement
 from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import Solver
 from airtact.synthesis.methods import METHODS
@@ -41,10 +42,10 @@ from airtact.transducers.layout import PhasedArray, board_array, flat_boards, su
 from airtact.transducers.placement import check_placement
 from airtact.transfer import Drive, TransferMatrix
 
-SOLVERS = ("boundary_element", "free_field")
+SOLVERS = ("boundary_element", "finite_element", "free_field")
 """The solvers that a file can name."""
 
-BOUNDARIES = {"boundary_element": ("sound_hard",)}
+BOUNDARIES = {"boundary_element": ("sound_hard",), "finite_element": ("sound_hard", "impedance", "filled")}
 """The boundaries of bodies that each of them can solve."""
 
 SURFACE_SETTINGS = ("scale", "largest_hole", "sharp_degrees")
@@ -165,6 +166,8 @@ def _solver(file: SceneFile, scene: Scene) -> Solver:
                 raise InvalidInput(
                     f"body {index} is {obstacle.boundary}, but {name} solves {', '.join(BOUNDARIES[name])} bodies only."
                 )
+        if name == "finite_element":
+            return FiniteElement.reaching(file.solver.accuracy)
         return BoundaryElement(accuracy=file.solver.accuracy)
 
 

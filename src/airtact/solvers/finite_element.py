@@ -101,6 +101,24 @@ class FiniteElement(Solver):
                 f"factorisation is {self.factorisation!r}, but it must be 'found', 'sparsecholesky' or 'pardiso'."
             )
 
+    @classmethod
+    def reaching(cls, accuracy: float) -> "FiniteElement":
+        """Choose the order that reaches an accuracy: 4 for 3 % or more, 5 down to 0.5 %, else 6.
+
+        Parameters
+        ----------
+        accuracy : relative error wanted away from the skin.
+
+        Raises
+        ------
+        InvalidInput
+            An accuracy outside 0.001 to 0.3.
+        """
+        number(accuracy, "accuracy", "parts of 1")
+        if not 1e-3 <= accuracy <= 0.3:
+            raise InvalidInput(f"accuracy is {accuracy:g}, but finite elements reach 0.001 to 0.3 (0.01 is 1 %).")
+        return cls(order=4 if accuracy >= 0.03 else 5 if accuracy >= 0.005 else 6)
+
     def radiate(self, scene: Scene, sources: Monopoles) -> FiniteField:
         """Solve the scene for the monopoles.
 
