@@ -46,6 +46,17 @@ def test_the_surface_is_closed_curved_and_exact(opened):
     assert surface.mended == ()
 
 
+def test_the_surface_is_fine_at_the_pads_and_coarse_at_the_wrist(opened):
+    surface = opened.surface
+    longest = surface.edge_lengths.max(axis=1)
+    middles = surface.corners.mean(axis=1)
+    pads, wrist = opened.pads[:2], opened.joints[:1]
+    beside = np.linalg.norm(middles[:, None] - pads, axis=2).min(axis=1) < 6e-3
+    far = np.linalg.norm(middles[:, None] - wrist, axis=2).min(axis=1) < 25e-3
+    assert np.median(longest[beside]) < 3.5e-3
+    assert np.median(longest[far]) > 6e-3
+
+
 def test_every_joint_lies_as_deep_as_its_skin_is_thick_or_deeper(opened):
     assert (opened.surface.depth(opened.joints) >= opened.radii - 1e-9).all()
 

@@ -15,15 +15,15 @@ from airtact.scene.guards import fixed, place, within
 from airtact.scene.hand_bending import bending_axis, opened
 from airtact.scene.hand_following import Followed
 from airtact.scene.hand_hulls import Hulls
-from airtact.scene.hand_meshing import midpoints
+from airtact.scene.hand_meshing import Graded, even_skin, midpoints
 from airtact.scene.hand_parts import Touch, hand_hulls
 from airtact.scene.hand_shape import HandShape
 from airtact.scene.joints import CHAINS, FINGERS, evidence_of, joints_of, radii_of, side_of, unit
 from airtact.scene.pose import Pose
 from airtact.scene.printing import in_short
 
-PICTURE = 4e-3
-"""Edge of the triangles of ``Hand.surface`` [m]; solvers make their own panels."""
+COARSE, FINE = 7e-3, 2.5e-3
+"""Edges of the triangles of ``Hand.surface`` far from the pads and beside them [m]; solvers make their own panels."""
 
 PAD = 0.55
 """Share of the last bone at which its pad lies."""
@@ -68,8 +68,8 @@ class Hand:
 
     @cached_property
     def surface(self) -> Surface:
-        """The closed skin, with exact points over the middles of edges."""
-        skin = self.shape.skin(PICTURE)
+        """The closed skin, with exact points over the middles of edges; fine at the pads, coarse at the wrist."""
+        skin = even_skin(self.shape.hulls, COARSE, Graded(COARSE, FINE, self.pads))
         notes = tuple(
             f"the {touch.one} and the {touch.other} are one near {place(touch.place)}, their skins being "
             + (f"{1e3 * touch.gap:.2g} mm apart" if touch.gap > 0.0 else f"{-1e3 * touch.gap:.2g} mm in each other")

@@ -6,9 +6,11 @@ that no grid is too coarse to see the air between them; their triangles then gro
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64, Int64
+from scipy.spatial import KDTree
 
 from airtact import _kernels
 from airtact.scene.hand_hulls import Hulls
@@ -40,14 +42,21 @@ SMALLEST_EDGE = 0.8e-3
 GRADING = 0.35
 """How much longer edges may get over a distance, over that distance."""
 
-LEVELS = (0.0, 0.2, -0.2, 0.4)
-"""Levels of the distance, over the step, that are tried: another one has no tunnel where a tiny one is in the way."""
+GRIDS = ((0.0, 1.0), (0.2, 1.0), (-0.2, 1.0), (0.4, 1.0), (0.0, 0.8), (0.3, 0.8), (0.0, 0.63), (0.4, 0.63), (0.0, 0.5))
+"""Levels of the distance, over the step, and shares of the usual step that are tried one after the other: another grid
+has no tunnel where a tiny one is in the way, or sees it whole."""
 
-LEAST, MOST_BULGING = 20.0, 0.45
+HIGHEST = 0.4
+"""Highest of these levels."""
+
+LEAST, MOST_BULGING = 20.0, 0.47
 """Smallest angle [degrees] and largest bulge of triangles with which no other level is tried."""
 
 OFF = 1e-6
 """So far may corners be off the skin [m]."""
+
+BESIDE = 4.0
+"""Edges stay fine within this distance of the points that ask for it, over the edge."""
 
 COARSENING = 1.7
 """From one pass to the next the edges grow by this at most."""
@@ -104,17 +113,46 @@ class Skin:
         return smallest_angles(with_middles(self.vertices[self.triangles]))
 
 
-def even_skin(hulls: Hulls, edge: float) -> Skin:
+class Graded(NamedTuple):
+    """Edges that are finer beside some points.
+
+    Attributes
+    ----------
+    edge : far from them [m].
+    fine : beside them [m].
+    points : (P, 3) [m].
+    """
+
+    edge: float
+    fine: float
+    points: Float64[np.ndarray, "points 3"]
+
+    def at(self, places: Float64[np.ndarray, "places 3"]) -> Float64[np.ndarray, "places"]:
+        """Return the edges wanted at places (P, 3) [m]."""
+        away = KDTree(self.points).query(places)[0]
+        return np.clip(self.fine + GRADING * (away - BESIDE * self.fine), self.fine, self.edge)
+
+
+def even_skin(hulls: Hulls, edge: float, graded: Graded | None = None) -> Skin:
     """Cover a body with even triangles.
 
     Parameters
     ----------
     hulls : the body.
     edge : edge of the equilateral triangles wanted [m]; bends and narrow gaps get finer ones.
+    graded : finer triangles beside some points, or None.
     """
+    skin = _best_skin(hulls, edge)
+    for _ in range(PASSES if graded else 0):
+        assert graded is not None
+        skin = _pass(hulls, Skin(skin.vertices, skin.triangles, graded.at(skin.vertices)), edge, hold=True)
+    return skin if graded is None else _repaired(hulls, skin, edge)
+
+
+def _best_skin(hulls: Hulls, edge: float) -> Skin:
     best = None
-    for level in LEVELS:
-        skin = _evened(hulls, edge, level)
+    for level, share in GRIDS:
+        skin = _evened(hulls, edge, level, share)
         fault = _fault(hulls, skin)
         if best is None or fault < best[0]:
             best = fault, skin
@@ -124,8 +162,8 @@ def even_skin(hulls: Hulls, edge: float) -> Skin:
     return best[1]
 
 
-def _evened(hulls: Hulls, edge: float, level: float) -> Skin:
-    step = min(FINE * edge, COARSEST * hulls.thinnest)
+def _evened(hulls: Hulls, edge: float, level: float, share: float) -> Skin:
+    step = share * min(FINE * edge, COARSEST * hulls.thinnest)
     skin = _onto(hulls, _gridded(hulls, step, level * step), edge)
     now = 1.2 * step
     while now < edge:
@@ -210,7 +248,7 @@ def _grid(hulls: Hulls, step: float) -> tuple[Float64[np.ndarray, "nx ny nz"], F
     corners = np.stack(np.meshgrid(*[np.arange(count) for count in blocks], indexing="ij"), axis=-1).reshape(-1, 3)
     middles = low + step * (BLOCK * corners + (BLOCK - 1) / 2)
     rough = hulls.look(middles, carve=CARVED * step).distance
-    near = np.flatnonzero(np.abs(rough) < step * (1.3 * np.sqrt(3) * (BLOCK - 1) / 2 + max(LEVELS)))
+    near = np.flatnonzero(np.abs(rough) < step * (1.3 * np.sqrt(3) * (BLOCK - 1) / 2 + HIGHEST))
     values = np.repeat(rough[:, None], BLOCK**3, axis=1)
     points = low + step * (BLOCK * corners[near, None] + inner)
     values[near] = hulls.look(points.reshape(-1, 3), carve=CARVED * step).distance.reshape(len(near), -1)
