@@ -21,7 +21,7 @@ GRADING = 0.9
 """How fast Netgen's edges may grow over the faces."""
 
 INNER_GRADING = 0.3
-"""And away from them: with faster growth, tetrahedra reach twice the edge wanted inside filled bodies."""
+"""And where bodies are filled: with faster growth, tetrahedra in them reach twice the edge wanted."""
 
 SAME = 1e-6
 """Points nearer than this are one [λ]."""
@@ -238,7 +238,7 @@ def tetrahedra(skin: SkinMesh, planes: Planes, filled: Sequence[bool], wavelengt
     for body, sounding in enumerate(filled):
         if sounding:
             mesh.SetMaterial(BODY + body, f"body{body}")
-    mesh.GenerateVolumeMesh(maxh=size, grading=INNER_GRADING)
+    mesh.GenerateVolumeMesh(maxh=size, grading=INNER_GRADING if any(filled) else GRADING)
     return mesh
 
 
