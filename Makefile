@@ -47,6 +47,11 @@ format: $(VENV)/installed-for-tests
 bench: $(VENV)/installed-for-tests
 	PYTHONPATH=.:tests $(BIN)/python benchmarks/accuracy.py
 	PYTHONPATH=.:tests $(BIN)/python benchmarks/speed.py
+	PYTHONPATH=.:tests $(BIN)/python benchmarks/surfaces.py
+	PYTHONPATH=.:tests $(BIN)/python benchmarks/finite_element.py
+	PYTHONPATH=.:tests $(BIN)/python benchmarks/synthesis.py
+	PYTHONPATH=.:tests $(BIN)/python benchmarks/frames.py
+	PYTHONPATH=.:tests $(BIN)/python benchmarks/hand.py
 
 clean:
 	rm -rf $(VENV) build out
