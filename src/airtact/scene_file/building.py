@@ -199,9 +199,7 @@ def _scene(file: SceneFile, medium: Medium, folder: Path) -> tuple[Scene, tuple[
     return Scene(medium, obstacles, frequency=file.frequency), tuple(bodies), places
 
 
-def _bodies(
-    table: ObstacleTable, folder: Path, places: Places, named: tuple[str, ...] = ()
-) -> dict[str, Surface]:
+def _bodies(table: ObstacleTable, folder: Path, places: Places, named: tuple[str, ...] = ()) -> dict[str, Surface]:
     """Build an obstacle's bodies by name, and note the places that foci can ask for."""
     kind = one_of(table, ("pinch", "capsule", "sphere", "surface", "hand"))
     goes_with(table, "gap", "hand", kind == "hand")
