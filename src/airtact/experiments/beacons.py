@@ -8,7 +8,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from airtact.experiments.part import Part, places, write_columns
-from airtact.experiments.plane_figure import draw_planes
+from airtact.experiments.plane_figure import carried, draw_planes
 from airtact.experiments.settings import Settings
 from airtact.experiments.solved import CONSIDERED, Solved
 from airtact.judging import Clock
@@ -17,6 +17,7 @@ from airtact.report.page import paragraph, picture
 from airtact.report.panel_figure import draw_panels
 from airtact.report.phase_figure import draw_phases
 from airtact.report.windows import AXES, Window
+from airtact.scene.six_nodes import SixNodes
 from airtact.solvers.finite_system import System
 
 ON_PLANE = 1e-6
@@ -77,12 +78,14 @@ def beacons(made: Solved, settings: Settings, folder: Path, clock: Clock) -> Par
             "triangles in a plane round half a finger, and a darker layer round them",
         ),
         picture(
-            draw_panels(system.panels.six_nodes * made.scene.wavelength),
-            "The part of the skins that is meshed, its curved triangles coloured by their smallest angle.",
-            "a quarter of the fingers covered with curved triangles",
+            draw_panels(whole_skin(system) * made.scene.wavelength),
+            "The skins as meshed: a quarter and its mirror images, curved triangles coloured by their smallest angle.",
+            "two fingers covered with curved triangles",
         ),
         picture(
-            draw_planes(window, {"phase of the beacons' field": phase}, outlines, made.dummies.foci, scale),
+            draw_planes(
+                window, {"phase of the beacons' field": carried(window, phase)}, outlines, made.dummies.foci, scale
+            ),
             "Fig. 5 of the paper: the phase of the field of both beacons in step, in the plane of both fingers. The "
             "upright edges are where the transducers stand.",
             "rings of phase round two fingers, bent by them",
@@ -99,6 +102,21 @@ def beacons(made: Solved, settings: Settings, folder: Path, clock: Clock) -> Par
 def _workspace(middle: Float64[np.ndarray, "3"], step: float) -> Window:
     up = np.abs(middle)
     return Window(np.zeros(3), AXES["x"], up, 0.14, 0.18 if up[2] else 0.14, step)
+
+
+def whole_skin(system: System) -> SixNodes:
+    """Meshed skins with their mirror images (T, 6, 3) [λ].
+
+    Parameters
+    ----------
+    system : what was meshed.
+    """
+    six_nodes = system.panels.six_nodes
+    for mirror in system.box.mirrors:
+        image = np.array(six_nodes[:, [0, 2, 1, 5, 4, 3]])
+        image[:, :, mirror.axis] = 2 * mirror.place / system.scene.wavelength - image[:, :, mirror.axis]
+        six_nodes = np.concatenate([six_nodes, image])
+    return six_nodes
 
 
 def on_plane(system: System, axis: int) -> tuple[Float64[np.ndarray, "faces 3 3"], Bool[np.ndarray, "faces"]]:

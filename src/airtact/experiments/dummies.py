@@ -28,6 +28,9 @@ WATER = Medium(sound_speed=1481.0, density=999.7)
 LENGTH = 44e-3
 """Length of a finger's axis [m]."""
 
+EDGE = 2.5e-3
+"""Longest edge of the triangles that pictures show; solvers make their own [m]."""
+
 Entering = Literal["from below", "from above", "from the side"]
 """How the fingers come into the box: along its open axis z, or across it."""
 
@@ -115,6 +118,6 @@ def dummies(gap: float = 12e-3, radius: float = 8e-3, tilt: float = 20.0, enteri
     for side in (-1.0, 1.0):
         tip = np.array([side * (gap / 2 + radius), 0.0, 0.0])
         along = math.sin(angle) * np.array([side, 0.0, 0.0]) + math.cos(angle) * WAYS[entering]
-        surfaces.append(capsule(tip + LENGTH * along, tip, radius, 2.5e-3))
+        surfaces.append(capsule(tip + LENGTH * along, tip, radius, EDGE))
     foci = np.array([[-gap / 2, 0.0, 0.0], [gap / 2, 0.0, 0.0]])
     return Dummies(gap, radius, tilt, entering, (surfaces[0], surfaces[1]), foci)

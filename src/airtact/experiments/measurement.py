@@ -59,7 +59,9 @@ def measurement(made: Solved, settings: Settings, folder: Path, clock: Clock) ->
             f"of the array, and is moved in steps of {1e3 * settings.scan_step:.2f} mm round the focus on the right "
             f"finger. It reads the mean over its face with {100 * NOISE:.0f} % of noise and does not scatter sound "
             f"itself. At {blocked} of {len(read)} positions a finger is in its way; they are blank, and the focus, on "
-            "the skin, is one of them."
+            "the skin, is one of them. "
+            f"The largest reading with the fingers considered is at {_place(window.points, read[:, 0])}, with them "
+            f"ignored at {_place(window.points, read[:, 1])}: where the disc has room, not at the focus."
         ),
         picture(
             draw_planes(window, shown, cut_bodies(window, made.dummies.surfaces), focus[None], scale),
@@ -74,6 +76,11 @@ def measurement(made: Solved, settings: Settings, folder: Path, clock: Clock) ->
         ),
     )
     return Part("A virtual measurement (Fig. 8 to 10)", pieces, ((f"{peaks[HELD]:.2f}", f"ratio of readings, {HELD}"),))
+
+
+def _place(points: Float64[np.ndarray, "positions 3"], read: Float64[np.ndarray, "positions"]) -> str:
+    x, _, z = 1e3 * points[int(np.nanargmax(read))]
+    return f"x = {x:.1f} mm, z = {z:.1f} mm"
 
 
 def readings(heard: Complex128[np.ndarray, "positions sounds"]) -> Float64[np.ndarray, "positions sounds"]:

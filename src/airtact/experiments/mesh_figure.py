@@ -45,7 +45,7 @@ def draw_costs(rows: "Sequence[Row]", settings: Settings) -> Figure:
     by_time.axvline(settings.study_seconds, color="0.4", linestyle=":")
     by_memory.axvline(settings.study_bytes / 2**30, color="0.4", linestyle=":")
     by_mesh.axvspan(6, 10, color="0.88", zorder=0)
-    by_mesh.text(7.75, 2e-3, "the paper's\nrule", ha="center", fontsize=9, color="0.3")
+    by_mesh.text(7.75, 0.02, "the paper's\nrule", transform=by_mesh.get_xaxis_transform(), ha="center", fontsize=9)
     by_time.set(xscale="log", yscale="log", xlabel="time [s]", ylabel="error at the transducers")
     by_memory.set(xscale="log", xlabel="memory of the process [GiB]")
     by_mesh.set(xscale="log", xlabel="elements per wavelength")

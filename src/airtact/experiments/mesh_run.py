@@ -4,6 +4,7 @@ import json
 import resource
 import subprocess
 import sys
+import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from jaxtyping import Complex128
 from airtact.experiments.dummies import dummies
 from airtact.scene.printing import in_short
 from airtact.solvers.finite_element import FiniteElement
+from airtact.solvers.finite_netgen import netgen_libraries, ngsolve_library
 from airtact.transducers.layout import surrounding_box
 
 ROOM = 0.5e-3
@@ -95,10 +97,10 @@ def run_here(combination: Combination) -> Ran:
     ----------
     combination : what is solved.
     """
-    import time
-
     fingers, array = dummies(), surrounding_box()
     scene = fingers.rigid
+    netgen_libraries()
+    ngsolve_library()  # loaded before the clock starts
     begun = time.perf_counter()
     field = combination.solver().radiate(scene, fingers.beacon)
     heard = field.at(array.positions)[:, 0]

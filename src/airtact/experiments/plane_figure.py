@@ -1,6 +1,7 @@
 """Values in one plane, side by side on one scale, with the bodies cut and the foci marked."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64, Real
@@ -15,6 +16,22 @@ from airtact.report.windows import Window
 
 BLANK = "0.9"
 """Grey of places without a value."""
+
+
+def carried(window: Window, values: Float64[np.ndarray, "points"]) -> Float64[np.ndarray, "points"]:
+    """Carry values two points into the bodies, where their grey covers them, so that no gap shows at the skin.
+
+    Parameters
+    ----------
+    window : where.
+    values : (P,) at ``window.points``, NaN inside bodies.
+    """
+    from scipy.ndimage import distance_transform_edt
+
+    grid = values.reshape(window.shape)
+    found: Any = distance_transform_edt(np.isnan(grid), return_indices=True)
+    distance, (row, column) = found
+    return np.where(distance <= 2, grid[row, column], np.nan).ravel()
 
 
 def draw_planes(

@@ -7,7 +7,7 @@ from jaxtyping import Float64
 
 from airtact.evaluation.comparison import HELD_EQUAL
 from airtact.experiments.part import Part, places, write_columns
-from airtact.experiments.plane_figure import draw_planes
+from airtact.experiments.plane_figure import carried, draw_planes
 from airtact.experiments.solved import CONSIDERED, IGNORED, Solved
 from airtact.judging import Clock
 from airtact.report.field_figure import COLOURS, cut_bodies
@@ -43,6 +43,7 @@ def pressures(made: Solved, folder: Path, clock: Clock) -> Part:
         heard = np.abs(made.forward.at(window.points)[:, :2] * loudness(made)[:2])
     strongest = float(np.nanmax(heard))
     normalised: dict[str, np.ndarray] = dict(zip((CONSIDERED, IGNORED), (heard / strongest).T, strict=True))
+    drawn = {name: carried(window, values) for name, values in normalised.items()}
     write_columns(
         folder,
         "pressures",
@@ -61,7 +62,7 @@ def pressures(made: Solved, folder: Path, clock: Clock) -> Part:
             f"predict (estimated error of the judge: {100 * made.compared.report.estimated_error:.1f} %)."
         ),
         picture(
-            draw_planes(window, normalised, cut_bodies(window, fingers.surfaces), fingers.foci, scale),
+            draw_planes(window, drawn, cut_bodies(window, fingers.surfaces), fingers.foci, scale),
             f"Fig. 6 (left) and Fig. 7 (right) of the paper, on one scale, both drives at {HELD}: {HELD_EQUAL[HELD]}. "
             "The circles are the foci.",
             "pressure between two fingers under two drives",

@@ -105,14 +105,15 @@ def ratios(settings: Settings, folder: Path, clock: Clock) -> Part:
         ),
         picture(
             draw_maps(settings, found),
-            "Ratio over gap and radius, fingers from below tilted by 20 degrees; white lines: 0.60 (solid) and 0.50 "
+            "Ratio ignored over considered over gap and radius, fingers from below tilted by 20 degrees; white lines: "
+            "0.60 (solid) and 0.50 "
             "(dashed), where they occur.",
             "maps of the ratio over gap and radius",
         ),
         picture(
             draw_tilts(settings, found),
-            "Ratio over the tilt for the ways in which the fingers may enter (radius 8 mm); the lines are the paper's "
-            "0.60 and 0.50.",
+            "Ratio over the tilt for the ways in which the fingers may enter (radius 8 mm); black lines: the paper's "
+            "0.60 and 0.50 taken as pressure; grey: taken as pressure squared, which is 0.77 and 0.71 in pressure.",
             "curves of the ratio over tilt",
         ),
         table(
@@ -161,10 +162,9 @@ def draw_maps(settings: Settings, found: Mapping[Fingers, Float64[np.ndarray, "3
     across, along = 1e3 * np.array(settings.gaps), 1e3 * np.array(settings.radii)
     for power, row in zip((1, 2), rows, strict=True):
         values = grid**power
-        levels = np.linspace(min(0.3, values.min()), max(1.0, values.max()), 24)
-        shown = None
         for column, (held, place) in enumerate(zip(HELD_EQUAL, row, strict=True)):
-            shown = place.contourf(across, along, values[:, :, column], levels=levels, cmap="viridis", extend="both")
+            shown = place.contourf(across, along, values[:, :, column], levels=14, cmap="viridis")
+            figure.colorbar(shown, ax=place, aspect=20, format="%.2f")
             for wanted, style in ((0.5, "dashed"), (0.6, "solid")):
                 if values[:, :, column].min() < wanted < values[:, :, column].max():
                     lines = place.contour(
@@ -175,8 +175,6 @@ def draw_maps(settings: Settings, found: Mapping[Fingers, Float64[np.ndarray, "3
             if power == 2:
                 place.set_xlabel("gap [mm]")
         row[0].set_ylabel("radius [mm]")
-        assert shown is not None
-        figure.colorbar(shown, ax=list(row), label="ignored / considered", aspect=20, format="%.2f")
     return figure
 
 
@@ -198,7 +196,9 @@ def draw_tilts(settings: Settings, found: Mapping[Fingers, Float64[np.ndarray, "
                 label = f"{1e3 * gap:.0f} mm, {entering}"
                 place.plot(settings.tilts, line, style, color=f"C{shade}", marker="o", markersize=3, label=label)
         for wanted in WANTED:
-            place.axhline(wanted, color="0.4", linewidth=0.8, linestyle="--" if wanted == 0.5 else "-")
+            style = "--" if wanted == 0.5 else "-"
+            place.axhline(wanted, color="black", linewidth=0.9, linestyle=style)
+            place.axhline(np.sqrt(wanted), color="0.65", linewidth=0.9, linestyle=style)
         place.set(xlabel="tilt [degrees]", title=held)
     row[0].set_ylabel("pressure, ignored / considered")
     handles, labels = row[0].get_legend_handles_labels()

@@ -1,0 +1,124 @@
+"""Parts of the experiment by themselves, against closed forms."""
+
+import numpy as np
+import pytest
+from scipy.spatial import KDTree
+
+import airtact as at
+from airtact.experiments.dummies import dummies
+from airtact.experiments.measurement import peak_ratios, readings
+from airtact.experiments.mesh_run import Combination, run_apart
+from airtact.experiments.mesh_sizes import Row, expected_unknowns, predicted
+from airtact.experiments.part import write_columns
+from airtact.experiments.plane_figure import carried
+from airtact.experiments.rigid_motion import Nodes, nodes_beside, random_poses
+from airtact.report.windows import AXES, Window
+
+K = 2 * np.pi * 40e3 / 343.1
+
+
+def test_dummies_are_those_of_the_pinch() -> None:
+    made, known = dummies(gap=0.014), at.pinch(gap=0.014)
+    assert np.allclose(made.foci, known.pads)
+    probes = np.random.default_rng(1).uniform(-0.06, 0.06, (200, 3))
+    scene = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(one) for one in known.surfaces], frequency=40e3)
+    assert np.allclose(made.rigid.depth(probes), scene.depth(probes), atol=1e-9)
+
+
+@pytest.mark.parametrize("entering", ["from below", "from above", "from the side"])
+@pytest.mark.parametrize("tilt", [0.0, 30.0, 90.0])
+def test_foci_are_where_the_fingers_are_nearest(entering, tilt) -> None:
+    fingers = dummies(gap=0.01, radius=7e-3, tilt=tilt, entering=entering)
+    assert np.allclose(fingers.rigid.depth(fingers.foci), 0.0, atol=1e-9)
+    for surface in fingers.surfaces:
+        assert np.abs(surface.vertices[:, 0]).min() >= 0.005 - 1e-9
+
+
+@pytest.mark.parametrize(("settings", "number"), [({"tilt": 120.0}, "120"), ({"gap": 0.0}, "0 mm")])
+def test_fingers_that_cannot_be_are_refused(settings, number) -> None:
+    with pytest.raises(at.InvalidInput, match=number):
+        dummies(**settings)
+
+
+def cloud(pressure) -> Nodes:
+    points = np.random.default_rng(2).uniform(-0.01, 0.01, (4000, 3)) + [0.05, 0.0, 0.0]
+
+    def carrier(at_points):
+        distance = np.linalg.norm(at_points, axis=1)
+        return np.exp(1j * K * distance) / distance
+
+    return Nodes(points, pressure(points), carrier, KDTree(points))
+
+
+def test_four_nodes_are_exact_for_what_is_linear() -> None:
+    nodes = cloud(lambda x: (x @ [1.0, 2.0, -3.0] + 0.5).astype(np.complex128))
+    asked = np.random.default_rng(3).uniform(-0.009, 0.009, (500, 3)) + [0.05, 0.0, 0.0]
+    heard, outside = nodes.literal(asked)
+    assert np.allclose(heard, asked @ [1.0, 2.0, -3.0] + 0.5, atol=1e-6)
+    assert 0.2 < outside.mean() < 1.0  # the 4 nearest rarely surround a point
+
+
+def test_four_nodes_without_the_carrier_are_exact_for_a_monopole() -> None:
+    nodes = cloud(lambda x: np.exp(1j * K * np.linalg.norm(x, axis=1)) / np.linalg.norm(x, axis=1))
+    asked = np.random.default_rng(3).uniform(-0.009, 0.009, (500, 3)) + [0.05, 0.0, 0.0]
+    distance = np.linalg.norm(asked, axis=1)
+    true = np.exp(1j * K * distance) / distance
+    assert np.allclose(nodes.carrier_free(asked)[0], true, rtol=1e-6)
+    assert np.linalg.norm(nodes.literal(asked)[0] - true) > 0.01 * np.linalg.norm(true)
+
+
+def test_nodes_surround_the_points_and_leave_the_bodies_out() -> None:
+    scene = dummies().rigid
+    points = np.array([[0.0, 0.0, 0.0], [0.0, 0.05, 0.0]])
+    nodes = nodes_beside(points, 2e-3, scene)
+    assert (scene.depth(nodes) < 0).all()
+    assert len(nodes) > 27
+    assert np.linalg.norm(nodes[:, None] - points, axis=2).min(axis=1).max() < 2e-3 * np.sqrt(3) * 2.4
+
+
+def test_poses_are_the_same_every_time() -> None:
+    one, other = random_poses(3), random_poses(3)
+    assert all(np.array_equal(a.rotation, b.rotation) for a, b in zip(one, other, strict=True))
+    assert max(np.abs(pose.translation).max() for pose in one) <= 5e-3
+
+
+def test_costs_are_predicted_by_their_powers() -> None:
+    small, large = Combination(2, 2.0, "tight"), Combination(2, 4.0, "tight")
+    nothing, known = Combination(1, 1.0, "tight"), expected_unknowns(small)
+    ran = [Row(nothing, 100.0, 1.0, 4e8, 0.5, ""), Row(small, 2 * known, 11.0, 0.35 * 2**30 + 1e8, 0.1, "")]
+    unknowns, seconds, most = predicted(large, ran)
+    assert unknowns == pytest.approx(16 * known)
+    assert seconds == pytest.approx(1.0 + 10.0 * 8**1.7)
+    assert most == pytest.approx(0.35 * 2**30 + 1e8 * 8 ** (4 / 3))
+
+
+def test_a_run_that_takes_too_long_is_ended_and_says_so() -> None:
+    assert run_apart(Combination(1, 1.0, "tight"), 0.05) == "ended after 0 s"
+
+
+def test_a_run_that_is_refused_says_why() -> None:
+    assert "order" in str(run_apart(Combination(11, 1.0, "tight"), 600.0))
+
+
+def test_readings_keep_the_blanks_and_ratios_ignore_them() -> None:
+    heard = np.full((50, 4), 2.0 + 0j) * np.array([1.0, 0.5, 3.0, 1.5])
+    heard[7] = np.nan
+    read = readings(heard)
+    assert np.isnan(read[7]).all()
+    assert np.isfinite(np.delete(read, 7, axis=0)).all()
+    ratios = peak_ratios(read, np.array([1.0, 0.5, 1.0, 1.0]))
+    assert ratios["equal energy"] == pytest.approx(0.5, rel=0.1)
+    assert ratios["equal peak"] == pytest.approx(2 * ratios["equal energy"])
+    assert ratios["phase only"] == pytest.approx(0.5, rel=0.1)
+
+
+def test_values_are_carried_two_points_past_the_skin() -> None:
+    window = Window(np.zeros(3), AXES["x"], AXES["z"], 9e-3, 1e-3, 1e-3)
+    values = np.tile([1.0, 2, 3, 4, *[np.nan] * 6], 2)
+    assert np.array_equal(carried(window, values)[:7], [1, 2, 3, 4, 4, 4, np.nan], equal_nan=True)
+
+
+def test_columns_of_unequal_length_are_refused(tmp_path) -> None:
+    with pytest.raises(ValueError, match="shorter"):
+        write_columns(tmp_path, "uneven", {"a": ("m", np.zeros(2)), "b": ("", ["one"])})
+    assert not list(tmp_path.iterdir())
