@@ -4,6 +4,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from airtact.scene.sources import Monopoles
 from airtact.scene.target import Target
 from airtact.scene_file.building import Setup
 from airtact.solvers.boundary_element import BoundaryElement
+from airtact.solvers.finite_element import FiniteElement
 from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.synthesis.stalling import Stalled
@@ -50,7 +52,9 @@ class Clock:
 
 
 class Judge(Solver):
-    """Boundary elements finer than a drive's own, or the closed form of open air; keeps its field for the pictures.
+    """A solver finer than a drive's own, or the closed form of open air; keeps its field for the pictures.
+
+    Sound-hard bodies are judged by boundary elements, others by finite elements of the next order.
 
     Attributes
     ----------
@@ -60,15 +64,20 @@ class Judge(Solver):
     field: RadiatedField
 
     def __init__(self, setup: Setup) -> None:
-        if setup.scene.obstacles:
-            self._solver = BoundaryElement(accuracy=_judging_accuracy(setup))
-        else:
-            self._solver = FreeField()
+        self._solver = _finer(setup)
 
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
         """Solve the scene for the monopoles."""
         self.field = self._solver.radiate(scene, sources)
         return self.field
+
+
+def _finer(setup: Setup) -> Solver:
+    if not setup.scene.obstacles:
+        return FreeField()
+    if isinstance(setup.solver, FiniteElement) and any(one.boundary != "sound_hard" for one in setup.scene.obstacles):
+        return replace(setup.solver, order=setup.solver.order + 1)
+    return BoundaryElement(accuracy=_judging_accuracy(setup))
 
 
 def _judging_accuracy(setup: Setup) -> float:

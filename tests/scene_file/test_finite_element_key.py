@@ -1,8 +1,11 @@
 """A scene file that names finite elements."""
 
+import msgspec
+import numpy as np
 import pytest
 
 import airtact as at
+from airtact.judging import Judge
 from airtact.scene_file.building import read_setup
 
 TEXT = """
@@ -36,3 +39,21 @@ def test_more_than_finite_elements_reach_is_refused(tmp_path):
     path.write_text(TEXT.replace("ACCURACY", "0.0001"))
     with pytest.raises(at.InvalidInput, match=r"accuracy is 0\.0001, but finite elements reach 0\.001 to 0\.3"):
         read_setup(path)
+
+
+@pytest.mark.slow
+def test_a_filled_body_is_judged_by_the_next_order(tmp_path):
+    path = tmp_path / "scene.toml"
+    small = TEXT.replace("radius = 0.004", "radius = 0.0015").replace("0.006", "0.003")
+    path.write_text(small.replace("ACCURACY", "0.3"))
+    setup = read_setup(path)
+    field = setup.solver.radiate(setup.scene, setup.target.beacons())
+    judged = Judge(setup).radiate(setup.scene, setup.target.beacons())
+    assert judged.report.settings["order"] == field.report.settings["order"] + 1
+
+
+def test_the_report_goes_into_the_files_of_a_run():
+    ball = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(at.sphere(1.5e-3, edge=1e-3))])
+    source = at.Monopoles(np.array([[0.0, 0.0, 0.01]]), np.ones(1, dtype=complex))
+    report = at.FiniteElement(order=2).radiate(ball, source).report
+    assert msgspec.json.decode(msgspec.json.encode(report))["solver"] == "FiniteElement"

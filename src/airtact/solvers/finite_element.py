@@ -167,8 +167,9 @@ class FiniteElement(Solver):
             residual=0.0,
             iterations=0,
             nodes=system.unknowns,
-            nodes_per_square_wavelength=np.count_nonzero(system.skin.weighted.sum(axis=1))
-            / float(system.skin.areas.sum()),
+            nodes_per_square_wavelength=float(
+                np.count_nonzero(system.skin.weighted.sum(axis=1)) / system.skin.areas.sum()
+            ),
             estimated_error=float("nan"),
             settings={
                 "order": self.order,
