@@ -7,8 +7,8 @@ from scipy.spatial import KDTree
 import airtact as at
 from airtact.experiments.dummies import dummies
 from airtact.experiments.measurement import peak_ratios, readings
-from airtact.experiments.mesh_run import Combination, run_apart
-from airtact.experiments.mesh_sizes import Row, expected_unknowns, predicted
+from airtact.experiments.mesh_run import Combination, Row, run_apart
+from airtact.experiments.mesh_sizes import expected_unknowns, predicted
 from airtact.experiments.part import write_columns
 from airtact.experiments.plane_figure import carried
 from airtact.experiments.rigid_motion import Nodes, nodes_beside, random_poses
@@ -85,7 +85,7 @@ def test_poses_are_the_same_every_time() -> None:
 def test_costs_are_predicted_by_their_powers() -> None:
     small, large = Combination(2, 2.0, "tight"), Combination(2, 4.0, "tight")
     nothing, known = Combination(1, 1.0, "tight"), expected_unknowns(small)
-    ran = [Row(nothing, 100.0, 1.0, 4e8, 0.5, ""), Row(small, 2 * known, 11.0, 0.35 * 2**30 + 1e8, 0.1, "")]
+    ran = [Row(nothing, 100.0, 1.0, 0.35 * 2**30, 0.5, ""), Row(small, 2 * known, 11.0, 0.35 * 2**30 + 1e8, 0.1, "")]
     unknowns, seconds, most = predicted(large, ran)
     assert unknowns == pytest.approx(16 * known)
     assert seconds == pytest.approx(1.0 + 10.0 * 8**1.7)

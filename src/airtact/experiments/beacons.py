@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Complex128, Float64
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
@@ -19,6 +19,7 @@ from airtact.report.phase_figure import draw_phases
 from airtact.report.windows import AXES, Window
 from airtact.scene.six_nodes import SixNodes
 from airtact.solvers.finite_system import System
+from airtact.solvers.problem import SolveReport
 
 ON_PLANE = 1e-6
 """Corners nearer to a symmetry plane than this lie on it [λ]."""
@@ -45,32 +46,11 @@ def beacons(made: Solved, settings: Settings, folder: Path, clock: Clock) -> Par
         "beacon_field",
         {**places(window.points), "pressure": ("Pa", np.abs(pressure)), "phase": ("rad", phase)},
     )
-    write_columns(
-        folder,
-        "transducers",
-        {
-            **places(made.array.positions),
-            "amplitude": ("", np.abs(drive)),
-            "phase": ("rad", np.angle(drive)),
-            "amplitude_level": ("", np.rint(255 * np.abs(drive)).astype(np.int64)),
-            "phase_level": ("", np.rint(np.angle(drive) * 128 / np.pi).astype(np.int64) % 256),
-        },
-    )
+    _write_transducers(made, drive, folder)
     outlines = cut_bodies(window, made.dummies.surfaces)
     scale = ("twilight", -np.pi, np.pi, "phase of the beacons' field [rad]")
-    tetrahedra, unknowns = report.settings["tetrahedra"], report.nodes
-    mirrors = str(report.settings["mirrors"])
-    mesh = (
-        f"{tetrahedra} tetrahedra of order {report.settings['order']}, {unknowns} unknowns, "
-        f"planes of symmetry across {' and '.join(mirrors)}"
-    )
-    seconds = sum(report.seconds.values())
     pieces = (
-        paragraph(
-            f"The paper meshes a quarter of its whole box and reads the field off the mesh; COMSOL took about 120 "
-            f"minutes. Here only a tight box round the fingers is meshed ({mesh}) and took {seconds:.1f} s; outside "
-            "it the field follows from the pressure on the fingers by the surface integral of Kirchhoff and Helmholtz."
-        ),
+        paragraph(_how_meshed(report)),
         picture(
             draw_mesh(system, made.scene.wavelength),
             "Fig. 4 of the paper: the model as meshed, cut in the plane of both fingers; dark: the matched layer. The "
@@ -97,6 +77,32 @@ def beacons(made: Solved, settings: Settings, folder: Path, clock: Clock) -> Par
         ),
     )
     return Part("The model and the phases (Fig. 4 and 5)", pieces)
+
+
+def _how_meshed(report: SolveReport) -> str:
+    settings = report.settings
+    return (
+        "The paper meshes a quarter of its whole box and reads the field off the mesh; COMSOL took about 120 minutes. "
+        f"Here only a tight box round the fingers is meshed ({settings['tetrahedra']} tetrahedra of order "
+        f"{settings['order']}, {report.nodes} unknowns, planes of symmetry across "
+        f"{' and '.join(str(settings['mirrors']))}), which took {sum(report.seconds.values()):.1f} s with solving; "
+        "outside it the field follows from the pressure on the fingers by the surface integral of Kirchhoff and "
+        "Helmholtz."
+    )
+
+
+def _write_transducers(made: Solved, drive: Complex128[np.ndarray, "elements"], folder: Path) -> None:
+    write_columns(
+        folder,
+        "transducers",
+        {
+            **places(made.array.positions),
+            "amplitude": ("", np.abs(drive)),
+            "phase": ("rad", np.angle(drive)),
+            "amplitude_level": ("", np.rint(255 * np.abs(drive)).astype(np.int64)),
+            "phase_level": ("", np.rint(np.angle(drive) * 128 / np.pi).astype(np.int64) % 256),
+        },
+    )
 
 
 def _workspace(middle: Float64[np.ndarray, "3"], step: float) -> Window:

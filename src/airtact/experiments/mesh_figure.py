@@ -1,7 +1,6 @@
 """Error against time, memory and mesh, over orders and both domains."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import colormaps
@@ -9,10 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from airtact.experiments.mesh_run import Row
 from airtact.experiments.settings import Settings
-
-if TYPE_CHECKING:
-    from airtact.experiments.mesh_sizes import Row
 
 MARKERS = {"tight": "o", "box": "s"}
 """Of the domains."""
@@ -21,7 +18,7 @@ NOT_RUN = 3.0
 """Error at which combinations that were not run are drawn."""
 
 
-def draw_costs(rows: "Sequence[Row]", settings: Settings) -> Figure:
+def draw_costs(rows: Sequence[Row], settings: Settings) -> Figure:
     """Draw every combination three times.
 
     Parameters
@@ -58,7 +55,7 @@ def draw_costs(rows: "Sequence[Row]", settings: Settings) -> Figure:
     return figure
 
 
-def _draw_line(axes: Axes, cost: list[float], line: "Sequence[Row]", colour: object, domain: str) -> None:
+def _draw_line(axes: Axes, cost: list[float], line: Sequence[Row], colour: object, domain: str) -> None:
     ran = [not row.said for row in line]
     pairs = sorted((spent, row.error) for spent, row, done in zip(cost, line, ran, strict=True) if done)
     style = {"color": colour, "marker": MARKERS[domain], "markersize": 4.5}

@@ -64,6 +64,26 @@ class Ran:
     __repr__ = in_short
 
 
+@dataclass(frozen=True)
+class Row:
+    """A combination, what was predicted of it, and what came if it was run.
+
+    Attributes
+    ----------
+    combination : what.
+    unknowns, seconds, most_bytes : measured where ``ran``, else predicted.
+    error : relative error of the beacons' pressure at the transducers, NaN where not run.
+    said : why it was not run, or "" where it was.
+    """
+
+    combination: Combination
+    unknowns: float
+    seconds: float
+    most_bytes: float
+    error: float
+    said: str
+
+
 def run_apart(combination: Combination, limit: float) -> Ran | str:
     """Solve for the paper's beacons in a process of its own.
 

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cache
 from itertools import product
 from pathlib import Path
@@ -12,7 +11,7 @@ from jaxtyping import Complex128, Float64
 
 from airtact.experiments.dummies import AIR, dummies
 from airtact.experiments.mesh_figure import draw_costs
-from airtact.experiments.mesh_run import BOX, Combination, Ran, run_apart
+from airtact.experiments.mesh_run import BOX, Combination, Ran, Row, run_apart
 from airtact.experiments.part import Part, write_columns
 from airtact.experiments.settings import Settings
 from airtact.judging import Clock
@@ -38,26 +37,6 @@ LIBRARIES = 0.35 * 2.0**30
 
 FIRST = (2.5e5, 60.0, 6 * 2.0**30)
 """Unknowns, seconds and bytes from which the first runs are predicted."""
-
-
-@dataclass(frozen=True)
-class Row:
-    """A combination, what was predicted of it, and what came if it was run.
-
-    Attributes
-    ----------
-    combination : what.
-    unknowns, seconds, most_bytes : measured where ``ran``, else predicted.
-    error : relative error of the beacons' pressure at the transducers, NaN where not run.
-    said : why it was not run, or "" where it was.
-    """
-
-    combination: Combination
-    unknowns: float
-    seconds: float
-    most_bytes: float
-    error: float
-    said: str
 
 
 def mesh_sizes(settings: Settings, folder: Path, clock: Clock) -> Part:
@@ -153,7 +132,8 @@ def study(
     for one in sorted(combinations, key=expected_unknowns):
         unknowns, seconds, most = predicted(one, [row for row in rows if not row.said])
         said = ""
-        if seconds > settings.study_seconds or most > settings.study_bytes:
+        quickest = min((row.seconds for row in rows if not row.said), default=0.0)
+        if seconds - quickest > settings.study_seconds or most > settings.study_bytes:
             said = "predicted over the limit"
         elif any(not row.said for row in rows) and time.perf_counter() - begun > settings.study_budget:
             said = "no time left for it"
@@ -198,10 +178,11 @@ def predicted(one: Combination, ran: Sequence[Row]) -> tuple[float, float, float
     Parameters
     ----------
     one : what is asked.
-    ran : what was run; the time of the quickest is taken to be spent whatever the mesh.
+    ran : what was run; the time and memory of the smallest are taken to be spent whatever the mesh.
     """
     expected = expected_unknowns(one)
     always = min((row.seconds for row in ran), default=0.0)
+    libraries = min((row.most_bytes for row in ran), default=LIBRARIES)
     alike = [row for row in ran if row.combination.order == one.order and row.combination.domain == one.domain]
     alike = alike or [row for row in ran if row.combination.domain == one.domain] or list(ran)
     unknowns, seconds, most = FIRST
@@ -214,7 +195,7 @@ def predicted(one: Combination, ran: Sequence[Row]) -> tuple[float, float, float
     return (
         expected,
         always + max(seconds - always, 0.0) * growth**SLOWEST,
-        LIBRARIES + max(most - LIBRARIES, 0.0) * growth**HEAVIEST,
+        libraries + max(most - libraries, 0.0) * growth**HEAVIEST,
     )
 
 

@@ -167,17 +167,7 @@ def rigid_motion(settings: Settings, folder: Path, clock: Clock) -> Part:
             readings.append(_timed(f"4 nearest nodes at λ/{spacing:g}", places, true, nodes.literal))
             readings.append(_timed(f"the same, e^ikr/r divided out, λ/{spacing:g}", places, true, nodes.carrier_free))
     readings += held
-    write_columns(
-        folder,
-        "rigid_motion",
-        {
-            "pose": ("", np.arange(len(poses), dtype=np.int64)),
-            **{
-                _plain(one.name): ("", np.pad(one.errors, (0, len(poses) - len(one.errors)), constant_values=np.nan))
-                for one in readings
-            },
-        },
-    )
+    _write(readings, len(poses), folder)
     pieces = (
         paragraph(
             f"One solution serves every rigid motion. The hand was moved {len(poses)} times at random, by up to "
@@ -199,6 +189,20 @@ def rigid_motion(settings: Settings, folder: Path, clock: Clock) -> Part:
         picture(_draw(readings), "Error of the drive in each pose, from the smallest.", "curves of errors over poses"),
     )
     return Part("Rigid motion (section 3.3)", pieces)
+
+
+def _write(readings: list[Reading], poses: int, folder: Path) -> None:
+    write_columns(
+        folder,
+        "rigid_motion",
+        {
+            "pose": ("", np.arange(poses, dtype=np.int64)),
+            **{
+                _plain(one.name): ("", np.pad(one.errors, (0, poses - len(one.errors)), constant_values=np.nan))
+                for one in readings
+            },
+        },
+    )
 
 
 def _sampled(field: RadiatedField, points: Float64[np.ndarray, "points 3"], step: float) -> Nodes:
