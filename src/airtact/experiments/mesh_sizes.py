@@ -173,7 +173,7 @@ def _volume(domain: str) -> float:
 
 
 def predicted(one: Combination, ran: Sequence[Row]) -> tuple[float, float, float]:
-    """Unknowns, seconds and bytes of a combination, from the largest run so far, of its own order if there is one.
+    """Unknowns, seconds and bytes of a combination, from the largest run of its order, or else of its mesh.
 
     Parameters
     ----------
@@ -184,7 +184,10 @@ def predicted(one: Combination, ran: Sequence[Row]) -> tuple[float, float, float
     always = min((row.seconds for row in ran), default=0.0)
     libraries = min((row.most_bytes for row in ran), default=LIBRARIES)
     alike = [row for row in ran if row.combination.order == one.order and row.combination.domain == one.domain]
-    alike = alike or [row for row in ran if row.combination.domain == one.domain] or list(ran)
+    same_mesh = (one.elements_per_wavelength, one.domain)
+    alike = alike or [
+        row for row in ran if (row.combination.elements_per_wavelength, row.combination.domain) == same_mesh
+    ]
     unknowns, seconds, most = FIRST
     if alike:
         largest = max(alike, key=lambda row: row.unknowns)
