@@ -34,8 +34,9 @@ check: $(VENV)/installed-for-tests
 	$(BIN)/basedpyright
 	$(BIN)/lint-imports
 
+# Two workers with a thread each: threads of both on two cores would wait for each other in every loop.
 test: check
-	$(BIN)/pytest -q -n 2
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q -n 2
 
 slow: $(VENV)/installed-for-tests
 	$(BIN)/pytest -q -m slow
