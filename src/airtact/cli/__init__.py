@@ -61,7 +61,7 @@ def commands() -> None:
     """Compute what a phased array must emit so that a hand feels points while it scatters the sound."""
 
 
-for _command in (boards, emit, export, hand, reproduce):
+for _command in (boards, emit, export, reproduce, hand):
     commands.add_command(_command)
 
 
