@@ -228,11 +228,11 @@ def test_a_faulty_array_file_is_refused(read, tmp_path, text, sentence):
         (["frequency = -4e4\n", MEDIUM, ARRAY, BALL, FOCUS], "frequency is -40000"),
         (
             [MEDIUM, ARRAY, "[[obstacles]]\n", FOCUS],
-            "obstacles[0]: give exactly one of pinch, capsule, sphere, surface; 0",
+            "obstacles[0]: give exactly one of pinch, capsule, sphere, surface, hand; 0",
         ),
         (
             [MEDIUM, ARRAY, BALL, "pinch = {}\n", FOCUS],
-            "obstacles[0]: give exactly one of pinch, capsule, sphere, surface; 2",
+            "obstacles[0]: give exactly one of pinch, capsule, sphere, surface, hand; 2",
         ),
         ([MEDIUM, ARRAY, "[[obstacles]]\npinch = { gap = -0.01 }\n", FOCUS], "obstacles[0]: gap is -0.01"),
         ([MEDIUM, ARRAY, '[[obstacles]]\nsurface = "no.stl"\n', FOCUS], "obstacles[0]: there is no file"),
@@ -279,8 +279,8 @@ def test_a_faulty_array_file_is_refused(read, tmp_path, text, sentence):
         ([MEDIUM, ARRAY, BALL, FOCUS.replace("8e-3", "nan")], "foci: target points hold 1 NaN"),
         (["foci = []\n", MEDIUM, ARRAY, BALL], "foci: target points are empty (0 points)"),
         (
-            [MEDIUM, ARRAY, BALL, FOCUS, '[solver]\nname = "finite_element"\n'],
-            'solver: "finite_element" is not a solver here',
+            [MEDIUM, ARRAY, BALL, FOCUS, '[solver]\nname = "finite_elemant"\n'],
+            'solver: "finite_elemant" is not a solver here',
         ),
         ([MEDIUM, ARRAY, BALL, FOCUS, "[solver]\naccuracy = 0.9\n"], "solver: accuracy is 0.9"),
         (
