@@ -11,7 +11,7 @@ from jaxtyping import Complex128
 
 from airtact.conventions import InvalidInput
 from airtact.evaluation.metrics import pressures_at_foci
-from airtact.judging import Clock, Judge, heard_foci, synthesised
+from airtact.judging import Clock, Keeping, finer, heard_foci, synthesised
 from airtact.report.drive_files import write_drive_h5
 from airtact.report.field_figure import Cut, cut_bodies
 from airtact.report.methods_page import Contender, Contest, write_methods_page
@@ -64,7 +64,7 @@ def compare_methods(path: Path, folder: Path, tell: Callable[[str], None] = lamb
     _write_drives(folder / "drives", setup, transfer, beacons, drives)
     emitted = {name: quantise(drive).drive() for name, drive in drives.items()}
     with clock.step("judge", f"judging {len(drives)} drives by a finer solution with all transducers as sources"):
-        judge = Judge(setup)
+        judge = Keeping(finer(setup))
         heard, report = pressures_at_foci(setup.scene, setup.array, list(emitted.values()), setup.target, judge)
         quiet = np.abs(judge.field.at(setup.target.quiet).T)
     with clock.step("cuts", "computing the fields in the pictures"):
@@ -121,7 +121,7 @@ def _all_drives(setup: Setup, transfer: TransferMatrix) -> tuple[dict[str, Drive
     return drives, seconds, said
 
 
-def _cut(setup: Setup, judge: Judge, names: list[str]) -> Cut:
+def _cut(setup: Setup, judge: Keeping, names: list[str]) -> Cut:
     """Cut the judging field through the foci."""
     obstacles = setup.scene.obstacles
     vertices = np.concatenate([np.empty((0, 3)), *(obstacle.surface.vertices for obstacle in obstacles)])

@@ -51,10 +51,8 @@ class Clock:
         self.seconds[name] = time.perf_counter() - begun
 
 
-class Judge(Solver):
-    """A solver finer than a drive's own, or the closed form of open air; keeps its field for the pictures.
-
-    Sound-hard bodies are judged by boundary elements, others by finite elements of the next order.
+class Keeping(Solver):
+    """A solver that keeps its field, so that one solution serves numbers and pictures.
 
     Attributes
     ----------
@@ -63,8 +61,8 @@ class Judge(Solver):
 
     field: RadiatedField
 
-    def __init__(self, setup: Setup) -> None:
-        self._solver = _finer(setup)
+    def __init__(self, solver: Solver) -> None:
+        self._solver = solver
 
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
         """Solve the scene for the monopoles."""
@@ -72,7 +70,16 @@ class Judge(Solver):
         return self.field
 
 
-def _finer(setup: Setup) -> Solver:
+def finer(setup: Setup) -> Solver:
+    """Choose a solver that is finer than a drive's own, to judge it.
+
+    Sound-hard bodies are judged by boundary elements, others by finite elements of the next order, open air in closed
+    form.
+
+    Parameters
+    ----------
+    setup : the scene.
+    """
     if not setup.scene.obstacles:
         return FreeField()
     if isinstance(setup.solver, FiniteElement) and any(one.boundary != "sound_hard" for one in setup.scene.obstacles):

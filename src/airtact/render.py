@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64, Real
 
 from airtact.evaluation.comparison import Comparison, compare
-from airtact.judging import Clock, Judge, heard_foci, synthesised
+from airtact.judging import Clock, Keeping, finer, heard_foci, synthesised
 from airtact.report.drive_files import write_drive_csv, write_drive_h5
 from airtact.report.field_figure import Cut, cut_bodies
 from airtact.report.run_page import Run, write_page
@@ -119,7 +119,7 @@ def _judge(setup: Setup, made: _Made, clock: Clock) -> tuple[Comparison, Radiate
     control = focus_by_distance(setup.array, setup.target, setup.scene.medium, setup.scene.frequency)
     drives = {CONSIDERED: made.drive, IGNORED: control}
     with clock.step("judge", "judging it by a finer solution with all transducers as sources"):
-        judge = Judge(setup)
+        judge = Keeping(finer(setup))
         comparison = compare(setup.scene, setup.array, drives, setup.target, solver=judge)
     return comparison, judge.field
 

@@ -11,7 +11,7 @@ from airtact.conventions import about
 from airtact.evaluation.field import drive_sources
 from airtact.evaluation.microphone import Microphone
 from airtact.evaluation.scan import Overlay, load_scan, overlay_scan
-from airtact.judging import Clock, Judge, heard_foci
+from airtact.judging import Clock, finer, heard_foci
 from airtact.report.picture_file import write_picture
 from airtact.report.scan_figure import draw_overlay
 from airtact.report.whole_file import whole_file, writable_folder
@@ -68,7 +68,7 @@ def compare_scan(
     transfer, _ = heard_foci(setup, clock)
     drive = quantise(setup.synthesise(transfer, setup.target)).drive()
     with clock.step("judge", "predicting by a finer solution with all transducers as sources"):
-        field = Judge(setup).radiate(setup.scene, drive_sources(setup.array, [drive]))
+        field = finer(setup).radiate(setup.scene, drive_sources(setup.array, [drive]))
     with clock.step("scan", f"listening at {len(scan.points)} positions"):
         predicted = microphone.hear(field, scan.points)[:, 0]
     with about(scan_file.name):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.judging import Judge
+from airtact.judging import finer
 from airtact.scene_file.building import read_setup
 
 TEXT = """
@@ -48,7 +48,7 @@ def test_a_filled_body_is_judged_by_the_next_order(tmp_path):
     path.write_text(small.replace("ACCURACY", "0.3"))
     setup = read_setup(path)
     field = setup.solver.radiate(setup.scene, setup.target.beacons())
-    judged = Judge(setup).radiate(setup.scene, setup.target.beacons())
+    judged = finer(setup).radiate(setup.scene, setup.target.beacons())
     assert judged.report.settings["order"] == field.report.settings["order"] + 1
 
 

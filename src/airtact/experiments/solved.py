@@ -8,39 +8,19 @@ from jaxtyping import Complex128
 from airtact.evaluation.comparison import Comparison, compare
 from airtact.experiments.dummies import Dummies, dummies
 from airtact.experiments.settings import Settings
-from airtact.judging import Clock
+from airtact.judging import Clock, Keeping
 from airtact.scene.printing import in_short
 from airtact.scene.scene import Scene
-from airtact.scene.sources import Monopoles
 from airtact.solvers.boundary_element import BoundaryElement
 from airtact.solvers.finite_element import FactorisedScene, FiniteElement
 from airtact.solvers.finite_field import FiniteField
-from airtact.solvers.problem import RadiatedField, Solver
+from airtact.solvers.problem import RadiatedField
 from airtact.synthesis.quantise import quantise
 from airtact.transducers.layout import PhasedArray, surrounding_box
 from airtact.transfer import Drive, focus_by_distance
 
 CONSIDERED, IGNORED = "fingers considered", "fingers ignored"
 """The paper's two drives."""
-
-
-class Keeping(Solver):
-    """Boundary elements that keep what they solved last.
-
-    Attributes
-    ----------
-    field : what they solved last.
-    """
-
-    field: RadiatedField
-
-    def __init__(self, accuracy: float) -> None:
-        self._solver = BoundaryElement(accuracy=accuracy)
-
-    def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
-        """Solve the scene for the monopoles."""
-        self.field = self._solver.radiate(scene, sources)
-        return self.field
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +84,7 @@ def solved(settings: Settings, clock: Clock) -> Solved:
         IGNORED: focus_by_distance(array, fingers.target, scene.medium, scene.frequency),
     }
     drives = {name: quantise(drive).drive() for name, drive in drives.items()}
-    judge = Keeping(settings.judging)
+    judge = Keeping(BoundaryElement(accuracy=settings.judging))
     with clock.step("judging", "judging both drives by boundary elements, all transducers speaking"):
         compared = compare(scene, array, drives, fingers.target, solver=judge)
     return Solved(fingers, scene, array, factorised, field, heard, drives, compared, judge.field)
