@@ -5,11 +5,59 @@ import numpy as np
 def variants() -> list[str]: ...
 def active_variant() -> str: ...
 def use_variant(name: str) -> None: ...
+
+lanes: int
+
+def dual_matrix_int16(
+    points: np.ndarray,
+    shifted: np.ndarray,
+    normals: np.ndarray,
+    k: complex,
+    first: np.ndarray,
+    panel: np.ndarray,
+    excess: np.ndarray,
+    first_shifted: np.ndarray,
+    panel_shifted: np.ndarray,
+    excess_shifted: np.ndarray,
+    out: np.ndarray,
+    scales: np.ndarray,
+) -> None: ...
+def dual_product_int16(
+    matrix: np.ndarray, scales: np.ndarray, v: np.ndarray, transposed: bool, out: np.ndarray
+) -> None: ...
 def dual_matrix_float32(
-    targets: np.ndarray, shifted: np.ndarray, sources: np.ndarray, normals: np.ndarray, k: complex, out: np.ndarray
+    points: np.ndarray,
+    shifted: np.ndarray,
+    normals: np.ndarray,
+    k: complex,
+    first: np.ndarray,
+    panel: np.ndarray,
+    excess: np.ndarray,
+    first_shifted: np.ndarray,
+    panel_shifted: np.ndarray,
+    excess_shifted: np.ndarray,
+    out: np.ndarray,
+    scales: np.ndarray,
+) -> None: ...
+def dual_product_float32(
+    matrix: np.ndarray, scales: np.ndarray, v: np.ndarray, transposed: bool, out: np.ndarray
 ) -> None: ...
 def dual_matrix_float64(
-    targets: np.ndarray, shifted: np.ndarray, sources: np.ndarray, normals: np.ndarray, k: complex, out: np.ndarray
+    points: np.ndarray,
+    shifted: np.ndarray,
+    normals: np.ndarray,
+    k: complex,
+    first: np.ndarray,
+    panel: np.ndarray,
+    excess: np.ndarray,
+    first_shifted: np.ndarray,
+    panel_shifted: np.ndarray,
+    excess_shifted: np.ndarray,
+    out: np.ndarray,
+    scales: np.ndarray,
+) -> None: ...
+def dual_product_float64(
+    matrix: np.ndarray, scales: np.ndarray, v: np.ndarray, transposed: bool, out: np.ndarray
 ) -> None: ...
 def double_layer_matrix_float32(
     targets: np.ndarray, sources: np.ndarray, normals: np.ndarray, k: complex, out: np.ndarray
@@ -41,14 +89,40 @@ def apply_monopoles_float32(
 def apply_monopoles_float64(
     targets: np.ndarray, sources: np.ndarray, strength: np.ndarray, k: complex, out: np.ndarray
 ) -> None: ...
-def panel_entries(
+def near_excess_float32(
     targets: np.ndarray,
-    pair_target: np.ndarray,
-    pair_panel: np.ndarray,
+    first: np.ndarray,
+    panel: np.ndarray,
+    six_nodes: np.ndarray,
+    contact: np.ndarray,
     sources: np.ndarray,
     normals: np.ndarray,
+    nodal: np.ndarray,
     k: complex,
     least: float,
+    gauss_nodes: np.ndarray,
+    gauss_weights: np.ndarray,
+    largest: int,
+    angular: int,
+    radial: int,
+    out: np.ndarray,
+) -> None: ...
+def near_excess_float64(
+    targets: np.ndarray,
+    first: np.ndarray,
+    panel: np.ndarray,
+    six_nodes: np.ndarray,
+    contact: np.ndarray,
+    sources: np.ndarray,
+    normals: np.ndarray,
+    nodal: np.ndarray,
+    k: complex,
+    least: float,
+    gauss_nodes: np.ndarray,
+    gauss_weights: np.ndarray,
+    largest: int,
+    angular: int,
+    radial: int,
     out: np.ndarray,
 ) -> None: ...
 def count_near(targets: np.ndarray, centres: np.ndarray, reach: np.ndarray, first: np.ndarray) -> None: ...
@@ -66,7 +140,7 @@ def closest_on_panels(
     distance: np.ndarray,
 ) -> None: ...
 def inscribed_diameter(
-    points: np.ndarray, normals: np.ndarray, body: np.ndarray, largest: float, diameter: np.ndarray
+    points: np.ndarray, normals: np.ndarray, body: np.ndarray, some: np.ndarray, largest: float, diameter: np.ndarray
 ) -> None: ...
 def gerchberg_saxton(
     real: np.ndarray,

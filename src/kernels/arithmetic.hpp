@@ -32,12 +32,21 @@ constexpr double taylor(double base, int n) {  // base^n / n!
     return value;
 }
 
-template <class Real, bool Odd> struct Series {  // sin(pi u)/u or cos(pi u) in powers of u^2
-    Real c[Traits<Real>::terms];
+template <class Real, bool Odd> struct Series {  // sin(pi u)/u or cos(pi u) in powers of u^2, by Taylor
+    static constexpr int terms = Traits<Real>::terms;
+    Real c[terms];
     constexpr Series() : c() {
-        for (int i = 0; i < Traits<Real>::terms; i++)
+        for (int i = 0; i < terms; i++)
             c[i] = Real((i % 2 ? -1.0 : 1.0) * taylor(3.14159265358979323846, 2 * i + (Odd ? 1 : 0)));
     }
+};
+template <> struct Series<float, true> {  // the polynomial with the least largest error, 2.4e-6, for |u| < 1/2
+    static constexpr int terms = 4;
+    float c[terms] = {3.14159028359f, -5.16740769781f, 2.54402081165f, -0.559489911442f};
+};
+template <> struct Series<float, false> {  // likewise, 4.7e-8
+    static constexpr int terms = 5;
+    float c[terms] = {0.999999953467f, -4.93479285868f, 4.05841191416f, -1.3318801612f, 0.219696798471f};
 };
 
 // sin(pi t) and cos(pi t), |t| < 2^21
@@ -49,11 +58,9 @@ template <class Real> inline void sincospi(Real t, Real &sine, Real &cosine) {
     const typename T::Bits flip = static_cast<typename T::Bits>(
         static_cast<std::make_unsigned_t<typename T::Bits>>(bits<typename T::Bits>(magic)) << T::sign_shift);
     const Real u = t - (magic - T::round_magic), z = u * u;
-    Real s = S.c[T::terms - 1], c = C.c[T::terms - 1];
-    for (int i = T::terms - 2; i >= 0; i--) {
-        s = s * z + S.c[i];
-        c = c * z + C.c[i];
-    }
+    Real s = S.c[S.terms - 1], c = C.c[C.terms - 1];
+    for (int i = S.terms - 2; i >= 0; i--) s = s * z + S.c[i];
+    for (int i = C.terms - 2; i >= 0; i--) c = c * z + C.c[i];
     sine = bits<Real>(static_cast<typename T::Bits>(bits<typename T::Bits>(s * u) ^ flip));
     cosine = bits<Real>(static_cast<typename T::Bits>(bits<typename T::Bits>(c) ^ flip));
 }

@@ -27,9 +27,10 @@ void near_pairs(const double *targets, std::int64_t n, const double *centres, co
 }
 
 void inscribed_diameter(const double *points, const double *normals, const std::int64_t *body, std::int64_t n,
-                        double largest, double *diameter) {
+                        const std::int64_t *some, std::int64_t count, double largest, double *diameter) {
 #pragma omp parallel for schedule(static)
-    for (std::int64_t i = 0; i < n; i++) {
+    for (std::int64_t e = 0; e < count; e++) {
+        const std::int64_t i = some[e];
         const double *x = points + 3 * i, *a = normals + 3 * i;
         double smallest = largest;
         for (std::int64_t j = 0; j < n; j++) {
@@ -40,7 +41,7 @@ void inscribed_diameter(const double *points, const double *normals, const std::
             const double depth = d[0] * a[0] + d[1] * a[1] + d[2] * a[2];
             if (depth > 0) smallest = std::min(smallest, (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) / depth);
         }
-        diameter[i] = smallest;
+        diameter[e] = smallest;
     }
 }
 

@@ -12,6 +12,20 @@ struct Wavenumber {
     double real, imag;
 };
 
+constexpr std::int64_t lanes = 128;  // columns of a block of the dual-surface matrix
+
+template <class Store> struct Arithmetic {  // what a matrix is computed in, by what it is kept as
+    using Real = Store;
+};
+template <> struct Arithmetic<std::int16_t> {
+    using Real = float;
+};
+
+struct NearRows {  // for each target its near panels, and what to add to the entries of their six nodes
+    const std::int64_t *first, *panel;
+    const std::complex<double> *excess;
+};
+
 struct NearRule {
     const double *nodes, *weights;  // Gauss-Legendre on [0, 1], rules 1, 2, ... one after another
     std::int64_t largest;           // how many rules
@@ -24,10 +38,19 @@ struct NearRule {
 namespace airtact {
 namespace AIRTACT_VARIANT {
 
-// out[i, j] = -D(x_i, y_j) + i D(x'_i, y_j), D the normal derivative at y of e^{ikr}/(4 pi r) times area
-template <class Real>
-void dual_matrix(const double *targets, const double *shifted, std::int64_t n, const double *sources,
-                 const double *normals, std::int64_t m, Wavenumber k, std::complex<Real> *out);
+// The matrix of the dual-surface equation, M x M, in rows of blocks of `lanes` columns: real parts, then imaginary parts,
+// the last block filled up with zeros. As 16-bit integers each block has a scale of its own.
+// matrix[i, j] = 0.5 [i = j] - D(x_i, y_j) + i D(x'_i, y_j) with what the near panels add to either D, D being the normal
+// derivative at y of e^{ikr}/(4 pi r) times area; x_i = y_i. scales: (M, blocks), used for 16-bit integers only.
+template <class Store>
+void dual_matrix(const double *points, const double *shifted, const double *normals, std::int64_t m, Wavenumber k,
+                 NearRows near, NearRows near_shifted, Store *matrix, float *scales);
+
+// out[s] = A v[s], or A^T v[s], for each of S vectors (S, M)
+template <class Store>
+void dual_product(const Store *matrix, const float *scales, std::int64_t m,
+                  const std::complex<typename Arithmetic<Store>::Real> *v, std::int64_t sounds, bool transposed,
+                  std::complex<typename Arithmetic<Store>::Real> *out);
 
 // out[i, j] = D(x_i, y_j)
 template <class Real>
@@ -39,11 +62,6 @@ template <class Real>
 void apply_double_layer(const double *targets, std::int64_t n, const double *sources, const double *normals,
                         std::int64_t m, const std::complex<double> *density, std::int64_t sounds, Wavenumber k,
                         double least, std::complex<double> *out);
-
-// out[e, l] = D(x, y) for target pair_target[e] and node l of the six of panel pair_panel[e], if farther than `least`
-void panel_entries(const double *targets, std::int64_t n, const std::int64_t *pair_target,
-                   const std::int64_t *pair_panel, std::int64_t pairs, const double *sources, const double *normals,
-                   std::int64_t m, Wavenumber k, double least, std::complex<double> *out);
 
 // out[i, s] = sum_j e^{ikr}/r strength[j, s]
 template <class Real>
@@ -62,9 +80,9 @@ void closest_on_panels(const double *targets, std::int64_t n, const double *six_
                        std::int64_t panels, const double *lower, const double *upper, std::int64_t leaves,
                        std::int64_t *panel, double *foot, double *distance);
 
-// Diameter of the largest ball that touches the skin at each node from inside and meets no other node of its body
+// Diameter of the largest ball that touches the skin at some of the nodes from inside and meets no other node of its body
 void inscribed_diameter(const double *points, const double *normals, const std::int64_t *body, std::int64_t n,
-                        double largest, double *diameter);
+                        const std::int64_t *some, std::int64_t count, double largest, double *diameter);
 
 // out[e, m] = integral over the panel of kernel(x, y) * monomial_m(reference point) dS, m in 1, x, y, xx, xy, yy;
 // distance[e] and foot[e] = the closest point's distance and reference coordinates. A target nearer to a panel than its
@@ -73,6 +91,14 @@ void near_integrals(bool single_layer, const double *targets, const std::int64_t
                     const std::int64_t *pair_panel, std::int64_t pairs, const double *six_nodes,
                     const double *contact, Wavenumber k, NearRule rule, std::complex<double> *out, double *distance,
                     double *foot);
+
+// out[e, l] = what near panel e adds to the entry of its node l: the integral over it of kernel(x, y) * L_l, L_l being
+// the quadratic that is 1 at node l, less D(x, y_l) where y_l is farther than `least`. The near panels of target i are
+// pair_panel[first[i]] ... pair_panel[first[i + 1] - 1]; nodal (6, 6) holds the monomials of each L_l in its columns.
+template <class Real>
+void near_excess(const double *targets, std::int64_t n, const std::int64_t *first, const std::int64_t *pair_panel,
+                 const double *six_nodes, const double *contact, const double *sources, const double *normals,
+                 const double *nodal, Wavenumber k, double least, NearRule rule, std::complex<double> *out);
 
 // out[i, h] = distance of point i to the hull h of the two or three balls parts[h] (the third -1 for two), negative inside
 void hull_distances(const double *points, std::int64_t n, const double *balls, const std::int64_t *parts,

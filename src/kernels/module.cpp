@@ -5,6 +5,8 @@
 #include <nanobind/stl/string.h>
 
 #include <string>
+#include <tuple>
+#include <type_traits>
 #include <vector>
 
 #define AIRTACT_VARIANT baseline
@@ -23,17 +25,22 @@ namespace nb = nanobind;
 using namespace airtact;
 
 template <class Real> struct Far {
-    decltype(&baseline::dual_matrix<Real>) dual_matrix;
     decltype(&baseline::double_layer_matrix<Real>) double_layer_matrix;
     decltype(&baseline::apply_double_layer<Real>) apply_double_layer;
     decltype(&baseline::apply_monopoles<Real>) apply_monopoles;
+    decltype(&baseline::near_excess<Real>) near_excess;
+};
+
+template <class Store> struct Dual {
+    decltype(&baseline::dual_matrix<Store>) matrix;
+    decltype(&baseline::dual_product<Store>) product;
 };
 
 struct Variant {
     const char *name;
+    std::tuple<Dual<std::int16_t>, Dual<float>, Dual<double>> dual;
     Far<float> single;
     Far<double> twice;
-    decltype(&baseline::panel_entries) panel_entries;
     decltype(&baseline::near_pairs) near_pairs;
     decltype(&baseline::closest_on_panels) closest_on_panels;
     decltype(&baseline::inscribed_diameter) inscribed_diameter;
@@ -45,9 +52,12 @@ struct Variant {
 };
 
 #define AIRTACT_FAR(v, Real)                                                                                         \
-    { &v::dual_matrix<Real>, &v::double_layer_matrix<Real>, &v::apply_double_layer<Real>, &v::apply_monopoles<Real> }
+    { &v::double_layer_matrix<Real>, &v::apply_double_layer<Real>, &v::apply_monopoles<Real>,           \
+      &v::near_excess<Real> }
+#define AIRTACT_DUAL(v, Store)                                                                                       \
+    Dual<Store> { &v::dual_matrix<Store>, &v::dual_product<Store> }
 #define AIRTACT_TABLE(v)                                                                                             \
-    { #v, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::panel_entries, &v::near_pairs, &v::closest_on_panels,      \
+    { #v, {AIRTACT_DUAL(v, std::int16_t), AIRTACT_DUAL(v, float), AIRTACT_DUAL(v, double)}, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::near_pairs, &v::closest_on_panels,      \
             &v::inscribed_diameter, \
       &v::near_integrals, &v::hull_distances, &v::blended_distance, &v::even_pass, &v::gerchberg_saxton }
 
@@ -90,12 +100,48 @@ static void same(std::size_t a, std::size_t b) {
 
 static Wavenumber wave(Complex k) { return {k.real(), k.imag()}; }
 
-template <class Real>
-void dual(Points x, Points x2, Points y, Points a, Complex k, Write<std::complex<Real>, -1, -1> out) {
-    same(x.shape(0), x2.shape(0)), same(y.shape(0), a.shape(0));
-    same(out.shape(0), x.shape(0)), same(out.shape(1), y.shape(0));
+using Index = Read<std::int64_t, -1>;
+using Line = Read<double, -1>;
+using Near = Read<Complex, -1, 6>;
+
+static NearRows near_rows(Points x, Index first, Index panel, Near excess) {
+    same(first.shape(0), x.shape(0) + 1), same(panel.shape(0), excess.shape(0));
+    same(panel.shape(0), std::size_t(first.data()[x.shape(0)]));
+    for (std::size_t e = 0; e < panel.shape(0); e++)
+        if (panel.data()[e] < 0 || 6 * panel.data()[e] + 6 > std::int64_t(x.shape(0)))
+            throw nb::index_error("a near panel does not exist");
+    return {first.data(), panel.data(), excess.data()};
+}
+
+template <class Store> using Packed = nb::ndarray<Store, nb::shape<-1, -1, 2, lanes>, nb::c_contig, nb::device::cpu>;
+
+template <class Store> void right_size(const Packed<Store> &matrix, std::size_t scales, std::size_t m) {
+    same(matrix.shape(0), m), same(matrix.shape(1), (m + lanes - 1) / lanes);
+    same(scales, std::is_same_v<std::remove_const_t<Store>, std::int16_t> ? m * matrix.shape(1) : 0);
+}
+
+template <class Store>
+void dual(Points x, Points x2, Points a, Complex k, Index first, Index panel, Near excess, Index first_shifted,
+          Index panel_shifted, Near excess_shifted, Packed<Store> out, Write<float, -1> scales) {
+    const std::size_t m = x.shape(0);
+    same(m, x2.shape(0)), same(m, a.shape(0));
+    right_size(out, scales.shape(0), m);
+    const NearRows near = near_rows(x, first, panel, excess);
+    const NearRows near_shifted = near_rows(x2, first_shifted, panel_shifted, excess_shifted);
     nb::gil_scoped_release release;
-    far<Real>().dual_matrix(x.data(), x2.data(), x.shape(0), y.data(), a.data(), y.shape(0), wave(k), out.data());
+    std::get<Dual<Store>>(active->dual)
+        .matrix(x.data(), x2.data(), a.data(), std::int64_t(m), wave(k), near, near_shifted, out.data(), scales.data());
+}
+
+template <class Store>
+void product(Packed<const Store> matrix, Read<float, -1> scales,
+             Read<std::complex<typename Arithmetic<Store>::Real>, -1, -1> v, bool transposed,
+             Write<std::complex<typename Arithmetic<Store>::Real>, -1, -1> out) {
+    right_size(matrix, scales.shape(0), v.shape(1));
+    same(v.shape(0), out.shape(0)), same(v.shape(1), out.shape(1));
+    nb::gil_scoped_release release;
+    std::get<Dual<Store>>(active->dual)
+        .product(matrix.data(), scales.data(), v.shape(1), v.data(), v.shape(0), transposed, out.data());
 }
 
 template <class Real>
@@ -124,18 +170,6 @@ void monopoles(Points x, Points y, Read<Complex, -1, -1> strength, Complex k, Wr
                           out.data());
 }
 
-using Index = Read<std::int64_t, -1>;
-using Line = Read<double, -1>;
-
-static void entries(Points x, Index pair_target, Index pair_panel, Points y, Points a, Complex k, double least,
-                    Write<Complex, -1, 6> out) {
-    same(pair_target.shape(0), pair_panel.shape(0)), same(pair_target.shape(0), out.shape(0));
-    same(y.shape(0), a.shape(0));
-    nb::gil_scoped_release release;
-    active->panel_entries(x.data(), x.shape(0), pair_target.data(), pair_panel.data(), pair_target.shape(0), y.data(),
-                          a.data(), y.shape(0), wave(k), least, out.data());
-}
-
 static void count_near(Points x, Points centres, Line reach, Write<std::int64_t, -1> first) {
     same(centres.shape(0), reach.shape(0)), same(first.shape(0), x.shape(0) + 1);
     nb::gil_scoped_release release;
@@ -150,10 +184,14 @@ static void list_near(Points x, Points centres, Line reach, Write<std::int64_t, 
     active->near_pairs(x.data(), x.shape(0), centres.data(), reach.data(), centres.shape(0), first.data(), panel.data());
 }
 
-static void thickness(Points x, Points a, Index body, double largest, Write<double, -1> out) {
-    same(x.shape(0), a.shape(0)), same(x.shape(0), body.shape(0)), same(x.shape(0), out.shape(0));
+static void thickness(Points x, Points a, Index body, Index some, double largest, Write<double, -1> out) {
+    same(x.shape(0), a.shape(0)), same(x.shape(0), body.shape(0)), same(some.shape(0), out.shape(0));
+    for (std::size_t e = 0; e < some.shape(0); e++)
+        if (some.data()[e] < 0 || some.data()[e] >= std::int64_t(x.shape(0)))
+            throw nb::index_error("a node does not exist");
     nb::gil_scoped_release release;
-    active->inscribed_diameter(x.data(), a.data(), body.data(), x.shape(0), largest, out.data());
+    active->inscribed_diameter(x.data(), a.data(), body.data(), x.shape(0), some.data(), some.shape(0), largest,
+                               out.data());
 }
 
 static void near(bool single_layer, Points targets, Index pair_target, Index pair_panel, Read<double, -1, 6, 3> panels,
@@ -168,6 +206,21 @@ static void near(bool single_layer, Points targets, Index pair_target, Index pai
     active->near_integrals(single_layer, targets.data(), pair_target.data(), pair_panel.data(), std::int64_t(pairs),
                    panels.data(), contact.data(), wave(k), {nodes.data(), weights.data(), largest, angular, radial}, out.data(),
                    distance.data(), foot.data());
+}
+
+template <class Real>
+void excess(Points targets, Index first, Index panel, Read<double, -1, 6, 3> panels, Line contact, Points sources,
+            Points normals, Read<double, 6, 6> nodal, Complex k, double least, Line nodes, Line weights, int largest,
+            int angular, int radial, Write<Complex, -1, 6> out) {
+    same(first.shape(0), targets.shape(0) + 1), same(panel.shape(0), out.shape(0));
+    same(panel.shape(0), std::size_t(first.data()[targets.shape(0)]));
+    same(panels.shape(0), contact.shape(0)), same(6 * panels.shape(0), sources.shape(0));
+    same(sources.shape(0), normals.shape(0)), same(nodes.shape(0), std::size_t(largest * (largest + 1) / 2));
+    same(nodes.shape(0), weights.shape(0));
+    nb::gil_scoped_release release;
+    far<Real>().near_excess(targets.data(), targets.shape(0), first.data(), panel.data(), panels.data(), contact.data(),
+                            sources.data(), normals.data(), nodal.data(), wave(k), least,
+                            {nodes.data(), weights.data(), largest, angular, radial}, out.data());
 }
 
 static void closest(Points targets, Read<double, -1, 6, 3> panels, Index order, Points lower, Points upper,
@@ -246,15 +299,21 @@ NB_MODULE(_kernels, m) {
     });
     m.def("active_variant", [] { return active->name; });
     m.def("use_variant", &use);
+    m.attr("lanes") = lanes;
+    m.def("dual_matrix_int16", &dual<std::int16_t>);
     m.def("dual_matrix_float32", &dual<float>);
     m.def("dual_matrix_float64", &dual<double>);
+    m.def("dual_product_int16", &product<std::int16_t>);
+    m.def("dual_product_float32", &product<float>);
+    m.def("dual_product_float64", &product<double>);
     m.def("double_layer_matrix_float32", &layer_matrix<float>);
     m.def("double_layer_matrix_float64", &layer_matrix<double>);
     m.def("apply_double_layer_float32", &layer<float>);
     m.def("apply_double_layer_float64", &layer<double>);
     m.def("apply_monopoles_float32", &monopoles<float>);
     m.def("apply_monopoles_float64", &monopoles<double>);
-    m.def("panel_entries", &entries);
+    m.def("near_excess_float32", &excess<float>);
+    m.def("near_excess_float64", &excess<double>);
     m.def("count_near", &count_near);
     m.def("list_near", &list_near);
     m.def("closest_on_panels", &closest);

@@ -123,13 +123,13 @@ def test_a_source_inside_the_body_is_heard_outside(name):
     nodes = place_nodes(panels.six_nodes, panels.body, panels.deviation)
     rule = NearRule(2.5, (8, 8))
     surface = dual_surface(nodes, wavenumber, rule, "float64")
-    matrix = assemble(surface)
+    matrix = assemble(surface, "float64")
     offset = nodes.points - inner
     r = np.linalg.norm(offset, axis=1)
     push = np.exp(1j * wavenumber * r) / r * (1j * wavenumber - 1 / r) * (offset * nodes.normals).sum(axis=1) / r
     right = -single_layer(nodes, nodes.points, push, wavenumber)
     right += 1j * single_layer(nodes, surface.shifted, push, wavenumber)
-    skin = gmres(lambda v: matrix @ v, right[:, None], 1e-8).solution
+    skin = gmres(matrix.times, right[None], 1e-8).solution.T
     points = far_points(20)
     found = double_layer_pressure(points, nodes, skin, wavenumber, rule, "float64")[:, 0]
     found -= single_layer(nodes, points, push, wavenumber)

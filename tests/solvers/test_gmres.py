@@ -16,24 +16,24 @@ def system(seed: int = 0, size: int = 80):
 @pytest.mark.parametrize(("kind", "tolerance"), [(np.complex64, 1e-4), (np.complex128, 1e-10)])
 def test_every_column_is_solved_to_the_tolerance(kind, tolerance):
     matrix, right = system()
-    found = gmres(lambda v: matrix.astype(kind) @ v, right.astype(kind), tolerance)
+    found = gmres(lambda v: v @ matrix.T.astype(kind), right.T.astype(kind), tolerance)
     exact = np.linalg.solve(matrix, right)
-    assert found.solution.dtype == kind
-    assert np.linalg.norm(found.solution - exact) < 10 * tolerance * np.linalg.norm(exact)
-    left = np.linalg.norm(matrix @ found.solution - right, axis=0) / np.linalg.norm(right, axis=0)
+    assert found.solution.T.dtype == kind
+    assert np.linalg.norm(found.solution.T - exact) < 10 * tolerance * np.linalg.norm(exact)
+    left = np.linalg.norm(matrix @ found.solution.T - right, axis=0) / np.linalg.norm(right, axis=0)
     assert np.allclose(left, found.residuals, atol=tolerance)
 
 
 def test_a_silent_column_stays_silent():
     matrix, right = system()
     right[:, 1] = 0
-    found = gmres(lambda v: matrix @ v, right, 1e-8)
-    assert not found.solution[:, 1].any()
+    found = gmres(lambda v: v @ matrix.T, right.T, 1e-8)
+    assert not found.solution.T[:, 1].any()
     assert found.residuals[1] == 0
-    assert np.allclose(matrix @ found.solution, right, atol=1e-6)
+    assert np.allclose(matrix @ found.solution.T, right, atol=1e-6)
 
 
 def test_stopping_short_is_refused_with_residual_iterations_and_cause():
     matrix, right = system()
     with pytest.raises(NotConverged, match=r"residual of \d\.\de-\d\d \(wanted 1e-10\) after 3 iterations; likely"):
-        gmres(lambda v: matrix @ v, right, 1e-10, most_iterations=3)
+        gmres(lambda v: v @ matrix.T, right.T, 1e-10, most_iterations=3)

@@ -42,34 +42,74 @@ def relative(found, expected):
 @pytest.mark.parametrize("wavenumber", WAVENUMBERS)
 @pytest.mark.parametrize(("precision", "kind", "tolerance"), PRECISIONS)
 def test_double_layer_loops_equal_numpy(precision, kind, tolerance, wavenumber):
-    points, shifted, sources = (scattered_points(seed, count) for seed, count in ((1, 40), (2, 40), (3, 700)))
-    normals = scattered_points(4, 700) * 1e-3
-    first, second = (double_layer(p, sources, normals, wavenumber) for p in (points, shifted))
-    dual, single = np.empty((40, 700), kind), np.empty((40, 700), kind)
-    getattr(_kernels, f"dual_matrix_{precision}")(points, shifted, sources, normals, wavenumber, dual)
+    points, sources, normals = scattered_points(1, 40), scattered_points(3, 700), scattered_points(4, 700) * 1e-3
+    first = double_layer(points, sources, normals, wavenumber)
+    single = np.empty((40, 700), kind)
     getattr(_kernels, f"double_layer_matrix_{precision}")(points, sources, normals, wavenumber, single)
     density = np.random.default_rng(5).normal(size=(700, 3)) + 1j
     applied = np.empty((40, 3), np.complex128)
     getattr(_kernels, f"apply_double_layer_{precision}")(points, sources, normals, density, wavenumber, 0.0, applied)
     assert relative(single, first) < tolerance
-    assert relative(dual, -first + 1j * second) < tolerance
     assert relative(applied, first @ density) < 3 * tolerance
     far = np.linalg.norm(points[:, None] - sources[None], axis=2) > 0.02
     getattr(_kernels, f"apply_double_layer_{precision}")(points, sources, normals, density, wavenumber, 0.02, applied)
     assert relative(applied, np.where(far, first, 0) @ density) < 3 * tolerance
 
 
+def some_near_rows(seed: int, count: int, panels: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Two panels near every target, with numbers to add to the entries of their nodes."""
+    pick = np.random.default_rng(seed)
+    panel = np.stack([pick.permutation(panels)[:2] for _ in range(count)]).ravel()
+    excess = 30 * (pick.normal(size=(2 * count, 6)) + 1j * pick.normal(size=(2 * count, 6)))
+    return np.arange(0, 2 * count + 1, 2), panel, excess
+
+
+def added(rows: tuple[np.ndarray, np.ndarray, np.ndarray], count: int) -> np.ndarray:
+    first, panel, excess = rows
+    matrix = np.zeros((count, count), complex)
+    target = np.repeat(np.arange(count), np.diff(first))
+    for node in range(6):
+        np.add.at(matrix, (target, 6 * panel + node), excess[:, node])
+    return matrix
+
+
+STORES = [("int16", np.complex64, 1e-4), ("float32", np.complex64, 2e-5), ("float64", np.complex128, 1e-13)]
+
+
 @pytest.mark.parametrize("wavenumber", WAVENUMBERS)
-def test_entries_of_single_panels_equal_numpy(wavenumber):
-    points, sources, normals = scattered_points(1, 9), scattered_points(3, 30), scattered_points(4, 30) * 1e-3
-    target, panel = np.array([0, 4, 8, 8]), np.array([3, 0, 2, 4])
-    out, columns = np.empty((4, 6), complex), 6 * panel[:, None] + np.arange(6)
-    expected = double_layer(points, sources, normals, wavenumber)[target[:, None], columns]
-    _kernels.panel_entries(points, target, panel, sources, normals, wavenumber, 0.0, out)
-    assert relative(out, expected) < 1e-13
-    distance = np.linalg.norm(points[target, None] - sources[columns], axis=2)
-    _kernels.panel_entries(points, target, panel, sources, normals, wavenumber, 0.03, out)
-    assert relative(out, np.where(distance > 0.03, expected, 0)) < 1e-13
+@pytest.mark.parametrize(("store", "kind", "tolerance"), STORES)
+def test_the_dual_surface_matrix_and_its_products_equal_numpy(store, kind, tolerance, wavenumber):
+    count = 6 * 47  # not a whole number of blocks
+    points, shifted, normals = (scattered_points(seed, count) for seed in (1, 2, 3))
+    near, near_shifted = some_near_rows(4, count, 47), some_near_rows(5, count, 47)
+    with np.errstate(all="ignore"):
+        first, second = (double_layer(p, points, normals, wavenumber) for p in (points, shifted))
+    np.fill_diagonal(first, 0)
+    exact = -first - added(near, count) + 1j * (second + added(near_shifted, count)) + 0.5 * np.eye(count)
+    blocks = -(-count // _kernels.lanes)
+    values = np.empty((count, blocks, 2, _kernels.lanes), store)
+    scales = np.empty(count * blocks if store == "int16" else 0, np.float32)
+    fill, multiply = getattr(_kernels, f"dual_matrix_{store}"), getattr(_kernels, f"dual_product_{store}")
+    fill(points, shifted, normals, wavenumber, *near, *near_shifted, values, scales)
+    parts = values * (scales.reshape(count, blocks, 1, 1) if store == "int16" else 1.0)
+    found = (parts[:, :, 0] + 1j * parts[:, :, 1]).reshape(count, -1)
+    assert not found[:, count:].any()
+    assert relative(found[:, :count], exact) < tolerance
+    pick = np.random.default_rng(6)
+    vectors = (pick.normal(size=(3, count)) + 1j * pick.normal(size=(3, count))).astype(kind)
+    for transposed, matrix in ((False, exact), (True, exact.T)):
+        out = np.empty_like(vectors)
+        multiply(values, scales, vectors, transposed, out)
+        assert relative(out, vectors @ matrix.T) < 2 * tolerance
+
+
+def test_near_panels_that_do_not_exist_are_refused():
+    points = scattered_points(1, 12)
+    rows = np.arange(13), np.full(12, 2), np.zeros((12, 6), complex)
+    none = np.zeros(13, int), np.zeros(0, int), np.zeros((0, 6), complex)
+    values, scales = np.empty((12, 1, 2, _kernels.lanes), np.float32), np.empty(0, np.float32)
+    with pytest.raises(IndexError, match="a near panel does not exist"):
+        _kernels.dual_matrix_float32(points, points, points, 700.0 + 0j, *rows, *none, values, scales)
 
 
 @pytest.mark.parametrize("wavenumber", WAVENUMBERS)
@@ -102,27 +142,17 @@ FLAT = np.array([[[0, 0, 0], [4, 0, 0], [1, 3, 0], [2, 0, 0], [2.5, 1.5, 0], [0.
 CURVED = FLAT + np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 4e-4], [0, 0, 5e-4], [0, 0, 3e-4]])
 
 
-def near_moments(panel, target, wavenumber, points, single_layer=False, contact=0.0):
+def gauss_rules() -> tuple[np.ndarray, np.ndarray, int]:
     rules = [np.polynomial.legendre.leggauss(n) for n in range(1, 41)]
-    nodes = np.concatenate([0.5 * (x + 1) for x, _ in rules])
-    weights = np.concatenate([0.5 * w for _, w in rules])
+    return np.concatenate([0.5 * (x + 1) for x, _ in rules]), np.concatenate([0.5 * w for _, w in rules]), 40
+
+
+def near_moments(panel, target, wavenumber, points, single_layer=False, contact=0.0):
     out, distance, foot = np.empty((1, 6), complex), np.empty(1), np.empty((1, 2))
-    zero = np.zeros(1, dtype=np.int64)
+    zero, limit = np.zeros(1, dtype=np.int64), np.array([contact])
+    rules = gauss_rules()
     _kernels.near_integrals(
-        single_layer,
-        target[None],
-        zero,
-        zero,
-        panel,
-        np.array([contact]),
-        wavenumber,
-        nodes,
-        weights,
-        40,
-        *points,
-        out,
-        distance,
-        foot,
+        single_layer, target[None], zero, zero, panel, limit, wavenumber, *rules, *points, out, distance, foot
     )
     return out[0], distance[0], foot[0]
 
@@ -156,6 +186,24 @@ def test_near_integral_equals_adaptive_quadrature(panel, single_layer):
             *(dblquad(integrand, 0, 1, 0, lambda u: 1 - u, (part, power), 1e-12)[0] for part in ("real", "imag"))
         )
         assert abs(found[index] - expected) < 1e-7 * abs(expected)
+
+
+@pytest.mark.parametrize(("precision", "tolerance"), [("float32", 2e-5), ("float64", 1e-12)])
+@pytest.mark.parametrize("height", [0.0, 1e-5, 1e-3])
+def test_what_a_near_panel_adds_is_its_integral_less_the_plain_nodes(height, precision, tolerance):
+    wavenumber, nodal = 732.5 + 3j, np.random.default_rng(1).normal(size=(6, 6))
+    foot, normal = panel_at(CURVED, 0.2, 0.3)
+    target = foot + height * normal / np.linalg.norm(normal)
+    sources, normals = scattered_points(2, 6) * 0.1, scattered_points(3, 6) * 1e-4
+    moments, _, _ = near_moments(CURVED, target, wavenumber, (5, 5))
+    far = np.linalg.norm(sources - target, axis=1) > 2e-3
+    expected = moments @ nodal - np.where(far, double_layer(target[None], sources, normals, wavenumber)[0], 0)
+    out = np.empty((1, 6), complex)
+    lists = np.array([0, 1]), np.zeros(1, dtype=np.int64)
+    getattr(_kernels, f"near_excess_{precision}")(
+        target[None], *lists, CURVED, np.zeros(1), sources, normals, nodal, wavenumber, 2e-3, *gauss_rules(), 5, 5, out
+    )
+    assert relative(out[0], expected) < tolerance
 
 
 @pytest.mark.parametrize("height", [0.0, 1e-7, 1e-5, 1e-3])
@@ -210,9 +258,9 @@ def test_inscribed_diameter_of_a_sphere_and_a_slab():
     faces = np.where(grid[:, 2:] > 0, [[0.0, 0, 1]], [[0.0, 0, -1]])
     points = np.concatenate([5e-3 * direction, grid])
     body = np.repeat([0, 1], [600, 800])
-    out = np.empty(1400)
-    _kernels.inscribed_diameter(points, np.concatenate([direction, faces]), body, 8e-3, out)
+    normals, every, out = np.concatenate([direction, faces]), np.arange(1400), np.empty(1400)
+    _kernels.inscribed_diameter(points, normals, body, every, 8e-3, out)
     assert np.allclose(out[:600], 8e-3)  # capped
     assert np.allclose(out[600:], 1.5e-3)
-    _kernels.inscribed_diameter(points, np.concatenate([direction, faces]), body, 1.0, out)
+    _kernels.inscribed_diameter(points, normals, body, every, 1.0, out)
     assert np.allclose(out[:600], 1e-2)

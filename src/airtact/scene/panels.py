@@ -92,11 +92,13 @@ def _refined(
     """Cut in four the panels larger than ``smallest`` and than points or other bodies near them allow."""
     trees = [(KDTree(points), LARGEST_TO_POINT), (KDTree(others), LARGEST_TO_GAP)]
     while True:
-        samples = np.concatenate([panels, panels.mean(axis=1, keepdims=True)], axis=1)
-        allowed = np.min([factor * tree.query(samples.reshape(-1, 3))[0] for tree, factor in trees], axis=0)
-        allowed = allowed.reshape(len(panels), -1).min(axis=1)
+        samples = np.concatenate([panels, panels.mean(axis=1, keepdims=True)], axis=1).reshape(-1, 3)
+        edges = longest_edges(panels)
+        most = float(edges.max()) * 1.001  # nothing farther off matters
+        allowed = [factor * tree.query(samples, distance_upper_bound=most / factor)[0] for tree, factor in trees]
+        allowed = np.min(allowed, axis=0).reshape(len(panels), -1).min(axis=1)
         # all panels beside a point are fitted to the skin, or those left whole would stand off the others
-        beside = longest_edges(panels) > allowed
+        beside = edges > allowed
         panels[beside] = shape.fitted(panels[beside])
         large = longest_edges(panels) > np.maximum(LONGEST_TO_EQUILATERAL * smallest, allowed)
         if not large.any():

@@ -11,7 +11,7 @@ from airtact.scene.geometry import Surface
 from airtact.scene.guards import number, positive, real_numbers, refuse_not_finite
 from airtact.scene.pose import Pose
 from airtact.scene.printing import in_short
-from airtact.scene.six_nodes import SixNodes, enclosed_volume
+from airtact.scene.six_nodes import SixNodes, enclosed_volume, with_middles
 from airtact.scene.topology import refuse_wrong_size
 
 _SECTORS = 5  # triangles round a pole; five keep every angle above 30 degrees
@@ -110,17 +110,16 @@ class Capsule:
         quadratics through points of a round skin hold less.
         """
         wanted = self.area / (np.sqrt(3) / 4 * edge**2)
-        for stretch in (1.6, 1.5, 1.4, 1.3, 1.2, 1.1):
-            mesh = self.mesh(stretch * edge)
-            if len(mesh.triangles) >= 0.9 * wanted:
-                break
-        else:
-            mesh = self.mesh(edge)
-        assert mesh.midpoints is not None
-        panels = np.concatenate([mesh.corners, mesh.midpoints], axis=1)
+        length, most = self.length / self.radius, math.ceil(2.0 * self.radius / edge) + 2
+        counts = {
+            (rings, sectors): _count(rings, sectors, length) for rings in range(2, most + 1) for sectors in (3, 4, 5)
+        }
+        enough = {way: count for way, count in counts.items() if count >= 0.9 * wanted}
+        vertices, triangles = _mesh(*min(enough, key=enough.__getitem__), length)
+        panels = self.pose.apply(with_middles(self.radius * vertices[triangles]))
+        panels = self.fitted(panels)
         missing = self.volume - enclosed_volume(panels)
-        grown = Capsule(self.radius + missing / self.area, self.length, self.pose)
-        return grown.project(panels.reshape(-1, 3)).reshape(panels.shape)
+        return Capsule(self.radius + missing / self.area, self.length, self.pose).fitted(panels)
 
     def mesh(self, edge: float) -> Surface:
         """Draw it with curved triangles whose vertices and midpoints lie exactly on it.
@@ -142,7 +141,7 @@ class Capsule:
         refuse_wrong_size(self.extent)
         rings = max(2, math.ceil(1.6 * self.radius / edge)) if edge > self.radius / _MOST_RINGS else _MOST_RINGS + 1
         while rings <= _MOST_RINGS:
-            vertices, triangles = _mesh(rings, self.length / self.radius)
+            vertices, triangles = _mesh(rings, _SECTORS, self.length / self.radius)
             corners = self.radius * vertices[triangles]
             if np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max() <= edge:
                 return self._surface(self.radius * vertices, triangles)
@@ -231,14 +230,14 @@ def turn_from_z(direction: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3
     return np.array([[1.0 - s * x * x, -s * x * y, x], [-s * x * y, 1.0 - s * y * y, y], [-x, -y, z]])
 
 
-def _mesh(rings: int, length: float) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
+def _mesh(
+    rings: int, sectors: int, length: float
+) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
     """Mesh the capsule of radius 1 whose axis has the given length."""
-    around = _SECTORS * rings
-    cap, cap_triangles = _cap(rings)
+    around = sectors * rings
+    cap, cap_triangles = _cap(rings, sectors)
     above, waist = cap[:-around], cap[-around:]
-    step = math.sqrt(3.0) * math.sin(math.pi / around)  # height of an equilateral triangle over one edge of the waist
-    # A cylinder too short for a band of good triangles gets none: both caps share one ring in its middle.
-    bands = max(1, round(length / step)) if length > 0.6 * step else 0
+    bands = _bands(around, length)
     half = np.array([0.0, 0.0, length / 2.0])
     heights = np.linspace(half, -half, bands + 1) if bands else np.zeros((1, 3))
     belt = np.concatenate([_spun(waist, math.pi / around * band) + heights[band] for band in range(bands + 1)])
@@ -249,9 +248,21 @@ def _mesh(rings: int, length: float) -> tuple[Float64[np.ndarray, "vertices 3"],
     return np.concatenate([above + half, belt, below - half]), triangles.astype(np.int64)
 
 
+def _bands(around: int, length: float) -> int:
+    step = math.sqrt(3.0) * math.sin(math.pi / around)  # height of an equilateral triangle over one edge of the waist
+    # A cylinder too short for a band of good triangles gets none: both caps share one ring in its middle.
+    return max(1, round(length / step)) if length > 0.6 * step else 0
+
+
+def _count(rings: int, sectors: int, length: float) -> int:
+    """Count the triangles of ``_mesh``."""
+    return 2 * sectors * rings**2 + 2 * sectors * rings * _bands(sectors * rings, length)
+
+
 def _spun(points: Float64[np.ndarray, "points 3"], angle: float) -> Float64[np.ndarray, "points 3"]:
     """Turn points about the z axis."""
-    return points @ Pose.turn((0, 0, 1), angle).rotation.T
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return points @ np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _belt(first: int, bands: int, around: int) -> Int64[np.ndarray, "triangles 3"]:
@@ -264,16 +275,16 @@ def _belt(first: int, bands: int, around: int) -> Int64[np.ndarray, "triangles 3
     return np.concatenate([down, up]).reshape(-1, 3)
 
 
-def _cap(rings: int) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
-    """Mesh the upper half of the unit sphere: the pole, then ring i of 5 i points at polar angle (π/2)(i/m)."""
+def _cap(rings: int, sectors: int) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
+    """Mesh the upper half of the unit sphere: the pole, then ring i of i points a sector at polar angle (π/2)(i/m)."""
     points, triangles = [np.array([[0.0, 0.0, 1.0]])], []
     for ring in range(1, rings + 1):
-        count, fewer = _SECTORS * ring, max(1, _SECTORS * (ring - 1))
+        count, fewer = sectors * ring, max(1, sectors * (ring - 1))
         polar, angle = math.pi / 2.0 * ring / rings, 2.0 * math.pi * np.arange(count) / count
         height = 0.0 if ring == rings else math.cos(polar)
         flat = math.sin(polar) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         points.append(np.column_stack([flat, np.full(count, height)]))
-        outer = 1 + _SECTORS * ring * (ring - 1) // 2
+        outer = 1 + sectors * ring * (ring - 1) // 2
         inner = outer - fewer
         here = np.arange(count)
         sector, across = np.divmod(here, ring)

@@ -108,19 +108,17 @@ def gauss_square(points: int) -> tuple[Float64[np.ndarray, "points 2"], Float64[
 def enclosed_volume(six_nodes: SixNodes) -> float:
     """Volume inside closed panels [m³], exact for the quadratic surface."""
     references, weights = gauss_square(4)
-    centre = six_nodes.mean(axis=(0, 1))
-    volume = 0.0
-    for reference, weight in zip(references, weights, strict=True):
-        place, normal = points_at(six_nodes, np.broadcast_to(reference, (len(six_nodes), 2)))
-        volume += weight * float(np.einsum("td,td->", place - centre, normal)) / 3
-    return float(volume)
+    places = shape_functions(references) @ (six_nodes - six_nodes.mean(axis=(0, 1)))
+    return float(weights @ np.einsum("tqd,tqd->q", places, _normals(six_nodes, references)) / 3)
 
 
 def panel_areas(six_nodes: SixNodes) -> Float64[np.ndarray, "panels"]:
     """Area of each panel [m²], exact for flat ones."""
     references, weights = gauss_square(3)
-    area = np.zeros(len(six_nodes))
-    for reference, weight in zip(references, weights, strict=True):
-        _, normal = points_at(six_nodes, np.broadcast_to(reference, (len(six_nodes), 2)))
-        area += weight * np.linalg.norm(normal, axis=1)
-    return area
+    return np.linalg.norm(_normals(six_nodes, references), axis=2) @ weights
+
+
+def _normals(six_nodes: SixNodes, references: Real[np.ndarray, "points 2"]) -> Float64[np.ndarray, "panels points 3"]:
+    """Outward normals of all panels at the same reference points, as long as twice the panel's area is round them."""
+    along_u, along_v = (slopes @ six_nodes for slopes in shape_slopes(references))
+    return np.cross(along_u, along_v)

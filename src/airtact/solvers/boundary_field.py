@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Real
 
+from airtact.conventions import InvalidInput
 from airtact.scene.guards import points_of
 from airtact.scene.printing import in_short
 from airtact.scene.scene import Scene
@@ -39,7 +40,7 @@ class BoundaryField(RadiatedField):
     ----------
     scene, sources : what was solved.
     surface : where and how the equation was written down.
-    pressure : (M, S) direct solution: the pressure at the nodes [Pa].
+    pressure : (M, S) direct solution: the pressure at the nodes [Pa]; None where it was not asked for.
     density : (M, S) transposed solution: the monopoles at the nodes that stand for the bodies' scattering.
     factors : (N,) 1 for sources off the skin, 2 for those on it, which speak with their image.
     report : how it was made.
@@ -48,7 +49,7 @@ class BoundaryField(RadiatedField):
     scene: Scene
     sources: Monopoles
     surface: DualSurface
-    pressure: Complex128[np.ndarray, "nodes sounds"]
+    pressure: Complex128[np.ndarray, "nodes sounds"] | None
     density: Complex128[np.ndarray, "nodes sounds"]
     factors: Float64[np.ndarray, "sources"]
     report: SolveReport
@@ -59,7 +60,16 @@ class BoundaryField(RadiatedField):
     def skin(self) -> Skin:
         """Pressure at the nodes of the skin, from the direct solution."""
         nodes = self.surface.nodes
-        return Skin(nodes.points, nodes.normals, nodes.weights, self.pressure)
+        return Skin(nodes.points, nodes.normals, nodes.weights, self._skin_pressure)
+
+    @property
+    def _skin_pressure(self) -> Complex128[np.ndarray, "nodes sounds"]:
+        if self.pressure is None:
+            raise InvalidInput(
+                "the pressure on and near the skin was not solved for (estimate_error = False): 1 of 2 equations is "
+                "enough for a transfer matrix only; solve with estimate_error = True."
+            )
+        return self.pressure
 
     def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
         """Whether points (P, 3) [m] lie outside the bodies or on their skin."""
@@ -127,7 +137,7 @@ class BoundaryField(RadiatedField):
         transposed = self._heard_from_density(points)
         near = near_skin(self.surface.nodes, self.sources.positions, self.surface.near_rule.reach)
         away = ~(self.sources.strengths[near] != 0).any(axis=0)
-        if away.any():
+        if away.any() and self.pressure is not None:
             transposed[:, away] = 0.5 * (transposed[:, away] + self.direct_at(points)[:, away])
         return transposed
 
@@ -136,8 +146,11 @@ class BoundaryField(RadiatedField):
 
         It is the difference of the direct and the transposed solution, together with ``SHARED_ERROR`` of the accuracy
         asked for, as far as the pressure is scattered: what panels and quadrature do wrong alike shows in neither.
+        NaN without a direct solution.
         """
         points = points_of(points, "points")
+        if self.pressure is None:
+            return np.full(self.density.shape[1], np.nan)
         transposed = self._heard_from_density(points)
         size = np.linalg.norm(transposed, axis=0)
         difference = np.linalg.norm(self.direct_at(points) - transposed, axis=0)
@@ -147,7 +160,7 @@ class BoundaryField(RadiatedField):
 
     def direct_at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
         """Total pressure by the direct solution alone [Pa], at points (P, 3) outside the bodies."""
-        return self._heard_from_skin(self.surface.nodes, self.pressure, points_of(points, "points", least=0))
+        return self._heard_from_skin(self.surface.nodes, self._skin_pressure, points_of(points, "points", least=0))
 
     def _heard_from_skin(
         self, nodes: Nodes, pressure: Complex128[np.ndarray, "nodes sounds"], points: Real[np.ndarray, "points 3"]
@@ -167,19 +180,19 @@ class BoundaryField(RadiatedField):
         own interpolation (Atkinson, The Numerical Solution of Integral Equations of the Second Kind, 1997, section 4).
         """
         if not len(points):
-            return np.empty((0, self.pressure.shape[1]), dtype=np.complex128)
+            return np.empty((0, self.density.shape[1]), dtype=np.complex128)
         nodes = self.surface.nodes
         close = np.zeros(len(nodes.centres), dtype=bool)
         close[find_near(nodes, points, self.surface.near_rule.reach)[1]] = True
         pieces, parents = cut(nodes.six_nodes[close], np.full(int(close.sum()), 2))
         contact = nodes.contact[close][parents]
         fine = place_nodes(pieces, np.zeros(len(pieces), dtype=np.int64), contact)
-        fine_pressure = self._heard_from_skin(nodes, self.pressure, fine.points)
+        fine_pressure = self._heard_from_skin(nodes, self._skin_pressure, fine.points)
         mixed = np.concatenate([nodes.six_nodes[~close], pieces])
         contact = np.concatenate([nodes.contact[~close], contact])
         return self._heard_from_skin(
             place_nodes(mixed, np.zeros(len(mixed), dtype=np.int64), contact),
-            np.concatenate([self.pressure[np.repeat(~close, 6)], fine_pressure]),
+            np.concatenate([self._skin_pressure[np.repeat(~close, 6)], fine_pressure]),
             points,
         )
 

@@ -12,9 +12,10 @@ solving acoustic exterior problems", Acta Acustica united with Acustica 97 (2011
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
-from jaxtyping import Complex, Complex128, Float64, Real
+from jaxtyping import Complex, Complex128, Float32, Float64, Real, Shaped
 
 from airtact import _kernels
 from airtact.conventions import InvalidInput
@@ -23,7 +24,7 @@ from airtact.solvers.boundary_pressure import (
     NearRule,
     double_layer_heard,
     monopole_pressure,
-    near_excess,
+    near_rows,
     project_contacts,
 )
 from airtact.solvers.boundary_quadrature import Nodes, thickness
@@ -55,21 +56,78 @@ class DualSurface:
 def dual_surface(nodes: Nodes, wavenumber: complex, near_rule: NearRule, precision: str) -> DualSurface:
     """Put the second surface 0.2 λ under the skin, or 0.3 of the local thickness where the body is thin."""
     wavelength = 2 * np.pi / wavenumber.real
-    depth = np.minimum(0.2 * wavelength, 0.3 * thickness(nodes, wavelength))
+    depth = 0.3 * thickness(nodes, 2 / 3 * wavelength)
     return DualSurface(nodes, nodes.points - depth[:, None] * nodes.normals, wavenumber, near_rule, precision)
 
 
-def assemble(surface: DualSurface) -> Complex[np.ndarray, "nodes nodes"]:
-    """Fill the matrix of the dual-surface equation, complex64 or complex128."""
+Store = Literal["int16", "float32", "float64"]
+"""What the numbers of a matrix are kept as; 16-bit integers have a scale for every block of a row."""
+
+
+@dataclass(frozen=True, eq=False)
+class DualMatrix:
+    """The matrix of the dual-surface equation, M x M, as the compiled loops keep it.
+
+    Attributes
+    ----------
+    values : (M, B, 2, 128) each row in blocks of columns, real and imaginary parts, filled up with zeros.
+    scales : (M B,) what 16-bit integers of each block are multiplied with; empty for the others.
+    """
+
+    values: Shaped[np.ndarray, "nodes blocks 2 lanes"]
+    scales: Float32[np.ndarray, "scales"]
+
+    __repr__ = in_short
+
+    @classmethod
+    def empty(cls, count: int, store: Store) -> "DualMatrix":
+        """Take memory for M = ``count`` unknowns."""
+        blocks = -(-count // _kernels.lanes)
+        values = np.empty((count, blocks, 2, _kernels.lanes), dtype=store)
+        return cls(values, np.empty(count * blocks if store == "int16" else 0, dtype=np.float32))
+
+    @property
+    def precision(self) -> type[np.complexfloating]:
+        """What it is multiplied with: complex64 or complex128."""
+        return np.complex128 if self.values.dtype == np.float64 else np.complex64
+
+    def times(
+        self, vectors: Complex[np.ndarray, "columns nodes"], transposed: bool = False
+    ) -> Complex[np.ndarray, "columns nodes"]:
+        """Multiply the matrix, or its transpose, by vectors (S, M), which are rows here; in one pass over it."""
+        vectors = np.ascontiguousarray(vectors, dtype=self.precision)
+        out = np.empty_like(vectors)
+        multiply = getattr(_kernels, f"dual_product_{self.values.dtype}")
+        multiply(self.values, self.scales, vectors, transposed, out)
+        return out
+
+
+def assemble(surface: DualSurface, store: Store, memory: DualMatrix | None = None) -> DualMatrix:
+    """Fill the matrix of the dual-surface equation.
+
+    Parameters
+    ----------
+    surface : where the equation is written down.
+    store : what its numbers are kept as.
+    memory : a matrix of the same size that is no longer needed: fresh memory is slow.
+    """
     nodes, count = surface.nodes, len(surface.nodes.points)
-    matrix = np.empty((count, count), dtype=np.complex64 if surface.precision == "float32" else np.complex128)
-    fill = getattr(_kernels, f"dual_matrix_{surface.precision}")
-    fill(nodes.points, surface.shifted, nodes.points, nodes.weighted_normals, surface.wavenumber, matrix)
-    for points, factor in ((nodes.points, -1), (surface.shifted, 1j)):
-        excess = near_excess(nodes, points, surface.wavenumber, surface.near_rule)
-        rows = np.repeat(np.arange(count), np.diff(excess.indptr))
-        matrix[rows, excess.indices] += (factor * excess.data).astype(matrix.dtype)
-    matrix.flat[:: count + 1] += 0.5
+    matrix = DualMatrix.empty(count, store)
+    if memory is not None and memory.values.shape == matrix.values.shape and memory.values.dtype == store:
+        matrix = memory
+    rule, precision = surface.near_rule, surface.precision
+    near = [near_rows(nodes, points, surface.wavenumber, rule, precision) for points in (nodes.points, surface.shifted)]
+    fill = getattr(_kernels, f"dual_matrix_{store}")
+    of_rows = [part for rows in near for part in (rows.first, rows.panel, rows.excess)]
+    fill(
+        nodes.points,
+        surface.shifted,
+        nodes.weighted_normals,
+        surface.wavenumber,
+        *of_rows,
+        matrix.values,
+        matrix.scales,
+    )
     return matrix
 
 
@@ -97,9 +155,9 @@ def heard(
     return double_layer_heard(positions, surface.nodes, weights, surface.wavenumber, rule, precision), factors
 
 
-def refuse_too_large(count: int, precision: str) -> None:
+def refuse_too_large(count: int, store: Store) -> None:
     """Raise where the matrix of ``count`` unknowns does not fit into memory."""
-    size = count**2 * (8 if precision == "float32" else 16)
+    size = count**2 * 2 * np.dtype(store).itemsize
     available = _available_memory()
     if size > 0.9 * available:
         raise InvalidInput(

@@ -8,7 +8,15 @@ from scipy.sparse import csr_array
 
 from airtact import _kernels
 from airtact.scene.six_nodes import shape_functions
-from airtact.solvers.boundary_quadrature import Nodes, find_near, integrate_near
+from airtact.solvers.boundary_quadrature import (
+    LARGEST_RULE,
+    NODAL,
+    Nodes,
+    find_near,
+    gauss_rules,
+    integrate_near,
+    near_lists,
+)
 
 ROWS_AT_ONCE = 512
 
@@ -46,26 +54,55 @@ def monopole_pressure(
     return out
 
 
-def near_excess(
-    nodes: Nodes, points: Real[np.ndarray, "points 3"], wavenumber: complex, near_rule: NearRule, least: float = 0.0
-) -> csr_array:
-    """Near integrals of the double layer less what the plain nodes farther than ``least`` give: a sparse (P, M)."""
-    pairs = find_near(nodes, points, near_rule.reach)
-    near = integrate_near(nodes, points, pairs, wavenumber, near_rule.gauss_points)
-    plain = np.empty_like(near.values)
-    _kernels.panel_entries(
+@dataclass(frozen=True, eq=False)
+class NearRows:
+    """What near panels add to what some points hear of the plain nodes.
+
+    Attributes
+    ----------
+    first : (P + 1,) where each point's panels begin.
+    panel : (E,) the panels near each point, one point after another.
+    excess : (E, 6) the near integral for each of a panel's nodes, less what the plain node gives.
+    """
+
+    first: Int64[np.ndarray, "bounds"]
+    panel: Int64[np.ndarray, "pairs"]
+    excess: Complex128[np.ndarray, "pairs 6"]
+
+    def sparse(self, nodes: int) -> csr_array:
+        """Give it as a sparse matrix (P, M) with ``nodes`` columns."""
+        columns = (6 * self.panel[:, None] + np.arange(6)).ravel()
+        return csr_array((self.excess.ravel(), columns, 6 * self.first), shape=(len(self.first) - 1, nodes))
+
+
+def near_rows(
+    nodes: Nodes,
+    points: Real[np.ndarray, "points 3"],
+    wavenumber: complex,
+    near_rule: NearRule,
+    precision: str,
+    least: float = 0.0,
+) -> NearRows:
+    """Near integrals of the double layer less what the plain nodes farther than ``least`` give."""
+    first, panel = near_lists(nodes, points, near_rule.reach * nodes.radii)
+    excess = np.empty((len(panel), 6), dtype=np.complex128)
+    getattr(_kernels, f"near_excess_{precision}")(
         np.ascontiguousarray(points, dtype=np.float64),
-        *pairs,
+        first,
+        panel,
+        nodes.six_nodes,
+        nodes.contact,
         nodes.points,
         nodes.weighted_normals,
+        NODAL,
         complex(wavenumber),
         least,
-        plain,
+        *gauss_rules(LARGEST_RULE),
+        LARGEST_RULE,
+        *near_rule.gauss_points,
+        excess,
     )
-    first = np.searchsorted(near.target, np.arange(len(points) + 1)) * 6
-    return csr_array(
-        ((near.values - plain).ravel(), near.columns.ravel(), first), shape=(len(points), len(nodes.points))
-    )
+    return NearRows(first, panel, excess)
 
 
 def double_layer_pressure(
@@ -90,7 +127,9 @@ def double_layer_pressure(
         out,
     )
     near = near_skin(nodes, points, near_rule.reach)
-    out[near] += near_excess(nodes, points[near], wavenumber, near_rule, least) @ pressure
+    out[near] += (
+        near_rows(nodes, points[near], wavenumber, near_rule, precision, least).sparse(len(nodes.points)) @ pressure
+    )
     return out
 
 
@@ -112,7 +151,9 @@ def double_layer_heard(
 ) -> Complex128[np.ndarray, "nodes sounds"]:
     """Σ_i s_i D(x_i, y_j): how the pressure at each node is heard by points with weights."""
     near = near_skin(nodes, points, near_rule.reach)
-    total = near_excess(nodes, points[near], wavenumber, near_rule).T @ strengths[near]
+    total = (
+        near_rows(nodes, points[near], wavenumber, near_rule, precision).sparse(len(nodes.points)).T @ strengths[near]
+    )
     for chosen, kind in ((near, "float64"), (~near, precision)):
         some = np.ascontiguousarray(points[chosen], dtype=np.float64)
         weights = strengths[chosen]
@@ -167,6 +208,15 @@ def project_contacts(
 
 def is_outside(nodes: Nodes, points: Real[np.ndarray, "points 3"], near_rule: NearRule) -> Bool[np.ndarray, "points"]:
     """Whether points lie outside the skin or on it, from the solid angle that the skin fills as seen from them."""
+    outside = np.ones(len(points), dtype=bool)
+    corners = nodes.centres - nodes.radii[:, None], nodes.centres + nodes.radii[:, None]
+    lower, upper = corners[0].min(axis=0), corners[1].max(axis=0)
+    doubtful = ((points > lower) & (points < upper)).all(axis=1)  # all others are outside the box round the bodies
+    outside[doubtful] = _is_outside(nodes, points[doubtful], near_rule)
+    return outside
+
+
+def _is_outside(nodes: Nodes, points: Real[np.ndarray, "points 3"], near_rule: NearRule) -> Bool[np.ndarray, "points"]:
     points, contact = project_contacts(nodes, points)
     near = near_skin(nodes, points, near_rule.reach)
     filled = np.empty((len(points), 1), dtype=np.complex128)

@@ -108,13 +108,16 @@ def place_nodes(
 
 
 @cache
-def _gauss_rules(largest: int) -> tuple[Float64[np.ndarray, "points"], Float64[np.ndarray, "points"]]:
+def gauss_rules(largest: int) -> tuple[Float64[np.ndarray, "points"], Float64[np.ndarray, "points"]]:
     """Gauss-Legendre rules of 1, 2, ... ``largest`` points on [0, 1], one after another."""
     rules = [np.polynomial.legendre.leggauss(n) for n in range(1, largest + 1)]
     return np.concatenate([0.5 * (x + 1) for x, _ in rules]), np.concatenate([0.5 * w for _, w in rules])
 
 
 LARGEST_RULE = 40
+
+MAY_FACE_AWAY = 0.5
+"""Cosine between the normals of a node and of a panel below which some of the panel may face away from the node."""
 
 SHRINKINGS = 4
 """How often a ball may be shrunk: each time to a quarter of what it is too large, or less."""
@@ -144,16 +147,28 @@ class NearPairs:
         return 6 * self.panel[:, None] + np.arange(6)
 
 
-def find_near(
-    nodes: Nodes, points: Real[np.ndarray, "points 3"], reach: float
-) -> tuple[Int64[np.ndarray, "pairs"], Int64[np.ndarray, "pairs"]]:
-    """Pairs (target, panel) whose distance from the panel's centre is below ``reach`` panel radii."""
+def near_lists(
+    nodes: Nodes, points: Real[np.ndarray, "points 3"], limits: Float64[np.ndarray, "panels"]
+) -> tuple[Int64[np.ndarray, "bounds"], Int64[np.ndarray, "pairs"]]:
+    """Panels whose centre is nearer to each point than the panel's limit [m], one point after another.
+
+    Returns
+    -------
+    (P + 1,) where each point's panels begin, and (E,) the panels.
+    """
     points = np.ascontiguousarray(points, dtype=np.float64)
-    limits = reach * nodes.radii
     first = np.zeros(len(points) + 1, dtype=np.int64)
     _kernels.count_near(points, nodes.centres, limits, first)
     panel = np.empty(first[-1], dtype=np.int64)
     _kernels.list_near(points, nodes.centres, limits, first, panel)
+    return first, panel
+
+
+def find_near(
+    nodes: Nodes, points: Real[np.ndarray, "points 3"], reach: float
+) -> tuple[Int64[np.ndarray, "pairs"], Int64[np.ndarray, "pairs"]]:
+    """Pairs (target, panel) whose distance from the panel's centre is below ``reach`` panel radii."""
+    first, panel = near_lists(nodes, points, reach * nodes.radii)
     return np.repeat(np.arange(len(points)), np.diff(first)), panel
 
 
@@ -174,7 +189,7 @@ def integrate_near(
     gauss_points : points along the angle and the radius before the stretching asks for more.
     """
     target, panel = pairs
-    rules = _gauss_rules(LARGEST_RULE)
+    rules = gauss_rules(LARGEST_RULE)
     moments = np.empty((len(target), 6), dtype=np.complex128)
     distance, foot = np.empty(len(target)), np.empty((len(target), 2))
     _kernels.near_integrals(
@@ -201,9 +216,10 @@ def thickness(nodes: Nodes, largest: float) -> Float64[np.ndarray, "nodes"]:
     A ball that reaches no other node may still reach the skin between nodes, so it is shrunk until the point of the
     panels nearest to its centre is on it (J. Ma, S. W. Bae, S. Choi, The Visual Computer 28, 7 (2012)).
     """
-    diameter = np.empty(len(nodes.points))
-    _kernels.inscribed_diameter(nodes.points, nodes.normals, nodes.body, float(largest), diameter)
-    tree, some = panel_tree(nodes.six_nodes), np.arange(len(diameter))
+    diameter = np.full(len(nodes.points), float(largest))
+    some = _may_be_thin(nodes, largest)
+    diameter[some] = inscribed_diameters(nodes, some, largest)
+    tree = panel_tree(nodes.six_nodes)
     for _ in range(SHRINKINGS):
         centres = nodes.points[some] - 0.5 * diameter[some, None] * nodes.normals[some]
         panel, foot, distance = tree.closest(centres)
@@ -215,3 +231,20 @@ def thickness(nodes: Nodes, largest: float) -> Float64[np.ndarray, "nodes"]:
         some = some[inside]
         diameter[some] = np.minimum(diameter[some], np.einsum("nd,nd->n", gap, gap)[inside] / depth[inside])
     return diameter
+
+
+def inscribed_diameters(nodes: Nodes, some: Int64[np.ndarray, "some"], largest: float) -> Float64[np.ndarray, "some"]:
+    """Diameter of the largest ball that touches the skin at some nodes from inside and meets no other node [m]."""
+    diameter = np.empty(len(some))
+    _kernels.inscribed_diameter(nodes.points, nodes.normals, nodes.body, some, float(largest), diameter)
+    return diameter
+
+
+def _may_be_thin(nodes: Nodes, largest: float) -> Int64[np.ndarray, "some"]:
+    """Nodes whose largest ball may reach a panel that does not face the way they do."""
+    centres = nodes.points - 0.5 * largest * nodes.normals
+    first, panel = near_lists(nodes, centres, 0.5 * largest + nodes.radii)
+    node = np.repeat(np.arange(len(centres)), np.diff(first))
+    facing = nodes.normals.reshape(-1, 6, 3).mean(axis=1)
+    apart = np.einsum("ed,ed->e", facing[panel], nodes.normals[node]) < MAY_FACE_AWAY
+    return np.unique(node[apart & (nodes.body[6 * panel] == nodes.body[node])])

@@ -1,0 +1,233 @@
+// The matrix of the dual-surface equation: its rows, filled one at a time, and its products with a few vectors at once.
+#include "rows.hpp"
+
+#ifdef _OPENMP
+#include <omp.h>
+#endif
+
+namespace airtact {
+namespace AIRTACT_VARIANT {
+namespace {
+
+std::int64_t blocks_of(std::int64_t m) { return (m + lanes - 1) / lanes; }
+
+// -D(x, y) + i D(x', y) for all nodes y
+template <class Real, bool Lossy>
+void dual_row(const Real *x, const Real *x2, const Real *sx, const Real *sy, const Real *sz, const Real *nx,
+              const Real *ny, const Real *nz, std::int64_t n, Wave<Real> k, Real *re, Real *im) {
+#pragma omp simd
+    for (std::int64_t j = 0; j < n; j++) {
+        Real a, b, a2, b2;
+        double_layer<Real, Lossy>(sx[j] - x[0], sy[j] - x[1], sz[j] - x[2], nx[j], ny[j], nz[j], k, Real(0), a, b);
+        double_layer<Real, Lossy>(sx[j] - x2[0], sy[j] - x2[1], sz[j] - x2[2], nx[j], ny[j], nz[j], k, Real(0), a2, b2);
+        re[j] = -a - b2;
+        im[j] = a2 - b;
+    }
+}
+
+void store(const float *row, std::int64_t blocks, std::int16_t *out, float *scales) {
+    for (std::int64_t b = 0; b < blocks; b++, row += 2 * lanes, out += 2 * lanes) {
+        float largest = 1e-30f;
+#pragma omp simd reduction(max : largest)
+        for (std::int64_t l = 0; l < 2 * lanes; l++) largest = std::max(largest, std::abs(row[l]));
+        scales[b] = largest / 32767;
+        const float finer = 32767 / largest;
+#pragma omp simd
+        for (std::int64_t l = 0; l < 2 * lanes; l++)
+            out[l] = std::int16_t(std::int32_t(row[l] * finer + 32768.5f) - 32768);
+    }
+}
+
+template <class Real> void store(const Real *row, std::int64_t blocks, Real *out, float *) {
+    std::copy(row, row + 2 * lanes * blocks, out);
+}
+
+template <class Real> void add_near(const NearRows &near, std::int64_t i, std::complex<double> factor, Real *row) {
+    for (std::int64_t e = near.first[i]; e < near.first[i + 1]; e++)
+        for (int l = 0; l < 6; l++) {
+            const std::complex<double> value = factor * near.excess[6 * e + l];
+            const std::int64_t j = 6 * near.panel[e] + l, at = 2 * lanes * (j / lanes) + j % lanes;
+            row[at] += Real(value.real());
+            row[at + lanes] += Real(value.imag());
+        }
+}
+
+template <class Store, bool Lossy>
+void fill(const double *points, const double *shifted, const double *normals, std::int64_t m, Wavenumber wavenumber,
+          const NearRows &near, const NearRows &near_shifted, Store *matrix, float *scales) {
+    using Real = typename Arithmetic<Store>::Real;
+    const double zero[3] = {0, 0, 0};
+    const Origin origin(points, m);
+    const Planes<Real> x(points, m, origin.at), x2(shifted, m, origin.at), a(normals, m, zero);
+    const Wave<Real> k(wavenumber);
+    const std::int64_t blocks = blocks_of(m);
+#pragma omp parallel
+    {
+        std::vector<Real> row(2 * lanes * blocks);
+#pragma omp for schedule(static)
+        for (std::int64_t i = 0; i < m; i++) {
+            const Real t[3] = {x[0][i], x[1][i], x[2][i]}, t2[3] = {x2[0][i], x2[1][i], x2[2][i]};
+            for (std::int64_t b = 0; b < blocks; b++) {
+                const std::int64_t j = b * lanes, n = std::min(lanes, m - j);
+                dual_row<Real, Lossy>(t, t2, x[0] + j, x[1] + j, x[2] + j, a[0] + j, a[1] + j, a[2] + j, n, k,
+                                      &row[2 * j], &row[2 * j + lanes]);
+            }
+            add_near(near, i, {-1, 0}, row.data());
+            add_near(near_shifted, i, {0, 1}, row.data());
+            row[2 * lanes * (i / lanes) + i % lanes] += Real(0.5);
+            store(row.data(), blocks, matrix + 2 * lanes * blocks * i, scales + blocks * i);
+        }
+    }
+}
+
+template <class Store> float scale_of(const float *, std::int64_t) { return 1; }
+template <> float scale_of<std::int16_t>(const float *scales, std::int64_t b) { return scales[b]; }
+
+template <class Real> struct Sounds {  // vectors as planes that are filled up with zeros: real parts, imaginary parts
+    std::int64_t length;
+    std::vector<Real> data;
+    Sounds(const std::complex<Real> *v, std::int64_t sounds, std::int64_t m)
+        : length(blocks_of(m) * lanes), data(2 * sounds * length) {
+        for (std::int64_t s = 0; s < sounds; s++)
+            for (std::int64_t j = 0; j < m; j++) {
+                data[2 * s * length + j] = v[s * m + j].real();
+                data[(2 * s + 1) * length + j] = v[s * m + j].imag();
+            }
+    }
+};
+
+// N of the sounds that row i hears
+template <int N, class Store, class Real>
+void hear(const Store *row, const float *scales, std::int64_t blocks, const Real *v, std::int64_t length, Real *re,
+          Real *im) {
+    for (int s = 0; s < N; s++) re[s] = im[s] = 0;
+    for (std::int64_t b = 0; b < blocks; b++) {
+        const Store *a_re = row + 2 * lanes * b, *a_im = a_re + lanes;
+        const Real scale = scale_of<Store>(scales, b);
+        for (int s = 0; s < N; s++) {
+            const Real *v_re = v + 2 * s * length + lanes * b, *v_im = v_re + length;
+            Real rr = 0, ii = 0, ri = 0, ir = 0;  // four sums: one alone waits for itself
+#pragma omp simd reduction(+ : rr, ii, ri, ir)
+            for (std::int64_t l = 0; l < lanes; l++) {
+                const Real x = Real(a_re[l]), y = Real(a_im[l]);
+                rr += x * v_re[l];
+                ii += y * v_im[l];
+                ri += x * v_im[l];
+                ir += y * v_re[l];
+            }
+            re[s] += scale * (rr - ii);
+            im[s] += scale * (ri + ir);
+        }
+    }
+}
+
+constexpr int rows_at_once = 4;
+
+// Adds to `out` what some rows say, each with its own v
+template <class Store, class Real>
+void speak(const Store *matrix, const float *scales, std::int64_t blocks, std::int64_t b, std::int64_t rows,
+           const Real *v_re, const Real *v_im, Real *re, Real *im) {
+    const std::int64_t stride = 2 * lanes * blocks;
+    const Store *a = matrix + 2 * lanes * b;
+    Real c[rows_at_once] = {}, d[rows_at_once] = {};
+    const Store *row[rows_at_once];
+    for (int r = 0; r < rows_at_once; r++) {
+        const std::int64_t i = r < rows ? r : 0;
+        row[r] = a + i * stride;
+        if (r < rows) {
+            const Real scale = scale_of<Store>(scales + i * blocks, b);
+            c[r] = scale * v_re[r];
+            d[r] = scale * v_im[r];
+        }
+    }
+#pragma omp simd
+    for (std::int64_t l = 0; l < lanes; l++) {
+        Real x = re[l], y = im[l];
+        for (int r = 0; r < rows_at_once; r++) {
+            const Real p = Real(row[r][l]), q = Real(row[r][lanes + l]);
+            x += p * c[r] - q * d[r];
+            y += p * d[r] + q * c[r];
+        }
+        re[l] = x;
+        im[l] = y;
+    }
+}
+
+template <class Store, class Real>
+void plain_product(const Store *matrix, const float *scales, std::int64_t m, const Sounds<Real> &v, std::int64_t sounds,
+                   std::complex<Real> *out) {
+    const std::int64_t blocks = blocks_of(m);
+#pragma omp parallel for schedule(static)
+    for (std::int64_t i = 0; i < m; i++) {
+        const Store *row = matrix + 2 * lanes * blocks * i;
+        for (std::int64_t s = 0; s < sounds; s += 2) {
+            Real re[2], im[2];
+            const Real *some = v.data.data() + 2 * s * v.length;
+            const bool two = s + 1 < sounds;
+            (two ? hear<2, Store, Real> : hear<1, Store, Real>)(row, scales + blocks * i, blocks, some, v.length, re,
+                                                                im);
+            out[s * m + i] = {re[0], im[0]};
+            if (two) out[(s + 1) * m + i] = {re[1], im[1]};
+        }
+    }
+}
+
+template <class Store, class Real>
+void transposed_product(const Store *matrix, const float *scales, std::int64_t m, const Sounds<Real> &v,
+                        std::int64_t sounds, std::complex<Real> *out) {
+    const std::int64_t blocks = blocks_of(m), length = v.length, groups = (m + rows_at_once - 1) / rows_at_once;
+    std::vector<Real> total(2 * sounds * length);
+#pragma omp parallel
+    {
+        std::vector<Real> part(2 * sounds * length);
+#pragma omp for schedule(static)
+        for (std::int64_t group = 0; group < groups; group++) {
+            const std::int64_t i = group * rows_at_once, rows = std::min<std::int64_t>(rows_at_once, m - i);
+            for (std::int64_t b = 0; b < blocks; b++)
+                for (std::int64_t s = 0; s < sounds; s++) {
+                    const Real *said = v.data.data() + 2 * s * length + i;
+                    Real *heard = part.data() + 2 * s * length + lanes * b;
+                    speak(matrix + 2 * lanes * blocks * i, scales + blocks * i, blocks, b, rows, said, said + length,
+                          heard, heard + length);
+                }
+        }
+#pragma omp critical
+        for (std::size_t j = 0; j < part.size(); j++) total[j] += part[j];
+    }
+    for (std::int64_t s = 0; s < sounds; s++)
+        for (std::int64_t j = 0; j < m; j++)
+            out[s * m + j] = {total[2 * s * length + j], total[(2 * s + 1) * length + j]};
+}
+
+}  // namespace
+
+template <class Store>
+void dual_matrix(const double *points, const double *shifted, const double *normals, std::int64_t m, Wavenumber k,
+                 NearRows near, NearRows near_shifted, Store *matrix, float *scales) {
+    (k.imag > 0 ? fill<Store, true> : fill<Store, false>)(points, shifted, normals, m, k, near, near_shifted, matrix,
+                                                          scales);
+}
+
+template <class Store>
+void dual_product(const Store *matrix, const float *scales, std::int64_t m,
+                  const std::complex<typename Arithmetic<Store>::Real> *v, std::int64_t sounds, bool transposed,
+                  std::complex<typename Arithmetic<Store>::Real> *out) {
+    const Sounds<typename Arithmetic<Store>::Real> planes(v, sounds, m);
+    if (transposed)
+        transposed_product(matrix, scales, m, planes, sounds, out);
+    else
+        plain_product(matrix, scales, m, planes, sounds, out);
+}
+
+#define AIRTACT_DUAL(Store)                                                                                           \
+    template void dual_matrix<Store>(const double *, const double *, const double *, std::int64_t, Wavenumber,        \
+                                     NearRows, NearRows, Store *, float *);                                           \
+    template void dual_product<Store>(const Store *, const float *, std::int64_t,                                     \
+                                      const std::complex<Arithmetic<Store>::Real> *, std::int64_t, bool,              \
+                                      std::complex<Arithmetic<Store>::Real> *);
+AIRTACT_DUAL(std::int16_t)
+AIRTACT_DUAL(float)
+AIRTACT_DUAL(double)
+
+}  // namespace AIRTACT_VARIANT
+}  // namespace airtact

@@ -1,0 +1,90 @@
+// One row of the kernels at a time, by loops that a compiler can vectorise. Included inside translation units that are
+// compiled once for each instruction set.
+#pragma once
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <vector>
+
+#include "kernels.hpp"
+
+#include "arithmetic.hpp"
+
+namespace airtact {
+namespace AIRTACT_VARIANT {
+namespace {
+
+constexpr double pi = 3.14159265358979323846;
+template <class Real> struct Planes {  // x, y, z, ... each contiguous, relative to an origin
+    std::vector<Real> data;
+    std::int64_t n;
+    Planes(const double *points, std::int64_t count, const double *origin) : data(3 * count), n(count) {
+        for (std::int64_t i = 0; i < n; i++)
+            for (int d = 0; d < 3; d++) data[d * n + i] = Real(points[3 * i + d] - origin[d]);
+    }
+    const Real *operator[](int d) const { return data.data() + d * n; }
+};
+
+struct Origin {  // the sources' centre: float coordinates keep their digits wherever the hand is
+    double at[3] = {0, 0, 0};
+    Origin(const double *points, std::int64_t n) {
+        for (std::int64_t i = 0; i < n; i++)
+            for (int d = 0; d < 3; d++) at[d] += points[3 * i + d] / n;
+    }
+};
+
+template <class Real> struct Wave {
+    Real half_waves, real, imag;  // k / pi, k, absorption
+    explicit Wave(Wavenumber k) : half_waves(Real(k.real / pi)), real(Real(k.real)), imag(Real(k.imag)) {}
+};
+
+template <class Real, bool Lossy>
+inline void monopole_row(const Real *x, const Real *sx, const Real *sy, const Real *sz, std::int64_t n, Wave<Real> k,
+                         Real *re, Real *im) {
+#pragma omp simd
+    for (std::int64_t j = 0; j < n; j++) {
+        const Real dx = sx[j] - x[0], dy = sy[j] - x[1], dz = sz[j] - x[2];
+        const Real r = std::sqrt(dx * dx + dy * dy + dz * dz);
+        Real s, c, g = Real(1) / r;
+        if (Lossy) g *= decay(k.imag * r);
+        sincospi(k.half_waves * r, s, c);
+        re[j] = g * c;
+        im[j] = g * s;
+    }
+}
+
+// The normal derivative at y of e^{ikr}/(4 pi r) times area, from d = y - x and the normal times area; 0 nearer than the
+// root of `least`
+template <class Real, bool Lossy>
+inline void double_layer(Real dx, Real dy, Real dz, Real nx, Real ny, Real nz, Wave<Real> k, Real least, Real &re,
+                         Real &im) {
+    const Real r2 = dx * dx + dy * dy + dz * dz;
+    const Real inverse = r2 > least ? Real(1) / std::sqrt(r2) : Real(0);
+    const Real r = r2 * inverse;
+    Real s, c, g = (dx * nx + dy * ny + dz * nz) * (inverse * inverse * inverse) * Real(1 / (4 * pi));
+    if (Lossy) g *= decay(k.imag * r);
+    sincospi(k.half_waves * r, s, c);
+    const Real kr = k.real * r, one = Lossy ? Real(1) + k.imag * r : Real(1);
+    re = -g * (one * c + kr * s);
+    im = g * (kr * c - one * s);
+}
+
+template <class Real, bool Lossy>
+inline void double_layer_row(const Real *x, const Real *sx, const Real *sy, const Real *sz, const Real *nx,
+                             const Real *ny, const Real *nz, std::int64_t n, Wave<Real> k, Real least, Real *re,
+                             Real *im) {
+#pragma omp simd
+    for (std::int64_t j = 0; j < n; j++)
+        double_layer<Real, Lossy>(sx[j] - x[0], sy[j] - x[1], sz[j] - x[2], nx[j], ny[j], nz[j], k, least, re[j],
+                                  im[j]);
+}
+
+// Calls row(i) for every target, shared out over the threads
+template <class Row> void over_rows(std::int64_t n, const Row &row) {
+#pragma omp parallel for schedule(static)
+    for (std::int64_t i = 0; i < n; i++) row(i);
+}
+
+}  // namespace
+}  // namespace AIRTACT_VARIANT
+}  // namespace airtact
