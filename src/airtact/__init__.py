@@ -41,6 +41,7 @@ from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import RadiatedField, Skin, Solver, SolveReport
 from airtact.solvers.sampled_field import SampledField, load_samples
 from airtact.solvers.sphere_series import SphereSeries
+from airtact.store.stored import Stored
 from airtact.synthesis.constraint import Constraint
 from airtact.synthesis.eigenvector import eigenvector
 from airtact.synthesis.gerchberg_saxton import (
@@ -123,6 +124,7 @@ __all__ = [
     "Solver",
     "SphereSeries",
     "Stalled",
+    "Stored",
     "Stray",
     "Surface",
     "Target",
