@@ -9,7 +9,10 @@ from airtact.tracking.frame import HandFrame
 from scene.hand_poses import example
 
 SPEED = 0.5
-"""Fastest that the whole hand moves in ``pinching`` [m/s]."""
+"""Fastest that the whole hand moves in ``Pinching`` [m/s]."""
+
+REACH, REST = 0.15, 0.25
+"""How far it reaches [m], and how long it rests between [s]."""
 
 
 @functools.cache
@@ -25,11 +28,22 @@ def still(sequence: int, time: float | None = None, **changed) -> HandFrame:
     return HandFrame(sequence / 30 if time is None else time, sequence=sequence, **fields)
 
 
-class Pinching:
-    """The pinch pose opens and closes from 5 to 45 mm once a second while the hand swings to and fro.
+def reached(time: float) -> float:
+    """How far a hand is on its way to and fro [m]: minimum jerk, as people reach.
 
-    The swing is along x, 0.3 times in a second, at most 0.5 m/s. Angles of fingers between those that are computed are
-    interpolated.
+    Source: T. Flash, N. Hogan, "The coordination of arm movements", J. Neurosci. 5, 1688 (1985).
+    """
+    lasts = 1.875 * REACH / SPEED
+    turn, since = divmod(time, lasts + REST)
+    share = min(since / lasts, 1.0)
+    there = REACH * (10 * share**3 - 15 * share**4 + 6 * share**5)
+    return REACH - there if int(turn) % 2 else there
+
+
+class Pinching:
+    """The pinch pose opens and closes from 5 to 45 mm once a second while the hand reaches to and fro along x.
+
+    Joints between gaps that are computed are interpolated.
     """
 
     def __init__(self, count: int = 17) -> None:
@@ -44,8 +58,7 @@ class Pinching:
         place = np.interp(gap, self.gaps, np.arange(len(self.gaps)))
         low = min(int(place), len(self.gaps) - 2)
         joints = self.joints[low] + (place - low) * (self.joints[low + 1] - self.joints[low])
-        swing = SPEED / (2 * np.pi * 0.3) * np.sin(2 * np.pi * 0.3 * time)
-        return joints + np.array([swing, 0.0, 0.0])
+        return joints + np.array([reached(time), 0.0, 0.0])
 
     def frames(self, rate: float, seconds: float, noise: float = 0.0, seed: int = 0) -> list[HandFrame]:
         """Frames of a tracker with so much noise in each coordinate [m]."""
