@@ -104,24 +104,26 @@ def test_samples_that_do_not_fit_are_refused():
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("x,y,p\n0,0,1", "1 columns are missing: z; there are x, y, p"),
-        ("x,y,z\n0,0,1", "0 columns of pressure were found"),
-        ("x,y,z,p_real\n0,0,1,2", "1 column is missing: p_imag, the other half of p_real"),
-        ("x,y,z,p\n0,0,1", "row 0 has 3 numbers, but there are 4 columns"),
-        ("x,y,z,p\n0,0,1,loud", "row 0 has 'loud' in column p, which is not a number"),
-        ("1,2,3,4", "1 rows of numbers and 0 lines that could name the columns"),
+        ("x,y,p\n0,0,1", "field.csv has no column z: it needs x, y, z, and has 3 columns, x, y, p"),
+        ("x,y,z\n0,0,1", "field.csv: it has 0 columns of pressure"),
+        ("x,y,z,p_real\n0,0,1,2", "field.csv: it has 1 column p_real without its other half, p_imag"),
+        ("x,y,z,p\n0,0,1", "line 2 of field.csv has 3 cells, but there are 4 columns, x, y, z, p"),
+        ("x,y,z,p\n0,0,1,loud", "line 2 of field.csv has 'loud' for p, which is no number"),
+        ("% x,y,z,p\n0,0,1,NaN", "line 2 of field.csv has 'NaN' for p, which is not finite"),
+        ("x,y,z,p\n0,0,1+2i,3", r"line 2 of field.csv has '1\+2i' for z, which is not a real number"),
+        ("1,2,3,4", "field.csv has 1 row of numbers, but no line that names its columns"),
     ],
 )
 def test_files_that_cannot_be_read_are_refused(tmp_path, text, sentence):
     (tmp_path / "field.csv").write_text(text)
-    with pytest.raises(at.InvalidInput, match=f"field.csv: .*{sentence}"):
+    with pytest.raises(at.InvalidInput, match=f"^{sentence}"):
         at.load_samples(tmp_path / "field.csv", SCENE, SOURCES, "e^{-iωt}")
 
 
 def test_other_faults_of_loading_are_refused(tmp_path, monkeypatch):
-    with pytest.raises(at.InvalidInput, match=r"none.csv: it cannot be read as text"):
+    with pytest.raises(at.InvalidInput, match=r"cannot read none.csv: No such file"):
         at.load_samples(tmp_path / "none.csv", SCENE, SOURCES, "e^{-iωt}")
-    with pytest.raises(at.InvalidInput, match=r"none.vtu: it cannot be read as a VTU file"):
+    with pytest.raises(at.InvalidInput, match=r"none.vtu cannot be read as a VTU file"):
         at.load_samples(tmp_path / "none.vtu", SCENE, SOURCES, "e^{-iωt}")
     monkeypatch.setattr("jaxtyping.config.jaxtyping_disable", True)  # so that the guard itself answers
     with pytest.raises(at.InvalidInput, match="time_sign is 'plus'"):
