@@ -8,14 +8,16 @@ drive that was made with the right hand, on panels finer than the judge's.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Complex128, Float64
 from scipy.spatial import KDTree
 
-from airtact.experiments.wrong_hands import bent, hand_of_triangles, random_direction, random_radii
+from airtact.experiments.wrong_hands import bent, hand_of_triangles, random_direction, random_radii, scaled_radii
+from airtact.scene.geometry import Surface
 from airtact.scene.hand import Hand
 from airtact.scene.hand_files import load_hand
 from airtact.scene.medium import air
@@ -38,11 +40,11 @@ SPEED = 0.5
 OFF = 0.5e-3
 """Foci stand so far off the pads [m]."""
 
-JUDGING, RIGHT, DRIVING = 0.03, 0.02, 0.1
-"""Accuracies of the judge, of the drive that all are held against, and of drives with wrong hands."""
+CLEAR = 0.2e-3
+"""At least so far off a mesh of triangles [m]."""
 
-SPACING = 20e-3
-"""Of the points of the skin where stray sound is heard [m]; those within a wavelength of a focus are left out."""
+BOX = 1.6
+"""How many times as far off as in the paper's box the boards stand: a whole hand is to fit wherever it is believed."""
 
 POSES = (0.5e-3, 1e-3, 2e-3, 3e-3, 5e-3)
 """Errors of the pose [m]."""
@@ -56,8 +58,8 @@ SHARES = (0.05, 0.1, 0.15, 0.2)
 ACCURACIES = (0.02, 0.05, 0.1, 0.2, 0.3)
 """Of the solver, whose panels grow with them."""
 
-TRIANGLES = (3e-3, 5e-3, 8e-3, 12e-3, 16e-3)
-"""Edges of the triangles of a mesh that stands for the hand [m]."""
+TRIANGLES = (4e-3, 8e-3, 16e-3)
+"""Edges that the triangles of a mesh shall have that stands for the hand [m]; where skin bends they are finer."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,22 @@ class Outcome:
     loudest: float
 
 
+@dataclass(frozen=True)
+class Case:
+    """A drive that is wrong in one way.
+
+    Attributes
+    ----------
+    error, size, seed : as in ``Outcome``.
+    drive : makes it, of energy 1.
+    """
+
+    error: str
+    size: float
+    seed: int
+    drive: Callable[[], Complex128[np.ndarray, "elements"]]
+
+
 @dataclass(frozen=True, eq=False)
 class Study:
     """A hand, its array and its foci.
@@ -97,6 +115,8 @@ class Study:
     array : the transducers in the hand's frame.
     pads : names of the places that get a focus.
     folder : where the judge's matrix is kept.
+    judging, right, driving : accuracies of the judge, of the drive that all are held against, and of wrong hands.
+    spacing : of the points of the skin where stray sound is heard [m], but within a wavelength of a focus.
     """
 
     name: str
@@ -104,12 +124,16 @@ class Study:
     array: PhasedArray
     pads: tuple[str, ...]
     folder: Path
+    judging: float = 0.03
+    right: float = 0.02
+    driving: float = 0.2
+    spacing: float = 20e-3
 
     @cached_property
     def stray_points(self) -> Float64[np.ndarray, "stray 3"]:
         """Where stray sound is heard [m]."""
-        points = skin_points(self.hand.surface, SPACING)
-        scene = Scene(air(celsius=20.0, humidity=0.5), [sound_hard(self.hand.surface)], FREQUENCY)
+        points = skin_points(self.hand.surface, self.spacing)
+        scene = _scene(self.hand.surface)
         far = np.asarray(KDTree(foci(self.hand, self.pads)).query(points)[0]) > scene.wavelength
         return points[far]
 
@@ -123,32 +147,61 @@ class Study:
             if np.array_equal(found["points"], points) and np.array_equal(found["array"], self.array.positions):
                 return found["matrix"]
         target = Target(foci(self.hand, self.pads), quiet=self.stray_points)
-        field = BoundaryElement(JUDGING).radiate(_scene(self.hand), target.beacons(quiet=True))
+        field = BoundaryElement(self.judging).radiate(_scene(self.hand.surface), target.beacons(quiet=True))
         matrix = transfer_matrix(field, self.array).matrix
         self.folder.mkdir(parents=True, exist_ok=True)
         np.savez(kept, points=points, array=self.array.positions, matrix=matrix)
         return matrix
 
     @cached_property
-    def right(self) -> Complex128[np.ndarray, "heard"]:
-        """What is heard of the drive that was made with the right hand, all energy 1 [Pa]."""
-        return self.judge @ self.drive(beacons(self.hand, self.pads, RIGHT))
+    def held_against(self) -> Float64[np.ndarray, "heard"]:
+        """What is heard of the drive of energy 1 that was made with the right hand [Pa]."""
+        return np.abs(self.judge @ self.drive(self.finest))
 
-    def drive(self, field: RadiatedField, shift: Float64[np.ndarray, "3"] | None = None) -> Complex128[np.ndarray, "e"]:
-        """Make the drive of energy 1 by time reversal for a hand that is believed to be elsewhere by a shift [m]."""
+    @cached_property
+    def finest(self) -> RadiatedField:
+        """Field of the beacons at the right hand, from which the drive is made that all are held against."""
+        return beacons(self.hand, self.pads, self.right)
+
+    @cached_property
+    def believed(self) -> RadiatedField:
+        """Field of the beacons at the right hand, from which the drives of hands that are elsewhere are made."""
+        return beacons(self.hand, self.pads, self.driving)
+
+    def blind(self) -> Complex128[np.ndarray, "elements"]:
+        """Make the drive of energy 1 that knows no hand but its pads."""
+        target = Target(foci(self.hand, self.pads))
+        medium = _scene(self.hand.surface).medium
+        amplitudes = focus_by_distance(self.array, target, medium, FREQUENCY).amplitudes
+        return amplitudes / np.linalg.norm(amplitudes)
+
+    def drive(
+        self, field: RadiatedField, shift: Float64[np.ndarray, "3"] | None = None
+    ) -> Complex128[np.ndarray, "elements"]:
+        """Make the drive of energy 1 by time reversal.
+
+        Parameters
+        ----------
+        field : of beacons at a hand.
+        shift : (3,) by which that hand is believed to be elsewhere [m], or None.
+        """
         array = self.array if shift is None else self.array.moved(Pose(np.eye(3), -shift))
         amplitudes = time_reversal(transfer_matrix(field, array), Target(field.sources.positions)).amplitudes
         return amplitudes / np.linalg.norm(amplitudes)
 
-    def outcome(self, error: str, size: float, seed: int, drive: Complex128[np.ndarray, "elements"]) -> Outcome:
-        """Judge a drive of energy 1."""
-        heard, right, count = np.abs(self.judge @ drive), np.abs(self.right), len(self.pads)
+    def outcome(self, case: Case) -> Outcome:
+        """Make the drive of a case and judge it."""
+        heard, right, count = np.abs(self.judge @ case.drive()), self.held_against, len(self.pads)
         focus = float(heard[:count].mean())
-        stray = float(np.sqrt(np.mean(heard[count:] ** 2) / np.mean(right[count:] ** 2)))
-        shares = heard[:count] / right[:count]
-        loudest = float(heard[count:].max()) / focus
         return Outcome(
-            self.name, error, size, seed, focus / float(right[:count].mean()), float(shares.min()), stray, loudest
+            scene=self.name,
+            error=case.error,
+            size=case.size,
+            seed=case.seed,
+            focus=focus / float(right[:count].mean()),
+            worst=float((heard[:count] / right[:count]).min()),
+            stray=float(np.sqrt(np.mean(heard[count:] ** 2) / np.mean(right[count:] ** 2))),
+            loudest=float(heard[count:].max()) / focus,
         )
 
 
@@ -172,15 +225,15 @@ def beacons(hand: Hand, pads: tuple[str, ...], accuracy: float) -> RadiatedField
     pads : names of its places.
     accuracy : of the solver.
     """
-    return BoundaryElement(accuracy).radiate(_scene(hand), Target(foci(hand, pads)).beacons())
+    return BoundaryElement(accuracy).radiate(_scene(hand.surface), Target(foci(hand, pads)).beacons())
 
 
-def _scene(hand: Hand) -> Scene:
-    return Scene(air(celsius=20.0, humidity=0.5), [sound_hard(hand.surface)], FREQUENCY)
+def _scene(surface: Surface) -> Scene:
+    return Scene(air(celsius=20.0, humidity=0.5), [sound_hard(surface)], FREQUENCY)
 
 
 def studies(hands: Path, folder: Path) -> tuple[Study, Study]:
-    """Set up a pinch in the paper's box of four boards, and an open hand before four flat ones.
+    """Set up a pinch in a box of four boards, wider than the paper's, and an open hand before four flat ones.
 
     Parameters
     ----------
@@ -188,8 +241,9 @@ def studies(hands: Path, folder: Path) -> tuple[Study, Study]:
     folder : where the judges' matrices are kept.
     """
     pinch = load_hand(hands / "pinch.json").open_to(0.012)
-    middle = foci(pinch, ("thumb.pad", "index.pad")).mean(axis=0)
-    box = surrounding_box().moved(Pose(np.eye(3), middle + np.array([-0.035, 0.0, 0.0])))
+    middle = 0.5 * (pinch.joints.min(axis=0) + pinch.joints.max(axis=0))
+    box = surrounding_box()
+    box = PhasedArray(BOX * box.positions + middle, box.normals, box.element)
     opened = load_hand(hands / "relaxed.json")
     point, normal = opened.place("palm")
     side = np.cross(normal, [0.0, 0.0, 1.0])
@@ -202,60 +256,54 @@ def studies(hands: Path, folder: Path) -> tuple[Study, Study]:
     )
 
 
-def outcomes(study: Study, seeds: int, tell: Callable[[str], None]) -> Iterator[Outcome]:
-    """Judge drives with every error, one after the other.
+def cases(study: Study, seeds: int) -> Iterator[Case]:
+    """List every error that is tried.
 
     Parameters
     ----------
     study : the scene.
     seeds : random choices of each size of the errors that need a solution each; there are four times as many where one
         solution serves all.
-    tell : is told what is done.
     """
-    tell(f"{study.name}: judging")
-    target = Target(foci(study.hand, study.pads))
-    blind = focus_by_distance(study.array, target, _scene(study.hand).medium, FREQUENCY).amplitudes
-    yield study.outcome("no hand at all", 0.0, 0, blind / np.linalg.norm(blind))
-    yield from _panels(study, tell)
-    yield from _elsewhere(study, 4 * seeds, tell)
+    yield Case("no hand at all", 0.0, 0, study.blind)
+    for seed, size in product(range(4 * seeds), SHIFTS):
+        shift = size * random_direction(seed)
+        yield Case("whole hand elsewhere [mm]", 1e3 * size, seed, partial(_elsewhere, study, shift))
+    for accuracy in ACCURACIES:
+        yield Case("panels [accuracy]", accuracy, 0, partial(_coarse, study, accuracy))
+    for share in (*(-share for share in SHARES), *SHARES):
+        wrong = partial(scaled_radii, study.hand, share)
+        yield Case("all radii wrong [%]", 100 * share, 0, partial(_wrong, study, wrong))
     for seed in range(seeds):
         for size in POSES:
-            tell(f"{study.name}: fingers bent wrongly by {1e3 * size:g} mm, {seed}")
-            wrong = beacons(bent(study.hand, size, seed), study.pads, DRIVING)
-            yield study.outcome("fingers bent wrongly [mm]", 1e3 * size, seed, study.drive(wrong))
+            wrong = partial(bent, study.hand, size, seed)
+            yield Case("fingers bent wrongly [mm]", 1e3 * size, seed, partial(_wrong, study, wrong))
         for share in SHARES:
-            tell(f"{study.name}: radii wrong by {share:.0%}, {seed}")
-            wrong = beacons(random_radii(study.hand, share, seed), study.pads, DRIVING)
-            yield study.outcome("each radius wrong [%]", 100 * share, seed, study.drive(wrong))
-
-
-def _panels(study: Study, tell: Callable[[str], None]) -> Iterator[Outcome]:
-    """Coarse panels and triangles, hands that are too thick or thin: no choice is random."""
-    for accuracy in ACCURACIES:
-        tell(f"{study.name}: an accuracy of {accuracy:g}")
-        field = beacons(study.hand, study.pads, accuracy)
-        edge = np.sqrt(6.0 / field.report.nodes_per_square_wavelength * 4.0 / np.sqrt(3.0))
-        yield study.outcome("panels [wavelengths]", float(edge), 0, study.drive(field))
+            wrong = partial(random_radii, study.hand, share, seed)
+            yield Case("each radius wrong [%]", 100 * share, seed, partial(_wrong, study, wrong))
     for edge in TRIANGLES:
-        tell(f"{study.name}: triangles of {1e3 * edge:g} mm")
         flat = hand_of_triangles(study.hand, edge)
-        scene = Scene(air(celsius=20.0, humidity=0.5), [sound_hard(flat)], FREQUENCY)
-        points = foci(study.hand, study.pads)
-        deep = np.maximum(scene.depth(points) + 0.2e-3, 0.0)[:, None]  # coarse triangles may hide a focus
-        normals = np.array([study.hand.place(name)[1] for name in study.pads])
-        field = BoundaryElement(DRIVING).radiate(scene, Target(points + deep * normals).beacons())
-        yield study.outcome("triangles [mm]", 1e3 * edge, 0, study.drive(field))
-    for share in (*(-share for share in SHARES), *SHARES):
-        tell(f"{study.name}: all radii wrong by {share:+.0%}")
-        wrong = Hand(study.hand.joints, study.hand.radii * (1.0 + share), study.hand.side)
-        yield study.outcome("all radii wrong [%]", 100 * share, 0, study.drive(beacons(wrong, study.pads, DRIVING)))
+        mean = float(np.sqrt(flat.area / len(flat.triangles) * 4.0 / np.sqrt(3.0)))
+        yield Case("triangles [mm]", 1e3 * mean, 0, partial(_triangles, study, flat))
 
 
-def _elsewhere(study: Study, seeds: int, tell: Callable[[str], None]) -> Iterator[Outcome]:
-    """Whole hands elsewhere: one solution serves them all."""
-    field = beacons(study.hand, study.pads, DRIVING)
-    for seed in range(seeds):
-        tell(f"{study.name}: elsewhere, {seed}")
-        for size in SHIFTS:
-            drive = study.drive(field, size * random_direction(seed))
-            yield study.outcome("whole hand elsewhere [mm]", 1e3 * size, seed, drive)
+def _wrong(study: Study, hand: Callable[[], Hand]) -> Complex128[np.ndarray, "elements"]:
+    return study.drive(beacons(hand(), study.pads, study.driving))
+
+
+def _coarse(study: Study, accuracy: float) -> Complex128[np.ndarray, "elements"]:
+    known = {study.right: study.finest, study.driving: study.believed}
+    return study.drive(known.get(accuracy) or beacons(study.hand, study.pads, accuracy))
+
+
+def _elsewhere(study: Study, shift: Float64[np.ndarray, "3"]) -> Complex128[np.ndarray, "elements"]:
+    return study.drive(study.believed, shift)
+
+
+def _triangles(study: Study, flat: Surface) -> Complex128[np.ndarray, "elements"]:
+    """Drive of a mesh of triangles; a focus that they hide is brought out along the pad's normal."""
+    scene = _scene(flat)
+    points = foci(study.hand, study.pads)
+    normals = np.array([study.hand.place(name)[1] for name in study.pads])
+    points = points + np.maximum(scene.depth(points) + CLEAR, 0.0)[:, None] * normals
+    return study.drive(BoundaryElement(study.driving).radiate(scene, Target(points).beacons()))

@@ -67,6 +67,17 @@ def random_radii(hand: Hand, share: float, seed: int) -> Hand:
     return Hand(hand.joints, hand.radii * np.exp(errors), hand.side)
 
 
+def scaled_radii(hand: Hand, share: float) -> Hand:
+    """Make all radii too large or too small.
+
+    Parameters
+    ----------
+    hand : right.
+    share : by how much of the radius, negative for too small.
+    """
+    return Hand(hand.joints, hand.radii * (1.0 + share), hand.side)
+
+
 def hand_of_triangles(hand: Hand, edge: float) -> Surface:
     """Mesh a hand with triangles whose corners alone lie on it, as a scan or a file has them.
 
