@@ -69,7 +69,7 @@ def test_positions_that_cannot_be_predicted_are_left_out_and_counted():
     [
         ("x,y,pressure\n0,0,1\n", "scan.csv has no column z: it needs x, y, z, pressure, and has 3 columns"),
         ("", "scan.csv has 0 rows of numbers, but no line that names its columns"),
-        ("x;y;z;pressure\n0;0;0;1\n", "scan.csv has 3 semicolons and no comma between its names"),
+        ("x;y;z;pressure\n0;0;0;1\n", "line 1 of scan.csv has no comma but 3 semicolons; put commas between cells"),
         ("x,y,z,pressure\n0,0,0,1\n0,0,one,1\n", "line 3 of scan.csv has 'one' for z"),
         ("x,y,z,pressure\n0,0,0,1\n0,0,1\n", "line 3 of scan.csv has 3 cells, but there are 4 columns"),
         (

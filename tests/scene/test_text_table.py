@@ -30,8 +30,9 @@ def test_names_may_stand_in_the_last_comment_and_numbers_be_complex(tmp_path) ->
     [
         ("", "a.csv has 0 rows of numbers, but no line that names its columns."),
         ("1,2\n", "a.csv has 1 row of numbers, but no line that names its columns."),
-        ("x;y\n1;2\n", "a.csv has 1 semicolons and no comma between its names; put commas between cells."),
-        ("x\ty\tz\n1\t2\t3\n", "a.csv has 2 tabs and no comma between its names; put commas between cells."),
+        ("x;y\n1;2\n", "line 1 of a.csv has no comma but 1 semicolon; put commas between cells."),
+        ("x\ty\tz\n1\t2\t3\n", "line 1 of a.csv has no comma but 2 tabs; put commas between cells."),
+        ("% x y z\n1 2 3\n", "line 2 of a.csv has no comma but 2 spaces; put commas between cells."),
         ("x,y,X\n1,2,3\n", "a.csv has 2 columns of the name 'x'; give each its own."),
         ("y\n1\n", "a.csv has no column x: it needs x, and has 1 column, y."),
         ("x,y\n1,2\n\n1\n", "line 4 of a.csv has 1 cell, but there are 2 columns, x, y."),

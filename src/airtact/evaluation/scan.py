@@ -60,8 +60,8 @@ class Scan:
         if repeated:
             where = points[_first_repeated(points)]
             raise InvalidInput(
-                f"{counted(repeated, 'position', 'positions')} of the scan are repeated, the first at {place(where)}; "
-                "average them first.",
+                f"{counted(repeated, 'position of the scan is', 'positions of the scan are')} repeated, the first at "
+                f"{place(where)}; average them first.",
                 where,
             )
         for name, value in (("points", points), ("pressures", pressures)):

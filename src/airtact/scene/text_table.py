@@ -14,7 +14,7 @@ from airtact.scene.printing import in_short
 COMMENTS = ("%", "#")
 """Lines that begin so are comments."""
 
-OTHER_SEPARATORS = {";": "semicolons", "\t": "tabs"}
+OTHER_SEPARATORS = {";": "semicolon", "\t": "tab", " ": "space"}
 """What some programs write between cells in place of commas."""
 
 
@@ -101,13 +101,13 @@ def read_text_table(path: Path) -> TextTable:
     Raises
     ------
     InvalidInput
-        The file cannot be read or is no text, no line names the columns, a name is given twice, or a row has more or
-        fewer cells than there are columns.
+        The file cannot be read or is no text, cells are parted by other signs, no line names the columns, a name is
+        given twice, or a row has more or fewer cells than there are columns.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
-        raise InvalidInput(f"cannot read {path.name}: {error.strerror}.") from None
+        raise InvalidInput(f"cannot read {path.name or path}: {error.strerror}.") from None
     except UnicodeDecodeError as error:
         raise InvalidInput(f"{path.name} is not a text file: byte {error.start} is not UTF-8.") from None
     head, commented, rows, lines = "", True, [], []
@@ -117,6 +117,7 @@ def read_text_table(path: Path) -> TextTable:
         if words.lstrip().startswith(COMMENTS):
             head = words.lstrip().lstrip("%# ") if commented and not rows else head
             continue
+        _refuse_other_separators(path.name, line, words)
         cells = _cells(words)
         if commented and not rows and not any(_is_number(cell) for cell in cells):
             head, commented = words, False
@@ -133,13 +134,18 @@ def read_text_table(path: Path) -> TextTable:
     return TextTable(path.name, names, tuple(rows), tuple(lines))
 
 
+def _refuse_other_separators(file: str, line: int, words: str) -> None:
+    for separator, name in OTHER_SEPARATORS.items():
+        count = len(words.strip().split(separator)) - 1
+        if count and "," not in words:
+            raise InvalidInput(
+                f"line {line} of {file} has no comma but {counted(count, name, f'{name}s')}; put commas between cells."
+            )
+
+
 def _named(file: str, head: str, rows: int) -> tuple[str, ...]:
     if not head:
         raise InvalidInput(f"{file} has {counted(rows, 'row', 'rows')} of numbers, but no line that names its columns.")
-    for separator, words in OTHER_SEPARATORS.items():
-        if separator in head and "," not in head:
-            count = head.count(separator)
-            raise InvalidInput(f"{file} has {count} {words} and no comma between its names; put commas between cells.")
     names = tuple(name.lower() for name in _cells(head))
     twice = [name for name in names if names.count(name) > 1]
     if twice:

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Int64, Num, Real
-from scipy.spatial import Delaunay, KDTree
+from scipy.spatial import Delaunay, KDTree, QhullError
 
 from airtact.conventions import InvalidInput, about
 from airtact.scene.guards import place, points_of, positive, refuse_not_finite
@@ -97,7 +97,7 @@ class SampledField(RadiatedField):
         if cells is None:
             if len(self.nodes) < 4:
                 raise InvalidInput(f"there are {len(self.nodes)} nodes, but a tetrahedron has 4; give more.")
-            cells = Delaunay(self.nodes).simplices.astype(np.int64)
+            cells = _joined(np.asarray(self.nodes, dtype=np.float64))
         four = self.nodes[cells]
         edges = four[:, 1:] - four[:, :1]
         size = np.linalg.norm(edges, axis=2).max(axis=1)
@@ -162,6 +162,18 @@ class SampledField(RadiatedField):
         return np.where(beyond, -1, number), weights
 
 
+def _joined(nodes: Float64[np.ndarray, "nodes 3"]) -> Int64[np.ndarray, "tetrahedra 4"]:
+    """Delaunay's tetrahedra."""
+    try:
+        return Delaunay(nodes).simplices.astype(np.int64)
+    except QhullError:
+        thin = np.linalg.svd(nodes - nodes.mean(axis=0), compute_uv=False)[-1] / np.sqrt(len(nodes))
+        raise InvalidInput(
+            f"the {len(nodes)} nodes lie in one plane, to {1e3 * thin:.2g} mm, and hold no tetrahedron; give nodes "
+            "that fill a space."
+        ) from None
+
+
 def load_samples(
     path: str | Path, scene: Scene, sources: Monopoles, time_sign: TimeSign, scale: float = 1.0
 ) -> SampledField:
@@ -182,8 +194,8 @@ def load_samples(
     Raises
     ------
     InvalidInput
-        The file cannot be read, columns are missing, nodes repeated or numbers NaN, or the pressures beside the sources
-        run the other way round than ``time_sign`` says.
+        The file cannot be read, columns are missing, nodes repeated or in one plane, numbers NaN or pressures all 0, or
+        the pressures beside the sources run the other way round than ``time_sign`` says.
     """
     path = Path(path)
     if time_sign not in ("e^{-iωt}", "e^{+jωt}"):
@@ -191,6 +203,8 @@ def load_samples(
     scale = positive(scale, "the scale of the samples", "metres per unit")
     nodes, pressures, cells = _read_vtu(path) if path.suffix.lower() == ".vtu" else _read_csv(path)
     with about(path.name):
+        if not pressures.any():
+            raise InvalidInput(f"all {pressures.size} pressures are 0; export a field that sounds.")
         pressures = np.conj(pressures) if time_sign == "e^{+jωt}" else pressures
         sampled = SampledField(scene, sources, scale * nodes, pressures, cells)
         warning = _refuse_other_sign(sampled, time_sign)
@@ -248,9 +262,11 @@ def _read_vtu(
     import meshio
 
     try:
-        mesh = meshio.read(path)
-    except (OSError, meshio.ReadError, SystemExit) as fault:
-        raise InvalidInput(f"{path.name} cannot be read as a VTU file (0 nodes): {fault}.") from None
+        mesh = meshio.vtu.read(path)
+    except OSError as fault:
+        raise InvalidInput(f"cannot read {path.name}: {fault.strerror}.") from None
+    except Exception as fault:  # whatever meshio and its parser stumble over
+        raise InvalidInput(f"{path.name} is not a VTU file (0 nodes): {fault!r}.") from None
     found = [np.asarray(block.data)[:, :4] for block in mesh.cells if block.type in ("tetra", "tetra10")]
     cells = np.concatenate(found).astype(np.int64) if found else None
     points, data = np.asarray(mesh.points, dtype=np.float64), dict(mesh.point_data)
