@@ -24,6 +24,9 @@ from airtact.solvers.problem import SolveReport
 ON_PLANE = 1e-6
 """Corners nearer to a symmetry plane than this lie on it [λ]."""
 
+ON_BEACON = 1e-6
+"""Points nearer to a beacon than this are on it [m]."""
+
 
 def beacons(made: Solved, settings: Settings, folder: Path, clock: Clock) -> Part:
     """Show the model, the beacons' field and what each transducer gets.
@@ -38,7 +41,7 @@ def beacons(made: Solved, settings: Settings, folder: Path, clock: Clock) -> Par
     system, report = made.field.ready.system, made.field.report
     with clock.step("phases", "hearing the beacons in the plane of the fingers"):
         window = _workspace(made.dummies.middle, settings.plane_step)
-        pressure = made.field.at(window.points)[:, 0]
+        pressure = _heard(made, window.points)
     phase = np.angle(pressure)
     drive = made.drives[CONSIDERED].amplitudes
     write_columns(
@@ -80,6 +83,14 @@ def beacons(made: Solved, settings: Settings, folder: Path, clock: Clock) -> Par
         ),
     )
     return Part("The model and the phases (Fig. 4 and 5)", pieces)
+
+
+def _heard(made: Solved, points: Float64[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points"]:
+    """Pressure of the beacons, NaN in the bodies and at the beacons themselves, where it is infinite."""
+    away = np.linalg.norm(points[:, None] - made.dummies.foci, axis=2).min(axis=1) > ON_BEACON
+    heard = np.full(len(points), np.nan, dtype=np.complex128)
+    heard[away] = made.field.at(points[away])[:, 0]
+    return heard
 
 
 def _how_meshed(report: SolveReport) -> str:
