@@ -2,8 +2,9 @@
 
 Every drive is made with a hand that is wrong in one way, aimed at the pads where that hand has them, and judged on the
 true hand by a finer solution: beacons at the true foci and at points all over the true skin are solved once for each
-scene, so that any number of drives can be judged. All drives have the same energy. Pressures are told over those of a
-drive that was made with the right hand, on panels finer than the judge's.
+scene, so that any number of drives can be judged. All drives have the same energy. Pressures are told over those of the
+drive that is made with the right hand on panels of the same size; how coarse those may be is told over a drive that is
+made on panels finer than the judge's.
 """
 
 from collections.abc import Callable, Iterator
@@ -72,7 +73,7 @@ class Outcome:
     error : what is wrong.
     size : by how much, in the unit that the error's name tells.
     seed : of the random choice.
-    focus : pressure in the foci, their mean, over that of the right drive.
+    focus : pressure in the foci, their mean, over that of the drive with the right hand.
     worst : the same of the focus that loses most.
     stray : root mean square of the pressure on the skin away from the foci, over that of the right drive.
     loudest : the loudest of it over the mean of the foci, both of this drive.
@@ -96,12 +97,14 @@ class Case:
     ----------
     error, size, seed : as in ``Outcome``.
     drive : makes it, of energy 1.
+    panels : whether it is held against the drive on the finest panels, not against that on panels like its own.
     """
 
     error: str
     size: float
     seed: int
     drive: Callable[[], Complex128[np.ndarray, "elements"]]
+    panels: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +118,8 @@ class Study:
     array : the transducers in the hand's frame.
     pads : names of the places that get a focus.
     folder : where the judge's matrix is kept.
-    judging, right, driving : accuracies of the judge, of the drive that all are held against, and of wrong hands.
+    judging, right, driving : accuracies of the judge, of the drive on the finest panels, and of all drives that are not
+        about panels.
     spacing : of the points of the skin where stray sound is heard [m], but within a wavelength of a focus.
     """
 
@@ -154,13 +158,13 @@ class Study:
         return matrix
 
     @cached_property
-    def held_against(self) -> Float64[np.ndarray, "heard"]:
-        """What is heard of the drive of energy 1 that was made with the right hand [Pa]."""
-        return np.abs(self.judge @ self.drive(self.finest))
+    def right_heard(self) -> Float64[np.ndarray, "panels heard"]:
+        """What is heard of the drives of energy 1 for the right hand [Pa]: on usual panels, and on the finest."""
+        return np.abs(np.stack([self.judge @ self.drive(field) for field in (self.believed, self.finest)]))
 
     @cached_property
     def finest(self) -> RadiatedField:
-        """Field of the beacons at the right hand, from which the drive is made that all are held against."""
+        """Field of the beacons at the right hand on the finest panels."""
         return beacons(self.hand, self.pads, self.right)
 
     @cached_property
@@ -191,7 +195,7 @@ class Study:
 
     def outcome(self, case: Case) -> Outcome:
         """Make the drive of a case and judge it."""
-        heard, right, count = np.abs(self.judge @ case.drive()), self.held_against, len(self.pads)
+        heard, right, count = np.abs(self.judge @ case.drive()), self.right_heard[int(case.panels)], len(self.pads)
         focus = float(heard[:count].mean())
         return Outcome(
             scene=self.name,
@@ -265,12 +269,12 @@ def cases(study: Study, seeds: int) -> Iterator[Case]:
     seeds : random choices of each size of the errors that need a solution each; there are four times as many where one
         solution serves all.
     """
-    yield Case("no hand at all", 0.0, 0, study.blind)
+    yield Case("no hand at all", 0.0, 0, study.blind, panels=True)
     for seed, size in product(range(4 * seeds), SHIFTS):
         shift = size * random_direction(seed)
         yield Case("whole hand elsewhere [mm]", 1e3 * size, seed, partial(_elsewhere, study, shift))
     for accuracy in ACCURACIES:
-        yield Case("panels [accuracy]", accuracy, 0, partial(_coarse, study, accuracy))
+        yield Case("panels [accuracy]", accuracy, 0, partial(_coarse, study, accuracy), panels=True)
     for share in (*(-share for share in SHARES), *SHARES):
         wrong = partial(scaled_radii, study.hand, share)
         yield Case("all radii wrong [%]", 100 * share, 0, partial(_wrong, study, wrong))
