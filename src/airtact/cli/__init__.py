@@ -14,6 +14,7 @@ import click
 from airtact.cli.boards import boards, emit, export
 from airtact.cli.hands import hand
 from airtact.cli.papers import reproduce
+from airtact.cli.tracking import listen
 from airtact.conventions import InvalidInput, NotConverged
 from airtact.hardware.link import LinkFailed
 
@@ -61,7 +62,7 @@ def commands() -> None:
     """Compute what a phased array must emit so that a hand feels points while it scatters the sound."""
 
 
-for _command in (boards, emit, export, reproduce, hand):
+for _command in (boards, emit, export, reproduce, hand, listen):
     commands.add_command(_command)
 
 
