@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 import airtact as at
-from references import capsules as fundamental_solutions
+from airtact.benching import fundamental_solutions
 from references import two_spheres
 
 PAPER_AIR = at.Medium(sound_speed=343.1, density=1.293)

@@ -1,16 +1,28 @@
-"""How long the main job takes and how much memory: every speed figure of the README, measured anew.
+"""How long the jobs take and how much memory: every speed figure of the README, measured anew.
 
-Run ``make bench``, or ``PYTHONPATH=.:tests python benchmarks/speed.py``. Each job runs in a process of its own; times
-are the best of several, for machines are noisy.
+Run ``make bench``, or ``PYTHONPATH=.:tests python benchmarks/speed.py [row ...]`` with the first words of the rows
+wanted. Times are medians with the least and the most, errors are against fundamental solutions or, for a hand, against
+a finer solution; these truths take some minutes the first time and are kept in ``out/bench``.
 """
 
+import os
 import resource
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
-EXAMPLES = Path(__file__).parent.parent / "examples"
+from airtact import _kernels
+from airtact.benching.machine import kernels_against_product, memory_over_matrix
+from airtact.benching.open_hand import OpenHand
+from airtact.benching.real_time import RealTime, Row
+from airtact.scene.hand_files import load_hand
+
+ROOT = Path(__file__).parent.parent
+EXAMPLES = ROOT / "examples"
+KEPT = ROOT / "out/bench"
 
 
 def pinch_seconds() -> tuple[float, float]:
@@ -51,11 +63,53 @@ def import_seconds() -> float:
     return min(float(run.stdout) for run in runs)
 
 
-if __name__ == "__main__":
-    print("| figure | asked | measured |\n|---|---|---|")
-    print(f"| `import airtact` | 1.2 s | {import_seconds():.2f} s |", flush=True)
+def quickest_import() -> Row:
+    return Row("`import airtact`", "1.2 s", f"{import_seconds():.2f} s, the best of 5", "")
+
+
+def pinch() -> Row:
     seconds, memory = pinch_seconds()
-    print(f"| `examples/pinch.toml`: solve and drive | 0.5 s, 1 GB | {seconds:.2f} s, {memory:.2f} GB |", flush=True)
-    for example, asked in (("pinch.toml", "-"), ("open_hand.toml", "60 s, 6 GB")):
-        seconds, memory = render_seconds(example)
-        print(f"| `airtact render examples/{example}` | {asked} | {seconds:.0f} s, {memory:.2f} GB |", flush=True)
+    measured = f"{seconds:.2f} s, {memory:.2f} GB, the best of 5"
+    return Row("`examples/pinch.toml`: solve and drive", "0.5 s, 1 GB", measured, "")
+
+
+def rendered(name: str, asked: str) -> Row:
+    seconds, memory = render_seconds(name)
+    return Row(f"`airtact render examples/{name}`", asked, f"{seconds:.0f} s, {memory:.2f} GB", "")
+
+
+def rows(runs: int = 7) -> dict[str, Callable[[], Row | list[Row]]]:
+    """Every row by the words that choose it."""
+    fingers = RealTime(KEPT, runs)
+    hand = OpenHand(load_hand(EXAMPLES / "hands/relaxed.json"), KEPT, runs)
+    return {
+        "import": quickest_import,
+        "deformed": fingers.deformed_to_drive,
+        "each": fingers.moved_each_to_drive,
+        "drive": fingers.drive_only,
+        "whole": fingers.whole_moved,
+        "focus": fingers.new_focus,
+        "slice": fingers.slice_beside,
+        "hand-drive": partial(hand.row, "open hand of 325 cm², drive only", "0.2 s, correlation 0.995", 0.1),
+        "hand": partial(hand.row, "open hand of 325 cm²", "0.6 s, 3 %", 0.03),
+        "kernels": partial(kernels_against_product, runs),
+        "memory": memory_over_matrix,
+        "pinch": pinch,
+        "render-pinch": partial(rendered, "pinch.toml", "-"),
+        "render-hand": partial(rendered, "open_hand.toml", "60 s, 6 GB"),
+    }
+
+
+def chosen(words: list[str]) -> Iterator[Row]:
+    for name, measure in rows().items():
+        if not words or name in words:
+            found = measure()
+            yield from [found] if isinstance(found, Row) else found
+
+
+if __name__ == "__main__":
+    load, cores = os.getloadavg()[0], len(os.sched_getaffinity(0))
+    print(f"{cores} cores, {_kernels.active_variant()}, load before {load:.1f}: medians of 7 (least to most)\n")
+    print("| figure | asked | measured | error | where the time went |\n|---|---|---|---|---|")
+    for row in chosen(sys.argv[1:]):
+        print(f"| {row.what} | {row.asked} | {row.measured} | {row.error} | {row.profile} |", flush=True)

@@ -19,10 +19,12 @@ from airtact.hardware.emission import Emission, Played
 from airtact.hardware.file_link import FileLink
 from airtact.hardware.link import Link, LinkFailed, RecordingLink
 from airtact.hardware.serial_link import SerialLink
+from airtact.scene.capture import FittedHand, fit_hand
 from airtact.scene.drawings import picture, svg_path, text
 from airtact.scene.files import load_surface
 from airtact.scene.geometry import Surface
 from airtact.scene.hand import Hand, hand_from_joints
+from airtact.scene.hand_anatomy import HandAnatomy
 from airtact.scene.hand_files import load_hand
 from airtact.scene.hand_parts import Touch
 from airtact.scene.medium import Medium, air
@@ -41,6 +43,7 @@ from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import RadiatedField, Skin, Solver, SolveReport
 from airtact.solvers.sampled_field import SampledField, load_samples
 from airtact.solvers.sphere_series import SphereSeries
+from airtact.store.stored import Stored
 from airtact.synthesis.constraint import Constraint
 from airtact.synthesis.eigenvector import eigenvector
 from airtact.synthesis.gerchberg_saxton import (
@@ -90,9 +93,11 @@ __all__ = [
     "Evaluation",
     "FileLink",
     "FiniteElement",
+    "FittedHand",
     "Frame",
     "FreeField",
     "Hand",
+    "HandAnatomy",
     "InvalidInput",
     "Judgement",
     "Levels",
@@ -123,6 +128,7 @@ __all__ = [
     "Solver",
     "SphereSeries",
     "Stalled",
+    "Stored",
     "Stray",
     "Surface",
     "Target",
@@ -143,6 +149,7 @@ __all__ = [
     "evaluate",
     "field_map",
     "filled",
+    "fit_hand",
     "flat_boards",
     "focus_by_distance",
     "focus_by_distance_phase_only",

@@ -186,6 +186,22 @@ def blended_distance(
     facing: np.ndarray,
     nearest: np.ndarray,
 ) -> None: ...
+def project_on_hulls(
+    points: np.ndarray,
+    balls: np.ndarray,
+    parts: np.ndarray,
+    blend: np.ndarray,
+    apart: np.ndarray,
+    reach: float,
+    most: int,
+    longest: float,
+    on_skin: float,
+    stride: float,
+    halvings: int,
+) -> None: ...
+def grade_sizes(
+    vertices: np.ndarray, triangles: np.ndarray, grading: float, rounds: int, sizes: np.ndarray
+) -> None: ...
 def even_pass(
     vertices: np.ndarray,
     sizes: np.ndarray,

@@ -11,7 +11,7 @@ from jaxtyping import Complex128
 
 from airtact.conventions import InvalidInput
 from airtact.evaluation.metrics import pressures_at_foci
-from airtact.judging import Clock, Keeping, finer, heard_foci, synthesised
+from airtact.judging import Clock, Keeping, finer, heard_foci, kept, synthesised
 from airtact.report.drive_files import write_drive_h5
 from airtact.report.field_figure import Cut, cut_bodies
 from airtact.report.methods_page import Contender, Contest, write_methods_page
@@ -31,7 +31,9 @@ IGNORED = "hand ignored"
 """What the control is called: phases from distances alone."""
 
 
-def compare_methods(path: Path, folder: Path, tell: Callable[[str], None] = lambda step: None) -> Contest:
+def compare_methods(
+    path: Path, folder: Path, tell: Callable[[str], None] = lambda step: None, store: Path | None = None
+) -> Contest:
     """Make the drive of a scene file by every method, judge all by one finer solution, and write a page about it.
 
     Parameters
@@ -39,6 +41,7 @@ def compare_methods(path: Path, folder: Path, tell: Callable[[str], None] = lamb
     path : the scene file; the method that it names plays no part.
     folder : where `FILES` go and, below ``drives``, one HDF5 file for each method; made if it is not there.
     tell : is told each step as it begins.
+    store : folder where solved fields are kept and looked for; None to solve all anew.
 
     Returns
     -------
@@ -57,14 +60,14 @@ def compare_methods(path: Path, folder: Path, tell: Callable[[str], None] = lamb
         writable_folder(folder / "drives")
     for name in FILES:
         (folder / name).unlink(missing_ok=True)
-    transfer, beacons = heard_foci(setup, clock)
+    transfer, beacons = heard_foci(setup, clock, store)
     with clock.step("drives", f"making the drive by {len(METHODS)} methods"):
         drives, seconds, said = _all_drives(setup, transfer)
         bound = upper_bound(transfer, setup.target).worst
     _write_drives(folder / "drives", setup, transfer, beacons, drives)
     emitted = {name: quantise(drive).drive() for name, drive in drives.items()}
     with clock.step("judge", f"judging {len(drives)} drives by a finer solution with all transducers as sources"):
-        judge = Keeping(finer(setup))
+        judge = Keeping(kept(finer(setup), store))
         heard, report = pressures_at_foci(setup.scene, setup.array, list(emitted.values()), setup.target, judge)
         quiet = np.abs(judge.field.at(setup.target.quiet).T)
     with clock.step("cuts", "computing the fields in the pictures"):

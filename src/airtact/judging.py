@@ -5,6 +5,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from airtact.solvers.boundary_element import BoundaryElement
 from airtact.solvers.finite_element import FiniteElement
 from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport
+from airtact.store.stored import Stored
 from airtact.synthesis.stalling import Stalled
 from airtact.transfer import Drive, TransferMatrix, transfer_matrix
 
@@ -106,14 +108,32 @@ def _judging_accuracy(setup: Setup) -> float:
     return fitting
 
 
-def heard_foci(setup: Setup, clock: Clock) -> tuple[TransferMatrix, SolveReport]:
-    """Solve for beacons in all foci and quiet points, and hear them at the transducers."""
+def kept(solver: Solver, store: Path | None) -> Solver:
+    """Let a solver keep what it solves in a folder, if there is one.
+
+    Parameters
+    ----------
+    solver : any.
+    store : the folder, or None to keep nothing.
+    """
+    return solver if store is None else Stored(solver, store)
+
+
+def heard_foci(setup: Setup, clock: Clock, store: Path | None = None) -> tuple[TransferMatrix, SolveReport]:
+    """Solve for beacons in all foci and quiet points, and hear them at the transducers.
+
+    Parameters
+    ----------
+    setup : the scene.
+    clock : times the steps.
+    store : folder of solved fields, if they are kept.
+    """
     target = setup.target
     count = len(target.points)
     quiet = f" and {counted(len(target.quiet), 'quiet point', 'quiet points')}" if len(target.quiet) else ""
     words = f"solving for a beacon in each focus ({count}){quiet} around {', '.join(setup.bodies) or 'nothing'}"
     with clock.step("beacons", words):
-        beacons = setup.solver.radiate(setup.scene, target.beacons(quiet=True))
+        beacons = kept(setup.solver, store).radiate(setup.scene, target.beacons(quiet=True))
     with clock.step("transfer", f"hearing them at {counted(len(setup.array), 'transducer', 'transducers')}"):
         return transfer_matrix(beacons, setup.array), beacons.report
 

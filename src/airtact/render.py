@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64, Real
 
 from airtact.evaluation.comparison import Comparison, compare
-from airtact.judging import Clock, Keeping, finer, heard_foci, synthesised
+from airtact.judging import Clock, Keeping, finer, heard_foci, kept, synthesised
 from airtact.report.drive_files import write_drive_csv, write_drive_h5
 from airtact.report.field_figure import Cut, cut_bodies
 from airtact.report.run_page import Run, write_page
@@ -39,7 +39,7 @@ class _Made:
     said: tuple[str, ...]
 
 
-def render(path: Path, folder: Path, tell: Callable[[str], None] = lambda step: None) -> Run:
+def render(path: Path, folder: Path, tell: Callable[[str], None] = lambda step: None, store: Path | None = None) -> Run:
     """Compute what a scene file asks for and write it into a folder, each file as soon as it is there.
 
     Parameters
@@ -47,6 +47,7 @@ def render(path: Path, folder: Path, tell: Callable[[str], None] = lambda step: 
     path : the scene file.
     folder : where `FILES` go; made if it is not there.
     tell : is told each step as it begins.
+    store : folder where solved fields are kept and looked for; None to solve all anew.
 
     Returns
     -------
@@ -63,9 +64,9 @@ def render(path: Path, folder: Path, tell: Callable[[str], None] = lambda step: 
     with clock.step("scene", f"reading {path.name}"):
         setup = read_setup(path)
         writable_folder(folder)
-    made = _make_drive(setup, clock)
+    made = _make_drive(setup, clock, store)
     _write_drive(folder, setup, made)
-    comparison, field = _judge(setup, made, clock)
+    comparison, field = _judge(setup, made, clock, store)
     with clock.step("field", "computing the field around the foci"):
         loudest = float(np.abs(made.drive.amplitudes).max())
         box = box_around(setup.target.points, setup.scene.wavelength)
@@ -98,8 +99,8 @@ def render(path: Path, folder: Path, tell: Callable[[str], None] = lambda step: 
     return run
 
 
-def _make_drive(setup: Setup, clock: Clock) -> _Made:
-    transfer, report = heard_foci(setup, clock)
+def _make_drive(setup: Setup, clock: Clock, store: Path | None) -> _Made:
+    transfer, report = heard_foci(setup, clock, store)
     with clock.step("drive", f"making the drive by {setup.method.replace('_', ' ')}"):
         drive, said = synthesised(setup.synthesise, transfer, setup.target)
     return _Made(report, transfer, drive, quantise(drive), said)
@@ -114,12 +115,12 @@ def _write_drive(folder: Path, setup: Setup, made: _Made) -> None:
     write_drive_h5(folder / "drive.h5", setup.array, made.drive, made.frame, made.transfer, setup.target, texts)
 
 
-def _judge(setup: Setup, made: _Made, clock: Clock) -> tuple[Comparison, RadiatedField]:
+def _judge(setup: Setup, made: _Made, clock: Clock, store: Path | None) -> tuple[Comparison, RadiatedField]:
     """Compare the drive with the one that ignores the bodies; the field's first two sounds are these two, loudest 1."""
     control = focus_by_distance(setup.array, setup.target, setup.scene.medium, setup.scene.frequency)
     drives = {CONSIDERED: made.drive, IGNORED: control}
     with clock.step("judge", "judging it by a finer solution with all transducers as sources"):
-        judge = Keeping(finer(setup))
+        judge = Keeping(kept(finer(setup), store))
         comparison = compare(setup.scene, setup.array, drives, setup.target, solver=judge)
     return comparison, judge.field
 

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Complex128, Float64
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import check_frequency, complex_numbers, counted, of_kind, refuse_not_finite
+from airtact.scene.guards import check_frequency, complex_numbers, counted, of_kind, place, refuse_not_finite
 from airtact.scene.medium import Medium
 from airtact.scene.printing import in_short
 from airtact.scene.target import Target
@@ -148,7 +148,7 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
     ------
     InvalidInput
         If the sources are not unit beacons, an element is inside a body, a focus or a body is behind the face of a
-        directional element, or the field is not finite at an element.
+        directional element, or the field is not known at an element.
     """
     of_kind(beacons, RadiatedField, "the field of the beacons", "solver.radiate(scene, target.beacons())")
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
@@ -163,9 +163,21 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
     check_placement(beacons.scene, array, sources.positions)
     element = array.element
     heard = beacons.at(array.face_points.reshape(-1, 3)).reshape(len(array), -1, count)
+    _refuse_unknown(heard, array)
     matrix = element.sensitivity * np.einsum("eqf,q->fe", heard, element.weights) * array.gains
     error = _estimated_error(beacons, array.positions)
     return TransferMatrix(matrix, error, sources.positions, beacons.scene.wavelength)
+
+
+def _refuse_unknown(heard: Complex128[np.ndarray, "elements face foci"], array: PhasedArray) -> None:
+    unknown = ~np.isfinite(heard).all(axis=(1, 2))
+    if unknown.any():
+        first = int(unknown.argmax())
+        raise InvalidInput(
+            f"{int(unknown.sum())} of {len(array)} elements stand where the field is not known, first element {first} "
+            f"at {place(array.positions[first])}; give a field that reaches them all.",
+            array.positions[first],
+        )
 
 
 def _estimated_error(beacons: RadiatedField, positions: Float64[np.ndarray, "elements 3"]) -> float:

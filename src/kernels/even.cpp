@@ -32,12 +32,12 @@ double shape(const Point &a, const Point &b, const Point &c) {
     return edge > 0 ? std::sqrt(square(area(a, b, c))) / edge : 0;
 }
 
-// Largest cosine of its angles: large for a triangle with a small angle
+// Largest cosine of its angles, which is that of the one opposite the shortest edge: large where an angle is small
 double sharpest(const Point &a, const Point &b, const Point &c) {
     const Point p = minus(b, a), q = minus(c, b), r = minus(a, c);
     const double pp = square(p), qq = square(q), rr = square(r);
-    return std::max({-inner(p, r) / std::sqrt(pp * rr), -inner(p, q) / std::sqrt(pp * qq),
-                     -inner(q, r) / std::sqrt(qq * rr)});
+    if (pp <= qq && pp <= rr) return -inner(q, r) / std::sqrt(qq * rr);
+    return qq <= rr ? -inner(p, r) / std::sqrt(pp * rr) : -inner(p, q) / std::sqrt(pp * qq);
 }
 
 struct Mesh {
@@ -46,11 +46,14 @@ struct Mesh {
     std::vector<Corners> f;  // first corner -1: removed
     std::vector<std::vector<std::int64_t>> at;
     std::size_t most;
+    std::vector<std::int64_t> here, there;  // room for collapse
 
     bool alive(std::int64_t t) const { return f[t][0] >= 0; }
     void drop(std::int64_t v, std::int64_t t) { at[v].erase(std::find(at[v].begin(), at[v].end(), t)); }
+    // Squared length of an edge over that wanted there
     double relative(std::int64_t a, std::int64_t b) const {
-        return std::sqrt(square(minus(x[a], x[b]))) / (0.5 * (size[a] + size[b]));
+        const double wanted = 0.5 * (size[a] + size[b]);
+        return square(minus(x[a], x[b])) / (wanted * wanted);
     }
     // The other triangle of edge a b, which runs b a there; -1 if none
     std::int64_t across(std::int64_t a, std::int64_t b) const {
@@ -64,13 +67,11 @@ struct Mesh {
             if (f[t][k] != a && f[t][k] != b) return f[t][k];
         return -1;
     }
-    std::vector<std::int64_t> around(std::int64_t v) const {
-        std::vector<std::int64_t> found;
-        found.reserve(at[v].size());
+    void around(std::int64_t v, std::vector<std::int64_t> &found) const {
+        found.clear();
         for (const std::int64_t t : at[v])
             for (int k = 0; k < 3; k++)
                 if (f[t][k] == v) found.push_back(f[t][(k + 1) % 3]);
-        return found;
     }
     bool joined(std::int64_t a, std::int64_t b) const {
         for (const std::int64_t t : at[a])
@@ -102,15 +103,16 @@ struct Mesh {
         if (u < 0) return false;
         const std::int64_t c = third(t, a, b), d = third(u, a, b);
         if (c == d || at[c].size() <= 3 || at[d].size() <= 3 || at[a].size() + at[b].size() < 7) return false;
-        const std::vector<std::int64_t> here = around(a), there = around(b);
+        around(a, here), around(b, there);
         int shared = 0;
         for (const std::int64_t v : here) shared += std::count(there.begin(), there.end(), v) > 0;
         if (shared != 2) return false;
         const Point m{0.5 * (x[a][0] + x[b][0]), 0.5 * (x[a][1] + x[b][1]), 0.5 * (x[a][2] + x[b][2])};
-        for (const auto &ring : {here, there})
-            for (const std::int64_t v : ring)
-                if (v != a && v != b && !by_force && std::sqrt(square(minus(x[v], m))) > longest * 0.5 * (size[v] + size[a]))
-                    return false;
+        for (const auto *ring : {&here, &there})
+            for (const std::int64_t v : *ring) {
+                const double wanted = longest * 0.5 * (size[v] + size[a]);
+                if (v != a && v != b && !by_force && square(minus(x[v], m)) > wanted * wanted) return false;
+            }
         for (const std::int64_t end : {a, b})
             for (const std::int64_t s : at[end]) {
                 if (s == t || s == u) continue;
@@ -139,37 +141,41 @@ struct Mesh {
         return true;
     }
 
-    // Flip the diagonal of two triangles where that makes their smallest angle larger
-    bool flip(std::int64_t t, int k) {
+    // Flip the diagonal of two triangles, with the largest cosines in `sharp`, where that makes their smallest angle
+    // larger; the other triangle, or -1 if not
+    std::int64_t flip(std::int64_t t, int k, std::vector<double> &sharp) {
         const std::int64_t a = f[t][k], b = f[t][(k + 1) % 3], u = across(a, b);
-        if (u < 0) return false;
+        if (u < 0) return -1;
         const std::int64_t c = third(t, a, b), d = third(u, a, b);
-        if (c == d || at[a].size() <= 3 || at[b].size() <= 3 || joined(c, d)) return false;
-        const double now = std::max(sharpest(x[a], x[b], x[c]), sharpest(x[b], x[a], x[d]));
-        const double then = std::max(sharpest(x[a], x[d], x[c]), sharpest(x[d], x[b], x[c]));
-        if (!(then < now - 1e-3)) return false;
-        const Point one = normal(t), two = normal(u), three = area(x[a], x[d], x[c]), four = area(x[d], x[b], x[c]);
-        Point mean{one[0] + two[0], one[1] + two[1], one[2] + two[2]};
+        const double one = sharpest(x[a], x[d], x[c]), two = sharpest(x[d], x[b], x[c]);
+        if (!(std::max(one, two) < std::max(sharp[t], sharp[u]) - 1e-3)) return -1;
+        if (c == d || at[a].size() <= 3 || at[b].size() <= 3 || joined(c, d)) return -1;
+        const Point now = normal(t), across_it = normal(u), three = area(x[a], x[d], x[c]), four = area(x[d], x[b], x[c]);
+        Point mean{now[0] + across_it[0], now[1] + across_it[1], now[2] + across_it[2]};
         const double long_mean = std::sqrt(square(mean));
         for (const Point &face : {three, four})
-            if (!(inner(face, mean) > 0.5 * long_mean * std::sqrt(square(face)))) return false;
-        if (!(inner(three, four) > upright * std::sqrt(square(three) * square(four)))) return false;
+            if (!(inner(face, mean) > 0.5 * long_mean * std::sqrt(square(face)))) return -1;
+        if (!(inner(three, four) > upright * std::sqrt(square(three) * square(four)))) return -1;
         f[t] = {a, d, c}, f[u] = {d, b, c};
+        sharp[t] = one, sharp[u] = two;
         drop(b, t), drop(a, u);
         at[d].push_back(t), at[c].push_back(u);
-        return true;
+        return u;
     }
     void split_long() {
         for (std::int64_t t = 0; t < std::int64_t(f.size()); t++)
             for (int k = 0; k < 3; k++)
-                if (alive(t) && relative(f[t][k], f[t][(k + 1) % 3]) > longest) split(t, k);
+                if (f[t][k] < f[t][(k + 1) % 3] && relative(f[t][k], f[t][(k + 1) % 3]) > longest * longest)
+                    split(t, k);
     }
     void collapse_short() {
         for (int sweep = 0; sweep < 4; sweep++) {
             std::int64_t done = 0;
             for (std::int64_t t = 0; t < std::int64_t(f.size()); t++)
                 for (int k = 0; k < 3; k++)
-                    if (alive(t) && relative(f[t][k], f[t][(k + 1) % 3]) < shortest) done += collapse(t, k, false);
+                    if (alive(t) && f[t][k] < f[t][(k + 1) % 3] &&
+                        relative(f[t][k], f[t][(k + 1) % 3]) < shortest * shortest)
+                        done += collapse(t, k, false);
             if (done < std::int64_t(f.size()) / 500 + 1) break;
         }
     }
@@ -185,40 +191,62 @@ struct Mesh {
         }
     }
     void flip_better() {
-        for (int sweep = 0; sweep < 5; sweep++) {
-            std::int64_t done = 0;
-            for (std::int64_t t = 0; t < std::int64_t(f.size()); t++)
-                for (int k = 0; k < 3; k++)
-                    if (alive(t)) done += flip(t, k);
-            if (done == 0) break;
+        std::vector<double> sharp(f.size(), 0);
+        std::vector<std::int64_t> changed, last;
+        for (std::int64_t t = 0; t < std::int64_t(f.size()); t++)
+            if (alive(t)) sharp[t] = sharpest(x[f[t][0]], x[f[t][1]], x[f[t][2]]), last.push_back(t);
+        for (int sweep = 0; sweep < 5 && !last.empty(); sweep++) {
+            changed.clear();
+            for (const std::int64_t t : last)
+                for (int k = 0; k < 3; k++) {
+                    if (sweep == 0 && f[t][k] > f[t][(k + 1) % 3]) continue;
+                    const std::int64_t u = flip(t, k, sharp);
+                    if (u >= 0) changed.push_back(t), changed.push_back(u);
+                }
+            last.swap(changed);
         }
     }
     void smooth(double share) {
-        std::vector<Point> moved = x;
-        for (std::size_t v = 0; v < x.size(); v++) {
-            if (at[v].empty()) continue;
-            Point sum{0, 0, 0}, up{0, 0, 0};
-            double weight = 0;
-            for (const std::int64_t t : at[v]) {
-                const Point n = normal(t);
-                const double s = (size[f[t][0]] + size[f[t][1]] + size[f[t][2]]) / 3;
-                const double w = std::sqrt(square(n)) / (s * s);
-                for (int d = 0; d < 3; d++) {
-                    sum[d] += w * (x[f[t][0]][d] + x[f[t][1]][d] + x[f[t][2]][d]) / 3;
-                    up[d] += n[d];
-                }
-                weight += w;
+        std::vector<Point> middle(x.size(), Point{0, 0, 0}), up = middle;
+        std::vector<double> weight(x.size(), 0);
+        for (const Corners &corners : f) {
+            if (corners[0] < 0) continue;
+            const Point &a = x[corners[0]], &b = x[corners[1]], &c = x[corners[2]];
+            const Point n = area(a, b, c);
+            const double s = (size[corners[0]] + size[corners[1]] + size[corners[2]]) / 3;
+            const double w = std::sqrt(square(n)) / (s * s);
+            for (const std::int64_t v : corners) {
+                for (int d = 0; d < 3; d++) middle[v][d] += w * (a[d] + b[d] + c[d]) / 3, up[v][d] += n[d];
+                weight[v] += w;
             }
-            if (!(weight > 0) || !(square(up) > 0)) continue;
-            Point way{sum[0] / weight - x[v][0], sum[1] / weight - x[v][1], sum[2] / weight - x[v][2]};
-            const double out = inner(way, up) / square(up);
-            for (int d = 0; d < 3; d++) moved[v][d] = x[v][d] + share * (way[d] - out * up[d]);
         }
-        x = moved;
+        for (std::size_t v = 0; v < x.size(); v++) {
+            if (!(weight[v] > 0) || !(square(up[v]) > 0)) continue;
+            Point way;
+            for (int d = 0; d < 3; d++) way[d] = middle[v][d] / weight[v] - x[v][d];
+            const double out = inner(way, up[v]) / square(up[v]);
+            for (int d = 0; d < 3; d++) x[v][d] += share * (way[d] - out * up[v][d]);
+        }
     }
 };
 
 }  // namespace
+
+void grade_sizes(const double *vertices, const std::int64_t *triangles, std::int64_t count, double grading,
+                 std::int64_t rounds, double *sizes) {
+    std::vector<double> apart(3 * count);
+    for (std::int64_t i = 0; i < 3 * count; i++) {
+        const double *a = vertices + 3 * triangles[i], *b = vertices + 3 * triangles[i % 3 == 2 ? i - 2 : i + 1];
+        const Point way{b[0] - a[0], b[1] - a[1], b[2] - a[2]};
+        apart[i] = grading * std::sqrt(square(way));
+    }
+    for (std::int64_t round = 0; round < rounds; round++)
+        for (std::int64_t i = 0; i < 3 * count; i++) {
+            double &one = sizes[triangles[i]], &two = sizes[triangles[i % 3 == 2 ? i - 2 : i + 1]];
+            one = std::min(one, two + apart[i]);
+            two = std::min(two, one + apart[i]);
+        }
+}
 
 void even_pass(double *vertices, double *sizes, std::int64_t most, std::int64_t *triangles, std::int64_t *counts,
                bool keep, double needle, double share) {

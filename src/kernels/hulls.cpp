@@ -20,6 +20,7 @@ double dot(Vector a, Vector b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 double length(Vector a) { return std::sqrt(dot(a, a)); }
 Vector cross(Vector a, Vector b) { return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x}; }
 Vector read(const double *p) { return {p[0], p[1], p[2]}; }
+void write(Vector a, double *p) { p[0] = a.x, p[1] = a.y, p[2] = a.z; }
 
 struct Foot {
     double distance;  // to the hull, negative inside
@@ -120,6 +121,124 @@ std::vector<Hull> hulls_of(const double *balls, const std::int64_t *parts, std::
     return hulls;
 }
 
+struct Found {
+    double distance, bend, facing;
+    Vector gradient;
+    int nearest;
+};
+
+// A union of hulls, seen from one point after the other; each thread has its own
+struct Body {
+    const std::vector<Hull> &hulls;
+    const double *blend, *apart;
+    double carve, reach;
+    int count, some = 0;
+    std::vector<double> least, level;
+    std::vector<Foot> feet;
+    std::vector<int> close, here;  // hulls near the point, and near the place
+
+    Body(const std::vector<Hull> &all, const double *widths, const double *standing, double carved, double looked)
+        : hulls(all), blend(widths), apart(standing), carve(carved), reach(looked), count(int(all.size())),
+          least(count), level(count), feet(count), close(count) {
+        for (int i = 0; i < count; i++) here.push_back(i);
+    }
+
+    // Look at points within a ball from now on
+    void narrow(Vector middle, double radius) {
+        double best = std::numeric_limits<double>::infinity();
+        for (int i = 0; i < count; i++) best = std::min(best, least[i] = hulls[i].at(middle).distance);
+        here.clear();
+        for (int i = 0; i < count; i++)
+            if (least[i] < best + reach + 2 * radius + 1e-9) here.push_back(i);
+    }
+
+    // Distance of the nearest hull that joins hulls i and j; they stand apart where j is nearer
+    double joint(int i, int j) const {
+        double found = std::numeric_limits<double>::infinity();
+        for (int c = 0; c < some; c++)
+            if (blend[i * count + close[c]] > 0 && blend[j * count + close[c]] > 0)
+                found = std::min(found, feet[close[c]].distance);
+        return found - feet[j].distance;
+    }
+    int nearest_of(Vector x) {
+        int first = here[0], winner;
+        for (const int i : here) {
+            least[i] = hulls[i].least(x);
+            if (least[i] < least[first]) first = i;
+        }
+        feet[first] = hulls[first].at(x);
+        winner = first;
+        some = 0;
+        for (const int i : here) {
+            if (i != first && least[i] >= feet[winner].distance + reach) continue;
+            if (i != first) feet[i] = hulls[i].at(x);
+            if (feet[i].distance < feet[winner].distance) winner = i;
+            close[some++] = i;
+        }
+        return winner;
+    }
+    void carve_out() {
+        for (int a = 0; a < some; a++) {
+            const int i = close[a];
+            level[i] = feet[i].distance;
+            for (int b = 0; b < some && carve > 0; b++) {
+                const int j = close[b];
+                if (apart[i * count + j] <= 0 || carve - feet[j].distance <= level[i]) continue;
+                const double wide = std::min(std::max(joint(i, j) / (0.4 * carve), 0.0), 1.0);
+                if (wide > 0) level[i] = std::max(level[i], wide * carve - feet[j].distance);
+            }
+        }
+    }
+    void fill_creases(Found &found) const {
+        for (int a = 0; a < some; a++)
+            for (int b = 0; b < a; b++) {
+                const int i = close[a], j = close[b];
+                const double full = blend[i * count + j], between = std::abs(level[i] - level[j]);
+                const double most = full - between, lowest = std::min(level[i], level[j]);
+                if (most <= 0 || lowest - most * most / (4 * full) >= found.distance) continue;
+                const double width = full * 0.5 * (1 - dot(feet[i].normal, feet[j].normal)), over = width - between;
+                if (over <= 0) continue;
+                const double joined = lowest - over * over / (4 * width);
+                if (joined >= found.distance) continue;
+                const double share = over / (2 * width);
+                const bool lower = level[i] < level[j];
+                found.distance = joined;
+                found.gradient = (lower ? 1 - share : share) * feet[i].normal +
+                                 (lower ? share : 1 - share) * feet[j].normal;
+                found.bend = std::min(found.bend, 0.25 * full * full / width);
+            }
+    }
+    Found look(Vector x) {
+        const int winner = nearest_of(x);
+        const double infinity = std::numeric_limits<double>::infinity();
+        Found found{infinity, feet[winner].radius, infinity, {0, 0, 0}, winner};
+        carve_out();
+        for (int a = 0; a < some; a++) {
+            const int i = close[a];
+            if (level[i] < found.distance)
+                found.distance = level[i], found.gradient = feet[i].normal, found.bend = feet[i].radius;
+            if (apart[winner * count + i] > 0 && feet[i].distance < found.facing && joint(winner, i) > 0)
+                found.facing = feet[i].distance;
+        }
+        fill_creases(found);
+        return found;
+    }
+};
+
+constexpr std::int64_t together = 64;  // points that are looked at one after the other, often near each other
+
+void narrow_to(Body &body, const double *points, std::int64_t start, std::int64_t end) {
+    Vector middle{0, 0, 0};
+    double square = 0;
+    for (std::int64_t p = start; p < end; p++) middle = middle + read(points + 3 * p);
+    middle = 1.0 / double(end - start) * middle;
+    for (std::int64_t p = start; p < end; p++) {
+        const Vector away = read(points + 3 * p) - middle;
+        square = std::max(square, dot(away, away));
+    }
+    body.narrow(middle, std::sqrt(square));
+}
+
 }  // namespace
 
 void hull_distances(const double *points, std::int64_t n, const double *balls, const std::int64_t *parts,
@@ -131,81 +250,54 @@ void hull_distances(const double *points, std::int64_t n, const double *balls, c
 }
 
 void blended_distance(const double *points, std::int64_t n, const double *balls, const std::int64_t *parts,
-                      std::int64_t count, const double *blend, const double *apart, double carve,
-                      double reach, double *distance, double *gradient, double *bend, double *facing, std::int64_t *nearest) {
+                      std::int64_t count, const double *blend, const double *apart, double carve, double reach,
+                      double *distance, double *gradient, double *bend, double *facing, std::int64_t *nearest) {
     const std::vector<Hull> hulls = hulls_of(balls, parts, count);
 #pragma omp parallel
     {
-        std::vector<double> least(count), level(count);
-        std::vector<Foot> feet(count);
-        std::vector<int> close(count);
-#pragma omp for schedule(dynamic, 256)
+        Body body(hulls, blend, apart, carve, reach);
+#pragma omp for schedule(dynamic, 4)
+        for (std::int64_t block = 0; block < (n + together - 1) / together; block++) {
+            const std::int64_t end = std::min(n, (block + 1) * together);
+            narrow_to(body, points, block * together, end);
+            for (std::int64_t p = block * together; p < end; p++) {
+                const Found found = body.look(read(points + 3 * p));
+                distance[p] = found.distance;
+                write(found.gradient, gradient + 3 * p);
+                bend[p] = found.bend;
+                facing[p] = found.facing;
+                nearest[p] = found.nearest;
+            }
+        }
+    }
+}
+
+void project_on_hulls(double *points, std::int64_t n, const double *balls, const std::int64_t *parts,
+                      std::int64_t count, const double *blend, const double *apart, double reach, Steps steps) {
+    const std::vector<Hull> hulls = hulls_of(balls, parts, count);
+#pragma omp parallel
+    {
+        Body body(hulls, blend, apart, 0, reach);
+#pragma omp for schedule(dynamic, 64)
         for (std::int64_t p = 0; p < n; p++) {
-            const Vector x = read(points + 3 * p);
-            int first = 0;
-            for (int i = 0; i < count; i++) {
-                least[i] = hulls[i].least(x);
-                if (least[i] < least[first]) first = i;
+            Vector x = read(points + 3 * p);
+            Found found = body.look(x);
+            for (std::int64_t step = 0; step < steps.most && std::abs(found.distance) > steps.on_skin; step++) {
+                const double square = std::max(dot(found.gradient, found.gradient), 0.1), slope = std::sqrt(square);
+                const double far = std::min(std::max(found.distance / slope, -steps.longest), steps.longest);
+                x = x - far / slope * found.gradient;
+                found = body.look(x);
             }
-            feet[first] = hulls[first].at(x);
-            double best = feet[first].distance;
-            int some = 0;
-            for (int i = 0; i < count; i++) {
-                if (i != first && least[i] >= best + reach) continue;
-                if (i != first) feet[i] = hulls[i].at(x);
-                best = std::min(best, feet[i].distance);
-                close[some++] = i;
-            }
-            // Distance of the nearest hull that joins hulls i and j; they stand apart where j is nearer
-            const auto joint = [&](int i, int j) {
-                double found = std::numeric_limits<double>::infinity();
-                for (int c = 0; c < some; c++)
-                    if (blend[i * count + close[c]] > 0 && blend[j * count + close[c]] > 0)
-                        found = std::min(found, feet[close[c]].distance);
-                return found - feet[j].distance;
-            };
-            int winner = first;
-            double across = std::numeric_limits<double>::infinity();
-            for (int a = 0; a < some; a++) {
-                const int i = close[a];
-                level[i] = feet[i].distance;
-                for (int b = 0; b < some && carve > 0; b++) {
-                    const int j = close[b];
-                    if (apart[i * count + j] <= 0) continue;
-                    const double wide = std::min(std::max(joint(i, j) / (0.4 * carve), 0.0), 1.0);
-                    if (wide > 0) level[i] = std::max(level[i], wide * carve - feet[j].distance);
+            if (std::abs(found.distance) > steps.on_skin) {  // it jumps from side to side of a crease
+                const double side = found.distance > 0 ? 1 : -1;
+                Vector far = x - side * steps.stride * found.gradient;
+                const bool through = side * body.look(far).distance < 0;
+                for (std::int64_t step = 0; through && step < steps.halvings; step++) {
+                    const Vector middle = 0.5 * (x + far);
+                    (side * body.look(middle).distance > 0 ? x : far) = middle;
                 }
-                if (feet[i].distance < feet[winner].distance) winner = i;
             }
-            double value = std::numeric_limits<double>::infinity(), round = feet[winner].radius;
-            Vector slope{0, 0, 0};
-            for (int a = 0; a < some; a++) {
-                const int i = close[a];
-                if (level[i] < value) value = level[i], slope = feet[i].normal, round = feet[i].radius;
-                if (apart[winner * count + i] > 0 && joint(winner, i) > 0) across = std::min(across, feet[i].distance);
-            }
-            for (int a = 0; a < some; a++)
-                for (int b = 0; b < a; b++) {
-                    const int i = close[a], j = close[b];
-                    double width = blend[i * count + j];
-                    if (width <= 0) continue;
-                    const double full = width;
-                    width *= 0.5 * (1 - dot(feet[i].normal, feet[j].normal));
-                    const double over = width - std::abs(level[i] - level[j]);
-                    if (over <= 0) continue;
-                    const double joined = std::min(level[i], level[j]) - over * over / (4 * width);
-                    if (joined >= value) continue;
-                    const double share = over / (2 * width);
-                    const bool lower = level[i] < level[j];
-                    value = joined;
-                    slope = (lower ? 1 - share : share) * feet[i].normal + (lower ? share : 1 - share) * feet[j].normal;
-                    round = std::min(round, 0.25 * full * full / width);
-                }
-            distance[p] = value;
-            if (gradient) gradient[3 * p] = slope.x, gradient[3 * p + 1] = slope.y, gradient[3 * p + 2] = slope.z;
-            if (bend) bend[p] = round;
-            if (facing) facing[p] = across;
-            if (nearest) nearest[p] = winner;
+            write(x, points + 3 * p);
         }
     }
 }

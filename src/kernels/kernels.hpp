@@ -32,6 +32,13 @@ struct NearRule {
     std::int64_t angular, radial;   // points for a target far from the panel's plane
 };
 
+struct Steps {  // that bring points onto a skin
+    std::int64_t most;
+    double longest, on_skin;  // no step is longer; nearer points are there
+    double stride;            // where they do not settle, the skin is looked for so far on ...
+    std::int64_t halvings;    // ... and found by halving the way so often
+};
+
 }  // namespace airtact
 #endif
 
@@ -106,12 +113,21 @@ void hull_distances(const double *points, std::int64_t n, const double *balls, c
 
 // Distance to the union of hulls, creases between hulls i and j filled over a width blend[i, j] (1 - n_i n_j)/2, n being
 // outward normals. Hulls with apart[i, j] > 0 are each carved out to `carve` round the other, or not at all if 0, but not
-// where a hull that joins both is nearer. Hulls farther than the nearest by `reach` are left out. Also, unless null, its gradient; the radius at which it bends there;
-// the distance of the nearest hull that stands apart from the nearest one; the nearest hull.
+// where a hull that joins both is nearer. Hulls farther than the nearest by `reach` are left out. Also its gradient; the
+// radius at which it bends there; the distance of the nearest hull that stands apart from the nearest one; the nearest
+// hull.
 void blended_distance(const double *points, std::int64_t n, const double *balls, const std::int64_t *parts,
                       std::int64_t count, const double *blend, const double *apart, double carve, double reach,
                       double *distance, double *gradient, double *bend, double *facing,
                       std::int64_t *nearest);
+
+// Bring points onto that skin, in place, along the gradient of the distance.
+void project_on_hulls(double *points, std::int64_t n, const double *balls, const std::int64_t *parts,
+                      std::int64_t count, const double *blend, const double *apart, double reach, Steps steps);
+
+// Make the sizes at vertices grow by `grading` times the length of an edge from end to end at most, in some rounds.
+void grade_sizes(const double *vertices, const std::int64_t *triangles, std::int64_t count, double grading,
+                 std::int64_t rounds, double *sizes);
 
 // One pass towards even triangles with edges about as long as the sizes of their ends, in place: `counts` are the
 // vertices and triangles in use, before and after, `most` the vertices and half the triangles that there is room for.

@@ -47,6 +47,8 @@ struct Variant {
     decltype(&baseline::near_integrals) near_integrals;
     decltype(&baseline::hull_distances) hull_distances;
     decltype(&baseline::blended_distance) blended_distance;
+    decltype(&baseline::project_on_hulls) project_on_hulls;
+    decltype(&baseline::grade_sizes) grade_sizes;
     decltype(&baseline::even_pass) even_pass;
     decltype(&baseline::gerchberg_saxton) gerchberg_saxton;
 };
@@ -59,7 +61,8 @@ struct Variant {
 #define AIRTACT_TABLE(v)                                                                                             \
     { #v, {AIRTACT_DUAL(v, std::int16_t), AIRTACT_DUAL(v, float), AIRTACT_DUAL(v, double)}, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::near_pairs, &v::closest_on_panels,      \
             &v::inscribed_diameter, \
-      &v::near_integrals, &v::hull_distances, &v::blended_distance, &v::even_pass, &v::gerchberg_saxton }
+      &v::near_integrals, &v::hull_distances, &v::blended_distance, &v::project_on_hulls, &v::grade_sizes, \
+      &v::even_pass, &v::gerchberg_saxton }
 
 static std::vector<Variant> runnable() {  // on this machine, the best last
     std::vector<Variant> found{AIRTACT_TABLE(baseline)};
@@ -279,12 +282,34 @@ static void blended(Points x, Read<double, -1, 4> balls, Hulls parts, Square ble
                              nearest.data());
 }
 
+static void on_hulls(Write<double, -1, 3> x, Read<double, -1, 4> balls, Hulls parts, Square blend, Square apart,
+                     double reach, std::int64_t most, double longest, double on_skin, double stride,
+                     std::int64_t halvings) {
+    right_balls(balls, parts);
+    for (const Square &table : {blend, apart})
+        same(table.shape(0), parts.shape(0)), same(table.shape(1), parts.shape(0));
+    nb::gil_scoped_release release;
+    active->project_on_hulls(x.data(), x.shape(0), balls.data(), parts.data(), parts.shape(0), blend.data(),
+                             apart.data(), reach, {most, longest, on_skin, stride, halvings});
+}
+
+template <class Triangles> static void right_vertices(Triangles triangles, std::int64_t used, std::size_t vertices) {
+    for (std::int64_t i = 0; i < 3 * used; i++)
+        if (triangles.data()[i] < 0 || triangles.data()[i] >= std::int64_t(vertices))
+            throw nb::index_error("a triangle has a vertex that does not exist");
+}
+
+static void graded(Points x, Hulls triangles, double grading, std::int64_t rounds, Write<double, -1> sizes) {
+    same(x.shape(0), sizes.shape(0));
+    right_vertices(triangles, triangles.shape(0), x.shape(0));
+    nb::gil_scoped_release release;
+    active->grade_sizes(x.data(), triangles.data(), triangles.shape(0), grading, rounds, sizes.data());
+}
+
 static void even(Write<double, -1, 3> vertices, Write<double, -1> sizes, Write<std::int64_t, -1, 3> triangles,
                  Write<std::int64_t, 2> counts, bool keep, double needle, double share) {
     same(vertices.shape(0), sizes.shape(0)), same(2 * vertices.shape(0), triangles.shape(0));
-    for (std::int64_t i = 0; i < 3 * counts.data()[1]; i++)
-        if (triangles.data()[i] < 0 || triangles.data()[i] >= counts.data()[0])
-            throw nb::index_error("a triangle has a vertex that does not exist");
+    right_vertices(triangles, counts.data()[1], counts.data()[0]);
     nb::gil_scoped_release release;
     active->even_pass(vertices.data(), sizes.data(), vertices.shape(0), triangles.data(), counts.data(), keep, needle,
                       share);
@@ -321,6 +346,8 @@ NB_MODULE(_kernels, m) {
     m.def("near_integrals", &near);
     m.def("hull_distances", &apart_from_hulls);
     m.def("blended_distance", &blended);
+    m.def("project_on_hulls", &on_hulls);
+    m.def("grade_sizes", &graded);
     m.def("even_pass", &even);
     m.def("gerchberg_saxton", &saxton);
 }

@@ -67,11 +67,15 @@ def test_positions_that_cannot_be_predicted_are_left_out_and_counted():
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("x,y,pressure\n0,0,1\n", "scan.csv has no column z"),
-        ("", "scan.csv has no column x, y, z, pressure"),
+        ("x,y,pressure\n0,0,1\n", "scan.csv has no column z: it needs x, y, z, pressure, and has 3 columns"),
+        ("", "scan.csv has 0 rows of numbers, but no line that names its columns"),
+        ("x;y;z;pressure\n0;0;0;1\n", "line 1 of scan.csv has no comma but 3 semicolons; put commas between cells"),
         ("x,y,z,pressure\n0,0,0,1\n0,0,one,1\n", "line 3 of scan.csv has 'one' for z"),
-        ("x,y,z,pressure\n0,0,0,1\n0,0,1\n", "line 3 of scan.csv has None for pressure"),
-        ("x,y,z,pressure\n0,0,0,1\n0,0,1,nan\n0,1,0,1\n", "1 NaN or infinite value, the first at index [1]"),
+        ("x,y,z,pressure\n0,0,0,1\n0,0,1\n", "line 3 of scan.csv has 3 cells, but there are 4 columns"),
+        (
+            "x,y,z,pressure\n0,0,0,1\n0,0,1,nan\n0,1,0,1\n",
+            "line 3 of scan.csv has 'nan' for pressure, which is not finite",
+        ),
         ("x,y,z,pressure\n0,0,0,1\n0,0,1,2\n", "the scan has 2 positions; give 3 or more"),
         ("x,y,z,pressure\n", "the scan has 0 positions"),
         ("x,y,z,pressure\n0,0,0,1\n0,0,12,2\n0,0,1,2\n", "position 1 of the scan is 12 m from the origin"),
@@ -89,7 +93,7 @@ def test_files_that_are_not_there_or_no_text_are_refused(tmp_path):
     with pytest.raises(InvalidInput, match=r"cannot read missing\.csv"):
         load_scan(tmp_path / "missing.csv")
     (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x00x,y")
-    with pytest.raises(InvalidInput, match=r"bytes\.csv is no table of text"):
+    with pytest.raises(InvalidInput, match=r"bytes\.csv is not a text file: byte 0"):
         load_scan(tmp_path / "bytes.csv")
 
 

@@ -18,7 +18,7 @@ TINY = dataclasses.replace(
     name="tiny",
     order=3,
     elements_per_wavelength=1.0,
-    plane_step=4e-3,
+    plane_step=2e-3,  # a grid that holds the beacons, where the pressure is infinite
     judging=0.1,
     truth=0.1,
     sweep_drive=0.1,
@@ -42,10 +42,13 @@ TABLES = {
     "beacon_field",
     "differences",
     "foci",
+    "mesh_cut",
     "mesh_sizes",
+    "mesh_skins",
     "microphone",
     "pressures",
     "rigid_motion",
+    "rigid_motion_readings",
     "sweep",
     "transducers",
 }
@@ -74,6 +77,26 @@ def test_page_is_self_contained_and_says_what_was_left_out(small) -> None:
     assert re.findall(r'(?:src|href)="(?!data:)', page) == []
     assert "This is the tiny run" in page
     assert len(told) == len(set(told)) > 10
+    assert not done.failed
+    for name in re.findall(r"data/(\w+)", page):
+        assert name in TABLES
+
+
+def test_what_was_done_before_a_failure_and_before_ctrl_c_is_kept(tmp_path) -> None:
+    def broken_off(step: str) -> None:
+        if step.startswith("moving the hand"):
+            raise KeyboardInterrupt
+
+    settings = dataclasses.replace(TINY, gaps=(6e-3, 0.0), radii=(8e-3,))
+    with pytest.raises(KeyboardInterrupt):
+        reproduce(tmp_path, tell=broken_off, settings=settings)
+    page = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert "Unfinished: 2 parts are still to come (Rigid motion, Mesh and order)" in page
+    assert "This part failed, and the others were done without it: a gap of 0 mm leaves no room" in page
+    assert page.count("data:image/png;base64,") == 6
+    assert len(rows_of(tmp_path, "sweep")) == 1  # the fingers before the ones that cannot be
+    unfinished = {"mesh_sizes", "rigid_motion", "rigid_motion_readings"}
+    assert {path.stem for path in (tmp_path / "data").iterdir()} == TABLES - unfinished
 
 
 def test_numbers_behind_each_figure_are_in_both_kinds_of_file(small) -> None:
@@ -122,5 +145,5 @@ def test_quick_run_shows_what_the_issue_asks(tmp_path) -> None:
     assert between <= 2.0
     assert len(rows_of(tmp_path, "sweep")) == 12 + 5
     motion = rows_of(tmp_path, "rigid_motion")
-    integral, literal = numbers(motion, "surface_integral"), numbers(motion, "4_nearest_nodes_at_lambda_6")
+    integral, literal = numbers(motion, "surface_integral"), numbers(motion, "4_nearest_nodes_lambda_6")
     assert np.median(integral) < 0.02 < np.median(literal)

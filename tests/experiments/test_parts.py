@@ -1,5 +1,9 @@
 """Parts of the experiment by themselves, against closed forms."""
 
+import dataclasses
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
@@ -7,11 +11,13 @@ from scipy.spatial import KDTree
 import airtact as at
 from airtact.experiments.dummies import dummies
 from airtact.experiments.measurement import peak_ratios, readings
-from airtact.experiments.mesh_run import Combination, Row, run_apart
-from airtact.experiments.mesh_sizes import expected_unknowns, predicted
+from airtact.experiments.mesh_run import Combination, Ran, run_apart
+from airtact.experiments.mesh_sizes import how_many, study
 from airtact.experiments.part import write_columns
 from airtact.experiments.plane_figure import carried
 from airtact.experiments.rigid_motion import Nodes, nodes_beside, random_poses
+from airtact.experiments.settings import FULL
+from airtact.judging import Clock
 from airtact.report.windows import AXES, Window
 
 K = 2 * np.pi * 40e3 / 343.1
@@ -82,14 +88,51 @@ def test_poses_are_the_same_every_time() -> None:
     assert max(np.abs(pose.translation).max() for pose in one) <= 5e-3
 
 
-def test_costs_are_predicted_by_their_powers() -> None:
-    small, large = Combination(2, 2.0, "tight"), Combination(2, 4.0, "tight")
-    nothing, known = Combination(1, 1.0, "tight"), expected_unknowns(small)
-    ran = [Row(nothing, 100.0, 1.0, 0.35 * 2**30, 0.5, ""), Row(small, 2 * known, 11.0, 0.35 * 2**30 + 1e8, 0.1, "")]
-    unknowns, seconds, most = predicted(large, ran)
-    assert unknowns == pytest.approx(16 * known)
-    assert seconds == pytest.approx(1.0 + 10.0 * 8**1.7)
-    assert most == pytest.approx(0.35 * 2**30 + 1e8 * 8 ** (4 / 3))
+def costs_of(one: Combination) -> tuple[float, float, float]:
+    """Tetrahedra, seconds and bytes of a mesh by a law of its own, other powers than the prediction's among it."""
+    cells = {"tight": 1300, "box": 8600}[one.domain] * (0.3 + 0.7 * one.elements_per_wavelength**3)
+    local, shared = (one.order + 1) * (one.order + 2) * (one.order + 3) / 6, cells * one.order**3 / 6
+    return cells, 0.5 + 3e-4 * cells + 4e-7 * cells * local**2 + 2e-7 * shared**1.6, 3e8 + 40 * cells * local**2
+
+
+def imitated(one: Combination, _limit: float) -> Ran:
+    cells, seconds, most = costs_of(one)
+    return Ran(int(cells), int(cells * one.order**3 / 6), seconds, int(most), np.ones(4, dtype=np.complex128))
+
+
+def test_study_runs_what_is_within_its_limits_and_nothing_else() -> None:
+    settings, kept = FULL, []
+    rows = study(settings, np.ones(4, dtype=np.complex128), Clock(lambda _: None), imitated, kept.append)
+    assert len(rows) == 96
+    assert len({row.combination for row in rows}) == 96
+    for row in rows:
+        _, seconds, most = costs_of(row.combination)
+        share = max(seconds / settings.study_seconds, most / settings.study_bytes)
+        if not 0.7 < share < 1.4:  # a prediction is no more exact than that
+            assert (row.said == "") == (share < 1)
+    ran = [row for row in rows if not row.said]
+    assert len(ran) > 30
+    assert all(row.error == 0.0 for row in ran)
+    assert [sum(not row.said for row in some) for some in kept] == list(range(len(ran) + 1))  # each run was kept
+
+
+def test_study_stops_when_its_time_is_spent_and_says_so() -> None:
+    settings = dataclasses.replace(FULL, study_budget=1.0)
+    rows = study(settings, np.ones(4, dtype=np.complex128), Clock(lambda _: None), imitated)
+    cut = [row for row in rows if row.said == "no time left for it"]
+    assert cut
+    assert any(not row.said for row in rows)
+    assert f"{len(cut)} within those limits were not run because the study as a whole is given 1 s" in how_many(
+        rows, settings
+    )
+
+
+def test_memory_of_a_process_is_its_own() -> None:
+    """The largest memory that Linux counts for a child would hold what its parent had."""
+    ballast = np.ones(2**26)  # half a gigabyte
+    command = [sys.executable, "-c", "from airtact.experiments.mesh_run import most_memory; print(most_memory())"]
+    told = int(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    assert 2**24 < told < ballast.nbytes
 
 
 def test_a_run_that_takes_too_long_is_ended_and_says_so() -> None:

@@ -6,7 +6,7 @@ skin at a share of the smaller radius of curvature, and the own error is the cha
 
 import numpy as np
 
-from references.capsules import least_squares, slopes, waves
+from airtact.benching.fundamental_solutions import least_squares, slopes, waves
 
 DEPTH = 0.55
 """Depth of the monopoles over the smaller radius of curvature."""

@@ -2,6 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import Delaunay
 
 from airtact import _kernels
 from airtact.scene.hand_hulls import Hulls
@@ -125,6 +128,20 @@ def test_even_triangles_are_about_as_large_as_asked():
         assert np.sqrt(area / len(skin.triangles) * 4 / np.sqrt(3)) == pytest.approx(edge, rel=0.2)
 
 
+def test_sizes_grow_no_faster_than_the_way_over_edges_from_the_smallest():
+    x, y = (index.ravel() for index in np.meshgrid(np.arange(12.0), np.arange(9.0)))
+    vertices = np.column_stack([x, y, np.random.default_rng(5).uniform(0, 1, len(x))])
+    triangles = Delaunay(vertices[:, :2] + 0.01 * vertices[:, 2:]).simplices.astype(np.int64)
+    ends = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    ends = np.unique(np.sort(ends, axis=1), axis=0)
+    lengths = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1)
+    ways = dijkstra(coo_array((lengths, ends.T), shape=(len(x), len(x))).tocsr(), directed=False)
+    asked = np.random.default_rng(6).uniform(0.5, 9, len(x))
+    sizes = asked.copy()
+    _kernels.grade_sizes(vertices, triangles, 0.35, 30, sizes)
+    assert sizes == pytest.approx((asked + 0.35 * ways).min(axis=1))
+
+
 def test_hulls_of_balls_that_do_not_exist_are_refused():
     with pytest.raises(IndexError, match="ball that does not exist"):
         _kernels.hull_distances(np.zeros((1, 3)), BALLS, np.array([[0, 9, -1]]), np.empty((1, 1)))
@@ -132,3 +149,10 @@ def test_hulls_of_balls_that_do_not_exist_are_refused():
     triangles[0] = [0, 1, 7]
     with pytest.raises(IndexError, match="vertex that does not exist"):
         _kernels.even_pass(np.zeros((3, 3)), np.ones(3), triangles, np.array([3, 1]), False, 1.0, 0.5)
+    with pytest.raises(IndexError, match="vertex that does not exist"):
+        _kernels.grade_sizes(np.zeros((3, 3)), triangles, 0.3, 1, np.ones(3))
+    table = np.zeros((1, 1))
+    with pytest.raises(IndexError, match="ball that does not exist"):
+        _kernels.project_on_hulls(
+            np.zeros((1, 3)), BALLS, np.array([[0, 9, -1]]), table, table, 0, 12, 2e-3, 1e-9, 5e-4, 24
+        )

@@ -201,9 +201,15 @@ def test_an_array_from_a_file(read, tmp_path):
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("x,y,z\n", "array: line 1 of ring.csv must be x,y,z,nx,ny,nz."),
-        ("x,y,z,nx,ny,nz\n0.1,0,0,-1,0,0\n0.1,0,0,-1\n", "array: line 3 of ring.csv is '0.1,0,0,-1', not six numbers."),
-        ("x,y,z,nx,ny,nz\na,b,c,d,e,f\n", "array: line 2 of ring.csv is 'a,b,c,d,e,f', not six numbers."),
+        (
+            "x,y,z\n",
+            "array: ring.csv has no column nx, ny, nz: it needs x, y, z, nx, ny, nz, and has 3 columns, x, y, z.",
+        ),
+        (
+            "x,y,z,nx,ny,nz\n0.1,0,0,-1,0,0\n0.1,0,0,-1\n",
+            "array: line 3 of ring.csv has 4 cells, but there are 6 columns, x, y, z, nx, ny, nz.",
+        ),
+        ("x,y,z,nx,ny,nz\na,b,c,d,e,f\n", "array: line 2 of ring.csv has 'a' for x, which is no number."),
         ("x,y,z,nx,ny,nz\n", "array: ring.csv holds 0 transducers."),
     ],
 )

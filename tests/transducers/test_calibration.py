@@ -66,15 +66,15 @@ def test_gains_ride_with_the_array() -> None:
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("index,gain\n0,1\n", "line 1 of gains.csv must be element,gain,phase"),
-        ("element,gain,phase\n0,1\n", "line 2 of gains.csv: '0,1' is not a whole number and two numbers"),
-        ("element,gain,phase\n1.5,1,0\n", "line 2 of gains.csv: '1.5,1,0' is not"),
+        ("index,gain\n0,1\n", "gains.csv has no column element, phase: it needs element, gain, phase"),
+        ("element,gain,phase\n0,1\n", "line 2 of gains.csv has 2 cells, but there are 3 columns"),
+        ("element,gain,phase\n1.5,1,0\n", "line 2 of gains.csv: element 1.5 is not a whole number"),
         ("element,gain,phase\n0,1,0\n12,1,0\n", "line 3 of gains.csv: there is no element 12 among 12 elements"),
         ("element,gain,phase\n0,1,0\n0,1,0\n", "line 3 of gains.csv: element 0 was given in line 2 already"),
-        ("element,gain,phase\n0,-1,0\n", "gain -1 and phase 0 rad of element 0 must be 0 to 10"),
+        ("element,gain,phase\n0,-1,0\n", "line 2 of gains.csv: gain -1 of element 0 must be 0 to 10"),
         ("element,gain,phase\n0,95,0\n", "gain 95 .* must be 0 to 10"),
-        ("element,gain,phase\n0,nan,0\n", "gain nan"),
-        ("element,gain,phase\n0,1,inf\n", "phase inf rad"),
+        ("element,gain,phase\n0,nan,0\n", "line 2 of gains.csv has 'nan' for gain, which is not finite"),
+        ("element,gain,phase\n0,1,inf\n", "line 2 of gains.csv has 'inf' for phase, which is not finite"),
     ],
 )
 def test_bad_tables_are_refused(tmp_path, text: str, sentence: str) -> None:

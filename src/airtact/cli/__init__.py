@@ -14,6 +14,7 @@ import click
 from airtact.cli.boards import boards, emit, export
 from airtact.cli.hands import hand
 from airtact.cli.papers import reproduce
+from airtact.cli.tracking import listen
 from airtact.conventions import InvalidInput, NotConverged
 from airtact.hardware.link import LinkFailed
 
@@ -61,7 +62,7 @@ def commands() -> None:
     """Compute what a phased array must emit so that a hand feels points while it scatters the sound."""
 
 
-for _command in (boards, emit, export, reproduce, hand):
+for _command in (boards, emit, export, reproduce, hand, listen):
     commands.add_command(_command)
 
 
@@ -74,6 +75,11 @@ def _surface_settings(command: Command) -> Command:
     ):
         command = click.option(name, type=float, help=says)(command)
     return command
+
+
+_store = click.option(
+    "--store", type=click.Path(path_type=Path), help="Folder where solved fields are kept, and looked for next time."
+)
 
 
 def _given(scale: float | None, largest_hole: float | None, sharp: float | None) -> dict[str, float]:
@@ -153,7 +159,8 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None
 )
 @click.argument("scene", type=click.Path(path_type=Path))
 @click.option("--out", "folder", required=True, type=click.Path(path_type=Path), help="Folder for the results.")
-def render(scene: Path, folder: Path) -> None:
+@_store
+def render(scene: Path, folder: Path, store: Path | None) -> None:
     """Compute the drive and the field for SCENE and write drive.csv, drive.h5, field.vtkhdf and report.html."""
     from rich.console import Console
 
@@ -162,7 +169,7 @@ def render(scene: Path, folder: Path) -> None:
         from airtact.cli.tables import run_table
         from airtact.render import render as run_render
 
-        run = run_render(scene, folder, tell)
+        run = run_render(scene, folder, tell, store)
     console = Console()
     console.print(run_table(run))
     _warn(console, run.said)
@@ -175,7 +182,8 @@ def render(scene: Path, folder: Path) -> None:
 )
 @click.argument("scene", type=click.Path(path_type=Path))
 @click.option("--out", "folder", required=True, type=click.Path(path_type=Path), help="Folder for the results.")
-def compare(scene: Path, folder: Path) -> None:
+@_store
+def compare(scene: Path, folder: Path, store: Path | None) -> None:
     """Make the drive of SCENE by every method, judge all, and write methods.csv, methods.html and drives/*.h5.
 
     All drives come from one transfer matrix and are judged by one finer solution.
@@ -187,7 +195,7 @@ def compare(scene: Path, folder: Path) -> None:
         from airtact.cli.tables import methods_table
         from airtact.comparing import compare_methods
 
-        contest = compare_methods(scene, folder, tell)
+        contest = compare_methods(scene, folder, tell, store)
     console = Console()
     console.print(methods_table(contest))
     _warn(console, contest.said)

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from airtact.conventions import InvalidInput
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -12,20 +14,36 @@ if TYPE_CHECKING:
 
 
 @click.command(
-    short_help="Make the skin of a hand from a pose and say what touches.",
+    short_help="Make the skin of a hand from a pose or a recording.",
     epilog="Example: airtact hand examples/hands/pinch.json --gap 0.012 --out hand.ply",
 )
-@click.argument("pose", metavar="POSE.json", type=click.Path(path_type=Path))
+@click.argument("pose", metavar="POSE_OR_RECORDING", type=click.Path(path_type=Path))
 @click.option("--gap", type=float, help="Open thumb and index finger to this gap in metres.")
 @click.option("--edge", type=float, help="Edge of the triangles in metres; 4e-3 by default.")
 @click.option("--out", "file", required=True, type=click.Path(path_type=Path), help="File for the skin.")
-def hand(pose: Path, gap: float | None, edge: float | None, file: Path) -> None:
-    """Make the closed skin of the hand in POSE.json: 25 joints of WebXR, or 21 of MediaPipe or Leap, in metres.
+@click.option("--frame", "frames", type=int, multiple=True, help="Frame of a recording; again for more. The first.")
+@click.option("--leave-out", is_flag=True, help="Leave out and count faulty frames of a recording.")
+def hand(
+    pose: Path, gap: float | None, edge: float | None, file: Path, frames: tuple[int, ...], leave_out: bool
+) -> None:
+    """Make the closed skin of a hand from its joints in metres: 25 of WebXR, or 21 of MediaPipe or Leap.
 
-    The skin is written as flat triangles in metres to .ply, .stl or .glb, or curved to .vtkhdf for ParaView; a picture
-    of it, .png, stands beside it.
+    A pose is a .json file. The skin is written as flat triangles in metres to .ply, .stl or .glb, or curved to .vtkhdf
+    for ParaView; a picture of it, .png, stands beside it. Of a recording, .jsonl or .npz, the skins of chosen frames
+    are written, and a picture of the pads over time.
     """
     from rich.console import Console
+
+    from airtact.cli.tracking import show_recording
+    from airtact.tracking.recordings import ENDINGS
+
+    if pose.suffix in ENDINGS:
+        if gap is not None:
+            raise InvalidInput(f"a gap of {gap:g} m is for 1 pose, not for a recording; leave --gap out.")
+        show_recording(pose, file, frames, leave_out, edge)
+        return
+    if frames or leave_out:
+        raise InvalidInput(f"{pose.name} is 1 pose, no recording; leave --frame and --leave-out out.")
 
     from airtact.cli import _progress
 

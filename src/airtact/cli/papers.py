@@ -4,6 +4,8 @@ from pathlib import Path
 
 import click
 
+from airtact.conventions import NotConverged
+
 PAPERS = ("inoue2014",)
 
 
@@ -18,7 +20,8 @@ def reproduce(paper: str, folder: Path, quick: bool) -> None:
     """Do the experiment of PAPER again and write index.html, with the numbers behind each figure in data/.
 
     inoue2014: S. Inoue, Y. Makino, H. Shinoda, "Producing Airborne Ultrasonic 3D Tactile Image by Time Reversal Field
-    Rendering", SICE 2014. Up to twenty minutes on two cores.
+    Rendering", SICE 2014. Up to twenty minutes on two cores. The page is written after each part, so that Ctrl-C or a
+    part that fails leaves all that was done before.
     """
     from rich.console import Console
 
@@ -33,3 +36,6 @@ def reproduce(paper: str, folder: Path, quick: bool) -> None:
     for number, what in done.facts:
         console.print(f"{number:>8}  {what}", highlight=False)
     console.print(f"The page: {done.page} ({done.seconds:.0f} s)", soft_wrap=True, highlight=False)
+    if done.failed:
+        title, why = next(iter(done.failed.items()))
+        raise NotConverged(f"{len(done.failed)} of the parts failed, the others are on the page; {title!r}: {why}")

@@ -1,6 +1,5 @@
 """A measured scan of a field, held against a prediction after one complex scale."""
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from jaxtyping import Bool, Complex128, Float64
 from airtact.conventions import InvalidInput
 from airtact.scene.guards import complex_numbers, counted, place, points_of, refuse_not_finite
 from airtact.scene.printing import in_short
+from airtact.scene.text_table import read_text_table
 
 PLACE, PRESSURE, PHASE = ("x", "y", "z"), "pressure", "phase"
 """Columns of a scan: metres, the pressure in any unit, and, where it was measured, its phase [rad]."""
@@ -60,8 +60,8 @@ class Scan:
         if repeated:
             where = points[_first_repeated(points)]
             raise InvalidInput(
-                f"{counted(repeated, 'position', 'positions')} of the scan are repeated, the first at {place(where)}; "
-                "average them first.",
+                f"{counted(repeated, 'position of the scan is', 'positions of the scan are')} repeated, the first at "
+                f"{place(where)}; average them first.",
                 where,
             )
         for name, value in (("points", points), ("pressures", pressures)):
@@ -89,37 +89,12 @@ def load_scan(path: str | Path) -> Scan:
     InvalidInput
         If the file cannot be read, a column is missing, a value is no number (with its line), or the scan is at fault.
     """
-    path = Path(path)
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            rows = csv.DictReader(stream, skipinitialspace=True)
-            columns = tuple(rows.fieldnames or ())
-            missing = [name for name in (*PLACE, PRESSURE) if name not in columns]
-            if missing:
-                raise InvalidInput(
-                    f"{path.name} has no column {', '.join(missing)}: its first line must name x, y, z, pressure and "
-                    f"perhaps phase, not {', '.join(columns) or 'nothing'}."
-                )
-            used = [*PLACE, PRESSURE, *([PHASE] if PHASE in columns else [])]
-            values = np.array([_numbers(path, rows.line_num, row, used) for row in rows]).reshape(-1, len(used))
-    except OSError as error:
-        raise InvalidInput(f"cannot read {path.name}: {error.strerror}.") from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InvalidInput(f"{path.name} is no table of text: {error}.") from None
-    phases = values[:, 4] if PHASE in columns else np.zeros(len(values))
-    return Scan(values[:, :3], values[:, 3] * np.exp(1j * phases), PHASE in columns)
-
-
-def _numbers(path: Path, line: int, row: dict[str, str], used: list[str]) -> list[float]:
-    numbers = []
-    for name in used:
-        try:
-            numbers.append(float(row[name]))
-        except (TypeError, ValueError):
-            raise InvalidInput(
-                f"line {line} of {path.name} has {row[name]!r} for {name}, which is no number."
-            ) from None
-    return numbers
+    table = read_text_table(Path(path))
+    table.require(*PLACE, PRESSURE)
+    points = np.stack([table.numbers(name) for name in PLACE], axis=1)
+    phased = PHASE in table.names
+    phases = table.numbers(PHASE) if phased else np.zeros(len(points))
+    return Scan(points, table.numbers(PRESSURE) * np.exp(1j * phases), phased)
 
 
 @dataclass(frozen=True, eq=False)

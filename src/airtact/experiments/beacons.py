@@ -24,6 +24,9 @@ from airtact.solvers.problem import SolveReport
 ON_PLANE = 1e-6
 """Corners nearer to a symmetry plane than this lie on it [λ]."""
 
+ON_BEACON = 1e-6
+"""Points nearer to a beacon than this are on it [m]."""
+
 
 def beacons(made: Solved, settings: Settings, folder: Path, clock: Clock) -> Part:
     """Show the model, the beacons' field and what each transducer gets.
@@ -38,7 +41,7 @@ def beacons(made: Solved, settings: Settings, folder: Path, clock: Clock) -> Par
     system, report = made.field.ready.system, made.field.report
     with clock.step("phases", "hearing the beacons in the plane of the fingers"):
         window = _workspace(made.dummies.middle, settings.plane_step)
-        pressure = made.field.at(window.points)[:, 0]
+        pressure = _heard(made, window.points)
     phase = np.angle(pressure)
     drive = made.drives[CONSIDERED].amplitudes
     write_columns(
@@ -47,6 +50,7 @@ def beacons(made: Solved, settings: Settings, folder: Path, clock: Clock) -> Par
         {**places(window.points), "pressure": ("Pa", np.abs(pressure)), "phase": ("rad", phase)},
     )
     _write_transducers(made, drive, folder)
+    _write_mesh(system, made.scene.wavelength, folder)
     outlines = cut_bodies(window, made.dummies.surfaces)
     scale = ("twilight", -np.pi, np.pi, "phase of the beacons' field [rad]")
     pieces = (
@@ -54,12 +58,13 @@ def beacons(made: Solved, settings: Settings, folder: Path, clock: Clock) -> Par
         picture(
             draw_mesh(system, made.scene.wavelength),
             "Fig. 4 of the paper: the model as meshed, cut in the plane of both fingers; dark: the matched layer. The "
-            "left edge is a plane of symmetry, and the circle is the beacon on the skin.",
+            "left edge is a plane of symmetry, and the circle is the beacon on the skin. data/mesh_cut",
             "triangles in a plane round half a finger, and a darker layer round them",
         ),
         picture(
             draw_panels(whole_skin(system) * made.scene.wavelength),
-            "The skins as meshed: a quarter and its mirror images, curved triangles coloured by their smallest angle.",
+            "The skins as meshed: a quarter and its mirror images, curved triangles coloured by their smallest angle. "
+            "data/mesh_skins",
             "two fingers covered with curved triangles",
         ),
         picture(
@@ -67,16 +72,25 @@ def beacons(made: Solved, settings: Settings, folder: Path, clock: Clock) -> Par
                 window, {"phase of the beacons' field": carried(window, phase)}, outlines, made.dummies.foci, scale
             ),
             "Fig. 5 of the paper: the phase of the field of both beacons in step, in the plane of both fingers. The "
-            "upright edges are where the transducers stand.",
+            "upright edges are where the transducers stand. data/beacon_field",
             "rings of phase round two fingers, bent by them",
         ),
         picture(
             draw_phases(made.array.positions, made.array.normals, drive),
-            f"Phase and amplitude of the {len(made.array)} transducers: the conjugate of that field, 256 levels each.",
+            f"Phase and amplitude of the {len(made.array)} transducers: the conjugate of that field, 256 levels each. "
+            "data/transducers",
             "four faces of discs coloured by phase, and by amplitude",
         ),
     )
     return Part("The model and the phases (Fig. 4 and 5)", pieces)
+
+
+def _heard(made: Solved, points: Float64[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points"]:
+    """Pressure of the beacons, NaN in the bodies and at the beacons themselves, where it is infinite."""
+    away = np.linalg.norm(points[:, None] - made.dummies.foci, axis=2).min(axis=1) > ON_BEACON
+    heard = np.full(len(points), np.nan, dtype=np.complex128)
+    heard[away] = made.field.at(points[away])[:, 0]
+    return heard
 
 
 def _how_meshed(report: SolveReport) -> str:
@@ -103,6 +117,33 @@ def _write_transducers(made: Solved, drive: Complex128[np.ndarray, "elements"], 
             "phase_level": ("", np.rint(np.angle(drive) * 128 / np.pi).astype(np.int64) % 256),
         },
     )
+
+
+def _write_mesh(system: System, wavelength: float, folder: Path) -> None:
+    """Write the corners of what the pictures of the mesh show."""
+    faces, layer = on_plane(system, _cut_axis(system))
+    corners = wavelength * faces
+    columns = {
+        f"{axis}{corner}": ("m", np.ascontiguousarray(corners[:, corner, index]))
+        for corner in range(3)
+        for index, axis in enumerate("xyz")
+    }
+    write_columns(folder, "mesh_cut", {**columns, "matched_layer": ("", layer.astype(np.int64))})
+    nodes = wavelength * whole_skin(system)
+    write_columns(
+        folder,
+        "mesh_skins",
+        {
+            f"{axis}{node}": ("m", np.ascontiguousarray(nodes[:, node, index]))
+            for node in range(6)
+            for index, axis in enumerate("xyz")
+        },
+    )
+
+
+def _cut_axis(system: System) -> int:
+    axes = [mirror.axis for mirror in system.box.mirrors]
+    return 1 if 1 in axes else axes[0]
 
 
 def _workspace(middle: Float64[np.ndarray, "3"], step: float) -> Window:
@@ -149,8 +190,7 @@ def draw_mesh(system: System, wavelength: float) -> Figure:
     system : what was meshed.
     wavelength : [m].
     """
-    axes_of = [mirror.axis for mirror in system.box.mirrors]
-    axis = 1 if 1 in axes_of else axes_of[0]
+    axis = _cut_axis(system)
     faces, layer = on_plane(system, axis)
     kept = [index for index in range(3) if index != axis]
     flat = 1e3 * wavelength * faces[:, :, kept]

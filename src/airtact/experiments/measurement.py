@@ -66,7 +66,7 @@ def measurement(made: Solved, settings: Settings, folder: Path, clock: Clock) ->
         picture(
             draw_planes(window, shown, cut_bodies(window, made.dummies.surfaces), focus[None], scale),
             "Fig. 9 (left) and Fig. 10 (right) of the paper: what the microphone reads, over the largest of both as "
-            f"the paper has it, both drives at {HELD}. Blank: the finger is in the way.",
+            f"the paper has it, both drives at {HELD}. Blank: the finger is in the way. data/microphone",
             "two maps of a microphone's readings beside a finger",
         ),
         table(

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Complex128
@@ -50,12 +51,14 @@ class Ran:
 
     Attributes
     ----------
+    tetrahedra : of the mesh.
     unknowns : of the system.
     seconds : meshing, factorising, solving and listening at the transducers [s].
     most_bytes : largest memory of the process, the libraries with it.
     heard : (E,) pressure at the transducers [Pa].
     """
 
+    tetrahedra: int
     unknowns: int
     seconds: float
     most_bytes: int
@@ -71,12 +74,13 @@ class Row:
     Attributes
     ----------
     combination : what.
-    unknowns, seconds, most_bytes : measured where ``ran``, else predicted.
+    tetrahedra, unknowns, seconds, most_bytes : measured where ``ran``, else predicted.
     error : relative error of the beacons' pressure at the transducers, NaN where not run.
     said : why it was not run, or "" where it was.
     """
 
     combination: Combination
+    tetrahedra: float
     unknowns: float
     seconds: float
     most_bytes: float
@@ -107,7 +111,7 @@ def run_apart(combination: Combination, limit: float) -> Ran | str:
         return lines[-1] if lines else f"ended with code {done.returncode}"
     told = json.loads(done.stdout.splitlines()[-1])
     heard = np.array(told["real"]) + 1j * np.array(told["imaginary"])
-    return Ran(told["unknowns"], told["seconds"], told["most_bytes"], heard)
+    return Ran(told["tetrahedra"], told["unknowns"], told["seconds"], told["most_bytes"], heard)
 
 
 def run_here(combination: Combination) -> Ran:
@@ -125,9 +129,24 @@ def run_here(combination: Combination) -> Ran:
     field = combination.solver().radiate(scene, fingers.beacon)
     heard = field.at(array.positions)[:, 0]
     seconds = time.perf_counter() - begun
+    tetrahedra = int(str(field.report.settings["tetrahedra"]))
+    return Ran(tetrahedra, field.report.nodes, seconds, most_memory(), heard)
+
+
+def most_memory() -> int:
+    """Largest memory that this process ever took [bytes].
+
+    Linux counts in ``ru_maxrss`` what the parent had when it started this process, but not in ``VmHWM``.
+    """
+    try:
+        lines = Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines()
+    except OSError:
+        lines = []
+    for line in lines:
+        if line.startswith("VmHWM:"):
+            return 1024 * int(line.split()[1])
     per_unit = 1 if sys.platform == "darwin" else 1024
-    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * per_unit
-    return Ran(field.report.nodes, seconds, most, heard)
+    return per_unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def main() -> None:
@@ -135,6 +154,7 @@ def main() -> None:
     order, size, domain = json.loads(sys.argv[1])
     ran = run_here(Combination(order, size, domain))
     told = {
+        "tetrahedra": ran.tetrahedra,
         "unknowns": ran.unknowns,
         "seconds": ran.seconds,
         "most_bytes": ran.most_bytes,

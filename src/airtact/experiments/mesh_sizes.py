@@ -2,41 +2,32 @@
 
 import time
 from collections.abc import Callable, Sequence
-from functools import cache
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Complex128, Float64
 
-from airtact.experiments.dummies import AIR, dummies
+from airtact.experiments.dummies import dummies
+from airtact.experiments.mesh_costs import predicted, tetrahedra
 from airtact.experiments.mesh_figure import draw_costs
-from airtact.experiments.mesh_run import BOX, Combination, Ran, Row, run_apart
+from airtact.experiments.mesh_run import Combination, Ran, Row, run_apart
 from airtact.experiments.part import Part, write_columns
 from airtact.experiments.settings import Settings
 from airtact.judging import Clock
 from airtact.report.page import paragraph, picture, table
 from airtact.solvers.boundary_element import BoundaryElement
-from airtact.solvers.finite_element import LAYER, MARGIN
 from airtact.transducers.layout import surrounding_box
 
 GOOD = 0.02
 """Error that is good enough for a drive and for the pressure it is predicted to make."""
 
-TETRAHEDRA = 8.0
-"""Tetrahedra in a cube whose edge is theirs, until a run has told."""
+WAITS, OVER_LIMIT, NO_TIME = "waits for its turn", "predicted over the limit", "no time left for it"
+"""Why a combination was not run."""
 
-SLOWEST = 1.7
-"""Power of the unknowns with which time is taken to grow: nested dissection of a mesh in space has 2 at most."""
-
-HEAVIEST = 4.0 / 3.0
-"""The same of memory."""
-
-LIBRARIES = 0.35 * 2.0**30
-"""Bytes that a process takes before it solves."""
-
-FIRST = (2.5e5, 60.0, 6 * 2.0**30)
-"""Unknowns, seconds and bytes from which the first runs are predicted."""
+OVERDUE, STARTING = 2.0, 30.0
+"""A combination is ended after so many times the seconds that it may take, and so many for its process to start."""
 
 
 def mesh_sizes(settings: Settings, folder: Path, clock: Clock) -> Part:
@@ -50,24 +41,23 @@ def mesh_sizes(settings: Settings, folder: Path, clock: Clock) -> Part:
     """
     with clock.step("truth", f"solving by boundary elements to {100 * settings.truth:g} %, the truth of the study"):
         truth, uncertain = _truth(settings.truth)
-    rows = study(settings, truth, clock, run_apart)
+    rows = study(settings, truth, clock, run_apart, lambda found: _write(found, folder))
     _write(rows, folder)
     ran = [row for row in rows if not row.said]
     best, facts = _best(ran)
     pieces = (
         paragraph(
-            f"The paper takes a mesh of λ/6 to λ/10 from a rule and asks which mesh, model and solver are best. "
-            f"{len(ran)} of {len(rows)} combinations of order, mesh and domain were predicted to take less than "
-            f"{settings.study_seconds:g} s and {settings.study_bytes / 2**30:g} GiB and were run, each in its own "
-            f"process; the others are drawn hollow, at their predicted cost, and were not run. The error is that of "
-            f"the beacons' pressure at the {len(truth)} transducers, against boundary elements (which are known to "
-            f"about {100 * uncertain:.1f} %, so errors below that are not told apart)."
+            "The paper takes a mesh of λ/6 to λ/10 from a rule and asks which mesh, model and solver are best. "
+            f"{how_many(rows, settings)} The error is that of the beacons' pressure at the {len(truth)} transducers, "
+            f"against boundary elements (which are known to about {100 * uncertain:.1f} %, so errors below that are "
+            "not told apart). Domain tight: a box round the fingers, read by the surface integral; box: the whole "
+            "workspace, read off the mesh as the paper does. Memory is that of the whole process."
         ),
         paragraph(best),
         picture(
             draw_costs(rows, settings),
-            "Error against time, against memory, and against the mesh; the grey band is the paper's rule of λ/6 to "
-            "λ/10. Filled: run; hollow, on the upper edge: predicted, not run.",
+            "Below, what was run: error against time, against memory, and against the mesh; above, what was predicted "
+            "and not run, a row for each order. The grey band is the paper's rule of λ/6 to λ/10. data/mesh_sizes",
             "error over cost for orders and meshes",
         ),
         table(
@@ -77,6 +67,31 @@ def mesh_sizes(settings: Settings, folder: Path, clock: Clock) -> Part:
         ),
     )
     return Part("Mesh and order (future work 1)", pieces, facts)
+
+
+def how_many(rows: Sequence[Row], settings: Settings) -> str:
+    """Say how many were run, and why the others were not.
+
+    Parameters
+    ----------
+    rows : all combinations.
+    settings : the limits.
+    """
+    ran, over, cut = (sum(row.said == words for row in rows) for words in ("", OVER_LIMIT, NO_TIME))
+    sentences = [
+        f"{ran} of {len(rows)} combinations of order, mesh and domain were run, each in its own process, the cheapest "
+        "first; from what they took the next are predicted.",
+        f"{over} are predicted to take more than {settings.study_seconds:g} s or "
+        f"{settings.study_bytes / 2**30:g} GiB and were not run.",
+    ]
+    if cut:
+        sentences.append(
+            f"{cut} within those limits were not run because the study as a whole is given "
+            f"{settings.study_budget:g} s: a quieter machine runs more of them."
+        )
+    if ran + over + cut < len(rows):
+        sentences.append(f"{len(rows) - ran - over - cut} were begun and did not end well; the table says why.")
+    return " ".join([*sentences, "What was not run is drawn hollow, at its predicted cost."])
 
 
 def _best(ran: Sequence[Row]) -> tuple[str, tuple[tuple[str, str], ...]]:
@@ -114,92 +129,67 @@ def study(
     truth: Complex128[np.ndarray, "elements"],
     clock: Clock,
     run: Callable[[Combination, float], Ran | str],
+    keep: Callable[[list[Row]], None] = lambda rows: None,
 ) -> list[Row]:
-    """Go through the combinations from the cheapest on, run those within the limits, and learn from each run.
+    """Run the cheapest combination that is left, learn from it, and go on while one is within the limits.
 
     Parameters
     ----------
     settings : what is studied, and its limits.
     truth : (E,) pressure at the transducers [Pa].
     clock : is told each step.
-    run : runs one.
+    run : runs one, and ends it after so many seconds.
+    keep : is given all rows after each run, so that nothing is lost.
     """
-    combinations = [
+    left = [
         Combination(order, size, domain)
         for domain, order, size in product(("tight", "box"), settings.study_orders, settings.study_sizes)
     ]
     begun, rows = time.perf_counter(), []
-    for one in sorted(combinations, key=expected_unknowns):
-        unknowns, seconds, most = predicted(one, [row for row in rows if not row.said])
-        said = ""
-        quickest = min((row.seconds for row in rows if not row.said), default=0.0)
-        if seconds - quickest > settings.study_seconds or most > settings.study_bytes:
-            said = "predicted over the limit"
-        elif any(not row.said for row in rows) and time.perf_counter() - begun > settings.study_budget:
-            said = "no time left for it"
-        else:
-            words = f"order {one.order} at λ/{one.elements_per_wavelength:g}, {one.domain} domain"
-            with clock.step(words, f"finite elements of {words} (about {seconds:.0f} s)"):
-                ran = run(one, 5 * settings.study_seconds + 60)
-            if isinstance(ran, Ran):
-                error = relative_error(ran.heard, truth)
-                rows.append(Row(one, ran.unknowns, ran.seconds, ran.most_bytes, error, ""))
-                continue
-            said = ran
-        rows.append(Row(one, unknowns, seconds, most, float("nan"), said))
+    while left:
+        ran = [row for row in rows if not row.said]
+        waiting = [_unrun(one, ran, begun, settings) for one in left]
+        keep(_in_order([*rows, *waiting]))
+        fitting = [row for row in waiting if row.said == WAITS]
+        if not fitting:
+            rows += waiting
+            break
+        next_one = min(fitting, key=lambda row: row.seconds)
+        left.remove(next_one.combination)
+        rows.append(_run(next_one, truth, clock, settings, run))
+    return _in_order(rows)
+
+
+def _in_order(rows: Sequence[Row]) -> list[Row]:
     return sorted(rows, key=lambda row: (row.combination.domain, row.combination.order, row.unknowns))
 
 
-def expected_unknowns(one: Combination) -> float:
-    """Unknowns that a quarter of the scene has, from its volume.
-
-    Parameters
-    ----------
-    one : what is asked.
-    """
-    return TETRAHEDRA * _volume(one.domain) * (one.elements_per_wavelength * one.order) ** 3 / 6
-
-
-@cache
-def _volume(domain: str) -> float:
-    """Volume of a quarter of what is meshed, the layer with it [λ³]."""
-    length = AIR.wavelength(40e3)
-    if domain == "box":
-        sides = np.array([BOX[1][0], BOX[1][1], BOX[1][2] - BOX[0][2]]) / length
-    else:
-        points = np.concatenate([surface.vertices for surface in dummies().surfaces])
-        sides = np.ptp(points, axis=0) / length / [2, 2, 1] + MARGIN * np.array([1, 1, 2])
-    return float((sides + LAYER * np.array([1, 1, 2])).prod())
+def _unrun(one: Combination, ran: Sequence[Row], begun: float, settings: Settings) -> Row:
+    """Predict a combination, and say what it waits for."""
+    unknowns, seconds, most = predicted(one, ran)
+    said = WAITS
+    if seconds > settings.study_seconds or most > settings.study_bytes:
+        said = OVER_LIMIT
+    elif ran and time.perf_counter() - begun + seconds > settings.study_budget:
+        said = NO_TIME
+    return Row(one, tetrahedra(one, ran), unknowns, seconds, most, float("nan"), said)
 
 
-def predicted(one: Combination, ran: Sequence[Row]) -> tuple[float, float, float]:
-    """Unknowns, seconds and bytes of a combination, from the largest run of its order, or else of its mesh.
-
-    Parameters
-    ----------
-    one : what is asked.
-    ran : what was run; the time and memory of the smallest are taken to be spent whatever the mesh.
-    """
-    expected = expected_unknowns(one)
-    always = min((row.seconds for row in ran), default=0.0)
-    libraries = min((row.most_bytes for row in ran), default=LIBRARIES)
-    alike = [row for row in ran if row.combination.order == one.order and row.combination.domain == one.domain]
-    same_mesh = (one.elements_per_wavelength, one.domain)
-    alike = alike or [
-        row for row in ran if (row.combination.elements_per_wavelength, row.combination.domain) == same_mesh
-    ]
-    unknowns, seconds, most = FIRST
-    if alike:
-        largest = max(alike, key=lambda row: row.unknowns)
-        expected *= largest.unknowns / expected_unknowns(largest.combination)
-        if largest.unknowns > 0.02 * expected:  # a run of a moment tells nothing of one of minutes
-            unknowns, seconds, most = largest.unknowns, max(largest.seconds, 1.2 * always), largest.most_bytes
-    growth = expected / unknowns
-    return (
-        expected,
-        always + max(seconds - always, 0.0) * growth**SLOWEST,
-        libraries + max(most - libraries, 0.0) * growth**HEAVIEST,
-    )
+def _run(
+    expected: Row,
+    truth: Complex128[np.ndarray, "elements"],
+    clock: Clock,
+    settings: Settings,
+    run: Callable[[Combination, float], Ran | str],
+) -> Row:
+    one = expected.combination
+    words = f"order {one.order} at λ/{one.elements_per_wavelength:g}, {one.domain} domain"
+    with clock.step(words, f"finite elements of {words} (about {expected.seconds:.0f} s)"):
+        ran = run(one, OVERDUE * settings.study_seconds + STARTING)
+    if isinstance(ran, str):
+        return replace(expected, said=ran)
+    error = relative_error(ran.heard, truth)
+    return Row(one, ran.tetrahedra, ran.unknowns, ran.seconds, ran.most_bytes, error, "")
 
 
 def _cells(row: Row) -> list[str]:
@@ -227,6 +217,7 @@ def _write(rows: Sequence[Row], folder: Path) -> None:
             "domain": ("", [row.combination.domain for row in rows]),
             "order": ("", np.array([row.combination.order for row in rows], dtype=np.int64)),
             "elements_per_wavelength": ("", column([row.combination.elements_per_wavelength for row in rows])),
+            "tetrahedra": ("", column([row.tetrahedra for row in rows])),
             "unknowns": ("", column([row.unknowns for row in rows])),
             "time": ("s", column([row.seconds for row in rows])),
             "memory": ("B", column([row.most_bytes for row in rows])),

@@ -64,14 +64,14 @@ def pressures(made: Solved, folder: Path, clock: Clock) -> Part:
         picture(
             draw_planes(window, drawn, cut_bodies(window, fingers.surfaces), fingers.foci, scale),
             f"Fig. 6 (left) and Fig. 7 (right) of the paper, on one scale, both drives at {HELD}: {HELD_EQUAL[HELD]}. "
-            "The circles are the foci.",
+            "The circles are the foci. data/pressures",
             "pressure between two fingers under two drives",
         ),
         table(
             ["held equal", "pressure", "pressure squared", "paper, simulated", "paper, measured"],
             _rows(made),
             "Ignored over considered at the foci, drives in 256 levels. The paper calls the pressure of its plots "
-            "intensity and does not say what it holds equal.",
+            "intensity and does not say what it holds equal. data/foci",
         ),
         *(paragraph(words, "warning") for words in made.compared.report.warnings),
     )

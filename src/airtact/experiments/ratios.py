@@ -3,10 +3,14 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float64
+from matplotlib import colormaps
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from airtact.evaluation.comparison import HELD_EQUAL, compare
 from airtact.experiments.dummies import Dummies, Entering, dummies
@@ -22,6 +26,21 @@ from airtact.transfer import focus_by_distance, transfer_matrix
 
 WANTED = {0.5: "about half (simulated)", 0.6: "0.60 (measured)"}
 """The paper's two numbers."""
+
+STYLES: dict[float, Literal["dashed", "solid"]] = {0.5: "dashed", 0.6: "solid"}
+"""Lines of those."""
+
+LOOKS: dict[Entering, tuple[Literal["-", "--", ":"], str]] = {
+    "from below": ("-", "o"),
+    "from above": ("--", "^"),
+    "from the side": (":", "s"),
+}
+"""Line and marker of each way of entering."""
+
+PAPER_LINES = [
+    Line2D([], [], color="0.2", linestyle=style, label=f"the paper's {wanted:.2f}") for wanted, style in STYLES.items()
+]
+"""What explains them."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +110,7 @@ def ratios(settings: Settings, folder: Path, clock: Clock) -> Part:
     for index, one in enumerate(wanted, start=1):
         with clock.step(f"fingers {index}", f"fingers {index} of {len(wanted)}: {one}"):
             found[one] = ratio_of(dummies(one.gap, one.radius, one.tilt, one.entering), array, settings)
-    _write(found, folder)
+        _write(found, folder)
     lowest, highest = (np.array(list(found.values())).T for _ in range(2))
     spans = [
         f"{held} {low:.2f} to {high:.2f} (squared {low**2:.2f} to {high**2:.2f})"
@@ -105,15 +124,15 @@ def ratios(settings: Settings, folder: Path, clock: Clock) -> Part:
         ),
         picture(
             draw_maps(settings, found),
-            "Ratio ignored over considered over gap and radius, fingers from below tilted by 20 degrees; white lines: "
-            "0.60 (solid) and 0.50 "
-            "(dashed), where they occur.",
+            "Ratio ignored over considered over gap and radius, fingers from below tilted by 20 degrees, as pressure "
+            "above and squared below; lines: where the paper's 0.60 (solid) and 0.50 (dashed) lie. data/sweep",
             "maps of the ratio over gap and radius",
         ),
         picture(
             draw_tilts(settings, found),
-            "Ratio over the tilt for the ways in which the fingers may enter (radius 8 mm); black lines: the paper's "
-            "0.60 and 0.50 taken as pressure; grey: taken as pressure squared, which is 0.77 and 0.71 in pressure.",
+            "Ratio over the tilt for the gaps and the ways in which the fingers may enter (radius 8 mm); red: the "
+            "paper's 0.60 and 0.50 taken as pressure; pale: taken as pressure squared, which is 0.77 and 0.71 in "
+            "pressure. data/sweep",
             "curves of the ratio over tilt",
         ),
         table(
@@ -165,17 +184,33 @@ def draw_maps(settings: Settings, found: Mapping[Fingers, Float64[np.ndarray, "3
         for column, (held, place) in enumerate(zip(HELD_EQUAL, row, strict=True)):
             shown = place.contourf(across, along, values[:, :, column], levels=14, cmap="viridis")
             figure.colorbar(shown, ax=place, aspect=20, format="%.2f")
-            for wanted, style in ((0.5, "dashed"), (0.6, "solid")):
-                if values[:, :, column].min() < wanted < values[:, :, column].max():
-                    lines = place.contour(
-                        across, along, values[:, :, column], levels=[wanted], colors="white", linestyles=style
-                    )
-                    place.clabel(lines, fmt="%.2f", fontsize=8)
+            _mark(place, across, along, values[:, :, column])
             place.set_title(f"{held}, {'pressure' if power == 1 else 'squared'}", fontsize=10)
             if power == 2:
                 place.set_xlabel("gap [mm]")
         row[0].set_ylabel("radius [mm]")
+    figure.legend(handles=PAPER_LINES, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     return figure
+
+
+def _mark(
+    place: Axes,
+    across: Float64[np.ndarray, "gaps"],
+    along: Float64[np.ndarray, "radii"],
+    values: Float64[np.ndarray, "radii gaps"],
+) -> None:
+    """Draw where the paper's numbers lie, or say that they do not occur."""
+    missing = []
+    for wanted, style in STYLES.items():
+        if values.min() < wanted < values.max():
+            for colour, width in (("black", 3.0), ("white", 1.5)):
+                place.contour(across, along, values, levels=[wanted], colors=colour, linestyles=style, linewidths=width)
+        else:
+            missing.append(f"{wanted:.2f}")
+    if missing:
+        words = f"no {' or '.join(missing)} here"
+        box = {"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 2}
+        place.text(0.97, 0.04, words, transform=place.transAxes, ha="right", fontsize=8, bbox=box)
 
 
 def draw_tilts(settings: Settings, found: Mapping[Fingers, Float64[np.ndarray, "3"]]) -> Figure:
@@ -186,21 +221,32 @@ def draw_tilts(settings: Settings, found: Mapping[Fingers, Float64[np.ndarray, "
     settings : what was swept.
     found : the ratios.
     """
-    figure = Figure(figsize=(11.0, 4.6), layout="constrained")
+    figure = Figure(figsize=(12.0, 4.8), layout="constrained")
     row = figure.subplots(1, len(HELD_EQUAL), sharey=True)
-    styles = dict(zip(settings.ways, ("-", "--", ":"), strict=False))
+    shades = colormaps["viridis"](np.linspace(0, 0.88, len(settings.tilt_gaps)))
     for column, (held, place) in enumerate(zip(HELD_EQUAL, row, strict=True)):
-        for shade, gap in enumerate(settings.tilt_gaps):
-            for entering, style in styles.items():
+        for shade, gap in zip(shades, settings.tilt_gaps, strict=True):
+            for entering in settings.ways:
+                style, marker = LOOKS[entering]
                 line = [found[Fingers(gap, 8e-3, tilt, entering)][column] for tilt in settings.tilts]
-                label = f"{1e3 * gap:.0f} mm, {entering}"
-                place.plot(settings.tilts, line, style, color=f"C{shade}", marker="o", markersize=3, label=label)
-        for wanted in WANTED:
-            style = "--" if wanted == 0.5 else "-"
-            place.axhline(wanted, color="black", linewidth=0.9, linestyle=style)
-            place.axhline(np.sqrt(wanted), color="0.65", linewidth=0.9, linestyle=style)
-        place.set(xlabel="tilt [degrees]", title=held)
+                place.plot(settings.tilts, line, style, color=shade, marker=marker, markersize=4)
+        for wanted, style in STYLES.items():
+            place.axhline(wanted, color="#b3202a", linewidth=1.1, linestyle=style)
+            place.axhline(np.sqrt(wanted), color="#e8a0a5", linewidth=1.1, linestyle=style)
+        place.set(xlabel="tilt [degrees]", title=held, xticks=settings.tilts)
     row[0].set_ylabel("pressure, ignored / considered")
-    handles, labels = row[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside right", fontsize=8, frameon=False)  # pyright: ignore[reportArgumentType, reportCallIssue]
+    keys = [
+        Line2D([], [], color=shade, label=f"gap {1e3 * gap:.0f} mm")
+        for shade, gap in zip(shades, settings.tilt_gaps, strict=True)
+    ]
+    keys += [
+        Line2D([], [], color="0.3", linestyle=style, marker=marker, markersize=4, label=entering)
+        for entering, (style, marker) in ((way, LOOKS[way]) for way in settings.ways)
+    ]
+    for colour, words in (("#b3202a", "as pressure"), ("#e8a0a5", "as squared")):
+        keys += [
+            Line2D([], [], color=colour, linestyle=style, label=f"{wanted:.2f} {words}")
+            for wanted, style in STYLES.items()
+        ]
+    figure.legend(handles=keys, loc="outside right", fontsize=8, frameon=False)  # pyright: ignore[reportArgumentType, reportCallIssue]
     return figure

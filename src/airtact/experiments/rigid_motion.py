@@ -1,13 +1,14 @@
 """Section 3.3 of the paper: one solution, the hand moved rigidly, read off by nodes or by the surface integral."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 from scipy.ndimage import binary_dilation
 from scipy.spatial import KDTree
 
@@ -126,6 +127,7 @@ class Reading:
     ----------
     name : of it.
     errors : of the drive, one for each pose.
+    alone : the same against the surface integral over the same solution: of the reading alone.
     typical : relative error of one transducer, the median over all and all poses.
     outside : share of the points that lay outside their tetrahedron; NaN where there is none.
     seconds : for one pose.
@@ -133,6 +135,7 @@ class Reading:
 
     name: str
     errors: tuple[float, ...]
+    alone: tuple[float, ...]
     typical: float
     outside: float
     seconds: float
@@ -155,52 +158,74 @@ def rigid_motion(settings: Settings, folder: Path, clock: Clock) -> Part:
         finer = BoundaryElement(accuracy=0.5 * settings.truth).radiate(scene, beacon)
         places = np.stack([array.seen_from(pose).positions for pose in poses])
         true = finer.at(places.reshape(-1, 3))[:, 0].reshape(len(poses), -1)
-    readings = [_timed("surface integral", places, true, lambda at: (field.at(at)[:, 0], None))]
-    counts, held = [], []
-    some = places[:SAMPLED], true[:SAMPLED]
+    with clock.step("surface integral", f"hearing {len(poses)} poses by the surface integral"):
+        first, heard = _timed("surface integral", places, true, None, lambda at: (field.at(at)[:, 0], None))
+    readings, counts, held = [first], [], []
+    some = slice(None, SAMPLED)
     for spacing in settings.node_spacings:
         with clock.step(f"nodes {spacing:g}", f"reading the moved transducers off nodes at λ/{spacing:g}"):
             nodes = _sampled(field, places.reshape(-1, 3), scene.wavelength / spacing)
             counts.append(f"{len(nodes.points):,} at λ/{spacing:g}")
             if not held:
-                held = [_timed(f"tetrahedron round the point, λ/{spacing:g}", *some, _held_by(field, some[0], spacing))]
-            readings.append(_timed(f"4 nearest nodes at λ/{spacing:g}", places, true, nodes.literal))
-            readings.append(_timed(f"the same, e^ikr/r divided out, λ/{spacing:g}", places, true, nodes.carrier_free))
+                name, read = f"tetrahedron round the point, λ/{spacing:g}", _held_by(field, places[some], spacing)
+                held = [_timed(name, places[some], true[some], heard[some], read)[0]]
+            for name, way in (
+                (f"4 nearest nodes, λ/{spacing:g}", nodes.literal),
+                (f"the same without e^ikr/r, λ/{spacing:g}", nodes.carrier_free),
+            ):
+                readings.append(_timed(name, places, true, heard, way)[0])
     readings += held
     _write(readings, len(poses), folder)
-    pieces = (
+    return Part("Rigid motion (section 3.3)", _shown(readings, len(poses), counts, settings))
+
+
+def _shown(readings: list[Reading], poses: int, counts: list[str], settings: Settings) -> tuple[str, ...]:
+    return (
         paragraph(
-            f"One solution serves every rigid motion. The hand was moved {len(poses)} times at random, by up to "
+            f"One solution serves every rigid motion. The hand was moved {poses} times at random, by up to "
             f"{1e3 * FARTHEST:.0f} mm along each axis and {WIDEST:.0f} degrees; each time the beacon was read at the "
-            f"{len(array)} transducers: by the surface integral over the same solution, and by the paper's scheme, the "
+            "996 transducers: by the surface integral over the same solution, and by the paper's scheme, the "
             "4 nearest nodes and linear interpolation in their tetrahedron (a k-d tree in place of FLANN). The nodes "
-            f"form an uneven grid ({', '.join(counts)} nodes) and know the pressure of that same solution, so that "
+            f"form an uneven grid (nodes: {', '.join(counts)}) and know the pressure of that same solution, so that "
             "interpolation alone is compared. The error is that of the drive against boundary elements at "
             f"{100 * 0.5 * settings.truth:g} %."
         ),
         table(
-            ["read by", "median error", "largest error", "of one transducer", "points outside", "time a pose"],
+            ["read by", "median error", "largest", "reading alone", "one transducer", "points outside", "time a pose"],
             [_row(one) for one in readings],
-            "Error of the drive (the conjugate of what the transducers hear) over the poses; the median "
-            "of a single transducer is smaller where a few tetrahedra are nearly flat. The last row is "
-            f"SampledField: it finds the tetrahedron that holds the point among Delaunay's and divides out e^ikr/r; "
-            f"the first {len(some[0])} poses.",
+            "Error of the drive (the conjugate of what the transducers hear) over the poses; the reading alone against "
+            "the surface integral over the same solution (median); of one transducer (median), which is smaller where "
+            "a few tetrahedra are nearly flat; the share of points outside their tetrahedron, where the paper's scheme "
+            "extrapolates. Without e^ikr/r: the beacon's own wave divided out before and multiplied in after. The last "
+            f"row is SampledField, in the tetrahedron of Delaunay's that holds the point, the first {SAMPLED} poses.",
         ),
-        picture(_draw(readings), "Error of the drive in each pose, from the smallest.", "curves of errors over poses"),
+        picture(
+            _draw(readings),
+            "Error of the drive in each pose, the poses sorted by it; the thin line is that of the reading alone. "
+            "data/rigid_motion",
+            "curves of errors over poses",
+        ),
     )
-    return Part("Rigid motion (section 3.3)", pieces)
 
 
 def _write(readings: list[Reading], poses: int, folder: Path) -> None:
+    def column(values: Sequence[float]) -> tuple[str, Float64[np.ndarray, "poses"]]:
+        return "", np.pad(np.array(values), (0, poses - len(values)), constant_values=np.nan)
+
+    errors = {_plain(one.name): column(one.errors) for one in readings}
+    alone = {f"{_plain(one.name)}_alone": column(one.alone) for one in readings[1:]}
+    write_columns(folder, "rigid_motion", {"pose": ("", np.arange(poses, dtype=np.int64)), **errors, **alone})
     write_columns(
         folder,
-        "rigid_motion",
+        "rigid_motion_readings",
         {
-            "pose": ("", np.arange(poses, dtype=np.int64)),
-            **{
-                _plain(one.name): ("", np.pad(one.errors, (0, poses - len(one.errors)), constant_values=np.nan))
-                for one in readings
-            },
+            "read_by": ("", [one.name for one in readings]),
+            "median_error": ("", np.array([np.median(one.errors) for one in readings])),
+            "largest_error": ("", np.array([max(one.errors) for one in readings])),
+            "alone": ("", np.array([np.median(one.alone) for one in readings])),
+            "one_transducer": ("", np.array([one.typical for one in readings])),
+            "outside": ("", np.array([one.outside for one in readings])),
+            "time": ("s", np.array([one.seconds for one in readings])),
         },
     )
 
@@ -235,18 +260,28 @@ def _timed(
     name: str,
     places: Float64[np.ndarray, "poses elements 3"],
     true: Complex128[np.ndarray, "poses elements"],
+    same: Complex128[np.ndarray, "poses elements"] | None,
     read: Callable[..., tuple[np.ndarray, np.ndarray | None]],
-) -> Reading:
-    errors, outside, each = [], [], []
+) -> tuple[Reading, Complex128[np.ndarray, "poses elements"]]:
+    """Read all poses; ``same`` is the surface integral over the same solution."""
     begun = time.perf_counter()
     heard = [read(one) for one in places]
     seconds = (time.perf_counter() - begun) / len(places)
-    for (pressure, beyond), exact in zip(heard, true, strict=True):
-        told = np.isfinite(pressure)
-        each.append(np.abs((pressure - exact) / exact)[told])
-        errors.append(float(np.linalg.norm((pressure - exact)[told]) / np.linalg.norm(exact[told])))
-        outside.append(float("nan") if beyond is None else float(beyond.mean()))
-    return Reading(name, tuple(errors), float(np.median(np.concatenate(each))), float(np.mean(outside)), seconds)
+    found = np.stack([pressure for pressure, _ in heard])
+    told = np.isfinite(found)
+    each = float(np.median(np.abs((found - true) / true)[told]))
+    outside = float(np.mean([float("nan") if beyond is None else beyond.mean() for _, beyond in heard]))
+    alone = tuple(float("nan") for _ in places) if same is None else _apart(found, same)
+    return Reading(name, _apart(found, true), alone, each, outside, seconds), found
+
+
+def _apart(
+    found: Complex128[np.ndarray, "poses elements"], true: Complex128[np.ndarray, "poses elements"]
+) -> tuple[float, ...]:
+    """Relative error in each pose, over the points where anything is told."""
+    told = np.isfinite(found)
+    off = np.linalg.norm(np.where(told, found - true, 0), axis=1)
+    return tuple((off / np.linalg.norm(np.where(told, true, 0), axis=1)).tolist())
 
 
 def _plain(name: str) -> str:
@@ -254,16 +289,23 @@ def _plain(name: str) -> str:
 
 
 def _row(one: Reading) -> list[str]:
+    errors = [np.median(one.errors), max(one.errors), np.median(one.alone), one.typical]
+    told = ["–" if np.isnan(error) else f"{100 * error:.3g} %" for error in errors]
     outside = "–" if np.isnan(one.outside) else f"{100 * one.outside:.0f} %"
-    errors = [f"{100 * error:.2g} %" for error in (np.median(one.errors), max(one.errors), one.typical)]
-    return [one.name, *errors, outside, f"{1e3 * one.seconds:.1f} ms"]
+    return [one.name, *told, outside, f"{1e3 * one.seconds:.1f} ms"]
 
 
 def _draw(readings: list[Reading]) -> Figure:
-    figure = Figure(figsize=(8.0, 4.0), layout="constrained")
+    figure = Figure(figsize=(10.0, 4.6), layout="constrained")
     axes = figure.subplots()
-    for one in readings:
-        axes.plot(np.linspace(0, 100, len(one.errors)), sorted(one.errors), label=one.name)
+    # The first and the last lie on each other where interpolation costs nothing.
+    widths = [4.0, *(1.6 for _ in readings[1:])]
+    for one, width in zip(readings, widths, strict=True):
+        share = np.linspace(0, 100, len(one.errors))
+        line = axes.plot(share, sorted(one.errors), label=one.name, linewidth=width, alpha=0.45 if width > 2 else 1.0)
+        axes.plot(share, sorted(one.alone), color=line[0].get_color(), linewidth=0.6)
     axes.set(yscale="log", xlabel="share of the poses [%]", ylabel="error of the drive")
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda error, _: f"{100 * error:g} %"))
+    axes.grid(axis="y", color="0.92")
     figure.legend(loc="outside right", fontsize=8, frameon=False)  # pyright: ignore[reportArgumentType]
     return figure

@@ -25,7 +25,7 @@ class CurvedShape:
 
     mesh: CurvedMesh
     pose: Pose
-    kept: dict[float, SixNodes] = field(default_factory=dict)
+    kept: dict[float, SixNodes] = field(default_factory=dict, compare=False)
 
     __repr__ = in_short
 

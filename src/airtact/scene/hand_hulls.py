@@ -102,34 +102,10 @@ class Hulls:
 
     def project(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
         """Bring points (P, 3) [m] near the skin onto it, along the gradient of the distance."""
-        points = np.array(points, dtype=np.float64)
-        moving = np.arange(len(points))
-        for _ in range(STEPS):
-            found = self.look(points[moving])
-            far = np.abs(found.distance) > ON_SKIN
-            moving, slope, distance = moving[far], found.gradient[far], found.distance[far]
-            if len(moving) == 0:
-                break
-            square = np.maximum(np.einsum("pi,pi->p", slope, slope), 0.1)
-            step = distance / np.sqrt(square)
-            step = np.clip(step, -LONGEST_STEP, LONGEST_STEP) / np.sqrt(square)
-            points[moving] -= step[:, None] * slope
-        return self._settled(points, moving) if len(moving) else points
-
-    def _settled(
-        self, points: Float64[np.ndarray, "points 3"], left: Int64[np.ndarray, "left"]
-    ) -> Float64[np.ndarray, "points 3"]:
-        """Halve the way through the skin of points that jump from side to side of a crease."""
-        found = self.look(points[left])
-        way = -np.sign(found.distance)[:, None] * found.gradient
-        near, far = points[left], points[left] + STRIDE * way
-        through = self.look(far).distance * found.distance < 0.0
-        left, near, far, side = left[through], near[through], far[through], found.distance[through]
-        for _ in range(HALVINGS):
-            middle = 0.5 * (near + far)
-            same = self.look(middle).distance * side > 0.0
-            near[same], far[~same] = middle[same], middle[~same]
-        points[left] = near
+        points = np.array(points, dtype=np.float64, order="C")
+        tables = (self.balls, self.parts, self.blend, self.apart)
+        reach = float(self.blend.max())
+        _kernels.project_on_hulls(points, *tables, reach, STEPS, LONGEST_STEP, ON_SKIN, STRIDE, HALVINGS)
         return points
 
     def moved(self, pose: Pose) -> "Hulls":

@@ -10,13 +10,15 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64, Int64
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from airtact import _kernels
 from airtact.scene.hand_hulls import Hulls
 from airtact.scene.panels import LARGEST_TO_GAP
 from airtact.scene.six_nodes import smallest_angles, with_middles
-from airtact.scene.topology import cone_volumes, shells
+from airtact.scene.topology import cone_volumes
 
 COARSEST = 0.42
 """Step of the grid over the radius of the smallest ball, at most."""
@@ -28,7 +30,7 @@ CARVED = 1.15
 """How far fingers are carved out round each other, over the step of the grid."""
 
 BLOCK = 4
-"""Points along a side of the blocks of which the middle is looked at first."""
+"""Points along a side of the blocks of which the middle is looked at first; then those of half of it, and so on."""
 
 BENDING = 1.1
 """Edge over the radius at which the skin bends, at most."""
@@ -55,8 +57,14 @@ LEAST, MOST_BULGING = 20.0, 0.47
 OFF = 1e-6
 """So far may corners be off the skin [m]."""
 
+GRADED = 3
+"""Rounds over all edges that see to that."""
+
 BESIDE = 4.0
 """Edges stay fine within this distance of the points that ask for it, over the edge."""
+
+FIRST = 1.2
+"""Edges of the first pass over the step of the grid."""
 
 COARSENING = 1.7
 """From one pass to the next the edges grow by this at most."""
@@ -146,14 +154,13 @@ def even_skin(hulls: Hulls, edge: float, graded: Graded | None = None) -> Skin:
     for _ in range(PASSES if graded else 0):
         assert graded is not None
         skin = _pass(hulls, Skin(skin.vertices, skin.triangles, graded.at(skin.vertices)), edge, hold=True)
-    return skin if graded is None else _repaired(hulls, skin, edge)
+    return skin if graded is None else _repaired(hulls, skin, edge)[1]
 
 
 def _best_skin(hulls: Hulls, edge: float) -> Skin:
     best = None
     for level, share in GRIDS:
-        skin = _evened(hulls, edge, level, share)
-        fault = _fault(hulls, skin)
+        fault, skin = _evened(hulls, edge, level, share)
         if best is None or fault < best[0]:
             best = fault, skin
         if fault <= 0.0:
@@ -162,10 +169,11 @@ def _best_skin(hulls: Hulls, edge: float) -> Skin:
     return best[1]
 
 
-def _evened(hulls: Hulls, edge: float, level: float, share: float) -> Skin:
+def _evened(hulls: Hulls, edge: float, level: float, share: float) -> tuple[float, Skin]:
+    """Even triangles from one grid, and their fault."""
     step = share * min(FINE * edge, COARSEST * hulls.thinnest)
     skin = _onto(hulls, _gridded(hulls, step, level * step), edge)
-    now = 1.2 * step
+    now = FIRST * step
     while now < edge:
         skin = _pass(hulls, skin, edge, now)
         now *= COARSENING
@@ -174,8 +182,8 @@ def _evened(hulls: Hulls, edge: float, level: float, share: float) -> Skin:
     return _repaired(hulls, skin, edge)
 
 
-def _repaired(hulls: Hulls, skin: Skin, edge: float) -> Skin:
-    """Make triangles more even, and smaller where a narrow crease asks for it, until all are good; keep the best."""
+def _repaired(hulls: Hulls, skin: Skin, edge: float) -> tuple[float, Skin]:
+    """Make triangles more even, and smaller where a narrow crease asks for it, until all are good; the least fault."""
     best = _fault(hulls, skin), skin
     for attempt in range(REPAIRS):
         if best[0] <= 0.0 or len(skin.triangles) > MOST * len(best[1].triangles):
@@ -190,12 +198,13 @@ def _repaired(hulls: Hulls, skin: Skin, edge: float) -> Skin:
         fault = _fault(hulls, skin)
         if fault < best[0]:
             best = fault, skin
-    return best[1]
+    return best
 
 
 def _fault(hulls: Hulls, skin: Skin) -> float:
     """How far triangles are from good: 0 or less for those that are."""
-    bulge = float(bulges(skin, midpoints(hulls, skin)).max())
+    ends = np.stack([skin.triangles, np.roll(skin.triangles, -1, axis=1)], axis=2).reshape(-1, 2)
+    bulge = float(_middles(hulls, skin, ends[ends[:, 0] < ends[:, 1]])[1].max())  # closed: each edge runs both ways
     off = float(np.abs(hulls.look(skin.vertices).distance).max())
     return max(1.0 - float(skin.angles.min()) / LEAST, bulge / MOST_BULGING - 1.0, off / OFF - 1.0)
 
@@ -233,10 +242,17 @@ def _outer(
     vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"], smallest: float
 ) -> tuple[Float64[np.ndarray, "used 3"], Int64[np.ndarray, "outer 3"]]:
     """Leave out hollows inside the body, where no sound gets, and specks."""
-    piece = shells(triangles)
-    volume = np.bincount(piece, cone_volumes(vertices[triangles]))
-    used, triangles = np.unique(triangles[volume[piece] > smallest], return_inverse=True)
-    return vertices[used], triangles.reshape(-1, 3)
+    one, two, three = triangles.T
+    ties = coo_array(
+        (np.ones(2 * len(one), dtype=bool), (np.r_[one, two], np.r_[two, three])), shape=(len(vertices),) * 2
+    )
+    count, piece = connected_components(ties, directed=False)
+    if count == 1:
+        return vertices, triangles
+    volume = np.bincount(piece[one], cone_volumes(vertices[triangles]), count)
+    used = volume[piece] > smallest
+    place = np.cumsum(used) - 1
+    return vertices[used], place[triangles[used[one]]]
 
 
 def _grid(hulls: Hulls, step: float) -> tuple[Float64[np.ndarray, "nx ny nz"], Float64[np.ndarray, "3"]]:
@@ -244,16 +260,22 @@ def _grid(hulls: Hulls, step: float) -> tuple[Float64[np.ndarray, "nx ny nz"], F
     centres, radii = hulls.balls[:, :3], hulls.balls[:, 3:]
     low = (centres - radii).min(axis=0) - 1.6 * step
     blocks = np.ceil(((centres + radii).max(axis=0) + 1.6 * step - low) / (BLOCK * step)).astype(np.int64)
-    inner = np.stack(np.meshgrid(*[np.arange(BLOCK)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    corners = np.stack(np.meshgrid(*[np.arange(count) for count in blocks], indexing="ij"), axis=-1).reshape(-1, 3)
-    middles = low + step * (BLOCK * corners + (BLOCK - 1) / 2)
-    rough = hulls.look(middles, carve=CARVED * step).distance
-    near = np.flatnonzero(np.abs(rough) < step * (1.3 * np.sqrt(3) * (BLOCK - 1) / 2 + HIGHEST))
-    values = np.repeat(rough[:, None], BLOCK**3, axis=1)
-    points = low + step * (BLOCK * corners[near, None] + inner)
-    values[near] = hulls.look(points.reshape(-1, 3), carve=CARVED * step).distance.reshape(len(near), -1)
-    shape = (*blocks, BLOCK, BLOCK, BLOCK)
-    return values.reshape(shape).transpose(0, 3, 1, 4, 2, 5).reshape(blocks * BLOCK), low
+    values = np.empty(BLOCK * blocks)
+    corners, side = BLOCK * _corners(blocks), BLOCK
+    while True:
+        rough = hulls.look(low + step * (corners + (side - 1) / 2), carve=CARVED * step).distance
+        cells = values.reshape(np.stack([BLOCK * blocks // side, [side] * 3], axis=1).ravel())
+        x, y, z = (corners // side).T
+        cells[x, :, y, :, z, :] = rough[:, None, None, None]
+        if side == 1:
+            return values, low
+        near = np.abs(rough) < step * (1.3 * np.sqrt(3) * (side - 1) / 2 + HIGHEST)
+        side //= 2
+        corners = (corners[near, None] + side * _corners(np.array([2, 2, 2]))).reshape(-1, 3)
+
+
+def _corners(counts: Int64[np.ndarray, "3"]) -> Int64[np.ndarray, "corners 3"]:
+    return np.stack(np.meshgrid(*[np.arange(count) for count in counts], indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def _onto(hulls: Hulls, skin: Skin, edge: float, longest: Float64[np.ndarray, "vertices"] | None = None) -> Skin:
@@ -265,10 +287,7 @@ def _onto(hulls: Hulls, skin: Skin, edge: float, longest: Float64[np.ndarray, "v
     sizes = np.clip(wanted, least, edge)
     if longest is not None:
         sizes = np.minimum(sizes, longest)
-    ends = np.concatenate([skin.triangles[:, [0, 1]], skin.triangles[:, [1, 2]], skin.triangles[:, [2, 0]]])
-    apart = GRADING * np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1)
-    for _ in range(4):
-        np.minimum.at(sizes, ends[:, 0], sizes[ends[:, 1]] + apart)
+    _kernels.grade_sizes(vertices, skin.triangles, GRADING, GRADED, sizes)
     return Skin(vertices, skin.triangles, sizes)
 
 
@@ -306,8 +325,15 @@ def midpoints(hulls: Hulls, skin: Skin) -> Float64[np.ndarray, "triangles 3 3"]:
     skin : its triangles.
     """
     ends, place = _edges(skin.triangles)
+    return _middles(hulls, skin, ends)[0][place]
+
+
+def _middles(
+    hulls: Hulls, skin: Skin, ends: Int64[np.ndarray, "edges 2"]
+) -> tuple[Float64[np.ndarray, "edges 3"], Float64[np.ndarray, "edges"]]:
+    """Points of the skin over the middles of edges (E, 3), and how far off them, over the length of each edge (E,)."""
     starts, ways = skin.vertices[ends[:, 0]], skin.vertices[ends[:, 1]] - skin.vertices[ends[:, 0]]
-    straight, lengths = starts + 0.5 * ways, np.linalg.norm(ways, axis=1)
+    straight, lengths = starts + 0.5 * ways, np.sqrt(np.einsum("ei,ei->e", ways, ways))
     middles = hulls.project(straight)
     off = np.linalg.norm(middles - straight, axis=1)
     for share in ASIDE:  # over a narrow crease the flanks are nearer than its bottom
@@ -316,7 +342,7 @@ def midpoints(hulls: Hulls, skin: Skin) -> Float64[np.ndarray, "triangles 3 3"]:
         nearer = np.linalg.norm(tried - straight[far], axis=1)
         better = nearer < off[far]
         middles[far[better]], off[far[better]] = tried[better], nearer[better]
-    return middles[place]
+    return middles, off / lengths
 
 
 def _edges(

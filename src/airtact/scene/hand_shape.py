@@ -32,7 +32,7 @@ class HandShape:
     hulls: Hulls
     pose: Pose
     followed: Followed | None = None
-    kept: dict[float, Skin] = field(default_factory=dict)
+    kept: dict[float, Skin] = field(default_factory=dict, compare=False)
 
     __repr__ = in_short
 

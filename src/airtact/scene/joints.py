@@ -70,12 +70,13 @@ RADIUS = (0.003, 0.035)
 """Radii that the skin round a joint may have [m]."""
 
 
-def joints_of(given: Real[np.ndarray, "joints 3"]) -> Float64[np.ndarray, "25 3"]:
+def joints_of(given: Real[np.ndarray, "joints 3"], rough: float = 0.0) -> Float64[np.ndarray, "25 3"]:
     """Return the 25 joints of WebXR, or refuse what cannot be those of a hand.
 
     Parameters
     ----------
     given : (25, 3) in WebXR's order, or (21, 3) in that of MediaPipe and Leap, without four metacarpal bases [m].
+    rough : by so much may bones be longer or shorter than any are, where the joints are only roughly known [m].
 
     Raises
     ------
@@ -102,7 +103,7 @@ def joints_of(given: Real[np.ndarray, "joints 3"]) -> Float64[np.ndarray, "25 3"
     if spread > LARGEST:
         raise InvalidInput(f"the joints span {spread:.4g} m: are they in millimetres? Give metres.")
     joints = joints if len(joints) == 25 else _with_bases(joints)
-    _refuse_impossible_bones(joints)
+    _refuse_impossible_bones(joints, rough)
     return fixed(joints)
 
 
@@ -243,12 +244,12 @@ def bone_kinds() -> Int64[np.ndarray, "bones"]:
     return np.array(kinds)
 
 
-def _refuse_impossible_bones(joints: Float64[np.ndarray, "25 3"]) -> None:
+def _refuse_impossible_bones(joints: Float64[np.ndarray, "25 3"], rough: float) -> None:
     ends = np.array(BONES)
     lengths = np.linalg.norm(joints[ends[:, 0]] - joints[ends[:, 1]], axis=1)
     kinds = bone_kinds()
     low, high = np.array(SHORTEST)[kinds], np.array(LONGEST)[kinds]
-    wrong = np.flatnonzero((lengths < low) | (lengths > high))
+    wrong = np.flatnonzero((lengths < low - rough) | (lengths > high + rough))
     if len(wrong) == 0:
         return
     first = int(wrong[0])

@@ -18,6 +18,7 @@ from airtact.scene.pose import Pose
 from airtact.scene.primitives import capsule, sphere
 from airtact.scene.scene import Obstacle, Scene, check_outside, filled, impedance, sound_hard
 from airtact.scene.target import Target
+from airtact.scene.text_table import read_text_table
 from airtact.scene_file.bare_triangles import Triangles, bare_triangles
 from airtact.scene_file.keys import goes_with, one_of
 from airtact.scene_file.merging import with_merged_bodies
@@ -311,26 +312,10 @@ def _layout(table: ArrayTable, element: Element, folder: Path) -> PhasedArray:
 
 
 def _array_from_csv(path: Path, element: Element) -> PhasedArray:
-    try:
-        lines = path.read_text(encoding="utf-8").rstrip().splitlines()
-    except OSError as error:
-        raise InvalidInput(f"cannot read {path.name}: {error.strerror}.") from None
-    except UnicodeDecodeError as error:
-        raise InvalidInput(f"{path.name} is not a text file: byte {error.start} is not UTF-8.") from None
-    if not lines or [word.strip() for word in lines[0].split(",")] != ["x", "y", "z", "nx", "ny", "nz"]:
-        raise InvalidInput(f"line 1 of {path.name} must be x,y,z,nx,ny,nz.")
-    rows = [_numbers(line) for line in lines[1:]]
-    for number, (line, row) in enumerate(zip(lines[1:], rows, strict=True), start=2):
-        if len(row) != 6:
-            raise InvalidInput(f"line {number} of {path.name} is {line!r}, not six numbers.")
-    if not rows:
+    table = read_text_table(path)
+    names = ("x", "y", "z", "nx", "ny", "nz")
+    table.require(*names)
+    if not table.rows:
         raise InvalidInput(f"{path.name} holds 0 transducers.")
-    table = np.array(rows)
-    return PhasedArray(table[:, :3], table[:, 3:], element)
-
-
-def _numbers(line: str) -> list[float]:
-    try:
-        return [float(word) for word in line.split(",")]
-    except ValueError:
-        return []
+    columns = np.stack([table.numbers(name) for name in names], axis=1)
+    return PhasedArray(columns[:, :3], columns[:, 3:], element)

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -81,7 +81,7 @@ class FiniteElement(Solver):
     box: tuple[Vector, Vector] = PAPER_BOX
     factorisation: Literal["found", "sparsecholesky", "pardiso"] = "found"
     estimate: bool = False
-    progress: Callable[[str], None] | None = None
+    progress: Callable[[str], None] | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         """Check the settings."""

@@ -7,13 +7,14 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Int64, Num, Real
-from scipy.spatial import Delaunay, KDTree
+from scipy.spatial import Delaunay, KDTree, QhullError
 
 from airtact.conventions import InvalidInput, about
 from airtact.scene.guards import place, points_of, positive, refuse_not_finite
 from airtact.scene.printing import in_short
 from airtact.scene.scene import Scene, check_sources
 from airtact.scene.sources import Monopoles, check_off_sources
+from airtact.scene.text_table import read_text_table
 from airtact.solvers.finite_tetrahedra import Tetrahedra
 from airtact.solvers.problem import RadiatedField, Skin, SolveReport
 
@@ -96,7 +97,7 @@ class SampledField(RadiatedField):
         if cells is None:
             if len(self.nodes) < 4:
                 raise InvalidInput(f"there are {len(self.nodes)} nodes, but a tetrahedron has 4; give more.")
-            cells = Delaunay(self.nodes).simplices.astype(np.int64)
+            cells = _joined(np.asarray(self.nodes, dtype=np.float64))
         four = self.nodes[cells]
         edges = four[:, 1:] - four[:, :1]
         size = np.linalg.norm(edges, axis=2).max(axis=1)
@@ -161,6 +162,18 @@ class SampledField(RadiatedField):
         return np.where(beyond, -1, number), weights
 
 
+def _joined(nodes: Float64[np.ndarray, "nodes 3"]) -> Int64[np.ndarray, "tetrahedra 4"]:
+    """Delaunay's tetrahedra."""
+    try:
+        return Delaunay(nodes).simplices.astype(np.int64)
+    except QhullError:
+        thin = np.linalg.svd(nodes - nodes.mean(axis=0), compute_uv=False)[-1] / np.sqrt(len(nodes))
+        raise InvalidInput(
+            f"the {len(nodes)} nodes lie in one plane, to {1e3 * thin:.2g} mm, and hold no tetrahedron; give nodes "
+            "that fill a space."
+        ) from None
+
+
 def load_samples(
     path: str | Path, scene: Scene, sources: Monopoles, time_sign: TimeSign, scale: float = 1.0
 ) -> SampledField:
@@ -181,15 +194,17 @@ def load_samples(
     Raises
     ------
     InvalidInput
-        The file cannot be read, columns are missing, nodes repeated or numbers NaN, or the pressures beside the sources
-        run the other way round than ``time_sign`` says.
+        The file cannot be read, columns are missing, nodes repeated or in one plane, numbers NaN or pressures all 0, or
+        the pressures beside the sources run the other way round than ``time_sign`` says.
     """
     path = Path(path)
     if time_sign not in ("e^{-iωt}", "e^{+jωt}"):
         raise InvalidInput(f"time_sign is {time_sign!r}, but it must be 'e^{{-iωt}}', or 'e^{{+jωt}}' as in COMSOL.")
     scale = positive(scale, "the scale of the samples", "metres per unit")
+    nodes, pressures, cells = _read_vtu(path) if path.suffix.lower() == ".vtu" else _read_csv(path)
     with about(path.name):
-        nodes, pressures, cells = _read_vtu(path) if path.suffix.lower() == ".vtu" else _read_csv(path)
+        if not pressures.any():
+            raise InvalidInput(f"all {pressures.size} pressures are 0; export a field that sounds.")
         pressures = np.conj(pressures) if time_sign == "e^{+jωt}" else pressures
         sampled = SampledField(scene, sources, scale * nodes, pressures, cells)
         warning = _refuse_other_sign(sampled, time_sign)
@@ -231,26 +246,12 @@ def _refuse_repeated(nodes: Float64[np.ndarray, "nodes 3"]) -> None:
 def _read_csv(
     path: Path,
 ) -> tuple[Float64[np.ndarray, "nodes 3"], Complex128[np.ndarray, "nodes sounds"], None]:
-    try:
-        lines = [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
-    except (OSError, UnicodeDecodeError) as fault:
-        raise InvalidInput(f"it cannot be read as text (0 nodes): {fault}.") from None
-    comments = [line.lstrip("%# ") for line in lines if line[0] in "%#"]
-    rows = [line.split(",") for line in lines if line[0] not in "%#"]
-    if rows and not _is_number(rows[0][0]):
-        comments.append(",".join(rows.pop(0)))
-    if not comments or not rows:
-        raise InvalidInput(f"it has {len(rows)} rows of numbers and {len(comments)} lines that could name the columns.")
-    names = [name.strip().lower() for name in comments[-1].split(",")]
-    for number, row in enumerate(rows):
-        if len(row) != len(names):
-            raise InvalidInput(f"row {number} has {len(row)} numbers, but there are {len(names)} columns.")
-    columns = {name: _numbers([row[index] for row in rows], name) for index, name in enumerate(names)}
-    missing = [name for name in "xyz" if name not in columns]
-    if missing:
-        raise InvalidInput(f"{len(missing)} columns are missing: {', '.join(missing)}; there are {', '.join(names)}.")
-    places = np.stack([np.real(columns.pop(name)) for name in "xyz"], axis=1)
-    return places, _sounds(columns), None
+    table = read_text_table(path)
+    table.require(*"xyz")
+    places = np.stack([table.numbers(name) for name in "xyz"], axis=1)
+    columns = {name: table.complex_numbers(name) for name in table.names if name not in ("x", "y", "z")}
+    with about(path.name):
+        return places, _sounds(columns), None
 
 
 def _read_vtu(
@@ -261,14 +262,17 @@ def _read_vtu(
     import meshio
 
     try:
-        mesh = meshio.read(path)
-    except (OSError, meshio.ReadError, SystemExit) as fault:
-        raise InvalidInput(f"it cannot be read as a VTU file (0 nodes): {fault}.") from None
+        mesh = meshio.vtu.read(path)
+    except OSError as fault:
+        raise InvalidInput(f"cannot read {path.name}: {fault.strerror}.") from None
+    except Exception as fault:  # whatever meshio and its parser stumble over
+        raise InvalidInput(f"{path.name} is not a VTU file (0 nodes): {fault!r}.") from None
     found = [np.asarray(block.data)[:, :4] for block in mesh.cells if block.type in ("tetra", "tetra10")]
     cells = np.concatenate(found).astype(np.int64) if found else None
     points, data = np.asarray(mesh.points, dtype=np.float64), dict(mesh.point_data)
     columns = {name.lower(): np.asarray(values, dtype=np.complex128) for name, values in data.items()}
-    pressures = _sounds({name: values for name, values in columns.items() if values.ndim == 1})
+    with about(path.name):
+        pressures = _sounds({name: values for name, values in columns.items() if values.ndim == 1})
     if cells is not None:  # the middles of quadratic cells are no corners
         used, cells = np.unique(cells, return_inverse=True)
         points, pressures, cells = points[used], pressures[used], cells.reshape(-1, 4).astype(np.int64)
@@ -285,33 +289,10 @@ def _sounds(columns: dict[str, Complex128[np.ndarray, "nodes"]]) -> Complex128[n
         if part in ("real", "imag"):
             other = f"{stem}_{'imag' if part == 'real' else 'real'}"
             if other not in columns:
-                raise InvalidInput(f"1 column is missing: {other}, the other half of {name}.")
+                raise InvalidInput(f"it has 1 column {name} without its other half, {other}.")
             sounds.append(np.real(values) + 1j * np.real(columns[other]))
         else:
             sounds.append(values)
     if not sounds:
-        raise InvalidInput("0 columns of pressure were found; name them pressure, or pressure_real and pressure_imag.")
+        raise InvalidInput("it has 0 columns of pressure; name them pressure, or pressure_real and pressure_imag.")
     return np.stack(sounds, axis=1)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        complex(_plain(text))
-    except ValueError:
-        return False
-    return True
-
-
-def _plain(text: str) -> str:
-    """COMSOL writes i where Python writes j."""
-    return text.strip().lower().replace(" ", "").replace("i", "j").replace("jnf", "inf")
-
-
-def _numbers(texts: list[str], name: str) -> Complex128[np.ndarray, "rows"]:
-    found = np.empty(len(texts), dtype=np.complex128)
-    for row, text in enumerate(texts):
-        try:
-            found[row] = complex(_plain(text))
-        except ValueError:
-            raise InvalidInput(f"row {row} has {text.strip()!r} in column {name}, which is not a number.") from None
-    return found

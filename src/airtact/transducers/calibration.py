@@ -7,6 +7,7 @@ from jaxtyping import Complex128
 
 from airtact.conventions import InvalidInput, about
 from airtact.scene.guards import counted, of_kind
+from airtact.scene.text_table import read_text_table
 
 COLUMNS = ("element", "gain", "phase")
 """Columns of the table: index from 0, amplitude over the wanted one, phase by which it lags [rad]."""
@@ -18,9 +19,9 @@ LARGEST_GAIN = 10.0
 def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, "elements"]:
     """Read the gains of an array's elements from a .csv file.
 
-    Its first line is ``element,gain,phase``: the index of an element from 0, its pressure over that of a nominal one,
-    and the phase by which it lags behind a nominal one [rad]. Gain 0 is a dead element. Elements that are not listed
-    are nominal.
+    Its columns are ``element``, ``gain`` and ``phase``: the index of an element from 0, its pressure over that of a
+    nominal one, and the phase by which it lags behind a nominal one [rad]. Gain 0 is a dead element. Elements that are
+    not listed are nominal.
 
     Parameters
     ----------
@@ -34,39 +35,29 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
     Raises
     ------
     InvalidInput
-        If the file cannot be read or a line is not three numbers, names an element that is not there or was there
-        before, or has a gain that is negative, over 10 or not finite; the sentence holds the line.
+        If the file cannot be read or a column is missing, or a line holds what is no number, names an element that is
+        not there or was there before, or has a gain that is negative or over 10; the sentence holds the line.
     """
     path = Path(of_kind(path, str | Path, "the calibration", "the path of a .csv file"))
-    try:
-        lines = path.read_text(encoding="utf-8").rstrip().splitlines()
-    except OSError as error:
-        raise InvalidInput(f"cannot read {path.name}: {error.strerror}.") from None
-    except UnicodeDecodeError as error:
-        raise InvalidInput(f"{path.name} is not a text file: byte {error.start} is not UTF-8.") from None
-    if not lines or tuple(word.strip() for word in lines[0].split(",")) != COLUMNS:
-        raise InvalidInput(f"line 1 of {path.name} must be {','.join(COLUMNS)}.")
+    table = read_text_table(path)
+    table.require(*COLUMNS)
+    indices, levels, phases = (table.numbers(name) for name in COLUMNS)
     gains = np.ones(elements, dtype=np.complex128)
     seen: dict[int, int] = {}
-    for number, line in enumerate(lines[1:], start=2):
-        with about(f"line {number} of {path.name}"):
-            index, gain = _row(line, elements)
-            if index in seen:
-                raise InvalidInput(f"element {index} was given in line {seen[index]} already.")
-            seen[index], gains[index] = number, gain
+    for line, index, gain, phase in zip(table.lines, indices, levels, phases, strict=True):
+        with about(f"line {line} of {path.name}"):
+            element = _element(index, elements)
+            if element in seen:
+                raise InvalidInput(f"element {element} was given in line {seen[element]} already.")
+            if not 0.0 <= gain <= LARGEST_GAIN:
+                raise InvalidInput(f"gain {gain:g} of element {element} must be 0 to {LARGEST_GAIN:g}.")
+            seen[element], gains[element] = line, gain * np.exp(1j * phase)
     return gains
 
 
-def _row(line: str, elements: int) -> tuple[int, complex]:
-    words = line.split(",")
-    try:
-        index, (gain, phase) = int(words[0]), (float(word) for word in words[1:])
-    except ValueError:
-        raise InvalidInput(f"{line!r} is not a whole number and two numbers.") from None
+def _element(index: float, elements: int) -> int:
+    if index != int(index):
+        raise InvalidInput(f"element {index:g} is not a whole number.")
     if not 0 <= index < elements:
-        raise InvalidInput(f"there is no element {index} among {counted(elements, 'element', 'elements')}.")
-    if not (0.0 <= gain <= LARGEST_GAIN and np.isfinite(phase)):
-        raise InvalidInput(
-            f"gain {gain:g} and phase {phase:g} rad of element {index} must be 0 to {LARGEST_GAIN:g} and finite."
-        )
-    return index, complex(gain * np.exp(1j * phase))
+        raise InvalidInput(f"there is no element {index:g} among {counted(elements, 'element', 'elements')}.")
+    return int(index)

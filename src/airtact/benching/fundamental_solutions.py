@@ -1,4 +1,4 @@
-"""Sound-hard capsules and spheres by fundamental solutions: independent of every solver in src.
+"""Sound-hard capsules and spheres by fundamental solutions: a truth that shares nothing with the solvers.
 
 The scattered field is a sum of monopoles inside the bodies, fitted by least squares to ∂p/∂n = 0 at more points of the
 skin (G. Fairweather, A. Karageorghis, P. A. Martin, Eng. Anal. Bound. Elem. 27, 759, 2003). The error falls fast in
@@ -12,11 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
-from scipy.linalg.blas import zherk
-from scipy.spatial import KDTree
+from jaxtyping import Complex128, Float64, Int64, Real
 
 from airtact.scene.primitives import Capsule
+from airtact.scene.printing import in_short
 
 DEPTH_OF_IMAGES = 0.75  # share of the images' depth at which the monopoles stand
 KEPT_DIGITS = 2.5  # decimal digits that the highest azimuthal order that matters may lose on its way to the skin
@@ -26,11 +25,11 @@ MOST_MONOPOLES = 4000
 def pressure_at(
     capsules: Sequence[Capsule],
     wavenumber: complex,
-    sources: np.ndarray,
-    receivers: np.ndarray,
+    sources: Real[np.ndarray, "sources 3"],
+    receivers: Real[np.ndarray, "receivers 3"],
     wanted: float = 3e-3,
     fineness: float = 3.0,
-) -> tuple[np.ndarray, float]:
+) -> tuple[Complex128[np.ndarray, "receivers sources"], float]:
     """Total pressure of unit monopoles e^{ikr}/r beside sound-hard capsules.
 
     Parameters
@@ -63,19 +62,33 @@ def pressure_at(
         coarse, fineness = fit, 1.25 * fineness
 
 
-def clearance(capsules: Sequence[Capsule], points: np.ndarray) -> float:
+def together(
+    heard: Complex128[np.ndarray, "points sources"], spoken: Complex128[np.ndarray, "sources sounds"] | None
+) -> Complex128[np.ndarray, "points sounds"]:
+    """Sum what is heard of every source by the strengths that it speaks with."""
+    return heard if spoken is None else heard @ spoken
+
+
+def clearance(capsules: Sequence[Capsule], points: Real[np.ndarray, "points 3"]) -> float:
     """Distance of the nearest point from the skins [m]."""
     return float(min(-capsule.depth(points).max() for capsule in capsules))
 
 
-def waves(points: np.ndarray, sources: np.ndarray, wavenumber: complex) -> np.ndarray:
+def waves(
+    points: Real[np.ndarray, "points 3"], sources: Real[np.ndarray, "sources 3"], wavenumber: complex
+) -> Complex128[np.ndarray, "points sources"]:
     """e^{ikr}/r at (P, 3) points of (N, 3) sources: (P, N)."""
     distance = np.linalg.norm(points[:, None, :] - sources[None, :, :], axis=2)
     return np.exp(1j * wavenumber * distance) / distance
 
 
-def slopes(points: np.ndarray, normals: np.ndarray, sources: np.ndarray, wavenumber: complex) -> np.ndarray:
-    """Derivative of e^{ikr}/r along the normals at (P, 3) points: (P, N)."""
+def slopes(
+    points: Real[np.ndarray, "points 3"],
+    normals: Real[np.ndarray, "points 3"],
+    sources: Real[np.ndarray, "sources 3"],
+    wavenumber: complex,
+) -> Complex128[np.ndarray, "points sources"]:
+    """Differentiate e^{ikr}/r along the normals at (P, 3) points: (P, N)."""
     square = np.zeros((len(points), len(sources)))
     along = np.zeros_like(square)
     for axis in range(3):
@@ -86,7 +99,9 @@ def slopes(points: np.ndarray, normals: np.ndarray, sources: np.ndarray, wavenum
     return (1j * wavenumber - 1.0 / distance) * np.exp(1j * wavenumber * distance) * (along / square)
 
 
-def skin_points(capsule: Capsule, number: int, start: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
+def skin_points(
+    capsule: Capsule, number: int, start: float = 0.5
+) -> tuple[Float64[np.ndarray, "points 3"], Float64[np.ndarray, "points 3"]]:
     """Spread points over a capsule by the golden angle (equal steps of z are equal areas), with their normals."""
     height = (capsule.length + 2.0 * capsule.radius) * ((np.arange(number) + start) / number - 0.5)
     azimuth = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(number)
@@ -97,7 +112,9 @@ def skin_points(capsule: Capsule, number: int, start: float = 0.5) -> tuple[np.n
     return capsule.pose.apply(feet + capsule.radius * normals), capsule.pose.rotate(normals)
 
 
-def monopole_depths(capsule: Capsule, others: Sequence[Capsule], points: np.ndarray, wavenumber: complex) -> np.ndarray:
+def monopole_depths(
+    capsule: Capsule, others: Sequence[Capsule], points: Real[np.ndarray, "points 3"], wavenumber: complex
+) -> Float64[np.ndarray, "points"]:
     """How deep under each skin point its monopole stands [m]."""
     share = np.full(len(points), 1.0 - 10.0 ** (-KEPT_DIGITS / (abs(wavenumber) * capsule.radius + 5.0)))
     for other in others:
@@ -107,8 +124,10 @@ def monopole_depths(capsule: Capsule, others: Sequence[Capsule], points: np.ndar
     return share * capsule.radius
 
 
-def thinned(points: np.ndarray, spacing: np.ndarray) -> np.ndarray:
-    """Indices of a subset of points no two of which are closer than the spacing at the first of them."""
+def thinned(points: Real[np.ndarray, "points 3"], spacing: Float64[np.ndarray, "points"]) -> Int64[np.ndarray, "kept"]:
+    """Choose a subset of points no two of which are closer than the spacing at the first of them."""
+    from scipy.spatial import KDTree
+
     tree = KDTree(points)
     free = np.ones(len(points), dtype=bool)
     kept = []
@@ -119,20 +138,34 @@ def thinned(points: np.ndarray, spacing: np.ndarray) -> np.ndarray:
     return np.array(kept)
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class Fit:
-    """Monopoles inside the bodies: places (M, 3), strengths (M, N), and the problem they were fitted to."""
+    """Monopoles inside the bodies, and the problem that they were fitted to.
+
+    Attributes
+    ----------
+    capsules : the bodies.
+    wavenumber : [1/m].
+    sources : (N, 3) the sources' places [m].
+    spoken : (N, S) their strengths [Pa·m]; None for unit sources, each a sound of its own.
+    monopoles : (M, 3) places inside the bodies [m].
+    strengths : (M, S) their strengths [Pa·m].
+    """
 
     capsules: Sequence[Capsule]
     wavenumber: complex
-    sources: np.ndarray
-    monopoles: np.ndarray
-    strengths: np.ndarray
+    sources: Real[np.ndarray, "sources 3"]
+    spoken: Complex128[np.ndarray, "sources sounds"] | None
+    monopoles: Float64[np.ndarray, "monopoles 3"]
+    strengths: Complex128[np.ndarray, "monopoles sounds"]
 
-    def pressure(self, points: np.ndarray) -> np.ndarray:
-        """Total pressure (P, N)."""
+    __repr__ = in_short
+
+    def pressure(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
+        """Total pressure [Pa] at points (P, 3) outside the bodies."""
         blocks = [
-            waves(part, self.sources, self.wavenumber) + waves(part, self.monopoles, self.wavenumber) @ self.strengths
+            together(waves(part, self.sources, self.wavenumber), self.spoken)
+            + waves(part, self.monopoles, self.wavenumber) @ self.strengths
             for part in np.array_split(points, 1 + len(points) // 500)
         ]
         return np.concatenate(blocks)
@@ -142,15 +175,21 @@ class Fit:
         defect, incident = 0.0, 0.0
         for capsule in self.capsules:
             points, normals = skin_points(capsule, 1009, start=0.31)
-            arriving = slopes(points, normals, self.sources, self.wavenumber)
+            arriving = together(slopes(points, normals, self.sources, self.wavenumber), self.spoken)
             total = arriving + slopes(points, normals, self.monopoles, self.wavenumber) @ self.strengths
             incident += capsule.area * np.linalg.norm(arriving) ** 2
             defect += capsule.area * np.linalg.norm(total) ** 2
         return float(np.sqrt(defect / incident))
 
 
-def fitted(capsules: Sequence[Capsule], wavenumber: complex, sources: np.ndarray, fineness: float) -> Fit:
-    """Fit monopoles, ``fineness`` of them per depth, to ∂p/∂n = 0 on all skins."""
+def fitted(
+    capsules: Sequence[Capsule],
+    wavenumber: complex,
+    sources: Real[np.ndarray, "sources 3"],
+    fineness: float,
+    spoken: Complex128[np.ndarray, "sources sounds"] | None = None,
+) -> Fit:
+    """Fit monopoles, ``fineness`` of them per depth, to ∂p/∂n = 0 on all skins; unit sources unless ``spoken``."""
     places, points, normals, sides = [], [], [], []
     for index, capsule in enumerate(capsules):
         others = [other for position, other in enumerate(capsules) if position != index]
@@ -169,12 +208,18 @@ def fitted(capsules: Sequence[Capsule], wavenumber: complex, sources: np.ndarray
     weights = np.concatenate(sides)[:, None]
     matrix = weights * slopes(skin, outward, monopoles, wavenumber)
     sizes = np.linalg.norm(matrix, axis=0)
-    right = -weights * slopes(skin, outward, sources, wavenumber)
-    return Fit(capsules, wavenumber, sources, monopoles, least_squares(matrix / sizes, right) / sizes[:, None])
+    right = -weights * together(slopes(skin, outward, sources, wavenumber), spoken)
+    strengths = least_squares(matrix / sizes, right) / sizes[:, None]
+    return Fit(capsules, wavenumber, sources, spoken, monopoles, strengths)
 
 
-def least_squares(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Least squares with unit columns by regularised normal equations and one step of refinement."""
+def least_squares(
+    matrix: Complex128[np.ndarray, "rows unknowns"], right: Complex128[np.ndarray, "rows columns"]
+) -> Complex128[np.ndarray, "unknowns columns"]:
+    """Solve least squares with unit columns by regularised normal equations and one step of refinement."""
+    from scipy.linalg import cho_factor, cho_solve
+    from scipy.linalg.blas import zherk  # pyright: ignore[reportAttributeAccessIssue]
+
     matrix = np.asfortranarray(matrix)
     gram = zherk(1.0, matrix, trans=2, lower=1)
     gram[np.diag_indices(len(gram))] += 1e-13 * len(gram)

@@ -1,0 +1,1 @@
+"""How quick airtact is, and how quick others are: scenes, truths, times."""

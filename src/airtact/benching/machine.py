@@ -1,0 +1,116 @@
+"""How much of the machine is used: kernel evaluations against its matrix product, memory against the matrix."""
+
+import resource
+import sys
+from functools import partial
+from subprocess import run
+
+import numpy as np
+from jaxtyping import Float64
+
+from airtact import _kernels
+from airtact.benching.real_time import Row
+from airtact.benching.scenes import two_fingers
+from airtact.benching.timing import Timed, timed
+from airtact.solvers.boundary_element import BoundaryElement
+from airtact.solvers.boundary_operator import dual_surface
+from airtact.solvers.boundary_pressure import NearRule
+from airtact.solvers.boundary_quadrature import Nodes, place_nodes
+
+FLOPS = 56
+"""Operations that one kernel evaluation, the gradient of a Green's function along a normal, is counted as."""
+
+PRODUCT = 2048
+"""Side of the matrices whose product is timed."""
+
+
+def kernels_against_product(runs: int = 7) -> list[Row]:
+    """Evaluate the far field of a matrix by every compiled variant, a single-precision matrix product beside each.
+
+    Parameters
+    ----------
+    runs : timed runs of each.
+    """
+    bodies = two_fingers()
+    scene = bodies.scene
+    panels = BoundaryElement(accuracy=0.02)._panels(scene, bodies.target.beacons())
+    nodes = place_nodes(panels.six_nodes, panels.body, panels.deviation)
+    wavenumber, shifted = (
+        scene.wavenumber,
+        dual_surface(nodes, scene.wavenumber, NearRule(1.6, (4, 4)), "float32").shifted,
+    )
+    before, rows = _kernels.active_variant(), []
+    try:
+        for variant in _kernels.variants():
+            _kernels.use_variant(variant)
+            rows.append(_kernel_row(variant, nodes, shifted, wavenumber, runs))
+    finally:
+        _kernels.use_variant(before)
+    return rows
+
+
+def _kernel_row(
+    variant: str, nodes: Nodes, shifted: Float64[np.ndarray, "nodes 3"], wavenumber: complex, runs: int
+) -> Row:
+    count = len(nodes.points)
+    matrix = np.zeros((count, count), dtype=np.complex64)  # the pages are touched before the clock starts
+    fill = partial(
+        _kernels.dual_matrix_float32, nodes.points, shifted, nodes.points, nodes.weighted_normals, wavenumber, matrix
+    )
+    left = np.random.default_rng(0).normal(size=(PRODUCT, PRODUCT)).astype(np.float32)
+    products, fills = [], []
+    for _ in range(runs):  # in turn, so that both meet the same machine
+        products += timed([partial(np.matmul, left, left)] * 2)[0].seconds
+        fills += timed([fill] * 2)[0].seconds
+    kernels, product = 2.0 * count**2 / Timed(tuple(fills)).median, 2.0 * PRODUCT**3 / Timed(tuple(products)).median
+    share = FLOPS * kernels / product
+    return Row(
+        f"kernel evaluations, {variant}, {FLOPS} flop each, against sgemm",
+        "70 % (AVX-512)",
+        f"{share:.0%}: {kernels / 1e9:.2f} G/s beside {product / 1e9:.0f} Gflop/s",
+        "see the kernels' tests",
+        f"{count} nodes, {Timed(tuple(fills))} a matrix",
+        {"share": share, "kernels": kernels, "product": product, "seconds": tuple(fills)},
+    )
+
+
+MEASURED = """
+import resource, sys
+from airtact.benching.machine import peak_over_matrix
+print(*peak_over_matrix(float(sys.argv[1])))
+"""
+
+
+def peak_over_matrix(accuracy: float) -> tuple[int, float]:
+    """Solve two fingers in this process; unknowns, and the peak above what the process held before, over the matrix.
+
+    Parameters
+    ----------
+    accuracy : of the solve; 0.002 makes 8000 unknowns and more.
+    """
+    bodies = two_fingers()
+    scene, sources = bodies.scene, bodies.target.beacons()
+    BoundaryElement(accuracy=0.1).radiate(scene, sources)  # what is imported and built once is no cost of a solve
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    nodes = BoundaryElement(accuracy=accuracy).radiate(scene, sources).report.nodes
+    peak = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+    return nodes, peak / (8.0 * nodes**2)
+
+
+def memory_over_matrix(accuracy: float = 0.0018) -> Row:
+    """Solve in a fresh process and hold its peak memory against the matrix in single precision.
+
+    Parameters
+    ----------
+    accuracy : of the solve.
+    """
+    answer = run([sys.executable, "-c", MEASURED, str(accuracy)], capture_output=True, text=True, check=True).stdout
+    nodes, share = answer.split()
+    return Row(
+        "peak memory above the process's base, over the matrix (8 bytes an entry)",
+        "1.3, 8k unknowns or more",
+        f"{float(share):.2f}",
+        "",
+        f"{nodes} unknowns, matrix {8e-9 * int(nodes) ** 2:.2f} GB",
+        {"share": float(share), "unknowns": int(nodes)},
+    )

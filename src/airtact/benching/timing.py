@@ -1,0 +1,76 @@
+"""Times of several runs, told with their spread; errors of transfer matrices and drives."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from jaxtyping import Complex128
+
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Timed:
+    """Wall times of some runs of one job.
+
+    Attributes
+    ----------
+    seconds : of each run, in order [s].
+    """
+
+    seconds: tuple[float, ...]
+
+    @property
+    def median(self) -> float:
+        """The middle one [s]."""
+        return float(np.median(self.seconds))
+
+    def __str__(self) -> str:
+        unit, scale = ("s", 1.0) if self.median >= 1.0 else ("ms", 1e3)
+        low, middle, high = (
+            _three_digits(scale * value) for value in (min(self.seconds), self.median, max(self.seconds))
+        )
+        return f"{middle} {unit} ({low} to {high})"
+
+
+def timed(jobs: Sequence[Callable[[], Result]]) -> tuple[Timed, list[Result]]:
+    """Run the first job to warm up, then time the others.
+
+    Parameters
+    ----------
+    jobs : one more than shall be timed; the same again and again, or others.
+
+    Returns
+    -------
+    The times of all but the first, and what each of these gave.
+    """
+    jobs[0]()
+    seconds, results = [], []
+    for job in jobs[1:]:
+        began = time.perf_counter()
+        results.append(job())
+        seconds.append(time.perf_counter() - began)
+    return Timed(tuple(seconds)), results
+
+
+def relative_error(
+    found: Complex128[np.ndarray, "foci elements"], true: Complex128[np.ndarray, "foci elements"]
+) -> float:
+    """Error of the worst row, relative to its norm."""
+    return float(np.max(np.linalg.norm(found - true, axis=1) / np.linalg.norm(true, axis=1)))
+
+
+def correlation(found: Complex128[np.ndarray, "elements"], true: Complex128[np.ndarray, "elements"]) -> float:
+    """How alike two drives are but for one factor: 1 is the same."""
+    return float(np.abs(np.vdot(found, true)) / (np.linalg.norm(found) * np.linalg.norm(true)))
+
+
+def _three_digits(value: float) -> str:
+    """Write three digits that count, in plain figures.
+
+    >>> _three_digits(1234.5), _three_digits(23.456), _three_digits(0.45678)
+    ('1234', '23.5', '0.457')
+    """
+    return f"{value:.{max(0, 2 - int(np.floor(np.log10(max(value, 1e-9)))))}f}"

@@ -1,0 +1,201 @@
+"""From what a depth camera saw of a hand, and the rough landmarks of a tracker, to the hand itself."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float64, Real
+
+from airtact.conventions import InvalidInput
+from airtact.scene.clouds import AROUND, checked_cloud, thinned
+from airtact.scene.geometry import Surface
+from airtact.scene.guards import fixed, of_kind, real_numbers, refuse_not_finite
+from airtact.scene.hand import Hand, Side
+from airtact.scene.hand_anatomy import HandAnatomy, anybody
+from airtact.scene.hand_following import Followed
+from airtact.scene.hand_outline import outline
+from airtact.scene.hand_parts import OWNER, PARTS
+from airtact.scene.hand_solving import SIZES, Seen, Solved, skin_spread, solved
+from airtact.scene.joints import FINGERS, NAMES, evidence_of, joints_of
+from airtact.scene.printing import in_short
+
+ROUGH = 6e-3
+"""Standard deviation of each coordinate of a landmark [m]."""
+
+BASE = 20e-3
+"""That of the bases of the metacarpals where a tracker does not give them [m]."""
+
+FAULTY = 30e-3
+"""Landmarks farther than this from the joints that the cloud shows are no rough ones [m]."""
+
+SLACK = 20e-3
+"""By so much may the bones between rough landmarks be longer or shorter than any are [m]."""
+
+CLEAR = 1.5
+"""Sum of the sines of bends from which rough landmarks tell a left hand from a right one."""
+
+EXPLAINED = 0.55
+"""Share of the points around a hand that must be of its skin."""
+
+JUMP = 25e-3
+"""A hand that has moved farther since the frame before begins anew from its landmarks [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class FittedHand:
+    """A hand found in a cloud; made by ``fit_hand``.
+
+    Attributes
+    ----------
+    hand : the hand.
+    anatomy : sizes of this person's hand, learned so far.
+    joint_errors : (25,) standard deviation of the position of each joint [m].
+    part_errors : standard deviation of the skin of each part, along its normal [m].
+    points : (N, 3) points around the hand, thinned out [m].
+    distances : (N,) from its skin, positive outside [m].
+    strays : (N,) whether each counted for nothing.
+    misfit : standard deviation of the others' distances [m].
+    """
+
+    hand: Hand
+    anatomy: HandAnatomy
+    joint_errors: Float64[np.ndarray, "25"]
+    part_errors: Mapping[str, float]
+    points: Float64[np.ndarray, "points 3"]
+    distances: Float64[np.ndarray, "points"]
+    strays: Bool[np.ndarray, "points"]
+    misfit: float
+
+    __repr__ = in_short
+
+    @cached_property
+    def surface(self) -> Surface:
+        """The closed skin of the hand."""
+        return self.hand.surface
+
+
+def fit_hand(
+    points: Real[np.ndarray, "points 3"],
+    landmarks: Real[np.ndarray, "joints 3"],
+    side: Side | None = None,
+    camera: Real[np.ndarray, "3"] | None = None,
+    before: FittedHand | None = None,
+    anatomy: HandAnatomy | None = None,
+) -> FittedHand:
+    """Fit a hand to a cloud of points of its skin, seen from one side or many.
+
+    The hand that explains the points best is sought with its bones' lengths, the limits of its joints, and what sizes
+    people have; stray points count for nothing. What is not seen follows from these. The sizes of the person are
+    learned from the first frames and then kept.
+
+    Parameters
+    ----------
+    points : (N, 3) of the skin, with noise, holes and stray points [m].
+    landmarks : (25, 3) rough joints in the order of WebXR, or (21, 3) in that of MediaPipe and Leap [m].
+    side : ``"right"`` or ``"left"``; told from the landmarks unless given, where the fingers bend enough.
+    camera : (3,) the place that all points were seen from [m]. Where it is given, points belong to skin that faces it,
+        and the hand is kept out of where it looked past the hand.
+    before : the frame before, whose pose is the beginning and whose anatomy is used.
+    anatomy : sizes of the person, from earlier; anybody's unless given.
+
+    Raises
+    ------
+    InvalidInput
+        Landmarks missing, NaN, in millimetres, swapped, of the other hand or with impossible bones; a cloud that is
+        tiny, in millimetres, far off, or holds another body; a hand that does not explain the points.
+    """
+    joints = joints_of(landmarks, SLACK)
+    side = _checked_side(joints, side)
+    eye = None if camera is None else _checked_camera(camera)
+    if before is not None:
+        of_kind(before, FittedHand, "the frame before", "what fit_hand gave")
+    cloud = checked_cloud(points, joints)
+    known = anatomy or (before.anatomy if before is not None else anybody(joints))
+    spread = np.full(25, ROUGH)
+    if len(landmarks) == 21:
+        spread[[5, 10, 15, 20]] = BASE
+    nothing = Seen(np.zeros((0, 3)), joints, spread, side, known, None, None)
+    seen = Seen(thinned(cloud), joints, spread, side, known, eye, None if eye is None else outline(cloud, eye))
+    start = _carried(before, joints) if before is not None and before.hand.side == side else None
+    if start is None:
+        start = solved(nothing, joints, known.mean, hold=known.settled).joints
+    found = solved(seen, start, known.mean, hold=known.settled)
+    _refuse_poor(seen, found)
+    return _told(seen, found, side, before)
+
+
+def _told(seen: Seen, found: Solved, side: Side, before: FittedHand | None) -> FittedHand:
+    anatomy = seen.anatomy
+    if not anatomy.settled:
+        anatomy = anatomy.learned(found.sizes, found.covariance[SIZES, SIZES])
+    followed = None if before is None else Followed(before.hand.shape.hulls, before.hand.shape.kept)
+    hand = Hand(fixed(found.joints), fixed(found.radii), side, followed)
+    by_joint = np.diag(found.covariance)[:75].reshape(25, 3).sum(axis=1)
+    spread = skin_spread(found)
+    owner = np.r_[OWNER, np.full(len(PARTS) - len(OWNER), len(FINGERS))]
+    parts = {
+        name: float(np.sqrt(np.mean(spread[owner == index] ** 2))) for index, name in enumerate((*FINGERS, "palm"))
+    }
+    return FittedHand(
+        hand,
+        anatomy,
+        fixed(np.sqrt(by_joint)),
+        parts,
+        fixed(seen.points),
+        fixed(found.gaps.distance),
+        found.weights == 0.0,
+        found.scale,
+    )
+
+
+def _checked_side(joints: Float64[np.ndarray, "25 3"], side: Side | None) -> Side:
+    if side is not None and side not in ("right", "left"):
+        raise InvalidInput(f"the side of a hand is {side!r}, but there are 2: 'right' and 'left'.")
+    evidence = evidence_of(joints)
+    seen = "right" if evidence > 0.0 else "left"
+    if side is None and abs(evidence) < CLEAR:
+        raise InvalidInput(
+            f"the landmarks do not tell a left hand from a right one ({evidence:+.2f}, beyond {CLEAR:g} they would); "
+            "give side."
+        )
+    if side is not None and seen != side and abs(evidence) > CLEAR:
+        raise InvalidInput(
+            f"the landmarks are said to be of a {side} hand, but the fingers bend and the thumb points as those of a "
+            f"{seen} one ({evidence:+.2f}, above 0 being right): are they mirrored?"
+        )
+    return side or seen
+
+
+def _checked_camera(camera: Real[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
+    place = real_numbers(camera, "the place of the camera")
+    if place.shape != (3,):
+        raise InvalidInput(f"the place of the camera has shape {place.shape}, but it is 3 numbers, in metres.")
+    refuse_not_finite(place, "the place of the camera")
+    return place
+
+
+def _carried(before: FittedHand, joints: Float64[np.ndarray, "25 3"]) -> Float64[np.ndarray, "25 3"] | None:
+    """Move the hand of the frame before rigidly to new landmarks, or None where these have another pose."""
+    old, new = before.hand.joints.mean(axis=0), joints.mean(axis=0)
+    u, _, v = np.linalg.svd((joints - new).T @ (before.hand.joints - old))  # Kabsch
+    turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v
+    moved = new + (before.hand.joints - old) @ turn.T
+    return moved if np.linalg.norm(moved - joints, axis=1).max() < JUMP else None
+
+
+def _refuse_poor(seen: Seen, found: Solved) -> None:
+    used = float((found.weights > 0.0).mean())
+    if used < EXPLAINED:
+        raise InvalidInput(
+            f"the hand explains {100 * used:.0f} % of the {len(seen.points)} points within {1e3 * AROUND:g} mm of the "
+            "landmarks: is there a second hand or another body, or are the landmarks of another moment?"
+        )
+    off = np.linalg.norm(found.joints - seen.landmarks, axis=1)
+    worst = int(np.where(seen.spread > ROUGH, 0.0, off).argmax())
+    if off[worst] > FAULTY and seen.spread[worst] <= ROUGH:
+        raise InvalidInput(
+            f"the landmark {NAMES[worst]} is {1e3 * off[worst]:.3g} mm from where the cloud shows that joint, and "
+            f"rough ones are within {1e3 * FAULTY:g} mm: are landmarks swapped?",
+            seen.landmarks[worst],
+        )

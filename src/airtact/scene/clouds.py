@@ -1,0 +1,104 @@
+"""Point clouds of a hand: those refused that cannot be one, stray and far points left out, the rest thinned out."""
+
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Bool, Float64, Real
+
+from airtact.conventions import InvalidInput
+from airtact.scene.closest_point import closest_on_segments
+from airtact.scene.guards import place, points_of
+from airtact.scene.joints import BONES, CHAINS, unit
+
+FEWEST = 200
+"""Points that a hand is not told from fewer of."""
+
+AROUND = 45e-3
+"""Points farther than this from all bones are not of the hand [m]."""
+
+FOREARM = 8e-3, 70e-3
+"""The forearm begins so far behind the wrist, and is so wide at most [m]."""
+
+ELSEWHERE = 0.3
+"""Share of points elsewhere from which on they are another body and no strays."""
+
+CELL = 5e-3
+"""Cloud points are thinned out to one in a cube of this side [m]."""
+
+_PALM = tuple(pairwise(chain[1] for chain in CHAINS))
+
+
+def checked_cloud(
+    points: Real[np.ndarray, "points 3"], joints: Float64[np.ndarray, "25 3"]
+) -> Float64[np.ndarray, "near 3"]:
+    """Return the points of a cloud that lie around a hand, or refuse it.
+
+    Parameters
+    ----------
+    points : (N, 3) [m].
+    joints : (25, 3) where the hand is, roughly [m].
+
+    Raises
+    ------
+    InvalidInput
+        The cloud holds NaN, too few points or none near the hand, is in millimetres, or much of it is of another body.
+    """
+    cloud = points_of(points, "points of a cloud", least=0)
+    if len(cloud) < FEWEST:
+        raise InvalidInput(f"the cloud has {len(cloud)} points, but a hand takes at least {FEWEST}: give more of it.")
+    apart = _apart(cloud, joints)
+    forearm = _forearm(cloud, joints)
+    near = (apart < AROUND) & ~forearm
+    if near.sum() < FEWEST:
+        usual = float(np.median(apart))
+        if (_apart(1e-3 * cloud, joints) < AROUND).mean() > 0.5:
+            raise InvalidInput(f"the cloud lies {usual:.4g} m from the landmarks: is it in millimetres? Give metres.")
+        raise InvalidInput(
+            f"{near.sum()} of {len(cloud)} points lie within {1e3 * AROUND:g} mm of the landmarks, half of them "
+            f"{1e3 * usual:.4g} mm off: bring both into one frame."
+        )
+    other = ~near & ~forearm
+    if other.mean() > ELSEWHERE:
+        raise InvalidInput(
+            f"{other.sum()} of {len(cloud)} points lie more than {1e3 * AROUND:g} mm from the landmarks, half of them "
+            f"around {place(np.median(cloud[other], axis=0))}: a second hand or a background? Cut them away.",
+            np.median(cloud[other], axis=0),
+        )
+    return cloud[near]
+
+
+def thinned(points: Float64[np.ndarray, "points 3"], cell: float = CELL) -> Float64[np.ndarray, "fewer 3"]:
+    """Keep the point nearest to the mean of those in each cube.
+
+    Parameters
+    ----------
+    points : (N, 3) [m].
+    cell : side of the cubes [m].
+    """
+    _, cube, count = np.unique(np.floor(points / cell), axis=0, return_inverse=True, return_counts=True)
+    mean = np.column_stack([np.bincount(cube, column) / count for column in points.T])
+    off = np.linalg.norm(points - mean[cube], axis=1)
+    order = np.lexsort((off, cube))
+    return points[order[np.r_[0, np.cumsum(count)[:-1]]]]
+
+
+def _apart(
+    points: Float64[np.ndarray, "points 3"], joints: Float64[np.ndarray, "25 3"]
+) -> Float64[np.ndarray, "points"]:
+    """Distance of points from the nearest bone, or line across the palm."""
+    apart = np.full(len(points), np.inf)
+    for one, two in (*BONES, *_PALM):
+        start, end = np.broadcast_to(joints[one], points.shape), np.broadcast_to(joints[two], points.shape)
+        share = closest_on_segments(points, start, end)[:, None]
+        apart = np.minimum(apart, np.linalg.norm(points - (1.0 - share) * start - share * end, axis=1))
+    return apart
+
+
+def _forearm(
+    points: Float64[np.ndarray, "points 3"], joints: Float64[np.ndarray, "25 3"]
+) -> Bool[np.ndarray, "points"]:
+    """Whether points lie on the forearm, behind the wrist."""
+    along = unit(joints[0] - joints[[6, 11, 16, 21]].mean(axis=0))
+    behind = (points - joints[0]) @ along
+    beside = np.linalg.norm(points - joints[0] - behind[:, None] * along, axis=1)
+    return (behind > FOREARM[0]) & (beside < FOREARM[1])

@@ -1,0 +1,120 @@
+"""The sizes of one person's hand, learned from its first frames: lengths of bones, radii of the skin.
+
+Sources
+-------
+- Meta Platforms, iwer 2.5.0 (MIT): proportions of a generic hand, from ``examples/hands/relaxed.json``.
+- A. Buryanov, V. Kotiuk, "Proportions of hand segments", Int. J. Morphol. 28, 755 (2010): hands differ from the mean
+  proportions by about a tenth.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from airtact.scene.guards import fixed
+from airtact.scene.joints import BONES, CHAINS, NAMES, RADII
+from airtact.scene.printing import in_short
+
+TIES = (
+    *((5, 10), (10, 15), (15, 20), (6, 11), (11, 16), (16, 21), (1, 5)),
+    *((5, 11), (10, 6), (10, 16), (15, 11), (15, 21), (20, 16)),
+)
+"""Joints of the palm between which no bone runs, but that keep their distance."""
+
+SPANS = (*BONES, *TIES)
+"""Joints at both ends of every length that a hand keeps."""
+
+GENERIC = fixed(
+    1e-3
+    * np.array(
+        [49.4, 43.2, 35.9, 39.0, 42.8, 33.0, 34.3, 25.0, 60.6, 38.5, 24.7, 22.7, 62.6, 43.6]
+        + [28.0, 25.4, 54.8, 39.6, 27.0, 24.8, 46.4, 31.2, 20.6, 22.3]
+        + [16.7, 19.0, 8.9, 22.7, 21.1, 22.2, 12.7, 63.5, 65.9, 59.3, 64.2, 48.9, 55.8]
+    )
+)
+"""Those lengths of a hand of ``LENGTH`` [m]."""
+
+COUNT = len(SPANS) + 25
+"""How many sizes a hand has."""
+
+COMMON, THICK, FINGER, RADIUS = 0.08, 0.05, 0.03, 0.05
+"""Standard deviations of the logarithm of sizes between people: of all sizes at once, of all radii, of those of one
+finger, and of each radius by itself."""
+
+OWN, WRIST, TIP, TIE = 0.08, 0.15, 0.3, 0.2
+"""Those of the length of a bone by itself, of those at the wrist, of the last ones, which trackers end where they like,
+and of ties."""
+
+LEAST_LENGTH, LEAST_RADIUS = 3e-3, 1e-2
+"""Least standard deviations that learning ends with, of the logarithms of lengths and radii."""
+
+LEARNED = 8
+"""Frames from which the sizes of a person are learned; later ones keep them."""
+
+
+@dataclass(frozen=True, eq=False)
+class HandAnatomy:
+    """Sizes of one person's hand, as a normal distribution of their logarithms.
+
+    Attributes
+    ----------
+    mean : (62,) logarithms of 37 lengths [m], as ``SPANS`` orders them, and of the radii at 25 joints [m].
+    covariance : (62, 62) of these.
+    frames : how many frames they were learned from.
+    """
+
+    mean: Float64[np.ndarray, "62"]
+    covariance: Float64[np.ndarray, "62 62"]
+    frames: int
+
+    __repr__ = in_short
+
+    @property
+    def lengths(self) -> dict[str, float]:
+        """Length of each bone [m], by the joints at its ends."""
+        lengths = np.exp(self.mean[: len(BONES)])
+        return {f"{NAMES[a]} to {NAMES[b]}": float(x) for (a, b), x in zip(BONES, lengths, strict=True)}
+
+    @property
+    def radii(self) -> Float64[np.ndarray, "25"]:
+        """Radius of the skin round each joint (25,) [m]."""
+        return np.exp(self.mean[len(SPANS) :])
+
+    @property
+    def settled(self) -> bool:
+        """Whether enough frames were seen: later ones keep the sizes."""
+        return self.frames >= LEARNED
+
+    def learned(self, mean: Float64[np.ndarray, "62"], covariance: Float64[np.ndarray, "62 62"]) -> "HandAnatomy":
+        """Take what a frame has taught.
+
+        Parameters
+        ----------
+        mean, covariance : of the sizes, given this frame and all before.
+        """
+        least = np.r_[np.full(len(SPANS), LEAST_LENGTH), np.full(25, LEAST_RADIUS)]
+        more = np.diag(np.maximum(least**2 - np.diag(covariance), 0.0))
+        return HandAnatomy(fixed(mean), fixed(covariance + more), self.frames + 1)
+
+
+def anybody(joints: Float64[np.ndarray, "25 3"]) -> HandAnatomy:
+    """Sizes of a hand of which only rough joints are known, by those of people.
+
+    Parameters
+    ----------
+    joints : (25, 3) [m]; the distances from wrist to knuckles set the size.
+    """
+    knuckles = [chain[1] for chain in CHAINS[1:]]
+    usual = GENERIC[1:5] + GENERIC[[SPANS.index((chain[0], chain[1])) for chain in CHAINS[1:]]]
+    scale = float(np.linalg.norm(joints[knuckles] - joints[0], axis=1).sum() / usual.sum())
+    own = np.full(COUNT, OWN)
+    own[:5], own[len(BONES) :], own[len(SPANS) :] = WRIST, TIE, RADIUS
+    own[[SPANS.index((chain[-2], chain[-1])) for chain in CHAINS]] = TIP
+    covariance = np.diag(own**2) + COMMON**2
+    radii = np.arange(len(SPANS), COUNT)
+    covariance[np.ix_(radii, radii)] += THICK**2
+    for chain in CHAINS:
+        rows = len(SPANS) + np.array(chain)
+        covariance[np.ix_(rows, rows)] += FINGER**2
+    return HandAnatomy(fixed(np.log(scale * np.r_[GENERIC, RADII])), fixed(covariance), 0)

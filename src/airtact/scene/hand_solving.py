@@ -1,0 +1,307 @@
+"""The hand that explains a cloud best: Gauss-Newton steps with exact derivatives, stray points weighted down.
+
+Sources
+-------
+- A. E. Beaton, J. W. Tukey, Technometrics 16, 147 (1974): the weights of points that are far off.
+- F. R. Hampel, J. Am. Stat. Assoc. 69, 383 (1974): the scale of the misfit from its median.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Int64
+from scipy.linalg import cho_factor, cho_solve
+
+from airtact.scene.hand_anatomy import SPANS, HandAnatomy
+from airtact.scene.hand_feet import Gaps, gaps_to
+from airtact.scene.hand_hulls import Hulls
+from airtact.scene.hand_limits import (
+    UNKNOWNS,
+    bend_rules,
+    bending_axes,
+    firmness,
+    landmark_cost,
+    landmark_rules,
+    length_rules,
+)
+from airtact.scene.hand_outline import Outline
+from airtact.scene.hand_parts import PARTS, WEB_BALL, hand_hulls
+from airtact.scene.printing import in_short
+
+TUKEY = 4.685
+"""Points off by more than this over the scale of the misfit count for nothing."""
+
+NORMAL = 1.4826
+"""Standard deviation of a normal distribution over the median of its magnitudes."""
+
+REACH = 15e-3
+"""Points farther than this say nothing of the misfit's scale [m]."""
+
+LEAST, MOST = 0.02e-3, 4e-3
+"""Bounds of that scale [m]."""
+
+STEP, SIZE_STEP = 10e-3, 0.1
+"""Longest step of a joint [m], and of the logarithm of a size."""
+
+SETTLED = 0.05e-3
+"""Steps shorter than this end the search [m]."""
+
+STEPS = 40
+"""Steps at most."""
+
+FIRST, EASIER, HARDER, HARDEST = 1e-3, 5.0, 4.0, 1e4
+"""Damping of the first step, what it is divided and multiplied by, and where the search ends."""
+
+CELL = 12e-3
+"""Points nearer than this are off together, by the same fault of the shape [m]."""
+
+ALIKE = 6.0
+"""Points that count as one."""
+
+MOST_ALIKE = 12.0
+"""Points that count as one at most."""
+
+SIZES = slice(75, UNKNOWNS)
+RADII = slice(75 + len(SPANS), UNKNOWNS)
+
+
+def _balls() -> Float64[np.ndarray, "104 100"]:
+    """How centres and radii of the balls follow from joints and radii."""
+    rows = np.zeros((26, 4, 100))
+    for ball in range(25):
+        rows[ball, range(3), range(3 * ball, 3 * ball + 3)] = 1.0
+        rows[ball, 3, 75 + ball] = 1.0
+    rows[WEB_BALL] = 0.5 * (rows[1] + rows[2])
+    rows[WEB_BALL, 3] = 0.4 * (rows[1, 3] + rows[2, 3])
+    return rows.reshape(104, 100)
+
+
+BALLS = _balls()
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What is known of a hand in one frame.
+
+    Attributes
+    ----------
+    points : (N, 3) of its skin, thinned out [m].
+    landmarks : (25, 3) rough joints [m].
+    spread : (25,) standard deviation of each of their coordinates [m].
+    side : "right" or "left".
+    anatomy : what its sizes may be.
+    camera : (3,) that saw the points [m], or None.
+    outline : what that camera saw of the hand, or None.
+    """
+
+    points: Float64[np.ndarray, "points 3"]
+    landmarks: Float64[np.ndarray, "25 3"]
+    spread: Float64[np.ndarray, "25"]
+    side: str
+    anatomy: HandAnatomy
+    camera: Float64[np.ndarray, "3"] | None
+    outline: Outline | None
+
+    __repr__ = in_short
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """The hand found.
+
+    Attributes
+    ----------
+    joints : (25, 3) [m].
+    sizes : (62,) logarithms.
+    covariance : (137, 137) of joints and sizes.
+    gaps : from points to its skin.
+    weights : (N,) of the points, 0 for strays.
+    scale : standard deviation of the misfit [m].
+    together : standard deviation of the part of it that neighbouring points have alike [m].
+    steps : how many it took.
+    """
+
+    joints: Float64[np.ndarray, "25 3"]
+    sizes: Float64[np.ndarray, "62"]
+    covariance: Float64[np.ndarray, "137 137"]
+    gaps: Gaps
+    weights: Float64[np.ndarray, "points"]
+    scale: float
+    together: float
+    steps: int
+
+    __repr__ = in_short
+
+    @property
+    def radii(self) -> Float64[np.ndarray, "25"]:
+        """Radii of the skin round the joints (25,) [m]."""
+        return np.exp(self.sizes[len(SPANS) :])
+
+
+def solved(seen: Seen, joints: Float64[np.ndarray, "25 3"], sizes: Float64[np.ndarray, "62"], hold: bool) -> Solved:
+    """Find the hand that explains a cloud best.
+
+    Parameters
+    ----------
+    seen : what is known.
+    joints, sizes : (25, 3) [m] and (62,) logarithms to begin with.
+    hold : keeps the sizes as they are.
+    """
+    place = np.concatenate([joints.ravel(), sizes])
+    free = 75 if hold else UNKNOWNS
+    damping, steps = FIRST, 0
+    here = _system(seen, place)
+    while steps < STEPS:
+        steps += 1
+        matrix = here.matrix[:free, :free] + damping * np.diag(np.diag(here.matrix)[:free])
+        move = -cho_solve(cho_factor(matrix), here.slope[:free])
+        length = float(np.linalg.norm(move[:75].reshape(25, 3), axis=1).max())
+        move *= min(1.0, STEP / max(length, 1e-12), SIZE_STEP / max(float(np.abs(move[75:]).max(initial=0.0)), 1e-12))
+        tried = place.copy()
+        tried[:free] += move
+        there = _system(seen, tried)
+        better = there.cost(here.scale) < here.cost(here.scale)
+        damping = damping / EASIER if better else damping * HARDER
+        if better:
+            place, here = tried, there
+        if length < SETTLED or damping > HARDEST:
+            break
+    return _told(seen, place, here, steps)
+
+
+def body(joints: Float64[np.ndarray, "25 3"], sizes: Float64[np.ndarray, "62"]) -> Hulls:
+    """Build the body of a hand.
+
+    Parameters
+    ----------
+    joints, sizes : (25, 3) [m] and (62,) logarithms.
+    """
+    return hand_hulls(joints, np.exp(sizes[len(SPANS) :]))[0]
+
+
+def skin_spread(found: Solved) -> Float64[np.ndarray, "hulls"]:
+    """Say how far the skin of each hull (H,) may be off along its normal, as standard deviation all round [m].
+
+    The part of the misfit that neighbouring points have alike, a fault of the shape itself, is in it.
+
+    Parameters
+    ----------
+    found : the hand.
+    """
+    ways = np.vstack([np.eye(3), -np.eye(3)])
+    own = found.covariance[np.ix_(OF_POINTS, OF_POINTS)]
+    spread = np.zeros(len(PARTS))
+    for hull, part in enumerate(PARTS.tolist()):
+        balls = [ball for ball in part if ball >= 0]
+        shares = np.vstack([np.eye(len(balls)), np.full((1, len(balls)), 1.0 / len(balls))])
+        slopes = np.zeros((len(shares), len(ways), 26, 4))
+        slopes[:, :, balls] = shares[:, None, :, None] * np.column_stack([ways, np.ones(len(ways))])[None, :, None]
+        rows = by_unknowns(slopes.reshape(-1, 104), found.sizes)
+        spread[hull] = np.einsum("ri,ij,rj->r", rows, own, rows).mean()
+    return np.sqrt(spread + found.together**2)
+
+
+def by_unknowns(
+    slopes: Float64[np.ndarray, "rows 104"], sizes: Float64[np.ndarray, "62"]
+) -> Float64[np.ndarray, "rows 100"]:
+    """Turn derivatives by balls to those by joints and the logarithms of radii.
+
+    Parameters
+    ----------
+    slopes : (R, 104).
+    sizes : (62,) logarithms.
+    """
+    found = slopes @ BALLS
+    found[:, 75:] *= np.exp(sizes[len(SPANS) :])
+    return found
+
+
+OF_POINTS: Int64[np.ndarray, "100"] = np.r_[np.arange(75), np.arange(RADII.start, RADII.stop)]
+"""The unknowns that a point speaks of: joints and radii."""
+
+
+@dataclass(frozen=True, eq=False)
+class _System:
+    """The normal equations of a step, and what the cost is made of."""
+
+    matrix: Float64[np.ndarray, "137 137"]
+    slope: Float64[np.ndarray, "137"]
+    squares: float
+    gaps: Gaps
+    weights: Float64[np.ndarray, "points"]
+    scale: float
+
+    def cost(self, scale: float) -> float:
+        """Half the sum of squares of the rules, and of Tukey's function of the points."""
+        reach = TUKEY * scale
+        share = np.minimum((self.gaps.distance / reach) ** 2, 1.0)
+        return 0.5 * self.squares + reach**2 / (6.0 * ALIKE * scale**2) * float((1.0 - (1.0 - share) ** 3).sum())
+
+
+def _system(seen: Seen, place: Float64[np.ndarray, "137"], alike: float = ALIKE) -> _System:
+    joints, sizes = place[:75].reshape(25, 3), place[75:]
+    matrix, slope = np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS)
+    hulls, off = body(joints, sizes), joints - seen.landmarks
+    rules = [
+        landmark_rules(off, firmness(off, seen.spread)),
+        length_rules(joints, sizes),
+        bend_rules(joints, bending_axes(joints, seen.side)),
+    ]
+    squares = landmark_cost(off, seen.spread)
+    for residuals, slopes in rules:
+        matrix += slopes.T @ slopes
+        slope += slopes.T @ residuals
+    squares += sum(float(residuals @ residuals) for residuals, _ in rules[1:])
+    known, from_mean = np.linalg.inv(seen.anatomy.covariance), sizes - seen.anatomy.mean
+    matrix[SIZES, SIZES] += known
+    slope[SIZES] += known @ from_mean
+    squares += float(from_mean @ known @ from_mean)
+    own, falling = np.zeros((100, 100)), np.zeros(100)
+    if seen.outline is not None:
+        beyond, by_ball, cost = seen.outline.beyond(hulls.balls)
+        slopes = by_unknowns(by_ball, sizes)
+        own, falling = slopes.T @ slopes, slopes.T @ beyond
+        squares += cost
+    gaps, weights, scale = _misfit(seen, hulls)
+    slopes = by_unknowns(gaps.slopes, sizes)
+    weighted = slopes * (weights / (alike * scale**2))[:, None]
+    matrix[np.ix_(OF_POINTS, OF_POINTS)] += own + slopes.T @ weighted
+    slope[OF_POINTS] += falling + weighted.T @ gaps.distance
+    return _System(matrix, slope, squares, gaps, weights, scale)
+
+
+def _misfit(seen: Seen, hulls: Hulls) -> tuple[Gaps, Float64[np.ndarray, "points"], float]:
+    """Distances of points from the skin of a hand, their weights, and the scale of the misfit [m]."""
+    if len(seen.points) == 0:
+        return Gaps(np.zeros(0), np.zeros((0, 104)), np.zeros(0, dtype=np.int64)), np.zeros(0), MOST
+    gaps = gaps_to(seen.points, hulls, seen.camera)
+    off = np.abs(gaps.distance)
+    near = off[off < REACH]
+    scale = float(np.clip(NORMAL * np.median(near), LEAST, MOST)) if len(near) else MOST
+    return gaps, np.maximum(1.0 - (off / (TUKEY * scale)) ** 2, 0.0) ** 2, scale
+
+
+def _told(seen: Seen, place: Float64[np.ndarray, "137"], here: _System, steps: int) -> Solved:
+    """Say what was found, neighbouring points that are off alike counting as one."""
+    alike, together = _alike(seen.points, here.gaps, here.weights, here.scale)
+    covariance = cho_solve(cho_factor(_system(seen, place, alike).matrix), np.eye(UNKNOWNS))
+    joints = place[:75].reshape(25, 3)
+    return Solved(joints, place[75:], covariance, here.gaps, here.weights, here.scale, together, steps)
+
+
+def _alike(
+    points: Float64[np.ndarray, "points 3"], gaps: Gaps, weights: Float64[np.ndarray, "points"], scale: float
+) -> tuple[float, float]:
+    """How many neighbouring points are as good as one, their misfit being alike, and how large that common part is."""
+    used = np.flatnonzero(weights > 0.0)
+    if len(used) < 2:
+        return 1.0, scale
+    cells = np.column_stack([np.floor(points[used] / CELL).astype(np.int64), gaps.hull[used]])
+    _, cell, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+    mean = np.bincount(cell, gaps.distance[used]) / count
+    spread = float(np.var(gaps.distance[used]))
+    within = float(np.sum((gaps.distance[used] - mean[cell]) ** 2) / max(len(used) - len(count), 1))
+    common = max(spread - within, 0.0)
+    usual = float((count**2).sum() / count.sum())
+    alike = 1.0 + (usual - 1.0) * common / max(spread, 1e-18)
+    return min(alike, MOST_ALIKE), float(np.sqrt(common))

@@ -1,0 +1,171 @@
+"""A field as one file: an HDF5 file whose first 512 bytes hold a checksum of the others.
+
+The field's dataclasses become a tree in JSON, its arrays datasets; scene and sources are not stored, for who looks for
+the field has them.
+"""
+
+import hashlib
+import importlib
+import io
+import json
+import os
+import secrets
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from jaxtyping import Num
+
+from airtact.conventions import InvalidInput
+from airtact.scene.scene import Scene
+from airtact.scene.sources import Monopoles
+from airtact.solvers.problem import RadiatedField
+
+HEAD = 512
+"""Bytes before the HDF5 file proper: its user block."""
+
+MARK = b"airtact solved field 1 "
+
+Tree: TypeAlias = str | int | float | bool | dict[str, Any] | list[Any] | None
+
+
+class DamagedError(Exception):
+    """An entry that is not what was written."""
+
+
+def written(field: RadiatedField, key: str) -> bytes:
+    """Write a field down.
+
+    Parameters
+    ----------
+    field : a dataclass of numbers, arrays and other dataclasses of airtact.
+    key : what it is found by.
+
+    Raises
+    ------
+    InvalidInput
+        It holds something that cannot be written, such as a factorised matrix of another library.
+    """
+    import h5py
+
+    arrays: list[Num[np.ndarray, ...]] = []
+    given = {id(field.scene): "scene", id(field.sources): "sources"}
+    tree = _taken_apart(field, arrays, given)
+    stream = io.BytesIO()
+    with h5py.File(stream, "w", userblock_size=HEAD) as file:
+        file.attrs["key"] = key
+        file["field"] = json.dumps(tree)
+        for index, array in enumerate(arrays):
+            file[f"arrays/{index}"] = array
+    whole = stream.getvalue()
+    return (MARK + _checksum(whole)).ljust(HEAD, b"\0") + whole[HEAD:]
+
+
+def read(whole: bytes, key: str, scene: Scene, sources: Monopoles) -> RadiatedField:
+    """Make the field again.
+
+    Parameters
+    ----------
+    whole : the file's bytes.
+    key : that it must have been written for.
+    scene, sources : that it was solved for.
+
+    Raises
+    ------
+    DamagedError
+        The bytes are not those that were written, or were written for another key.
+    """
+    import h5py
+
+    if whole[:HEAD] != (MARK + _checksum(whole)).ljust(HEAD, b"\0"):
+        raise DamagedError
+    with h5py.File(io.BytesIO(whole), "r") as file:
+        if file.attrs["key"] != key:
+            raise DamagedError
+        stored: dict[str, Any] = {}
+        file.visititems(lambda name, item: stored.update({name: item[()]} if hasattr(item, "dtype") else {}))
+    tree, arrays = json.loads(stored.pop("field")), [stored[f"arrays/{index}"] for index in range(len(stored))]
+    for array in arrays:
+        array.flags.writeable = False
+    return _put_together(tree, arrays, {"scene": scene, "sources": sources})  # pyright: ignore[reportReturnType]
+
+
+def save(path: Path, whole: bytes) -> None:
+    """Let a file appear with all its bytes on the disk, whoever else writes it or whatever ends this process.
+
+    Parameters
+    ----------
+    path : of the file; its folder is there.
+    whole : what it shall hold.
+
+    Raises
+    ------
+    OSError
+        The folder or the disk takes no more; nothing of the file is left.
+    """
+    partial = path.with_name(f".{path.name}.{os.getpid()}-{secrets.token_hex(4)}.partial")
+    try:
+        with partial.open("xb") as stream:
+            stream.write(whole)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(partial, path)
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _checksum(whole: bytes) -> bytes:
+    return hashlib.sha256(memoryview(whole)[HEAD:]).hexdigest().encode()
+
+
+def _taken_apart(value: object, arrays: list[Num[np.ndarray, "..."]], given: Mapping[int, str]) -> Tree:
+    """Describe a value in JSON; its arrays are appended to a list."""
+    if id(value) in given:
+        return {"given": given[id(value)]}
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, np.generic):
+        return _taken_apart(value.item(), arrays, given)
+    if isinstance(value, complex):
+        return {"complex": [value.real, value.imag]}
+    if isinstance(value, np.ndarray) and value.dtype.kind in "biufc":
+        arrays.append(value)
+        return {"array": len(arrays) - 1}
+    if isinstance(value, tuple):
+        return {"tuple": [_taken_apart(one, arrays, given) for one in value]}
+    if isinstance(value, Mapping) and all(isinstance(key, str) for key in value):
+        return {"table": {key: _taken_apart(one, arrays, given) for key, one in value.items()}}
+    kind = type(value)
+    if is_dataclass(value) and kind.__module__.startswith("airtact."):
+        kept = {one.name: getattr(value, one.name) for one in fields(value) if one.init and one.compare}
+        parts: dict[str, Tree] = {name: _taken_apart(part, arrays, given) for name, part in kept.items()}
+        return {"module": kind.__module__, "class": kind.__qualname__, "fields": parts}
+    raise InvalidInput(f"a {kind.__qualname__} cannot be written into a file.")
+
+
+def _put_together(tree: Tree, arrays: list[Num[np.ndarray, "..."]], given: Mapping[str, object]) -> object:
+    """Make the value again that a tree describes."""
+    if not isinstance(tree, dict):
+        return tree
+    match tree:
+        case {"given": str(name)}:
+            return given[name]
+        case {"complex": [float(real), float(imaginary)]}:
+            return complex(real, imaginary)
+        case {"array": int(index)}:
+            return arrays[index]
+        case {"tuple": list(parts)}:
+            return tuple(_put_together(part, arrays, given) for part in parts)
+        case {"table": dict(table)}:
+            return {key: _put_together(part, arrays, given) for key, part in table.items()}
+        case {"module": str(module), "class": str(name), "fields": dict(table)} if module.startswith("airtact."):
+            kind = getattr(importlib.import_module(module), name)
+            return kind(**{key: _put_together(part, arrays, given) for key, part in table.items()})
+    raise DamagedError

@@ -1,0 +1,123 @@
+"""A Kalman filter that takes every coordinate to keep its velocity, which changes by chance: by white acceleration.
+
+All coordinates are equally noisy and equally agile, so they share one covariance (2, 2) of position and velocity, and
+with it one gain.
+
+Source: Y. Bar-Shalom, X. R. Li, T. Kirubarajan, *Estimation with Applications to Tracking and Navigation*, Wiley 2001:
+section 6.2.2, discretised continuous white noise acceleration (equations 6.2.2-4 and 6.2.2-9); section 5.5.3, starting
+from two measurements.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float64, Real
+
+from airtact.scene.printing import in_short
+
+USUAL = 0.5
+"""Standard deviation of the velocity of a hand of which nothing else is known [m/s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Where points are and how they move, as far as measurements tell.
+
+    Attributes
+    ----------
+    time : of these positions [s].
+    positions : (P, 3) [m].
+    velocities : (P, 3) [m/s].
+    covariance : (2, 2) of position and velocity, of every coordinate.
+    seen_once : whether there was one measurement only, so that the velocity is a guess.
+    """
+
+    time: float
+    positions: Float64[np.ndarray, "points 3"]
+    velocities: Float64[np.ndarray, "points 3"]
+    covariance: Float64[np.ndarray, "2 2"]
+    seen_once: bool = False
+
+    __repr__ = in_short
+
+    def at(self, time: float, agility: float) -> "Motion":
+        """Carry the points on at their velocities.
+
+        Parameters
+        ----------
+        time : when [s].
+        agility : spectral density of the acceleration [m²/s³].
+        """
+        step = time - self.time
+        forward, chance = transition(step), wander(step, agility)
+        positions = self.positions + step * self.velocities
+        return replace(self, time=time, positions=positions, covariance=forward @ self.covariance @ forward.T + chance)
+
+
+def transition(step: float) -> Float64[np.ndarray, "2 2"]:
+    """Say what a step of time makes of position and velocity.
+
+    Parameters
+    ----------
+    step : [s].
+    """
+    return np.array([[1.0, step], [0.0, 1.0]])
+
+
+def wander(step: float, agility: float) -> Float64[np.ndarray, "2 2"]:
+    """Say how far position and velocity may wander in a step of time, as their covariance.
+
+    Parameters
+    ----------
+    step : [s].
+    agility : spectral density of the acceleration [m²/s³].
+    """
+    size = abs(step)
+    return agility * np.array([[size**3 / 3.0, step * size / 2.0], [step * size / 2.0, size]])
+
+
+def first_seen(time: float, positions: Real[np.ndarray, "points 3"], noise: float) -> Motion:
+    """Begin with one measurement: the points stand still, as far as it tells.
+
+    Parameters
+    ----------
+    time : [s].
+    positions : (P, 3) [m].
+    noise : standard deviation of each coordinate [m].
+    """
+    covariance = np.diag([noise**2, USUAL**2])
+    return Motion(time, np.asarray(positions, dtype=np.float64), np.zeros(positions.shape), covariance, seen_once=True)
+
+
+def measured(
+    motion: Motion, time: float, positions: Real[np.ndarray, "points 3"], noise: float, agility: float
+) -> Motion:
+    """Take a measurement into account.
+
+    Parameters
+    ----------
+    motion : as known before.
+    time : of the measurement, later [s].
+    positions : (P, 3) [m].
+    noise : standard deviation of each coordinate [m].
+    agility : spectral density of the acceleration [m²/s³].
+    """
+    if motion.seen_once:
+        return _from_two(motion, time, positions, noise, agility)
+    expected = motion.at(time, agility)
+    gain = expected.covariance[:, 0] / (expected.covariance[0, 0] + noise**2)
+    surprise = positions - expected.positions
+    keep = np.eye(2) - np.outer(gain, [1.0, 0.0])
+    covariance = keep @ expected.covariance @ keep.T + noise**2 * np.outer(gain, gain)  # Joseph's form stays positive
+    return Motion(time, expected.positions + gain[0] * surprise, motion.velocities + gain[1] * surprise, covariance)
+
+
+def _from_two(
+    motion: Motion, time: float, positions: Real[np.ndarray, "points 3"], noise: float, agility: float
+) -> Motion:
+    step = time - motion.time
+    velocities = (positions - motion.positions) / step
+    crossed = noise**2 / step
+    turned = 2.0 * noise**2 / step**2 + agility * step / 3.0
+    covariance = np.array([[noise**2, crossed], [crossed, turned]])
+    return Motion(time, np.asarray(positions, dtype=np.float64), velocities, covariance)

@@ -1,0 +1,152 @@
+"""Frames as messages: JSON, for websockets and recordings, and OSC, for programs of sound and light.
+
+JSON: one object, such as ``{"time": 1.5, "side": "left", "sequence": 45, "landmarks": [[x, y, z], ...]}``, with a
+``cloud`` of points where there is one. Neither landmarks nor cloud, or null for both, says that the hand is lost; null
+for a coordinate or a landmark says that this one is.
+
+OSC: address ``/airtact/hand``, arguments time (double), side (string), sequence (integer), then x, y, z of every
+landmark (floats; none where the hand is lost), and where there is a cloud a blob of big-endian floats, x, y, z of every
+point.
+"""
+
+import json
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+
+from airtact.scene.guards import counted
+from airtact.tracking.frame import LAST_SEQUENCE, FaultyFrame, HandFrame
+
+ADDRESS = "/airtact/hand"
+"""Address of a hand's frame in OSC."""
+
+DIGITS = 6
+"""Places of a metre that are written: micrometres."""
+
+Coordinates = tuple[float | None, float | None, float | None]
+
+
+class Message(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+    """A frame as JSON has it.
+
+    Attributes
+    ----------
+    time, side, sequence, landmarks, cloud : see ``HandFrame``.
+    """
+
+    time: float
+    side: str
+    sequence: Annotated[int, msgspec.Meta(ge=0, le=LAST_SEQUENCE)]
+    landmarks: list[Coordinates | None] | None = None
+    cloud: list[Coordinates] | None = None
+
+
+_decoder = msgspec.json.Decoder(Message)
+
+
+def to_json(frame: HandFrame) -> bytes:
+    """Write a frame as a line of JSON, without the line's end; coordinates are rounded to micrometres.
+
+    Parameters
+    ----------
+    frame : any.
+    """
+    landmarks = None if frame.landmarks is None else np.round(frame.landmarks, DIGITS).tolist()
+    cloud = None if frame.cloud is None else np.round(frame.cloud, DIGITS).tolist()
+    return msgspec.json.encode(Message(frame.time, frame.side, frame.sequence, landmarks, cloud))
+
+
+def from_json(text: bytes | str) -> HandFrame:
+    """Read a frame from JSON.
+
+    Parameters
+    ----------
+    text : one object.
+
+    Raises
+    ------
+    InvalidInput
+        It is not such JSON, or the frame is refused: a ``FaultyFrame`` that says what is wrong.
+    """
+    try:
+        message = _message_in(text)
+    except (msgspec.MsgspecError, ValueError, RecursionError) as error:
+        reason = "it is nested too deep" if isinstance(error, RecursionError) else str(error)
+        raise FaultyFrame("nonsense", f"this is not 1 frame as JSON: {reason}.") from None
+    landmarks = [(None,) * 3 if one is None else one for one in message.landmarks or []]
+    return _frame(message.time, message.side, message.sequence, landmarks, message.cloud or [])
+
+
+def to_osc(frame: HandFrame) -> bytes:
+    """Write a frame as an OSC message, coordinates in single precision.
+
+    Parameters
+    ----------
+    frame : any.
+    """
+    from pythonosc.osc_message_builder import OscMessageBuilder
+
+    builder = OscMessageBuilder(ADDRESS)
+    builder.add_arg(frame.time, "d")
+    builder.add_arg(frame.side, "s")
+    builder.add_arg(frame.sequence, "h")
+    for coordinate in () if frame.landmarks is None else frame.landmarks.ravel():
+        builder.add_arg(float(coordinate), "f")
+    if frame.cloud is not None:
+        builder.add_arg(frame.cloud.astype(">f4").tobytes(), "b")
+    return builder.build().dgram
+
+
+def from_osc(packet: bytes) -> list[HandFrame]:
+    """Read the frames in an OSC packet: one message, or a bundle of several; other addresses are passed over.
+
+    Parameters
+    ----------
+    packet : as it came.
+
+    Raises
+    ------
+    InvalidInput
+        It is not OSC, or the arguments are not those of a frame, or the frame is refused.
+    """
+    from pythonosc.osc_packet import OscPacket
+
+    try:
+        messages = [timed.message for timed in OscPacket(packet).messages]
+        read = [(message.address, list(message.params)) for message in messages]
+    except Exception as error:  # the parser lets errors of struct, str and its own through
+        raise FaultyFrame("nonsense", f"these {len(packet)} bytes are not OSC: {error}.") from None
+    return [_from_arguments(arguments) for address, arguments in read if address == ADDRESS]
+
+
+def _message_in(text: bytes | str) -> Message:
+    raw = text.encode() if isinstance(text, str) else text
+    if b"NaN" in raw or b"Infinity" in raw:  # no JSON, but what Python and others write
+        return msgspec.convert(json.loads(raw), Message)
+    return _decoder.decode(raw)
+
+
+def _from_arguments(arguments: list[Any]) -> HandFrame:
+    blob = arguments.pop() if arguments and isinstance(arguments[-1], bytes) else b""
+    if len(arguments) < 3 or not all(isinstance(one, float | int) for one in [arguments[0], *arguments[3:]]):
+        raise FaultyFrame(
+            "nonsense", f"{counted(len(arguments), 'argument is', 'arguments are')} no time, side, sequence and floats."
+        )
+    if len(arguments[3:]) % 3 or len(blob) % 12:
+        raise FaultyFrame(
+            "nonsense", f"{len(arguments) - 3} floats and {len(blob)} bytes are not x, y, z of each landmark and point."
+        )
+    landmarks = np.array(arguments[3:], dtype=np.float64).reshape(-1, 3)
+    cloud = np.frombuffer(blob, dtype=">f4").reshape(-1, 3).astype(np.float64)
+    return _frame(arguments[0], arguments[1], arguments[2], landmarks, cloud)
+
+
+def _frame(time: float, side: Any, sequence: Any, landmarks: Any, cloud: Any) -> HandFrame:
+    """Make the frame of lists or arrays of points, empty ones being none."""
+    if side not in ("left", "right"):
+        raise FaultyFrame("nonsense", f"the side of a hand is {side!r}, but there are 2: 'left' and 'right'.")
+    if isinstance(sequence, bool) or not isinstance(sequence, int):
+        raise FaultyFrame("nonsense", f"the sequence number is {sequence!r}, but it must be an integer.")
+    points = [np.array(one, dtype=np.float64).reshape(-1, 3) if len(one) else None for one in (landmarks, cloud)]
+    return HandFrame(time, side, sequence, *points)

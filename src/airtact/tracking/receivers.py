@@ -1,0 +1,165 @@
+"""Sockets that trackers send their frames to; each listens in threads of its own and feeds a ``HandStream``.
+
+They are for trackers on this computer: they listen at 127.0.0.1 unless told otherwise, and pages of other sites that a
+browser shows cannot speak to them.
+"""
+
+import re
+import socket
+from threading import Lock, Thread
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+from airtact.conventions import InvalidInput
+from airtact.tracking.stream import HandStream
+
+if TYPE_CHECKING:
+    from websockets.sync.server import ServerConnection
+
+LARGEST_MESSAGE = 2**22
+"""Longest message that is taken from a websocket [bytes]; a cloud of 50,000 points needs 2 million."""
+
+LARGEST_PACKET = 2**16
+"""Longest packet of UDP [bytes]."""
+
+OWN_PAGES = re.compile(r"https?://(localhost|127\.0\.0\.1)(:\d+)?")
+"""Pages that may send frames; programs that are no browser name no page and may always."""
+
+
+class WebSocketReceiver:
+    """Listens for websockets that send frames in JSON, as many at a time as like.
+
+    Use it in a ``with`` block; it listens from its making to the end of the block.
+
+    Parameters
+    ----------
+    stream : what is fed; a new one unless given.
+    port : to listen at; 0 takes a free one, which ``port`` tells.
+    host : the address to listen at.
+
+    Raises
+    ------
+    InvalidInput
+        When nobody can listen there: another program does.
+    """
+
+    def __init__(self, stream: HandStream | None = None, port: int = 0, host: str = "127.0.0.1") -> None:
+        from websockets.sync.server import serve
+
+        self.stream = HandStream() if stream is None else stream
+        self._connections: set[ServerConnection] = set()
+        self._lock, self._closed = Lock(), False
+        bound = _bound(socket.SOCK_STREAM, port, host)
+        self.port: int = bound.getsockname()[1]
+        self._server = serve(
+            self._hear,
+            sock=bound,
+            origins=[None, OWN_PAGES],
+            max_size=LARGEST_MESSAGE,
+            compression=None,
+            close_timeout=1,
+        )
+        self._thread = Thread(target=self._server.serve_forever, name="airtact websocket", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop listening and end all connections."""
+        self._server.shutdown()
+        with self._lock:
+            self._closed = True
+            connections = list(self._connections)
+        for connection in connections:
+            connection.close()
+        self._thread.join()
+
+    def __enter__(self) -> "WebSocketReceiver":
+        """Take itself into the block."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, fault: BaseException | None, at: TracebackType | None) -> None:
+        """Close at the end of the block."""
+        self.close()
+
+    def _hear(self, connection: "ServerConnection") -> None:
+        from websockets.exceptions import ConnectionClosed
+
+        with self._lock:
+            if self._closed:
+                return
+            self._connections.add(connection)
+        try:
+            for message in connection:
+                self.stream.feed_json(message)
+        except ConnectionClosed:
+            pass  # a tracker that was killed: its silence tells
+        finally:
+            with self._lock:
+                self._connections.discard(connection)
+
+
+class OscReceiver:
+    """Listens for OSC over UDP.
+
+    Use it in a ``with`` block; it listens from its making to the end of the block.
+
+    Parameters
+    ----------
+    stream : what is fed; a new one unless given.
+    port : to listen at; 0 takes a free one, which ``port`` tells.
+    host : the address to listen at.
+
+    Raises
+    ------
+    InvalidInput
+        When nobody can listen there: another program does.
+    """
+
+    def __init__(self, stream: HandStream | None = None, port: int = 0, host: str = "127.0.0.1") -> None:
+        self.stream = HandStream() if stream is None else stream
+        self._socket = _bound(socket.SOCK_DGRAM, port, host)
+        self._socket.settimeout(0.1)  # so often it looks whether it was closed
+        self.port: int = self._socket.getsockname()[1]
+        self._closed = False
+        self._thread = Thread(target=self._listen, name="airtact OSC", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._closed = True
+        self._thread.join()
+        self._socket.close()
+
+    def __enter__(self) -> "OscReceiver":
+        """Take itself into the block."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, fault: BaseException | None, at: TracebackType | None) -> None:
+        """Close at the end of the block."""
+        self.close()
+
+    def _listen(self) -> None:
+        while not self._closed:
+            try:
+                packet = self._socket.recv(LARGEST_PACKET)
+            except TimeoutError:
+                continue
+            except OSError:  # of Windows, when an answer could not be delivered; the next packet comes all the same
+                continue
+            self.stream.feed_osc(packet)
+
+
+def _bound(kind: socket.SocketKind, port: int, host: str) -> socket.socket:
+    """Open a socket that listens at a port."""
+    if not 0 <= port <= 65535:
+        raise InvalidInput(f"port {port} does not exist; give 1 to 65535, or 0 for any that is free.")
+    made = socket.socket(socket.AF_INET, kind)
+    try:
+        if kind == socket.SOCK_STREAM:
+            made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        made.bind((host, port))
+        if kind == socket.SOCK_STREAM:
+            made.listen()
+    except OSError as error:
+        made.close()
+        raise InvalidInput(f"nobody can listen at {host}, port {port}: {error.strerror}; take another port.") from None
+    return made

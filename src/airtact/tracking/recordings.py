@@ -1,0 +1,217 @@
+"""Recordings of hands: JSON lines, one frame in a line as it comes over a wire, or NumPy's .npz. And their replay."""
+
+import os
+import time
+import zipfile
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64, Int64, Real
+
+from airtact.conventions import InvalidInput, about
+from airtact.scene.guards import counted, positive
+from airtact.scene.printing import in_short
+from airtact.tracking.frame import FaultyFrame, HandFrame
+from airtact.tracking.messages import from_json, to_json
+from airtact.tracking.stream import HandStream, StreamHealth
+
+ENDINGS = (".jsonl", ".npz")
+"""Endings of recordings."""
+
+ARRAYS = ("time", "right", "sequence", "landmark_counts", "landmarks", "cloud_counts", "clouds")
+"""What .npz holds: for each frame its time [s], whether it is a right hand, its number, how many landmarks and how many
+points of a cloud it has; and all landmarks and all points, one after the other (number, 3) [m]."""
+
+LONGEST_LINE = 2**26
+"""Lines of a recording are no longer [bytes]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What was read from a recording.
+
+    Attributes
+    ----------
+    frames : in the order of the file.
+    health : what was in the file, and what was wrong with it; nobody can tell lateness there.
+    """
+
+    frames: tuple[HandFrame, ...]
+    health: StreamHealth
+
+    __repr__ = in_short
+
+
+def load_recording(path: Path, leave_out: bool = False) -> Recording:
+    """Read a recording.
+
+    Parameters
+    ----------
+    path : a file of JSON lines, ``.jsonl``, or of NumPy, ``.npz``.
+    leave_out : whether frames that cannot be used are left out and counted, as a stream does, instead of refusing the
+        file because of the first.
+
+    Raises
+    ------
+    InvalidInput
+        The file cannot be read, or holds no frame, or one that cannot be used: which and why, beginning with the
+        file's name.
+    """
+    with about(path.name):
+        if path.suffix not in ENDINGS:
+            raise InvalidInput(f"the ending {path.suffix!r} is not 1 of those of recordings: {', '.join(ENDINGS)}.")
+        now = 0.0
+        stream = HandStream(clock=lambda: now)
+        frames = []
+        for where, found in _lines(path) if path.suffix == ".jsonl" else _entries(path):
+            if isinstance(found, HandFrame):
+                now = found.time
+            fault = stream.feed(found)
+            if fault is None:
+                frames.append(found)
+            elif not leave_out:
+                raise InvalidInput(f"{where}: {fault}", fault.place)
+        if not frames:
+            raise InvalidInput(f"there are 0 frames of a hand that can be used ({stream.health}).")
+        return Recording(tuple(frames), stream.health)
+
+
+def save_recording(path: Path, frames: Iterable[HandFrame]) -> None:
+    """Write a recording; the file appears only once it is whole.
+
+    Parameters
+    ----------
+    path : ends in ``.jsonl``, which rounds to micrometres, or ``.npz``, which does not.
+    frames : in the order in which they came.
+
+    Raises
+    ------
+    InvalidInput
+        When there are no frames, or the ending is another one.
+    """
+    kept = tuple(frames)
+    if path.suffix not in ENDINGS or not kept:
+        raise InvalidInput(
+            f"{counted(len(kept), 'frame', 'frames')} cannot be written to {path.name}: give at least 1, and an ending "
+            f"of {' or '.join(ENDINGS)}."
+        )
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        with partial.open("wb") as file:
+            if path.suffix == ".jsonl":
+                file.writelines(to_json(frame) + b"\n" for frame in kept)
+            else:
+                np.savez_compressed(file, allow_pickle=False, **_arrays(kept))
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def replay(frames: Iterable[HandFrame], speed: float = 1.0) -> Iterator[HandFrame]:
+    """Give frames at the times at which they were taken.
+
+    Parameters
+    ----------
+    frames : of a recording.
+    speed : 2 is twice as fast; infinity does not wait.
+
+    Yields
+    ------
+    Each frame, not before its time: a reader who is slow gets those that are due at once.
+
+    Raises
+    ------
+    InvalidInput
+        When the speed is not above zero.
+    """
+    if speed != np.inf:
+        positive(speed, "the speed of a replay", "times that of the recording")
+    began = start = None
+    for frame in frames:
+        if began is None or start is None:
+            began, start = time.monotonic(), frame.time
+        early = (frame.time - start) / speed - (time.monotonic() - began)
+        if early > 0.0:
+            time.sleep(early)
+        yield frame
+
+
+Found = Iterator[tuple[str, HandFrame | FaultyFrame]]
+"""Where in a file a frame stands, and the frame or what is wrong with it."""
+
+
+def _lines(path: Path) -> Found:
+    try:
+        with path.open("rb") as file:
+            for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE), b""), start=1):
+                if line.strip():
+                    yield f"line {number}", _read(line)
+    except OSError as error:
+        raise InvalidInput(f"the recording cannot be read: {error.strerror}.") from None
+
+
+def _read(line: bytes) -> HandFrame | FaultyFrame:
+    try:
+        return from_json(line)
+    except FaultyFrame as fault:
+        return fault
+
+
+def _entries(path: Path) -> Found:
+    arrays = _arrays_in(path)
+    ends = [np.cumsum(arrays[name].astype(np.int64)) for name in ("landmark_counts", "cloud_counts")]
+    for index, (taken, right, sequence) in enumerate(zip(*(arrays[name] for name in ARRAYS[:3]), strict=True)):
+        parts = []
+        for name, end in zip(("landmarks", "clouds"), ends, strict=True):
+            start = end[index - 1] if index else 0
+            parts.append(arrays[name][start : end[index]] if end[index] > start else None)
+        try:
+            frame = HandFrame(float(taken), "right" if right else "left", int(sequence), *parts)
+        except FaultyFrame as fault:
+            frame = fault
+        yield f"frame {index + 1}", frame
+
+
+def _arrays_in(path: Path) -> Mapping[str, Real[np.ndarray, "..."]]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: np.asarray(file[name]) for name in ARRAYS if name in file}
+    except OSError as error:
+        raise InvalidInput(f"the recording cannot be read: {error.strerror or 'it is not of NumPy'}.") from None
+    except (ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
+        raise InvalidInput(f"this is no recording of NumPy, byte 0 onwards: {error}.") from None
+    missing = [name for name in ARRAYS if name not in arrays]
+    if missing:
+        raise InvalidInput(f"{counted(len(missing), 'array is', 'arrays are')} missing, the first is {missing[0]}.")
+    for name in ("landmark_counts", "cloud_counts"):
+        least = int(arrays[name].min(initial=0)) if arrays[name].dtype.kind in "iu" else 0
+        if least < 0:
+            raise InvalidInput(f"{name} holds a count of {least}; write the recording anew.")
+    count = len(arrays["time"]) if arrays["time"].ndim == 1 else 0
+    for name in ARRAYS:
+        one = arrays[name]
+        of_points = name in ("landmarks", "clouds")
+        shape = (
+            (int(arrays[{"landmarks": "landmark_counts", "clouds": "cloud_counts"}[name]].sum()), 3)
+            if of_points
+            else (count,)
+        )
+        if one.shape != shape or one.dtype.kind not in ("fiu" if of_points or name == "time" else "iub"):
+            raise InvalidInput(f"{name} has shape {one.shape} and type {one.dtype}, but {count} frames need {shape}.")
+    return arrays
+
+
+def _arrays(frames: tuple[HandFrame, ...]) -> dict[str, Float64[np.ndarray, "..."] | Int64[np.ndarray, "..."]]:
+    landmarks = [np.empty((0, 3)) if frame.landmarks is None else frame.landmarks for frame in frames]
+    clouds = [np.empty((0, 3)) if frame.cloud is None else frame.cloud for frame in frames]
+    return {
+        "time": np.array([frame.time for frame in frames], dtype=np.float64),
+        "right": np.array([frame.side == "right" for frame in frames], dtype=np.int64),
+        "sequence": np.array([frame.sequence for frame in frames], dtype=np.int64),
+        "landmark_counts": np.array([len(one) for one in landmarks], dtype=np.int64),
+        "landmarks": np.concatenate(landmarks),
+        "cloud_counts": np.array([len(one) for one in clouds], dtype=np.int64),
+        "clouds": np.concatenate(clouds),
+    }

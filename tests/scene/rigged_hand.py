@@ -1,0 +1,154 @@
+"""A true hand of another shape family than ours: the GLB hand, bent by its own rig and seen by a depth camera."""
+
+import json
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from airtact.scene.hand_bending import bending_axis
+from airtact.scene.joints import CHAINS
+
+FILE = Path(__file__).parent.parent.parent / "examples/hands/generic-hand-right.glb"
+
+KINDS = {5121: np.uint8, 5123: np.uint16, 5126: np.float32}
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+
+FOCAL, PIXELS = 450.0, 320
+"""Of the camera: 1 mm of a hand at 0.45 m to a pixel."""
+
+BENDS = {
+    "rest": {},
+    "pinch": {"thumb": (0, 8, 14, 18), "index": (0, 48, 42, 22), "middle": (0, 22, 22, 12), "ring": (0, 16, 18, 10)},
+    "grip": {"thumb": (0, 10, 15, 15), **dict.fromkeys(("index", "middle", "ring", "pinky"), (0, 45, 50, 30))},
+    "point": {"thumb": (0, 5, 20, 20), **dict.fromkeys(("middle", "ring", "pinky"), (0, 60, 65, 35))},
+    "curl": dict.fromkeys(("index", "middle", "ring", "pinky"), (0, 20, 25, 15)),
+}
+"""How far the joints of each finger bend, from the metacarpal on [degrees]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rigged:
+    """Vertices (V, 3) and triangles of the skin, each its own place, the joints (25, 3) and which joint bends what."""
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    joints: np.ndarray
+    weights: np.ndarray
+
+
+def rest() -> Rigged:
+    """Read the hand and its rig from the file (glTF 2.0, Khronos Group, sections 3.6 and 3.7.3)."""
+    whole = FILE.read_bytes()
+    size = struct.unpack("<I", whole[12:16])[0]
+    tree, data = json.loads(whole[20 : 20 + size]), whole[28 + size :]
+
+    def array(index: int) -> np.ndarray:
+        accessor = tree["accessors"][index]
+        start = tree["bufferViews"][accessor["bufferView"]].get("byteOffset", 0)
+        width = WIDTHS[accessor["type"]]
+        count = accessor["count"] * width
+        return np.frombuffer(data, KINDS[accessor["componentType"]], count, start).reshape(-1, width)
+
+    primitive, skin = tree["meshes"][0]["primitives"][0], tree["skins"][0]
+    vertices = array(primitive["attributes"]["POSITION"]).astype(np.float64)
+    triangles = array(primitive["indices"]).reshape(-1, 3).astype(np.int64)
+    bound, shares = array(primitive["attributes"]["JOINTS_0"]), array(primitive["attributes"]["WEIGHTS_0"])
+    weights = np.zeros((len(vertices), 25))
+    np.add.at(weights, (np.arange(len(vertices))[:, None], bound), shares.astype(np.float64))
+    inverse = array(skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1).astype(np.float64)
+    joints = np.linalg.inv(inverse)[:, :3, 3]
+    _, first, same = np.unique(np.round(vertices, 7), axis=0, return_index=True, return_inverse=True)
+    return Rigged(vertices[first], same[triangles], joints, weights[first] / weights[first].sum(axis=1, keepdims=True))
+
+
+def bent(hand: Rigged, bends: dict[str, tuple[float, ...]]) -> Rigged:
+    """Bend fingers by linear blend skinning."""
+    turns = np.tile(np.eye(4), (25, 1, 1))
+    for finger, name in enumerate(("thumb", "index", "middle", "ring", "pinky")):
+        whole = np.eye(4)
+        axis = bending_axis(hand.joints, "right", finger)
+        for joint, degrees in zip(CHAINS[finger][:-1], bends.get(name, (0, 0, 0, 0)), strict=False):
+            turn = np.eye(4)
+            turn[:3, :3] = Rotation.from_rotvec(np.radians(degrees) * axis).as_matrix()
+            turn[:3, 3] = hand.joints[joint] - turn[:3, :3] @ hand.joints[joint]
+            whole = whole @ turn
+            turns[joint] = whole
+        turns[CHAINS[finger][-1]] = whole
+
+    def moved(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        ahead = np.column_stack([points, np.ones(len(points))])
+        return np.einsum("pj,jab,pb->pa", weights, turns, ahead)[:, :3]
+
+    joints = moved(hand.joints, np.eye(25))
+    return Rigged(moved(hand.vertices, hand.weights), hand.triangles, joints, hand.weights)
+
+
+def posed(name: str, share: float = 1.0) -> Rigged:
+    """Take one of the poses of ``BENDS``, or a share of the way to it."""
+    return bent(rest(), {finger: tuple(share * x for x in angles) for finger, angles in BENDS[name].items()})
+
+
+def turned_to_camera(hand: Rigged, seed: int, tilt: float = 35.0, palm: bool = True) -> Rigged:
+    """Put a hand 0.45 m before a camera in the origin that looks along z, its palm or back to it, tilted by chance."""
+    random = np.random.default_rng(seed)
+    up = hand.joints[11] - hand.joints[0]
+    up = up / np.linalg.norm(up)
+    across = hand.joints[6] - hand.joints[21]
+    back = np.cross(up, across) / np.linalg.norm(np.cross(up, across))
+    look = back if palm else -back  # the camera looks along z
+    frame = np.stack([np.cross(up, look), up, look])
+    turn = Rotation.from_rotvec(np.radians(tilt) * random.uniform(-1, 1, 3)).as_matrix() @ frame
+    middle = hand.joints.mean(axis=0)
+    place = np.array([0.0, 0.0, 0.45]) + random.uniform(-0.02, 0.02, 3)
+
+    def moved(points: np.ndarray) -> np.ndarray:
+        return (points - middle) @ turn.T + place
+
+    return Rigged(moved(hand.vertices), hand.triangles, moved(hand.joints), hand.weights)
+
+
+def depths_seen(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Depth (PIXELS, PIXELS) of the nearest triangle along the ray through each pixel, infinite where there is none."""
+    image = np.full((PIXELS, PIXELS), np.inf)
+    flat = FOCAL * vertices[:, :2] / vertices[:, 2:] + PIXELS / 2
+    for corners in triangles:
+        place, depth = flat[corners], vertices[corners, 2]
+        low = np.maximum(np.ceil(place.min(axis=0)).astype(int), 0)
+        high = np.minimum(np.floor(place.max(axis=0)).astype(int), PIXELS - 1)
+        if np.any(high < low):
+            continue
+        x, y = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1), indexing="ij")
+        (a, b), (c, d) = place[1] - place[0], place[2] - place[0]
+        determinant = a * d - b * c
+        if abs(determinant) < 1e-12:
+            continue
+        u = ((x - place[0, 0]) * d - (y - place[0, 1]) * c) / determinant
+        v = ((y - place[0, 1]) * a - (x - place[0, 0]) * b) / determinant
+        inside = (u >= 0) & (v >= 0) & (u + v <= 1)
+        far = 1 / ((1 - u - v) / depth[0] + u / depth[1] + v / depth[2])
+        part = image[low[0] : high[0] + 1, low[1] : high[1] + 1]
+        part[inside] = np.minimum(part, far)[inside]
+    return image
+
+
+def seen(hand: Rigged, seed: int, noise: float = 1e-3, strays: float = 0.1, holes: int = 5) -> np.ndarray:
+    """Points (N, 3) that the camera sees [m]: noise in depth, round holes, and points that are nowhere."""
+    random = np.random.default_rng(seed)
+    image = depths_seen(hand.vertices, hand.triangles)
+    x, y = np.nonzero(np.isfinite(image))
+    depth = image[x, y] + random.normal(scale=noise, size=len(x))
+    rays = np.column_stack([(x - PIXELS / 2) / FOCAL, (y - PIXELS / 2) / FOCAL, np.ones(len(x))])
+    points = rays * depth[:, None]
+    for centre in random.choice(len(points), holes):
+        points = points[np.linalg.norm(points - points[centre], axis=1) > random.uniform(4e-3, 8e-3)]
+    low, high = points.min(axis=0), points.max(axis=0)
+    wide = 0.2 * (high - low)
+    return np.vstack([points, random.uniform(low - wide, high + wide, (int(strays * len(points)), 3))])
+
+
+def rough(joints: np.ndarray, seed: int, spread: float = 4.7e-3) -> np.ndarray:
+    """Landmarks of a tracker that are 7.5 mm off in the mean."""
+    return joints + np.random.default_rng(seed).normal(scale=spread, size=joints.shape)

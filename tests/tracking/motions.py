@@ -1,0 +1,70 @@
+"""Motions of a hand that never were, to try streams, recordings and prediction on."""
+
+import functools
+
+import numpy as np
+
+from airtact.scene.hand import hand_from_joints
+from airtact.tracking.frame import HandFrame
+from scene.hand_poses import example
+
+SPEED = 0.5
+"""Fastest that the whole hand moves in ``Pinching`` [m/s]."""
+
+REACH, REST = 0.15, 0.25
+"""How far it reaches [m], and how long it rests between [s]."""
+
+
+@functools.cache
+def pinch_pose() -> tuple[np.ndarray, np.ndarray]:
+    """Return joints (25, 3) and radii (25,) of the pinch pose [m]."""
+    return example("pinch")
+
+
+def still(sequence: int, time: float | None = None, **changed) -> HandFrame:
+    """Make a frame of the pinch pose, 30 in a second unless told otherwise."""
+    joints, _ = pinch_pose()
+    fields = {"side": "left", "landmarks": joints, "cloud": None} | changed
+    return HandFrame(sequence / 30 if time is None else time, sequence=sequence, **fields)
+
+
+def reached(time: float) -> float:
+    """How far a hand is on its way to and fro [m]: minimum jerk, as people reach.
+
+    Source: T. Flash, N. Hogan, "The coordination of arm movements", J. Neurosci. 5, 1688 (1985).
+    """
+    lasts = 1.875 * REACH / SPEED
+    turn, since = divmod(time, lasts + REST)
+    share = min(since / lasts, 1.0)
+    there = REACH * (10 * share**3 - 15 * share**4 + 6 * share**5)
+    return REACH - there if int(turn) % 2 else there
+
+
+class Pinching:
+    """The pinch pose opens and closes from 5 to 45 mm once a second while the hand reaches to and fro along x.
+
+    Joints between gaps that are computed are interpolated.
+    """
+
+    def __init__(self, count: int = 17) -> None:
+        joints, radii = pinch_pose()
+        hand = hand_from_joints(joints, radii)
+        self.radii, self.gaps = radii, np.linspace(0.005, 0.045, count)
+        self.joints = np.array([hand.open_to(gap).joints for gap in self.gaps])
+
+    def at(self, time: float) -> np.ndarray:
+        """Joints (25, 3) at a time [m]."""
+        gap = 0.025 - 0.02 * np.cos(2 * np.pi * time)
+        place = np.interp(gap, self.gaps, np.arange(len(self.gaps)))
+        low = min(int(place), len(self.gaps) - 2)
+        joints = self.joints[low] + (place - low) * (self.joints[low + 1] - self.joints[low])
+        return joints + np.array([reached(time), 0.0, 0.0])
+
+    def frames(self, rate: float, seconds: float, noise: float = 0.0, seed: int = 0) -> list[HandFrame]:
+        """Frames of a tracker with so much noise in each coordinate [m]."""
+        random = np.random.default_rng(seed)
+        times = np.arange(round(seconds * rate)) / rate
+        return [
+            HandFrame(time, "left", index, self.at(time) + noise * random.normal(size=(25, 3)))
+            for index, time in enumerate(times)
+        ]
