@@ -23,6 +23,9 @@ from airtact.transfer import Drive, focus_by_distance
 CONSIDERED, IGNORED = "fingers considered", "fingers ignored"
 """The paper's two drives."""
 
+DRAWN = 1.2e-3
+"""Longest edge of the fingers' outlines in pictures [m]."""
+
 
 @dataclass(frozen=True, eq=False)
 class Solved:
@@ -73,7 +76,7 @@ def solved(settings: Settings, clock: Clock) -> Solved:
     settings : how fine.
     clock : is told each step.
     """
-    fingers, array = dummies(), surrounding_box()
+    fingers, array = dummies(edge=DRAWN), surrounding_box()
     scene = fingers.rigid
     solver = FiniteElement(settings.order, settings.elements_per_wavelength, progress=heed_interrupts)
     with clock.step("finite elements", f"solving for the beacons by finite elements of order {settings.order}"):
