@@ -1,7 +1,7 @@
 """How quickly a hand gets its skin, and how good it is whatever the fingers do.
 
 Run ``PYTHONPATH=.:tests python benchmarks/hand.py [poses]``; with a number, so many random poses are made. 10,000 of
-them take an hour.
+them take half an hour.
 """
 
 import sys

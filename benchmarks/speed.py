@@ -2,7 +2,7 @@
 
 Run ``make bench``, or ``PYTHONPATH=.:tests python benchmarks/speed.py [row ...]`` with the first words of the rows
 wanted. Times are medians with the least and the most, errors are against fundamental solutions or, for a hand, against
-a finer solution; these truths take some minutes the first time and are kept in ``out/bench``.
+a finer solution; these truths take some minutes the first time and are kept in ``out/bench/truths``.
 """
 
 import os
@@ -22,7 +22,7 @@ from airtact.scene.hand_files import load_hand
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = ROOT / "examples"
-KEPT = ROOT / "out/bench"
+KEPT = ROOT / "out/bench/truths"
 
 
 def pinch_seconds() -> tuple[float, float]:
@@ -90,8 +90,8 @@ def rows(runs: int = 7) -> dict[str, Callable[[], Row | list[Row]]]:
         "whole": fingers.whole_moved,
         "focus": fingers.new_focus,
         "slice": fingers.slice_beside,
-        "hand-drive": partial(hand.row, "open hand of 325 cm², drive only", "0.2 s, correlation 0.995", 0.1),
-        "hand": partial(hand.row, "open hand of 325 cm²", "0.6 s, 3 %", 0.03),
+        "hand-drive": hand.drive_only,
+        "hand": hand.pressures,
         "kernels": partial(kernels_against_product, runs),
         "memory": memory_over_matrix,
         "pinch": pinch,

@@ -67,6 +67,11 @@ from airtact.synthesis.sequence import (
 from airtact.synthesis.stalling import Stalled
 from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
 from airtact.synthesis.upper_bound import UpperBound, upper_bound
+from airtact.tracking.frame import HandFrame
+from airtact.tracking.prediction import Predictor
+from airtact.tracking.receivers import OscReceiver, WebSocketReceiver
+from airtact.tracking.recordings import Recording, load_recording, replay, save_recording
+from airtact.tracking.stream import HandStream, StreamHealth
 from airtact.transducers.boards import Board, board_named, poses_of_boards
 from airtact.transducers.calibration import load_calibration
 from airtact.transducers.element import Element, monopole, piston
@@ -98,6 +103,8 @@ __all__ = [
     "FreeField",
     "Hand",
     "HandAnatomy",
+    "HandFrame",
+    "HandStream",
     "InvalidInput",
     "Judgement",
     "Levels",
@@ -108,6 +115,7 @@ __all__ = [
     "Monopoles",
     "NotConverged",
     "Obstacle",
+    "OscReceiver",
     "Overlay",
     "Pad",
     "Panels",
@@ -115,7 +123,9 @@ __all__ = [
     "Pinch",
     "Played",
     "Pose",
+    "Predictor",
     "RadiatedField",
+    "Recording",
     "RecordingLink",
     "SampledField",
     "Scan",
@@ -130,11 +140,13 @@ __all__ = [
     "Stalled",
     "Stored",
     "Stray",
+    "StreamHealth",
     "Surface",
     "Target",
     "Touch",
     "TransferMatrix",
     "UpperBound",
+    "WebSocketReceiver",
     "air",
     "amplitude_modulation",
     "attainable",
@@ -165,6 +177,7 @@ __all__ = [
     "lateral_modulation",
     "load_calibration",
     "load_hand",
+    "load_recording",
     "load_samples",
     "load_scan",
     "load_surface",
@@ -181,7 +194,9 @@ __all__ = [
     "poses_of_boards",
     "quantise",
     "radiation_pressure",
+    "replay",
     "rounding_error",
+    "save_recording",
     "segment",
     "share_reached",
     "skin_map",

@@ -8,7 +8,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from airtact.scene.closest_point import signed_distance
+from airtact.scene.hand import Hand
 from airtact.scene.hand_bending import bending_axis
+from airtact.scene.hand_parts import OWNER, PARTS
 from airtact.scene.joints import CHAINS
 
 FILE = Path(__file__).parent.parent.parent / "examples/hands/generic-hand-right.glb"
@@ -142,8 +145,8 @@ def seen(hand: Rigged, seed: int, noise: float = 1e-3, strays: float = 0.1, hole
     depth = image[x, y] + random.normal(scale=noise, size=len(x))
     rays = np.column_stack([(x - PIXELS / 2) / FOCAL, (y - PIXELS / 2) / FOCAL, np.ones(len(x))])
     points = rays * depth[:, None]
-    for centre in random.choice(len(points), holes):
-        points = points[np.linalg.norm(points - points[centre], axis=1) > random.uniform(4e-3, 8e-3)]
+    for centre in points[random.choice(len(points), holes)]:
+        points = points[np.linalg.norm(points - centre, axis=1) > random.uniform(4e-3, 8e-3)]
     low, high = points.min(axis=0), points.max(axis=0)
     wide = 0.2 * (high - low)
     return np.vstack([points, random.uniform(low - wide, high + wide, (int(strays * len(points)), 3))])
@@ -152,3 +155,25 @@ def seen(hand: Rigged, seed: int, noise: float = 1e-3, strays: float = 0.1, hole
 def rough(joints: np.ndarray, seed: int, spread: float = 4.7e-3) -> np.ndarray:
     """Landmarks of a tracker that are 7.5 mm off in the mean."""
     return joints + np.random.default_rng(seed).normal(scale=spread, size=joints.shape)
+
+
+def places_on(vertices: np.ndarray, triangles: np.ndarray, count: int) -> np.ndarray:
+    """Places evenly over a skin."""
+    random = np.random.default_rng(0)
+    corners = vertices[triangles]
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    chosen = corners[random.choice(len(triangles), count, p=areas / areas.sum())]
+    return np.einsum("pc,pci->pi", random.dirichlet(np.ones(3), count), chosen)
+
+
+def off_each_other(
+    hand: Hand, true: Rigged, count: int = 4000
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Distances of places on the true skin from the fitted one, and back [m], and the parts that they are of."""
+    skin = hand.shape.skin(5e-3)
+    there, back = places_on(true.vertices, true.triangles, count), places_on(skin.vertices, skin.triangles, count)
+    owner = np.r_[OWNER, np.full(len(PARTS) - len(OWNER), 5)]
+    parts = [owner[hand.shape.hulls.look(places).nearest] for places in (there, back)]
+    from_true = np.abs(signed_distance(skin.vertices, skin.triangles).depth(there))
+    from_fitted = np.abs(signed_distance(true.vertices, true.triangles).depth(back))
+    return from_true, from_fitted, *parts

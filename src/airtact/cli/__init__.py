@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import click
 
+from airtact.cli.bench import bench
 from airtact.cli.boards import boards, emit, export
 from airtact.cli.hands import hand
 from airtact.cli.papers import reproduce
@@ -62,7 +63,7 @@ def commands() -> None:
     """Compute what a phased array must emit so that a hand feels points while it scatters the sound."""
 
 
-for _command in (boards, emit, export, reproduce, hand, listen):
+for _command in (bench, boards, emit, export, reproduce, hand, listen):
     commands.add_command(_command)
 
 

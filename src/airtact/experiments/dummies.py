@@ -29,7 +29,7 @@ LENGTH = 44e-3
 """Length of a finger's axis [m]."""
 
 EDGE = 2.5e-3
-"""Longest edge of the triangles that pictures show; solvers make their own [m]."""
+"""Longest edge of the triangles where nothing is drawn [m]."""
 
 Entering = Literal["from below", "from above", "from the side"]
 """How the fingers come into the box: along its open axis z, or across it."""
@@ -90,7 +90,13 @@ class Dummies:
         return WAYS[self.entering]
 
 
-def dummies(gap: float = 12e-3, radius: float = 8e-3, tilt: float = 20.0, entering: Entering = "from below") -> Dummies:
+def dummies(
+    gap: float = 12e-3,
+    radius: float = 8e-3,
+    tilt: float = 20.0,
+    entering: Entering = "from below",
+    edge: float = EDGE,
+) -> Dummies:
     """Build both fingers as capsules, the tips towards each other along x.
 
     Parameters
@@ -98,6 +104,7 @@ def dummies(gap: float = 12e-3, radius: float = 8e-3, tilt: float = 20.0, enteri
     gap, radius : [m].
     tilt : [degrees], 0 to 90, which lays both along x.
     entering : where they come from.
+    edge : longest edge of the triangles that pictures show [m]; solvers make their own.
 
     Raises
     ------
@@ -118,6 +125,6 @@ def dummies(gap: float = 12e-3, radius: float = 8e-3, tilt: float = 20.0, enteri
     for side in (-1.0, 1.0):
         tip = np.array([side * (gap / 2 + radius), 0.0, 0.0])
         along = math.sin(angle) * np.array([side, 0.0, 0.0]) + math.cos(angle) * WAYS[entering]
-        surfaces.append(capsule(tip + LENGTH * along, tip, radius, EDGE))
+        surfaces.append(capsule(tip + LENGTH * along, tip, radius, edge))
     foci = np.array([[-gap / 2, 0.0, 0.0], [gap / 2, 0.0, 0.0]])
     return Dummies(gap, radius, tilt, entering, (surfaces[0], surfaces[1]), foci)

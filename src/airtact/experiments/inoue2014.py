@@ -119,7 +119,8 @@ def _page(settings: Settings, parts: list[Part], waiting: list[str], clock: Cloc
         tiles(_facts(parts)),
     ]
     if waiting:
-        head.append(paragraph(f"Unfinished: {len(waiting)} parts are still to come ({', '.join(waiting)}).", "warning"))
+        words = f"Unfinished: {len(waiting)} parts are still to come ({', '.join(waiting)})."
+        head.append(paragraph(f"{words} Their tables in data/, if there are any, are of an earlier run.", "warning"))
     if settings is not FULL:
         head.append(paragraph(_left_out(settings), "warning"))
     body = [piece for part in parts for piece in (section(part.title), *part.pieces)]

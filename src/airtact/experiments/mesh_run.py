@@ -40,9 +40,9 @@ class Combination:
     domain: str
 
     def solver(self) -> FiniteElement:
-        """Finite elements of this combination."""
+        """Finite elements of this combination, one order everywhere."""
         domain = "box" if self.domain == "box" else "tight"
-        return FiniteElement(self.order, self.elements_per_wavelength, domain=domain, box=BOX)
+        return FiniteElement(self.order, self.elements_per_wavelength, domain=domain, box=BOX, graded=False)
 
 
 @dataclass(frozen=True, eq=False)

@@ -60,7 +60,7 @@ class Fingers:
     entering: Entering
 
     def __str__(self) -> str:
-        return f"gap {1e3 * self.gap:.0f} mm, radius {1e3 * self.radius:.0f} mm, tilt {self.tilt:.0f}°, {self.entering}"
+        return f"gap {1e3 * self.gap:g} mm, radius {1e3 * self.radius:g} mm, tilt {self.tilt:g}°, {self.entering}"
 
 
 def ratio_of(fingers: Dummies, array: PhasedArray, settings: Settings) -> Float64[np.ndarray, "3"]:
@@ -236,7 +236,7 @@ def draw_tilts(settings: Settings, found: Mapping[Fingers, Float64[np.ndarray, "
         place.set(xlabel="tilt [degrees]", title=held, xticks=settings.tilts)
     row[0].set_ylabel("pressure, ignored / considered")
     keys = [
-        Line2D([], [], color=shade, label=f"gap {1e3 * gap:.0f} mm")
+        Line2D([], [], color=shade, label=f"gap {1e3 * gap:g} mm")
         for shade, gap in zip(shades, settings.tilt_gaps, strict=True)
     ]
     keys += [

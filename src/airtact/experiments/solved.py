@@ -7,6 +7,7 @@ from jaxtyping import Complex128
 
 from airtact.evaluation.comparison import Comparison, compare
 from airtact.experiments.dummies import Dummies, dummies
+from airtact.experiments.interrupts import heed_interrupts
 from airtact.experiments.settings import Settings
 from airtact.judging import Clock, Keeping
 from airtact.scene.printing import in_short
@@ -21,6 +22,9 @@ from airtact.transfer import Drive, focus_by_distance
 
 CONSIDERED, IGNORED = "fingers considered", "fingers ignored"
 """The paper's two drives."""
+
+DRAWN = 1.2e-3
+"""Longest edge of the fingers' outlines in pictures [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,9 +76,9 @@ def solved(settings: Settings, clock: Clock) -> Solved:
     settings : how fine.
     clock : is told each step.
     """
-    fingers, array = dummies(), surrounding_box()
+    fingers, array = dummies(edge=DRAWN), surrounding_box()
     scene = fingers.rigid
-    solver = FiniteElement(order=settings.order, elements_per_wavelength=settings.elements_per_wavelength)
+    solver = FiniteElement(settings.order, settings.elements_per_wavelength, progress=heed_interrupts)
     with clock.step("finite elements", f"solving for the beacons by finite elements of order {settings.order}"):
         factorised = solver.factorised(scene)
         field = factorised.radiate(scene, fingers.beacon)

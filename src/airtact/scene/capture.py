@@ -111,7 +111,8 @@ def fit_hand(
     if before is not None:
         of_kind(before, FittedHand, "the frame before", "what fit_hand gave")
     cloud = checked_cloud(points, joints)
-    known = anatomy or (before.anatomy if before is not None else anybody(joints))
+    person = anatomy or (before.anatomy if before is not None else None)
+    known = person if person is not None and person.settled else anybody(joints)
     spread = np.full(25, ROUGH)
     if len(landmarks) == 21:
         spread[[5, 10, 15, 20]] = BASE
@@ -120,15 +121,13 @@ def fit_hand(
     start = _carried(before, joints) if before is not None and before.hand.side == side else None
     if start is None:
         start = solved(nothing, joints, known.mean, hold=known.settled).joints
-    found = solved(seen, start, known.mean, hold=known.settled)
+    found = solved(seen, start, known.mean if person is None else person.mean, hold=known.settled)
     _refuse_poor(seen, found)
-    return _told(seen, found, side, before)
+    return _told(seen, found, side, before, person or known)
 
 
-def _told(seen: Seen, found: Solved, side: Side, before: FittedHand | None) -> FittedHand:
-    anatomy = seen.anatomy
-    if not anatomy.settled:
-        anatomy = anatomy.learned(found.sizes, found.covariance[SIZES, SIZES])
+def _told(seen: Seen, found: Solved, side: Side, before: FittedHand | None, person: HandAnatomy) -> FittedHand:
+    anatomy = person if person.settled else person.learned(found.sizes, found.covariance[SIZES, SIZES])
     followed = None if before is None else Followed(before.hand.shape.hulls, before.hand.shape.kept)
     hand = Hand(fixed(found.joints), fixed(found.radii), side, followed)
     by_joint = np.diag(found.covariance)[:75].reshape(25, 3).sum(axis=1)

@@ -4,9 +4,9 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float64, Real
+from scipy.spatial import KDTree
 
 from airtact.conventions import InvalidInput
-from airtact.scene.closest_point import closest_on_segments
 from airtact.scene.guards import place, points_of
 from airtact.scene.joints import BONES, CHAINS, unit
 
@@ -22,8 +22,14 @@ FOREARM = 8e-3, 70e-3
 ELSEWHERE = 0.3
 """Share of points elsewhere from which on they are another body and no strays."""
 
-CELL = 5e-3
+CELL = 6e-3
 """Cloud points are thinned out to one in a cube of this side [m]."""
+
+SPARSE = 0.2
+"""Cubes with fewer points than this share of the usual number hold strays."""
+
+STEPS = 8
+"""Places along each bone that distances are taken from."""
 
 _PALM = tuple(pairwise(chain[1] for chain in CHAINS))
 
@@ -68,30 +74,32 @@ def checked_cloud(
 
 
 def thinned(points: Float64[np.ndarray, "points 3"], cell: float = CELL) -> Float64[np.ndarray, "fewer 3"]:
-    """Keep the point nearest to the mean of those in each cube.
+    """Keep the point nearest to the mean of those in each cube, but none where they are sparse: those are strays.
 
     Parameters
     ----------
     points : (N, 3) [m].
     cell : side of the cubes [m].
     """
-    _, cube, count = np.unique(np.floor(points / cell), axis=0, return_inverse=True, return_counts=True)
+    cubes = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
+    wide = cubes.max(axis=0) + 1
+    keys = (cubes[:, 0] * wide[1] + cubes[:, 1]) * wide[2] + cubes[:, 2]
+    _, cube, count = np.unique(keys, return_inverse=True, return_counts=True)
     mean = np.column_stack([np.bincount(cube, column) / count for column in points.T])
     off = np.linalg.norm(points - mean[cube], axis=1)
     order = np.lexsort((off, cube))
-    return points[order[np.r_[0, np.cumsum(count)[:-1]]]]
+    first = order[np.r_[0, np.cumsum(count)[:-1]]]
+    return points[first[count >= SPARSE * np.median(count)]]
 
 
 def _apart(
     points: Float64[np.ndarray, "points 3"], joints: Float64[np.ndarray, "25 3"]
 ) -> Float64[np.ndarray, "points"]:
-    """Distance of points from the nearest bone, or line across the palm."""
-    apart = np.full(len(points), np.inf)
-    for one, two in (*BONES, *_PALM):
-        start, end = np.broadcast_to(joints[one], points.shape), np.broadcast_to(joints[two], points.shape)
-        share = closest_on_segments(points, start, end)[:, None]
-        apart = np.minimum(apart, np.linalg.norm(points - (1.0 - share) * start - share * end, axis=1))
-    return apart
+    """Distance of points from the nearest bone, or line across the palm, taken at steps along it."""
+    ends = joints[np.array([*BONES, *_PALM])]
+    shares = np.linspace(0.0, 1.0, STEPS)[:, None, None]
+    along = (1.0 - shares) * ends[:, 0] + shares * ends[:, 1]
+    return KDTree(along.reshape(-1, 3)).query(points)[0]
 
 
 def _forearm(

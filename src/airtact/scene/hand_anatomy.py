@@ -38,16 +38,17 @@ GENERIC = fixed(
 COUNT = len(SPANS) + 25
 """How many sizes a hand has."""
 
-COMMON, THICK, FINGER, RADIUS = 0.08, 0.05, 0.03, 0.05
+COMMON, THICK, FINGER, RADIUS, BASE = 0.15, 0.05, 0.03, 0.05, 0.02
 """Standard deviations of the logarithm of sizes between people: of all sizes at once, of all radii, of those of one
-finger, and of each radius by itself."""
+finger, of each radius by itself, and of those at the wrist and the bases of the metacarpals: a palm is no row of balls,
+and they must not follow its flat side."""
+
+THICKNESS = 0.6
+"""Power of the length of hands with which their thickness grows: long hands are slender."""
 
 OWN, WRIST, TIP, TIE = 0.08, 0.15, 0.3, 0.2
 """Those of the length of a bone by itself, of those at the wrist, of the last ones, which trackers end where they like,
 and of ties."""
-
-LEAST_LENGTH, LEAST_RADIUS = 3e-3, 1e-2
-"""Least standard deviations that learning ends with, of the logarithms of lengths and radii."""
 
 LEARNED = 8
 """Frames from which the sizes of a person are learned; later ones keep them."""
@@ -86,16 +87,19 @@ class HandAnatomy:
         """Whether enough frames were seen: later ones keep the sizes."""
         return self.frames >= LEARNED
 
-    def learned(self, mean: Float64[np.ndarray, "62"], covariance: Float64[np.ndarray, "62 62"]) -> "HandAnatomy":
-        """Take what a frame has taught.
+    def learned(self, sizes: Float64[np.ndarray, "62"], covariance: Float64[np.ndarray, "62 62"]) -> "HandAnatomy":
+        """Take what a frame has taught: the mean over frames, as firm as one of them.
+
+        What the shape of the body cannot show is off in every frame alike, so that more of them make nothing surer.
 
         Parameters
         ----------
-        mean, covariance : of the sizes, given this frame and all before.
+        sizes : (62,) logarithms that were found in one frame, by itself.
+        covariance : (62, 62) of these.
         """
-        least = np.r_[np.full(len(SPANS), LEAST_LENGTH), np.full(25, LEAST_RADIUS)]
-        more = np.diag(np.maximum(least**2 - np.diag(covariance), 0.0))
-        return HandAnatomy(fixed(mean), fixed(covariance + more), self.frames + 1)
+        share = 1.0 / (self.frames + 1)
+        mean = (1.0 - share) * self.mean + share * sizes
+        return HandAnatomy(fixed(mean), fixed((1.0 - share) * self.covariance + share * covariance), self.frames + 1)
 
 
 def anybody(joints: Float64[np.ndarray, "25 3"]) -> HandAnatomy:
@@ -111,10 +115,12 @@ def anybody(joints: Float64[np.ndarray, "25 3"]) -> HandAnatomy:
     own = np.full(COUNT, OWN)
     own[:5], own[len(BONES) :], own[len(SPANS) :] = WRIST, TIE, RADIUS
     own[[SPANS.index((chain[-2], chain[-1])) for chain in CHAINS]] = TIP
-    covariance = np.diag(own**2) + COMMON**2
+    own[len(SPANS) + np.array([0, *(chain[0] for chain in CHAINS)])] = BASE
+    follows = np.r_[np.ones(len(SPANS)), np.full(25, THICKNESS)]
+    covariance = np.diag(own**2) + COMMON**2 * np.outer(follows, follows)
     radii = np.arange(len(SPANS), COUNT)
     covariance[np.ix_(radii, radii)] += THICK**2
     for chain in CHAINS:
-        rows = len(SPANS) + np.array(chain)
+        rows = len(SPANS) + np.array(chain[1:])
         covariance[np.ix_(rows, rows)] += FINGER**2
-    return HandAnatomy(fixed(np.log(scale * np.r_[GENERIC, RADII])), fixed(covariance), 0)
+    return HandAnatomy(fixed(np.log(np.r_[GENERIC, RADII]) + np.log(scale) * follows), fixed(covariance), 0)

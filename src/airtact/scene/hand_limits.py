@@ -6,11 +6,12 @@ Source: E. Y. S. Chao, K.-N. An, W. P. Cooney, R. L. Linscheid, *Biomechanics of
 ranges of motion of the joints.
 """
 
+from collections.abc import Iterable
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
 from airtact.scene.hand_anatomy import COUNT, SPANS, TIES
 from airtact.scene.hand_bending import bending_axis
@@ -31,12 +32,27 @@ SIDEWAYS = 0.45
 SPARE, PLANE = 0.05, 0.08
 """Standard deviations of those sines and cosines where they are passed, and of a finger's twist out of its plane."""
 
+ENDS = np.array([pair for chain in CHAINS for pair in pairwise(chain)])
+"""Joints at both ends of the bones of the fingers, the thumb's three first."""
+
+FIRST = np.array([4, 8, 12, 16])
+"""The first phalanges among them, without the thumb's."""
+
+BENDS = np.array([(0, 1), (1, 2), *((bone + k, bone + k + 1) for bone in (3, 7, 11, 15) for k in range(3))])
+"""Bones on both sides of each joint that bends."""
+
+LEAST = np.array([*BACKWARDS[1], *(4 * BACKWARDS[0])])
+"""Least sines of those bends."""
+
+BEND_FINGER = np.array([0, 0, *np.repeat([1, 2, 3, 4], 3)])
+
+HINGES = np.array([(bone, bone + k) for bone in FIRST for k in (1, 2)])
+"""Bones that turn no farther to a side than the first phalanx does, beyond it."""
+
+HINGE_FINGER = np.repeat([1, 2, 3, 4], 2)
+
 UNKNOWNS = 75 + COUNT
 """Coordinates of 25 joints, then the logarithms of the sizes of the hand."""
-
-
-Rule = tuple[float, dict[int, Float64[np.ndarray, "3"]]]
-"""A residual, and its derivatives by joints."""
 
 
 class Rules(NamedTuple):
@@ -100,25 +116,44 @@ def bend_rules(joints: Float64[np.ndarray, "25 3"], axes: Float64[np.ndarray, "5
     joints : (25, 3) [m].
     axes : (5, 3) about which they bend, which are held fixed.
     """
-    found: list[Rule] = []
-    for finger, chain in enumerate(CHAINS):
-        axis = axes[finger]
-        bones = list(pairwise(chain))
-        for least, (one, two) in zip(BACKWARDS[int(finger == 0)], pairwise(bones), strict=True):
-            u, v = _way(joints, one), _way(joints, two)
-            back = least - float(np.cross(u, v) @ axis)
-            if back > 0.0:
-                found.append(_rule(joints, back / SPARE, {one: np.cross(v, axis), two: np.cross(axis, u)}, -SPARE))
-            far = FARTHEST - float(u @ v)
-            if far > 0.0:
-                found.append(_rule(joints, far / SPARE, {one: v, two: u}, -SPARE))
-        if finger > 0:
-            found += _plane_rules(joints, bones, axis)
-    slopes = np.zeros((len(found), UNKNOWNS))
-    for row, (_, by_joint) in enumerate(found):
-        for joint, slope in by_joint.items():
-            slopes[row, 3 * joint : 3 * joint + 3] += slope
-    return Rules(np.array([value for value, _ in found]), slopes)
+    along = joints[ENDS[:, 1]] - joints[ENDS[:, 0]]
+    length = np.linalg.norm(along, axis=1)
+    ways = along / length[:, None]
+    axis = axes[BEND_FINGER]
+    u, v = ways[BENDS[:, 0]], ways[BENDS[:, 1]]
+    back = np.maximum(LEAST - np.einsum("bi,bi->b", np.cross(u, v), axis), 0.0) / SPARE
+    far = np.maximum(FARTHEST - np.einsum("bi,bi->b", u, v), 0.0) / SPARE
+    hinge = axes[HINGE_FINGER]
+    twist = np.einsum("hi,hi->h", ways[HINGES[:, 1]] - ways[HINGES[:, 0]], hinge) / PLANE
+    turn = np.einsum("fi,fi->f", ways[FIRST], axes[1:])
+    aside = np.sign(turn) * np.maximum(np.abs(turn) - SIDEWAYS, 0.0) / SPARE
+    active = [-(rule != 0.0).astype(np.float64)[:, None] / SPARE for rule in (back, far)]
+    by_way = (
+        ((BENDS[:, 0], active[0] * np.cross(v, axis)), (BENDS[:, 1], active[0] * np.cross(axis, u))),
+        ((BENDS[:, 0], active[1] * v), (BENDS[:, 1], active[1] * u)),
+        ((HINGES[:, 0], -hinge / PLANE), (HINGES[:, 1], hinge / PLANE)),
+        ((FIRST, (aside != 0.0)[:, None] * axes[1:] / SPARE),),
+    )
+    slopes = np.concatenate([_by_joints(parts, ways, length) for parts in by_way])
+    return Rules(np.concatenate([back, far, twist, aside]), slopes)
+
+
+def _by_joints(
+    parts: Iterable[tuple[Int64[np.ndarray, "rules"], Float64[np.ndarray, "rules 3"]]],
+    ways: Float64[np.ndarray, "bones 3"],
+    length: Float64[np.ndarray, "bones"],
+) -> Float64[np.ndarray, "rules unknowns"]:
+    """Turn derivatives of rules by the unit directions of bones, one bone each, to those by joints."""
+    parts = list(parts)
+    rows = np.arange(len(parts[0][0]))
+    slopes = np.zeros((len(rows), UNKNOWNS))
+    by_joint = slopes[:, :75].reshape(-1, 25, 3)
+    for bone, slope in parts:
+        way = ways[bone]
+        moved = (slope - np.einsum("ri,ri->r", slope, way)[:, None] * way) / length[bone, None]
+        by_joint[rows, ENDS[bone, 1]] += moved
+        by_joint[rows, ENDS[bone, 0]] -= moved
+    return slopes
 
 
 def firmness(off: Float64[np.ndarray, "25 3"], spread: Float64[np.ndarray, "25"]) -> Float64[np.ndarray, "25"]:
@@ -156,41 +191,3 @@ def landmark_rules(off: Float64[np.ndarray, "25 3"], firm: Float64[np.ndarray, "
     slopes = np.zeros((75, UNKNOWNS))
     slopes[np.arange(75), np.arange(75)] = np.repeat(firm, 3)
     return Rules((off * firm[:, None]).ravel(), slopes)
-
-
-def _plane_rules(
-    joints: Float64[np.ndarray, "25 3"], bones: list[tuple[int, int]], axis: Float64[np.ndarray, "3"]
-) -> list[Rule]:
-    first, middle, last = bones[1:]
-    u, v, w = _way(joints, first), _way(joints, middle), _way(joints, last)
-    found = []
-    for bone, way in ((middle, v), (last, w)):  # a hinge lets them turn no farther to a side than the first one
-        twist = float((way - u) @ axis)
-        found.append(_rule(joints, twist / PLANE, {bone: axis, first: -axis}, PLANE))
-    side = float(u @ axis)
-    if abs(side) > SIDEWAYS:
-        over = side - np.sign(side) * SIDEWAYS
-        found.append(_rule(joints, over / SPARE, {first: axis}, SPARE))
-    return found
-
-
-def _way(joints: Float64[np.ndarray, "25 3"], bone: tuple[int, int]) -> Float64[np.ndarray, "3"]:
-    return unit(joints[bone[1]] - joints[bone[0]])
-
-
-def _rule(
-    joints: Float64[np.ndarray, "25 3"],
-    value: float,
-    by_way: dict[tuple[int, int], Float64[np.ndarray, "3"]],
-    spare: float,
-) -> Rule:
-    """Turn derivatives by the unit directions of bones, over a standard deviation, to those by joints."""
-    by_joint = {joint: np.zeros(3) for bone in by_way for joint in bone}
-    for bone, slope in by_way.items():
-        along = joints[bone[1]] - joints[bone[0]]
-        length = float(np.linalg.norm(along))
-        way = along / length
-        moved = (slope - (slope @ way) * way) / (length * spare)
-        by_joint[bone[1]] += moved
-        by_joint[bone[0]] -= moved
-    return value, by_joint

@@ -7,9 +7,10 @@ Sources
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64
 from scipy.linalg import cho_factor, cho_solve
 
 from airtact.scene.hand_anatomy import SPANS, HandAnatomy
@@ -25,7 +26,7 @@ from airtact.scene.hand_limits import (
     length_rules,
 )
 from airtact.scene.hand_outline import Outline
-from airtact.scene.hand_parts import PARTS, WEB_BALL, hand_hulls
+from airtact.scene.hand_parts import FREE, PARTS, WEB_BALL, hand_hulls
 from airtact.scene.printing import in_short
 
 TUKEY = 4.685
@@ -43,23 +44,26 @@ LEAST, MOST = 0.02e-3, 4e-3
 STEP, SIZE_STEP = 10e-3, 0.1
 """Longest step of a joint [m], and of the logarithm of a size."""
 
-SETTLED = 0.05e-3
-"""Steps shorter than this end the search [m]."""
+ENOUGH = 1e-3
+"""The search ends with a step that promises a smaller share of half the sum of squares."""
 
 STEPS = 40
 """Steps at most."""
 
-FIRST, EASIER, HARDER, HARDEST = 1e-3, 5.0, 4.0, 1e4
-"""Damping of the first step, what it is divided and multiplied by, and where the search ends."""
+FIRST, EASIER, HARDER = 1e-3, 5.0, 10.0
+"""Damping of the first step, and what it is divided and multiplied by after steps that help and that do not."""
 
 CELL = 12e-3
 """Points nearer than this are off together, by the same fault of the shape [m]."""
 
-ALIKE = 6.0
+ALIKE = 7.0
 """Points that count as one."""
 
 MOST_ALIKE = 12.0
 """Points that count as one at most."""
+
+SHAPE = np.r_[np.full(FREE, 1.0e-3), np.full(len(PARTS) - FREE, 2.5e-3)]
+"""How far skin is from hulls of balls at best, those of fingers and of the palm, by the example's GLB hand [m]."""
 
 SIZES = slice(75, UNKNOWNS)
 RADII = slice(75 + len(SPANS), UNKNOWNS)
@@ -77,6 +81,9 @@ def _balls() -> Float64[np.ndarray, "104 100"]:
 
 
 BALLS = _balls()
+
+Crease = tuple[Float64[np.ndarray, "hulls hulls"], Float64[np.ndarray, "hulls hulls"]]
+"""``blend`` and ``apart`` of the hulls of a hand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +110,11 @@ class Seen:
     outline: Outline | None
 
     __repr__ = in_short
+
+    @cached_property
+    def known(self) -> Float64[np.ndarray, "62 62"]:
+        """How firmly the sizes are known: the inverse of their covariance."""
+        return np.linalg.inv(self.anatomy.covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,47 +161,41 @@ def solved(seen: Seen, joints: Float64[np.ndarray, "25 3"], sizes: Float64[np.nd
     """
     place = np.concatenate([joints.ravel(), sizes])
     free = 75 if hold else UNKNOWNS
+    hulls, _ = hand_hulls(joints, np.exp(sizes[len(SPANS) :]))
+    crease = (hulls.blend, hulls.apart)
     damping, steps = FIRST, 0
-    here = _system(seen, place)
+    here = _system(seen, crease, place)
     while steps < STEPS:
         steps += 1
-        matrix = here.matrix[:free, :free] + damping * np.diag(np.diag(here.matrix)[:free])
+        matrix = (here.rules + here.points)[:free, :free]
+        matrix += damping * np.diag(np.diag(matrix))
         move = -cho_solve(cho_factor(matrix), here.slope[:free])
+        gain = -0.5 * float(here.slope[:free] @ move)  # what the step promises
         length = float(np.linalg.norm(move[:75].reshape(25, 3), axis=1).max())
         move *= min(1.0, STEP / max(length, 1e-12), SIZE_STEP / max(float(np.abs(move[75:]).max(initial=0.0)), 1e-12))
         tried = place.copy()
         tried[:free] += move
-        there = _system(seen, tried)
+        there = _system(seen, crease, tried)
         better = there.cost(here.scale) < here.cost(here.scale)
         damping = damping / EASIER if better else damping * HARDER
         if better:
             place, here = tried, there
-        if length < SETTLED or damping > HARDEST:
+        if gain < ENOUGH * (1.0 + here.cost(here.scale)):
             break
-    return _told(seen, place, here, steps)
-
-
-def body(joints: Float64[np.ndarray, "25 3"], sizes: Float64[np.ndarray, "62"]) -> Hulls:
-    """Build the body of a hand.
-
-    Parameters
-    ----------
-    joints, sizes : (25, 3) [m] and (62,) logarithms.
-    """
-    return hand_hulls(joints, np.exp(sizes[len(SPANS) :]))[0]
+    return _told(seen, place, here, steps, hold)
 
 
 def skin_spread(found: Solved) -> Float64[np.ndarray, "hulls"]:
     """Say how far the skin of each hull (H,) may be off along its normal, as standard deviation all round [m].
 
-    The part of the misfit that neighbouring points have alike, a fault of the shape itself, is in it.
+    What the shape of the body cannot follow is in it, at least as much as neighbouring points are off alike.
 
     Parameters
     ----------
     found : the hand.
     """
     ways = np.vstack([np.eye(3), -np.eye(3)])
-    own = found.covariance[np.ix_(OF_POINTS, OF_POINTS)]
+    own = found.covariance[OF_POINTS]
     spread = np.zeros(len(PARTS))
     for hull, part in enumerate(PARTS.tolist()):
         balls = [ball for ball in part if ball >= 0]
@@ -198,7 +204,7 @@ def skin_spread(found: Solved) -> Float64[np.ndarray, "hulls"]:
         slopes[:, :, balls] = shares[:, None, :, None] * np.column_stack([ways, np.ones(len(ways))])[None, :, None]
         rows = by_unknowns(slopes.reshape(-1, 104), found.sizes)
         spread[hull] = np.einsum("ri,ij,rj->r", rows, own, rows).mean()
-    return np.sqrt(spread + found.together**2)
+    return np.sqrt(spread + np.maximum(SHAPE, found.together) ** 2)
 
 
 def by_unknowns(
@@ -216,15 +222,16 @@ def by_unknowns(
     return found
 
 
-OF_POINTS: Int64[np.ndarray, "100"] = np.r_[np.arange(75), np.arange(RADII.start, RADII.stop)]
+OF_POINTS = np.ix_(*2 * [np.r_[np.arange(75), np.arange(RADII.start, RADII.stop)]])
 """The unknowns that a point speaks of: joints and radii."""
 
 
 @dataclass(frozen=True, eq=False)
 class _System:
-    """The normal equations of a step, and what the cost is made of."""
+    """The normal equations of a step, those of the points apart, and what the cost is made of."""
 
-    matrix: Float64[np.ndarray, "137 137"]
+    rules: Float64[np.ndarray, "137 137"]
+    points: Float64[np.ndarray, "137 137"]
     slope: Float64[np.ndarray, "137"]
     squares: float
     gaps: Gaps
@@ -238,36 +245,39 @@ class _System:
         return 0.5 * self.squares + reach**2 / (6.0 * ALIKE * scale**2) * float((1.0 - (1.0 - share) ** 3).sum())
 
 
-def _system(seen: Seen, place: Float64[np.ndarray, "137"], alike: float = ALIKE) -> _System:
+def _system(seen: Seen, crease: Crease, place: Float64[np.ndarray, "137"]) -> _System:
     joints, sizes = place[:75].reshape(25, 3), place[75:]
+    balls = _balls_at(joints, sizes)
     matrix, slope = np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS)
-    hulls, off = body(joints, sizes), joints - seen.landmarks
+    off = joints - seen.landmarks
     rules = [
         landmark_rules(off, firmness(off, seen.spread)),
         length_rules(joints, sizes),
         bend_rules(joints, bending_axes(joints, seen.side)),
     ]
-    squares = landmark_cost(off, seen.spread)
-    for residuals, slopes in rules:
-        matrix += slopes.T @ slopes
-        slope += slopes.T @ residuals
-    squares += sum(float(residuals @ residuals) for residuals, _ in rules[1:])
-    known, from_mean = np.linalg.inv(seen.anatomy.covariance), sizes - seen.anatomy.mean
-    matrix[SIZES, SIZES] += known
-    slope[SIZES] += known @ from_mean
-    squares += float(from_mean @ known @ from_mean)
-    own, falling = np.zeros((100, 100)), np.zeros(100)
+    residuals, slopes = (np.concatenate(part) for part in zip(*rules, strict=True))
+    matrix, slope = slopes.T @ slopes, slopes.T @ residuals
+    squares = landmark_cost(off, seen.spread) + sum(float(residuals @ residuals) for residuals, _ in rules[1:])
+    from_mean = sizes - seen.anatomy.mean
+    matrix[SIZES, SIZES] += seen.known
+    slope[SIZES] += seen.known @ from_mean
+    squares += float(from_mean @ seen.known @ from_mean)
     if seen.outline is not None:
-        beyond, by_ball, cost = seen.outline.beyond(hulls.balls)
+        beyond, by_ball, cost = seen.outline.beyond(balls)
         slopes = by_unknowns(by_ball, sizes)
-        own, falling = slopes.T @ slopes, slopes.T @ beyond
+        matrix[OF_POINTS] += slopes.T @ slopes
+        slope[OF_POINTS[0].ravel()] += slopes.T @ beyond
         squares += cost
-    gaps, weights, scale = _misfit(seen, hulls)
-    slopes = by_unknowns(gaps.slopes, sizes)
-    weighted = slopes * (weights / (alike * scale**2))[:, None]
-    matrix[np.ix_(OF_POINTS, OF_POINTS)] += own + slopes.T @ weighted
-    slope[OF_POINTS] += falling + weighted.T @ gaps.distance
-    return _System(matrix, slope, squares, gaps, weights, scale)
+    gaps, weights, scale = _misfit(seen, Hulls(balls, PARTS, *crease))
+    weighted = gaps.slopes * (weights / (ALIKE * scale**2))[:, None]
+    points = np.zeros((UNKNOWNS, UNKNOWNS))
+    points[OF_POINTS] = by_unknowns(by_unknowns(gaps.slopes.T @ weighted, sizes).T, sizes)
+    slope[OF_POINTS[0].ravel()] += by_unknowns((weighted.T @ gaps.distance)[None], sizes)[0]
+    return _System(matrix, points, slope, squares, gaps, weights, scale)
+
+
+def _balls_at(joints: Float64[np.ndarray, "25 3"], sizes: Float64[np.ndarray, "62"]) -> Float64[np.ndarray, "26 4"]:
+    return (BALLS @ np.concatenate([joints.ravel(), np.exp(sizes[len(SPANS) :])])).reshape(26, 4)
 
 
 def _misfit(seen: Seen, hulls: Hulls) -> tuple[Gaps, Float64[np.ndarray, "points"], float]:
@@ -281,10 +291,16 @@ def _misfit(seen: Seen, hulls: Hulls) -> tuple[Gaps, Float64[np.ndarray, "points
     return gaps, np.maximum(1.0 - (off / (TUKEY * scale)) ** 2, 0.0) ** 2, scale
 
 
-def _told(seen: Seen, place: Float64[np.ndarray, "137"], here: _System, steps: int) -> Solved:
+def _told(seen: Seen, place: Float64[np.ndarray, "137"], here: _System, steps: int, hold: bool) -> Solved:
     """Say what was found, neighbouring points that are off alike counting as one."""
     alike, together = _alike(seen.points, here.gaps, here.weights, here.scale)
-    covariance = cho_solve(cho_factor(_system(seen, place, alike).matrix), np.eye(UNKNOWNS))
+    matrix = here.rules + here.points * (ALIKE / alike)
+    if hold:  # sizes are as sure as they were, whatever this frame says of them
+        follow = np.vstack([-np.linalg.solve(matrix[:75, :75], matrix[:75, SIZES]), np.eye(UNKNOWNS - 75)])
+        covariance = follow @ seen.anatomy.covariance @ follow.T
+        covariance[:75, :75] += np.linalg.inv(matrix[:75, :75])
+    else:
+        covariance = cho_solve(cho_factor(matrix), np.eye(UNKNOWNS))
     joints = place[:75].reshape(25, 3)
     return Solved(joints, place[75:], covariance, here.gaps, here.weights, here.scale, together, steps)
 

@@ -18,6 +18,9 @@ from airtact.solvers.problem import RadiatedField, Skin, SolveReport
 NEAR = 0.25
 """Distance from the skins, in wavelengths, up to which points and sources are taken to be beside the bodies."""
 
+CLEAR = 1.0
+"""Distance from the skins, in wavelengths, from which sparse spots on them suffice."""
+
 TOUCHING = 0.04
 """Distance from a filled body, in wavelengths, up to which a source is a point load for its own surroundings too."""
 
@@ -87,12 +90,14 @@ class FiniteField(RadiatedField):
         check_off_sources(points, self.sources)
         found = np.full((len(points), self.sources.strengths.shape[1]), np.nan, dtype=np.complex128)
         valid, near = self.valid(points), self.workspace | beside(self.scene, points)
-        length = self.scene.wavelength
+        clear = ~near & (self.scene.depth(points) < -CLEAR * self.scene.wavelength)
+        length, system = self.scene.wavelength, self.ready.system
         if (valid & near).any():
             found[valid & near] = self.ready.near(self.from_nearby, points[valid & near] / length) / length
-        if (valid & ~near).any():
-            away = points[valid & ~near] / length
-            found[valid & ~near] = (self.ready.away(self.from_afar, away) + self._open_air(away)) / length
+        for some, spots in ((valid & ~near & ~clear, system.skin), (valid & clear, system.sparse)):
+            if some.any():
+                away = points[some] / length
+                found[some] = (self.ready.away(self.from_afar, away, spots) + self._open_air(away)) / length
         return found
 
     def _in_workspace(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:

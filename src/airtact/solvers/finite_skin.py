@@ -85,6 +85,8 @@ def skin_mesh(shapes: Sequence[Shape], edge: float, mirrors: Sequence[Mirror]) -
             part.vertices for other, parts in enumerate(rough) if other != index for part in parts
         ]
         for part in rough[index]:
+            if any((part.vertices[:, mirror.axis] <= mirror.place).all() for mirror in mirrors):
+                continue
             own, corners, between = _covered(shape, part, edge, np.concatenate(others), mirrors)
             vertices.append(own)
             triangles.append(corners + count)

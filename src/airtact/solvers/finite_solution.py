@@ -151,12 +151,14 @@ class ReadySystem:
             found += signs(parity)[choice][:, None] * self.system.values_at(number, weights, part)
         return found
 
-    def away(self, solution: Solution, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
-        """Scattered pressure at points (P, 3) [λ] off the bodies, by the surface integral over them."""
+    def away(
+        self, solution: Solution, points: Real[np.ndarray, "points 3"], skin: Spots
+    ) -> Complex128[np.ndarray, "points sounds"]:
+        """Scattered pressure at points (P, 3) [λ] off the bodies, by the surface integral over spots on them."""
         found = np.zeros((len(points), solution.strengths.shape[1]), dtype=np.complex128)
-        skins, inner = self.on_spots(solution, self.system.skin), self.on_spots(solution, self.system.inner)
-        for image, skin, inside in zip(images(self.mirrors, points), skins, inner, strict=True):
-            found += self.system.heard(image, skin, inside)
+        skins, inner = self.on_spots(solution, skin), self.on_spots(solution, self.system.inner)
+        for image, outside, inside in zip(images(self.mirrors, points), skins, inner, strict=True):
+            found += self.system.heard(image, skin, outside, inside)
         return found
 
     def on_spots(self, solution: Solution, spots: Spots) -> list[Complex128[np.ndarray, "spots sounds"]]:

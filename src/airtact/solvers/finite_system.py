@@ -34,6 +34,7 @@ from airtact.solvers.finite_netgen import (
     many_threads,
     ngsolve_library,
 )
+from airtact.solvers.finite_orders import grade_orders
 from airtact.solvers.finite_skin import SkinMesh
 from airtact.solvers.finite_tetrahedra import EDGES, Tetrahedra
 from airtact.solvers.finite_volume import Box
@@ -46,7 +47,7 @@ LARGEST_RULE = 5
 NEVER = 1e5
 """A place [λ] that no layer begins beyond."""
 
-STRETCH = 1.5
+STRETCH = 1.25
 """Strength of the matched layer: the imaginary part of its complex coordinate over the real one."""
 
 
@@ -89,6 +90,7 @@ class System:
     order : polynomial order.
     mesh, space, form : NGSolve's mesh, unknowns and assembled matrix, the unknowns inside tetrahedra left out.
     skin, inner : where loads are integrated: on the skins, and inside the filled bodies.
+    sparse : fewer spots on the skins, enough to be heard from a wavelength off.
     weights : (3, bodies) w_d, w_s and w_v of the loads.
     """
 
@@ -102,6 +104,7 @@ class System:
     form: AssembledForm
     skin: Spots
     inner: Spots
+    sparse: Spots
     weights: Complex128[np.ndarray, "3 bodies"]
 
     __repr__ = in_short
@@ -141,17 +144,18 @@ class System:
     def heard(
         self,
         points: Real[np.ndarray, "points 3"],
+        skin: Spots,
         on_skin: Complex128[np.ndarray, "spots sounds"],
         inside: Complex128[np.ndarray, "inner sounds"],
     ) -> Complex128[np.ndarray, "points sounds"]:
-        """Scattered pressure at points (P, 3) [λ] off the skins, from the total pressure on and in the bodies."""
+        """Scattered pressure at points (P, 3) [λ] off the skins, from the total one at spots on and in the bodies."""
         w_d, w_s, w_v = self.weights
         points = np.ascontiguousarray(points, dtype=np.float64)
         found = np.empty((len(points), on_skin.shape[1]), dtype=np.complex128)
-        dipoles = np.ascontiguousarray(w_d[self.skin.body, None] * on_skin)
-        directions = np.ascontiguousarray(self.skin.normals * self.skin.areas[:, None])
-        _kernels.apply_double_layer_float64(points, self.skin.points, directions, dipoles, self.wavenumber, 0.0, found)
-        for spots, weight, pressure in ((self.skin, w_s, on_skin), (self.inner, w_v, inside)):
+        dipoles = np.ascontiguousarray(w_d[skin.body, None] * on_skin)
+        directions = np.ascontiguousarray(skin.normals * skin.areas[:, None])
+        _kernels.apply_double_layer_float64(points, skin.points, directions, dipoles, self.wavenumber, 0.0, found)
+        for spots, weight, pressure in ((skin, w_s, on_skin), (self.inner, w_v, inside)):
             if len(spots.points) and weight.any():
                 strengths = (weight[spots.body] * spots.areas)[:, None] * pressure / (4 * np.pi)
                 found += monopole_pressure(points, spots.points, strengths, self.wavenumber, "float64")
@@ -210,7 +214,13 @@ def _normal_slopes(
 
 
 def assembled(
-    scene: Scene, box: Box, skin: SkinMesh, tetrahedra: Tetrahedra, netgen_mesh: NetgenMesh, order: int
+    scene: Scene,
+    box: Box,
+    skin: SkinMesh,
+    tetrahedra: Tetrahedra,
+    netgen_mesh: NetgenMesh,
+    order: int,
+    graded: float | None = None,
 ) -> System:
     """Write the equation down on a mesh of Netgen's.
 
@@ -222,6 +232,7 @@ def assembled(
     tetrahedra : how the mesh is curved.
     netgen_mesh : Netgen's mesh, in wavelengths.
     order : polynomial order.
+    graded : the edge that this order is for [λ], others getting their own; None for the same order everywhere.
     """
     ngsolve = ngsolve_library()
     with many_threads():
@@ -229,11 +240,16 @@ def assembled(
         _bend(mesh, tetrahedra)
         _absorb(mesh, box, scene.wavelength)
         space = ngsolve.H1(mesh, order=order, complex=True)
+        if graded is not None:
+            grade_orders(space, mesh, scene, box, order, graded)
         form = ngsolve.BilinearForm(_weak_form(scene, mesh, space), symmetric=True, condense=True).Assemble()
         on_skin = _spots(mesh, space, "skin", order + 2)
+        sparse = _spots(mesh, space, "skin", max(order - 1, 2))
         inner = _spots(mesh, space, "body", min(order + 1, LARGEST_RULE))
     panels = panel_tree(skin.six_nodes / scene.wavelength)
-    return System(scene, box, tetrahedra, panels, order, mesh, space, form, on_skin, inner, _load_weights(scene))
+    return System(
+        scene, box, tetrahedra, panels, order, mesh, space, form, on_skin, inner, sparse, _load_weights(scene)
+    )
 
 
 def _bend(mesh: Any, tetrahedra: Tetrahedra) -> None:

@@ -8,10 +8,11 @@ its own::
     camera/bin/python mediapipe_camera.py --to ws://127.0.0.1:8765
 
 Landmarks are the 21 of MediaPipe in the camera's frame: origin at its lens, x to the right and y down in its picture,
-z away from it, in metres. MediaPipe tells the shape of the hand (its *world landmarks*, metres round the middle of the
-hand) and where each landmark stands in the picture; the shape is moved and turned until it is seen there, by
-``solvePnP`` with the focal length. How large the hand is cannot be told from a picture: MediaPipe guesses, unless
-``--hand-length`` is given, and distance grows with size. Time is this computer's, when the picture was there.
+z away from it, in metres. MediaPipe tells the shape of the hand twice, each time with errors of its own: as *world
+landmarks*, metres round the middle of the hand, and as landmarks in the picture with a depth; the mean of both is moved
+and turned until it is seen in its place, by ``solvePnP`` with the focal length. How large the hand is cannot be told
+from a picture: MediaPipe guesses, unless ``--hand-length`` is given, and distance grows with size. Time is this
+computer's, when the picture was there.
 """
 
 import argparse
@@ -102,10 +103,12 @@ def placed(image: Any, world: Any, shape: tuple[int, ...], options: argparse.Nam
     import numpy as np
 
     rows, columns = shape[:2]
+    flat = np.array([[one.x * columns, one.y * rows, one.z * columns] for one in image])
     body = np.array([[one.x, one.y, one.z] for one in world])
+    body = 0.5 * (body + brought_onto(flat, body))
     if options.hand_length:
         body *= options.hand_length / sum(float(np.linalg.norm(body[b] - body[a])) for a, b in pairwise(MIDDLE_FINGER))
-    pixels = np.array([[one.x * columns, one.y * rows] for one in image])
+    pixels = np.ascontiguousarray(flat[:, :2])
     focal = options.focal or 0.5 * columns / math.tan(math.radians(0.5 * VIEW))
     lens = np.array([[focal, 0.0, columns / 2], [0.0, focal, rows / 2], [0.0, 0.0, 1.0]])
     # Begin with the shape as it is, so far off that it looks as large: it needs a small turn only.
@@ -116,6 +119,20 @@ def placed(image: Any, world: Any, shape: tuple[int, ...], options: argparse.Nam
     _, turn, shift = cv2.solvePnP(body, pixels, lens, None, start[0], start[1], useExtrinsicGuess=True)
     rotation, _ = cv2.Rodrigues(turn)
     return (body @ rotation.T + shift.ravel()).round(6).tolist()
+
+
+def brought_onto(shape: Any, other: Any) -> Any:
+    """Move, turn and scale points (P, 3) so that they lie best on other points (P, 3); no mirror.
+
+    Source: S. Umeyama, IEEE Trans. Pattern Anal. Mach. Intell. 13, 376 (1991).
+    """
+    import numpy as np
+
+    centred, aim = shape - shape.mean(axis=0), other - other.mean(axis=0)
+    left, sizes, right = np.linalg.svd(aim.T @ centred)
+    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
+    scale = (sizes * signs).sum() / (centred**2).sum()
+    return scale * centred @ ((left * signs) @ right).T + other.mean(axis=0)
 
 
 def _pictures(options: argparse.Namespace) -> Iterator[tuple[float, Picture]]:

@@ -1,0 +1,74 @@
+"""How well a hand is found in what a depth camera saw of one side of it, and how quickly.
+
+Truth is the GLB hand bent by its own rig. Run ``PYTHONPATH=.:tests python benchmarks/capture.py [views]``, with so many
+views of each pose.
+"""
+
+import sys
+import time
+
+import numpy as np
+
+from airtact.scene.capture import FittedHand, fit_hand
+from airtact.scene.joints import FINGERS
+from scene.rigged_hand import BENDS, Rigged, off_each_other, posed, rough, seen, turned_to_camera
+
+CAMERA = np.zeros(3)
+NAMES = (*FINGERS, "palm")
+
+
+def told(what: str, fitted: FittedHand, true: Rigged, seconds: float) -> float:
+    """Print how far the skins are apart in the mean, both ways, for each part with what the fit says, and return it."""
+    from_true, from_fitted, part, other = off_each_other(fitted.hand, true)
+    by_part = ", ".join(
+        f"{name} {1e3 * from_true[part == index].mean():.1f}/{1e3 * from_fitted[other == index].mean():.1f} "
+        f"(±{1e3 * fitted.part_errors[name]:.1f})"
+        for index, name in enumerate(NAMES)
+    )
+    mean = 0.5 * (from_true.mean() + from_fitted.mean())
+    joints = np.linalg.norm(fitted.hand.joints - true.joints, axis=1).mean()
+    print(
+        f"{what}: {1e3 * mean:.2f} mm ({1e3 * from_true.mean():.2f} from the true skin, {1e3 * from_fitted.mean():.2f} "
+        f"to it), joints {1e3 * joints:.1f} mm, {1e3 * seconds:.0f} ms; {by_part}",
+        flush=True,
+    )
+    return float(mean)
+
+
+def single_frames(views: int) -> None:
+    """Fit single frames of nobody in particular, from chance directions."""
+    means = []
+    for name in BENDS:
+        for view in range(views):
+            true = turned_to_camera(posed(name), view, palm=view % 2 == 0)
+            cloud, landmarks = seen(true, view), rough(true.joints, view)
+            began = time.perf_counter()
+            fitted = fit_hand(cloud, landmarks, "right", CAMERA)
+            seconds = time.perf_counter() - began
+            means.append(told(f"{name}, {'back' if view % 2 else 'palm'} seen", fitted, true, seconds))
+    print(f"{len(means)} single frames: {1e3 * np.mean(means):.2f} mm, the worst {1e3 * max(means):.2f} mm")
+
+
+def sequence(frames: int = 20) -> None:
+    """Follow a hand that opens and closes while it turns."""
+    before, means, seconds = None, [], []
+    for frame in range(frames):
+        share = 0.5 - 0.5 * np.cos(2 * np.pi * frame / frames)
+        true = turned_to_camera(posed("pinch", share), 3, tilt=20.0 + frame)
+        cloud, landmarks = seen(true, frame), rough(true.joints, frame)
+        began = time.perf_counter()
+        before = fit_hand(cloud, landmarks, "right", CAMERA, before)
+        seconds.append(time.perf_counter() - began)
+        means.append(
+            told(f"frame {frame}, sizes {'kept' if before.anatomy.settled else 'learned'}", before, true, seconds[-1])
+        )
+    print(
+        f"first frame {1e3 * seconds[0]:.0f} ms, later ones {1e3 * np.median(seconds[1:]):.0f} ms, at most "
+        f"{1e3 * max(seconds[1:]):.0f} ms; {1e3 * np.mean(means[-8:]):.2f} mm in the last 8 frames"
+    )
+
+
+if __name__ == "__main__":
+    if sys.argv[1:] != ["0"]:
+        single_frames(int(sys.argv[1]) if len(sys.argv) > 1 else 2)
+    sequence()

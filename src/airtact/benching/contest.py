@@ -1,0 +1,190 @@
+"""The same scene solved by airtact and by other packages, each in an interpreter of its own, each with its error."""
+
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Complex128, Real
+
+from airtact.benching.flat_mesh import flat_triangles, points_inside
+from airtact.benching.scenes import Bodies
+from airtact.benching.timing import Timed, relative_error
+from airtact.conventions import InvalidInput
+
+SCRIPTS = Path(__file__).parent / "peers"
+
+ACCURACIES = (0.1, 0.05, 0.03, 0.02, 0.01, 0.005)
+"""That ours is asked for, from coarse to fine."""
+
+EDGES = {"AcousTools": (3.6e-3, 2.5e-3, 1.77e-3), "bempp-cl": (2.7e-3, 2.0e-3, 1.5e-3)}
+"""Edges of the triangles of the two fingers that others are given [m]: 1000, 2000 and 4000; 1800, 3300 and 5900."""
+
+CHIEF_POINTS = 20
+"""Points inside each finger for AcousTools, which does not converge without."""
+
+
+@dataclass(frozen=True)
+class Solved:
+    """One package's answer to one case.
+
+    Attributes
+    ----------
+    package : with its version.
+    setting : accuracy or number of triangles.
+    unknowns : of its system.
+    timed : from bodies in memory to the transfer matrix.
+    error : of the worse focus against the truth.
+    peak : memory above what the process held after a small run [byte].
+    """
+
+    package: str
+    setting: str
+    unknowns: int
+    timed: Timed
+    error: float
+    peak: int
+
+
+def run_case(
+    script: str, python: str, case: dict[str, Real[np.ndarray, "..."] | float | int], limit: float = 1800.0
+) -> dict[str, np.ndarray]:
+    """Let an interpreter run one of the scripts on a case.
+
+    Parameters
+    ----------
+    script : "airtact", "acoustools" or "bempp".
+    python : the interpreter.
+    case : what the script reads.
+    limit : how long it may take [s].
+
+    Returns
+    -------
+    What it answered: ``matrix``, ``seconds``, ``peak``, ``unknowns``, ``version``.
+
+    Raises
+    ------
+    InvalidInput
+        It did not run to its end; with the last line that it wrote.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        files = [str(Path(folder) / name) for name in ("case.npz", "answer.npz")]
+        np.savez(files[0], **case)  # pyright: ignore[reportArgumentType]
+        call = [python, "-W", "ignore", str(SCRIPTS / f"{script}_script.py"), *files]
+        try:
+            done = subprocess.run(call, capture_output=True, text=True, timeout=limit)
+        except OSError as error:
+            raise InvalidInput(f"{python} cannot be run: {error.strerror}.") from None
+        except subprocess.TimeoutExpired:
+            raise InvalidInput(f"{python} did not finish {script}_script.py within {limit:.0f} s.") from None
+        if done.returncode != 0:
+            last = (done.stderr.strip().splitlines() or ["nothing was said"])[-1]
+            raise InvalidInput(f"{python} ended {script}_script.py with code {done.returncode}: {last}")
+        with np.load(files[1]) as answer:
+            return dict(answer)
+
+
+def ours(
+    bodies: Bodies,
+    elements: Real[np.ndarray, "elements 3"],
+    truth: Complex128[np.ndarray, "foci elements"],
+    runs: int,
+    accuracies: Sequence[float] = ACCURACIES,
+    tell: Callable[[str], None] = lambda step: None,
+) -> list[Solved]:
+    """Solve with airtact at several accuracies, each in a process of its own.
+
+    Parameters
+    ----------
+    bodies : capsules and foci.
+    elements : (E, 3) where it is heard [m].
+    truth : (F, E) pressure of unit monopoles.
+    runs : timed at each accuracy.
+    accuracies : to ask for.
+    tell : is told each step.
+    """
+    found = []
+    for accuracy in accuracies:
+        tell(f"airtact at {accuracy:.1%}")
+        case = {
+            **_shared(bodies, elements, runs),
+            "axes": np.array([one.axis for one in bodies.capsules]),
+            "radii": np.array([one.radius for one in bodies.capsules]),
+            "sound_speed": bodies.scene.medium.sound_speed,
+            "frequency": bodies.scene.frequency,
+            "accuracy": accuracy,
+        }
+        found.append(_solved(run_case("airtact", sys.executable, case), f"{accuracy:.1%} asked", truth))
+    return found
+
+
+def theirs(
+    package: str,
+    python: str,
+    bodies: Bodies,
+    elements: Real[np.ndarray, "elements 3"],
+    truth: Complex128[np.ndarray, "foci elements"],
+    runs: int,
+    edges: Sequence[float],
+    tell: Callable[[str], None] = lambda step: None,
+) -> list[Solved]:
+    """Solve with another package on meshes of several sizes, each in a process of its own.
+
+    Parameters
+    ----------
+    package : "AcousTools" or "bempp-cl".
+    python : interpreter of an environment that has it.
+    bodies, elements, truth, runs, tell : as for ``ours``.
+    edges : of the triangles [m].
+    """
+    script, kind = {"AcousTools": ("acoustools", np.int64), "bempp-cl": ("bempp", np.uint32)}[package]
+    small, found = flat_triangles(bodies, 6e-3), []
+    for edge in edges:
+        vertices, triangles = flat_triangles(bodies, edge)
+        tell(f"{package} on {len(triangles)} triangles")
+        case = {
+            **_shared(bodies, elements, runs),
+            "wavenumber": bodies.scene.wavenumber.real,
+            "vertices": vertices,
+            "triangles": triangles.astype(kind),
+            "warm_vertices": small[0],
+            "warm_triangles": small[1].astype(kind),
+            "inside": points_inside(bodies, CHIEF_POINTS),
+        }
+        found.append(_solved(run_case(script, python, case), f"{len(triangles)} triangles", truth))
+    return found
+
+
+def faster(mine: Sequence[Solved], other: Solved) -> tuple[float, Solved] | None:
+    """Say how many times quicker the quickest of ours is that is at least as right; None where none is.
+
+    Parameters
+    ----------
+    mine : our runs.
+    other : one of theirs.
+    """
+    right = [one for one in mine if one.error <= other.error]
+    if not right:
+        return None
+    best = min(right, key=lambda one: one.timed.median)
+    return other.timed.median / best.timed.median, best
+
+
+def _shared(
+    bodies: Bodies, elements: Real[np.ndarray, "elements 3"], runs: int
+) -> dict[str, Real[np.ndarray, "..."] | float | int]:
+    return {"foci": bodies.foci, "elements": np.asarray(elements), "runs": runs}
+
+
+def _solved(answer: dict[str, np.ndarray], setting: str, truth: Complex128[np.ndarray, "foci elements"]) -> Solved:
+    return Solved(
+        package=str(answer["version"]),
+        setting=setting,
+        unknowns=int(answer["unknowns"]),
+        timed=Timed(tuple(float(one) for one in answer["seconds"])),
+        error=relative_error(answer["matrix"].astype(np.complex128), truth),
+        peak=int(answer["peak"]),
+    )

@@ -1,0 +1,121 @@
+"""How the cost grows with the unknowns of the bodies and with the elements of the array."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from airtact.benching.scenes import Bodies, two_fingers
+from airtact.benching.timing import Timed, timed
+from airtact.scene.geometry import Surface
+from airtact.scene.hand_hulls import Hulls
+from airtact.scene.hand_meshing import midpoints
+from airtact.scene.hand_shape import HandShape
+from airtact.scene.pose import Pose
+from airtact.scene.scene import Scene
+from airtact.scene.target import Target
+from airtact.solvers.boundary_element import BoundaryElement
+from airtact.synthesis.time_reversal import time_reversal
+from airtact.transducers.layout import flat_boards
+from airtact.transfer import transfer_matrix
+
+UNKNOWNS = (1000, 2000, 4000, 8000, 16000)
+BOARDS = (1, 2, 4, 8)
+"""Boards along each side of the array: 249, 996, 3984 and 15936 elements."""
+
+AFAR = np.array([[0.0, 0.0, 0.03], [5e-3, 0.0, 0.035]])
+"""Foci so far over the fingertips that no finer panels are put beside them [m]."""
+
+
+@dataclass(frozen=True)
+class Grown:
+    """The cost of one size.
+
+    Attributes
+    ----------
+    size : unknowns or elements.
+    timed : a solve, or transfer matrix and drive.
+    """
+
+    size: int
+    timed: Timed
+
+
+def by_unknowns(runs: int, most: int = max(UNKNOWNS), tell: Callable[[str], None] = lambda step: None) -> list[Grown]:
+    """Time solves of two fingers with more and more unknowns.
+
+    Parameters
+    ----------
+    runs : of each size; a third of them from 8000 unknowns on.
+    most : unknowns.
+    tell : is told each step.
+    """
+    scene, beacons, found = evenly_covered(two_fingers()).scene, Target(AFAR).beacons(), []
+    for wanted in (one for one in UNKNOWNS if one <= most):
+        tell(f"solving {wanted} unknowns")
+        solver = BoundaryElement(accuracy=_accuracy_for(wanted, scene))
+        count = runs if wanted < 8000 else max(1, runs // 3)
+        took, fields = timed([partial(solver.radiate, scene, beacons)] * (count + 1))
+        found.append(Grown(fields[0].report.nodes, took))
+    return found
+
+
+def by_elements(runs: int, boards: tuple[int, ...] = BOARDS) -> list[Grown]:
+    """Time transfer matrix and drive of a solved shape for larger and larger arrays.
+
+    Parameters
+    ----------
+    runs : of each size.
+    boards : along each side of the array.
+    """
+    bodies = two_fingers()
+    beacons = BoundaryElement(accuracy=0.03).radiate(bodies.scene, bodies.target.beacons())
+    found = []
+    for side in boards:
+        array = flat_boards(side, side).seen_from(Pose(np.eye(3), np.array([0.0, 0.0, 0.2])))
+        took, _ = timed(
+            [lambda array=array: time_reversal(transfer_matrix(beacons, array), bodies.target)] * (runs + 1)
+        )
+        found.append(Grown(len(array), took))
+    return found
+
+
+def power(grown: list[Grown]) -> float:
+    """Slope of log time against log size over the upper half of the sizes.
+
+    Parameters
+    ----------
+    grown : at least two sizes.
+    """
+    upper = grown[len(grown) // 2 - 1 :]
+    sizes, seconds = [one.size for one in upper], [one.timed.median for one in upper]
+    return float(np.polyfit(np.log(sizes), np.log(seconds), 1)[0])
+
+
+def evenly_covered(bodies: Bodies) -> Bodies:
+    """Make hulls of capsules, which take panels of any size: a capsule's own come in few sizes.
+
+    Parameters
+    ----------
+    bodies : capsules.
+    """
+    surfaces = []
+    for one in bodies.capsules:
+        balls = np.array([[*end, one.radius] for end in one.axis])
+        shape = HandShape(Hulls(balls, np.array([[0, 1, -1]]), np.zeros((1, 1)), np.zeros((1, 1))), Pose.identity())
+        skin = shape.skin(3e-3)
+        surfaces.append(Surface(skin.vertices, skin.triangles, midpoints(shape.hulls, skin), primitive=shape))
+    return Bodies(tuple(surfaces), bodies.foci)
+
+
+def _accuracy_for(unknowns: int, scene: Scene) -> float:
+    """Choose the accuracy that gives bodies about so many unknowns."""
+    beacons, low, high = Target(AFAR).beacons(), 2e-4, 0.3
+    for _ in range(10):
+        middle = float(np.sqrt(low * high))
+        if BoundaryElement(accuracy=middle).unknowns(scene, beacons) > unknowns:
+            low = middle
+        else:
+            high = middle
+    return high

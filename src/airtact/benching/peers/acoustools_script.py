@@ -1,0 +1,63 @@
+"""Run one case with AcousTools, in its own environment: ``python acoustools_script.py case.npz answer.npz``.
+
+Monopoles stand for the transducers (a piston of radius 0 at half its reference pressure), CHIEF points inside the
+bodies keep the equation solvable at interior resonances. No part of airtact is imported.
+"""
+
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
+
+import resource
+import sys
+import time
+from importlib.metadata import version
+
+import numpy as np
+
+
+def main(case_file: str, answer_file: str) -> None:
+    """Time H and E on a mesh, as many times as the case asks, after one run on a small mesh to warm up.
+
+    Parameters
+    ----------
+    case_file, answer_file : .npz files.
+    """
+    import torch
+    from acoustools.BEM import compute_E, compute_H
+    from vedo import Mesh
+
+    case = np.load(case_file)
+    wavenumber = float(case["wavenumber"])
+
+    def tensor(points):
+        return torch.tensor(points.T[None], dtype=torch.complex64)
+
+    board = torch.tensor(case["elements"], dtype=torch.complex64)
+    same = {"p_ref": 1.0, "k": wavenumber, "transducer_radius": 0.0, "norms": torch.ones_like(board)}
+
+    def solve(vertices, triangles):
+        scatterer = Mesh([vertices, triangles])
+        scatterer.compute_cell_size()
+        scatterer.compute_normals()
+        inside = tensor(case["inside"]) if len(case["inside"]) else None
+        began = time.perf_counter()
+        density = compute_H(scatterer, board, internal_points=inside, **same)
+        heard = compute_E(scatterer, tensor(case["foci"]), board, H=density, internal_points=inside, **same)
+        return heard[0].numpy().astype(np.complex128), time.perf_counter() - began
+
+    solve(case["warm_vertices"], case["warm_triangles"])
+    before, seconds, matrix = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, [], np.empty(0)
+    for _ in range(int(case["runs"])):
+        matrix, took = solve(case["vertices"], case["triangles"])
+        seconds.append(took)
+    np.savez(
+        answer_file,
+        matrix=matrix,
+        seconds=seconds,
+        peak=1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before),
+        unknowns=len(case["triangles"]),
+        version="AcousTools " + version("acoustools"),
+    )
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], sys.argv[2])

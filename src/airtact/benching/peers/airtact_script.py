@@ -1,0 +1,51 @@
+"""Run one case with airtact, as the other scripts run it with theirs: ``python airtact_script.py case.npz answer.npz``.
+
+It times the solve and the reading at the elements, from skins that are in memory already.
+"""
+
+import resource
+import sys
+import time
+
+import numpy as np
+
+import airtact as at
+
+
+def main(case_file: str, answer_file: str) -> None:
+    """Time the solve and what the elements hear, as many times as the case asks, after one coarse run to warm up.
+
+    Parameters
+    ----------
+    case_file, answer_file : .npz files.
+    """
+    case = np.load(case_file)
+    skins = [
+        at.capsule(tuple(start), tuple(end), float(radius), edge=float(radius) / 2)
+        for (start, end), radius in zip(case["axes"], case["radii"], strict=True)
+    ]
+    medium = at.Medium(sound_speed=float(case["sound_speed"]), density=1.293)
+    frequency, beacons = float(case["frequency"]), at.Target(case["foci"]).beacons()
+
+    def solve(solver: at.BoundaryElement) -> tuple[at.RadiatedField, np.ndarray, float]:
+        began = time.perf_counter()
+        scene = at.Scene(medium, [at.sound_hard(skin) for skin in skins], frequency=frequency)
+        field = solver.radiate(scene, beacons)
+        heard = field.at(case["elements"]).T
+        return field, heard, time.perf_counter() - began
+
+    solver = at.BoundaryElement(accuracy=float(case["accuracy"]))
+    solve(at.BoundaryElement(accuracy=0.3))
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    field, matrix, _ = solve(solver)
+    peak = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+    seconds = []
+    for _ in range(int(case["runs"])):
+        field, matrix, took = solve(solver)
+        seconds.append(took)
+    nodes, version = field.report.nodes, f"airtact {at.__version__}"
+    np.savez(answer_file, matrix=matrix, seconds=seconds, peak=peak, unknowns=nodes, version=version)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], sys.argv[2])

@@ -1,0 +1,92 @@
+"""The bench in words: the text of docs/performance.md."""
+
+from typing import TYPE_CHECKING
+
+from airtact.benching.contest import Solved, faster
+from airtact.benching.growth import power
+
+if TYPE_CHECKING:
+    from airtact.benching.bench import Bench
+
+HEAD = """# Performance
+
+How quick airtact is, with the error beside every time. Made by
+
+```sh
+airtact bench --out out/bench --acoustools PYTHON --bempp PYTHON --hand examples/hands/relaxed.json
+```
+
+where each PYTHON is the interpreter of an environment with that package; what is not given is left out. Times are
+medians, with the least and the most in brackets.
+"""
+
+CONTEST = """## Beside other packages
+
+Two capsules of 16 mm x 60 mm, 12 mm apart, a focus 2 mm off each pad, 996 elements as monopoles. Each package runs in
+an interpreter of its own, one after the other, warmed up, from bodies in memory to the transfer matrix: airtact and
+bempp-cl solve for a beacon in each focus, AcousTools for all elements, as it is made. AcousTools is given points
+inside the bodies (CHIEF), without which it does not converge; bempp-cl runs Galerkin with linear elements, Burton-
+Miller and OpenCL on the processor. Their flat triangles are even and hold the exact volume. The error is that of the
+worse focus over all elements, against fundamental solutions, which share no code with any of them and are themselves
+{own:.2%} off. Memory is the peak above what the process held after a small run.
+"""
+
+
+def page_of(found: "Bench") -> str:
+    """Write the page.
+
+    Parameters
+    ----------
+    found : what was measured.
+    """
+    parts = [HEAD, f"Machine: {found.machine}.\n", CONTEST.format(own=found.own_error), _contest(found), _rows(found)]
+    parts.append(_growth(found))
+    if found.said:
+        parts.append("## Left out\n\n" + "\n".join(f"- {sentence}" for sentence in found.said) + "\n")
+    return "\n".join(parts)
+
+
+def _contest(found: "Bench") -> str:
+    mine = [one for one in found.contest if one.package.startswith("airtact")]
+    lines = ["| package | setting | unknowns | time | error | memory | airtact at equal or smaller error |"]
+    lines.append("|---|---|---|---|---|---|---|")
+    for one in found.contest:
+        cells = (one.package, one.setting, f"{one.unknowns}", f"{one.timed}", f"{one.error:.2%}", _megabytes(one.peak))
+        lines.append(f"| {' | '.join(cells)} | {'' if one in mine else _ratio(mine, one)} |")
+    return "\n".join([*lines, "", "![Error against time](error_against_time.svg)\n"])
+
+
+def _ratio(mine: list[Solved], one: Solved) -> str:
+    found = faster(mine, one)
+    if found is None:
+        return "none of these runs is as right"
+    times, best = found
+    return f"{times:.0f} times faster ({best.timed}, {best.error:.2%})"
+
+
+def _rows(found: "Bench") -> str:
+    lines = [
+        "## A hand that moves\n",
+        "| what | asked | measured | error | where the time went |",
+        "|---|---|---|---|---|",
+    ]
+    lines += [f"| {one.what} | {one.asked} | {one.measured} | {one.error} | {one.profile} |" for one in found.rows]
+    return "\n".join([*lines, ""])
+
+
+def _growth(found: "Bench") -> str:
+    lines = ["## How the cost grows\n"]
+    for name, what, grown in (
+        ("unknowns", "a solve of two fingers, 2 foci", found.unknowns),
+        ("elements", "transfer matrix and drive of a solved shape", found.elements),
+    ):
+        lines += [f"| {name} | {what} |", "|---|---|"]
+        lines += [f"| {one.size} | {one.timed} |" for one in grown]
+        if len(grown) > 1:
+            lines.append(f"\nOver the larger half it grows as the power {power(list(grown)):.1f} of the {name}.")
+        lines.append("")
+    return "\n".join([*lines, "![How the cost grows](growth.svg)\n"])
+
+
+def _megabytes(size: int) -> str:
+    return f"{size / 1e6:.0f} MB"
