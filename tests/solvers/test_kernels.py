@@ -73,7 +73,7 @@ def added(rows: tuple[np.ndarray, np.ndarray, np.ndarray], count: int) -> np.nda
     return matrix
 
 
-STORES = [("int16", np.complex64, 1e-4), ("float32", np.complex64, 2e-5), ("float64", np.complex128, 1e-13)]
+STORES = [("int16", np.complex64, 2e-4), ("float32", np.complex64, 2e-5), ("float64", np.complex128, 1e-13)]
 
 
 @pytest.mark.parametrize("wavenumber", WAVENUMBERS)

@@ -9,6 +9,7 @@ from airtact.scene.covering import covered
 from airtact.scene.curved_mesh import CurvedMesh
 from airtact.scene.pose import Pose
 from airtact.scene.printing import in_short
+from airtact.scene.shape import BEND
 from airtact.scene.six_nodes import SixNodes
 
 
@@ -65,7 +66,7 @@ class CurvedShape:
         """Distance of points (P, 3) [m] from the flat triangles that it was made from [m]."""
         return self.mesh.flat_tree.closest(self.pose.inverse().apply(points))[2]
 
-    def panels(self, edge: float) -> SixNodes:
+    def panels(self, edge: float, bend: float = BEND) -> SixNodes:
         """Cover it with curved panels about as large as equilateral triangles of a given edge [m]."""
         if edge not in self.kept:
             self.kept[edge] = covered(self.mesh, edge)

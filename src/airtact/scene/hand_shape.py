@@ -11,6 +11,7 @@ from airtact.scene.hand_hulls import Hulls
 from airtact.scene.hand_meshing import Skin, even_skin, midpoints
 from airtact.scene.pose import Pose
 from airtact.scene.printing import in_short
+from airtact.scene.shape import BEND
 from airtact.scene.six_nodes import SixNodes, enclosed_volume, panel_areas
 
 MEASURED = 3e-3
@@ -68,7 +69,7 @@ class HandShape:
         """Return 0 for each of the points (P, 3) [m]: the body was made from no triangles."""
         return np.zeros(len(points))
 
-    def panels(self, edge: float) -> SixNodes:
+    def panels(self, edge: float, bend: float = BEND) -> SixNodes:
         """Cover it with curved panels about as large as equilateral triangles of a given edge [m]."""
         return self.pose.apply(curved_panels(self.hulls, self.skin(edge)))
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float64, Int64, Real
 from scipy.spatial import KDTree
 
-from airtact.scene.shape import Shape
+from airtact.scene.shape import BEND, Shape
 from airtact.scene.six_nodes import SixNodes, cut, longest_edges, panel_areas, shape_functions
 
 LONGEST_TO_EQUILATERAL = 1.2
@@ -57,6 +57,7 @@ def panels_of(
     edge: float,
     near: Real[np.ndarray, "points 3"],
     smallest: float,
+    bend: float = BEND,
 ) -> Panels:
     """Panels of some bodies, finer beside some points and where bodies come close.
 
@@ -66,8 +67,9 @@ def panels_of(
     edge : edge of the equilateral triangle as large as the panels wanted [m].
     near : (P, 3) points beside which panels are cut finer [m].
     smallest : edge below which no panel is cut for a point's or another body's sake [m].
+    bend : angle that a panel of a round skin may turn by [rad].
     """
-    whole = [shape.panels(edge) for shape in shapes]
+    whole = [shape.panels(edge, bend) for shape in shapes]
     bodies = []
     for index, shape in enumerate(shapes):
         others = [np.empty((0, 3))] + [panels.reshape(-1, 3) for other, panels in enumerate(whole) if other != index]

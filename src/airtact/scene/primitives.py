@@ -11,6 +11,7 @@ from airtact.scene.geometry import Surface
 from airtact.scene.guards import number, positive, real_numbers, refuse_not_finite
 from airtact.scene.pose import Pose
 from airtact.scene.printing import in_short
+from airtact.scene.shape import BEND
 from airtact.scene.six_nodes import SixNodes, enclosed_volume, with_middles
 from airtact.scene.topology import refuse_wrong_size
 
@@ -103,18 +104,21 @@ class Capsule:
         """Return 0 for each of the points (P, 3) [m]: a closed form was made from no triangles."""
         return np.zeros(len(points))
 
-    def panels(self, edge: float) -> SixNodes:
+    def panels(self, edge: float, bend: float = BEND) -> SixNodes:
         """Cover it with curved panels about as large as equilateral triangles of a given edge [m].
+
+        They turn by at most ``bend`` [rad] from edge to edge.
 
         The mesh is as coarse as its panels' mean area allows, and moved outwards until it holds the exact volume:
         quadratics through points of a round skin hold less.
         """
         wanted = self.area / (np.sqrt(3) / 4 * edge**2)
-        length, most = self.length / self.radius, math.ceil(2.0 * self.radius / edge) + 2
+        length, most = self.length / self.radius, math.ceil(max(2.0 * self.radius / edge, 2.0 / bend)) + 2
         counts = {
             (rings, sectors): _count(rings, sectors, length) for rings in range(2, most + 1) for sectors in (3, 4, 5)
         }
-        enough = {way: count for way, count in counts.items() if count >= 0.9 * wanted}
+        least = 2.0 * math.pi / (1.001 * bend)
+        enough = {way: count for way, count in counts.items() if count >= 0.9 * wanted and way[0] * way[1] >= least}
         vertices, triangles = _mesh(*min(enough, key=enough.__getitem__), length)
         panels = self.pose.apply(with_middles(self.radius * vertices[triangles]))
         panels = self.fitted(panels)

@@ -1,5 +1,6 @@
 """What a skin can be asked, whatever it is made of."""
 
+import math
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -7,6 +8,9 @@ from jaxtyping import Float64, Real
 
 from airtact.scene.pose import Pose
 from airtact.scene.six_nodes import SixNodes
+
+BEND = math.pi / 5
+"""Angle that a panel of a round skin may turn by [rad], where nothing coarser will do."""
 
 
 @runtime_checkable
@@ -44,8 +48,11 @@ class Shape(Protocol):
         """Distance of points (P, 3) [m] from the flat triangles that it was made from [m]; 0 for a closed form."""
         ...
 
-    def panels(self, edge: float) -> SixNodes:
-        """Cover it with curved panels about as large as equilateral triangles of a given edge [m]."""
+    def panels(self, edge: float, bend: float = BEND) -> SixNodes:
+        """Cover it with curved panels about as large as equilateral triangles of a given edge [m].
+
+        Panels of a round skin in closed form turn by at most about ``bend`` [rad] from edge to edge.
+        """
         ...
 
     def moved(self, pose: Pose) -> "Shape":

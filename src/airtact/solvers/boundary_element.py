@@ -12,6 +12,7 @@ from airtact.conventions import InvalidInput
 from airtact.scene.guards import number
 from airtact.scene.panels import Panels, panels_of
 from airtact.scene.scene import Scene, check_sources
+from airtact.scene.shape import BEND
 from airtact.scene.sources import Monopoles
 from airtact.solvers.boundary_field import BoundaryField
 from airtact.solvers.boundary_operator import (
@@ -150,7 +151,7 @@ class BoundaryElement(Solver):
         edge = scene.wavelength * np.sqrt(6 / self.nodes_per_square_wavelength * 4 / np.sqrt(3))
         near = sources.heard_finely[scene.depth(sources.heard_finely) > -edge]
         shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
-        return panels_of(shapes, edge, near, smallest=0.5 * edge)
+        return panels_of(shapes, edge, near, smallest=0.5 * edge, bend=BEND if self.accuracy < 0.02 else np.pi / 4)
 
     def _near_rule(self) -> NearRule:
         if self.precision == "float64":
@@ -164,7 +165,7 @@ class BoundaryElement(Solver):
     def _tolerance(self) -> float:
         if self.precision == "float64":
             return min(0.1 * self.accuracy, 1e-8)
-        return 0.3 * self.accuracy if self._store() == "int16" else max(0.1 * self.accuracy, 2e-6)
+        return min(0.3 * self.accuracy, 0.01) if self._store() == "int16" else max(0.1 * self.accuracy, 2e-6)
 
 
 class _Clock:

@@ -83,7 +83,10 @@ def near_rows(
     precision: str,
     least: float = 0.0,
 ) -> NearRows:
-    """Near integrals of the double layer less what the plain nodes farther than ``least`` give."""
+    """Near integrals of the double layer less what the plain nodes farther than ``least`` give.
+
+    In float32 the points may not touch a panel anywhere but inside it.
+    """
     first, panel = near_lists(nodes, points, near_rule.reach * nodes.radii)
     excess = np.empty((len(panel), 6), dtype=np.complex128)
     getattr(_kernels, f"near_excess_{precision}")(
@@ -128,7 +131,7 @@ def double_layer_pressure(
     )
     near = near_skin(nodes, points, near_rule.reach)
     out[near] += (
-        near_rows(nodes, points[near], wavenumber, near_rule, precision, least).sparse(len(nodes.points)) @ pressure
+        near_rows(nodes, points[near], wavenumber, near_rule, "float64", least).sparse(len(nodes.points)) @ pressure
     )
     return out
 
@@ -152,7 +155,7 @@ def double_layer_heard(
     """Σ_i s_i D(x_i, y_j): how the pressure at each node is heard by points with weights."""
     near = near_skin(nodes, points, near_rule.reach)
     total = (
-        near_rows(nodes, points[near], wavenumber, near_rule, precision).sparse(len(nodes.points)).T @ strengths[near]
+        near_rows(nodes, points[near], wavenumber, near_rule, "float64").sparse(len(nodes.points)).T @ strengths[near]
     )
     for chosen, kind in ((near, "float64"), (~near, precision)):
         some = np.ascontiguousarray(points[chosen], dtype=np.float64)
