@@ -35,7 +35,7 @@ def test_a_rough_answer_warns_with_both_numbers():
 
 def test_without_an_estimate_the_array_hears_the_same_and_the_skin_is_refused():
     both, array = at.BoundaryElement(accuracy=0.02).radiate(scene(), SOURCE), np.array([[0.0, 0.05, 0.1]])
-    one = at.BoundaryElement(accuracy=0.02, estimate_error=False).radiate(scene(), SOURCE)
+    one = at.BoundaryElement(accuracy=0.02, estimate=False).radiate(scene(), SOURCE)
     assert one.at(array) == pytest.approx(both.at(array), rel=0.02)
     assert np.isnan(one.report.estimated_error)
     assert np.isnan(one.error_at(array)).all()

@@ -48,7 +48,7 @@ class BoundaryElement(Solver):
     ----------
     accuracy : relative error wanted away from the skin; the panels follow from it. 0.03 is a preview.
     precision : "float32" or "float64", of the matrix and the iteration.
-    estimate_error : solve the direct equation as well. Without it a solve takes about half the time, and its field is
+    estimate : solve the direct equation as well. Without it a solve takes about half the time, and its field is
         heard away from the skin only: enough for a transfer matrix.
 
     Raises
@@ -68,7 +68,7 @@ class BoundaryElement(Solver):
 
     accuracy: float = 0.01
     precision: Literal["float32", "float64"] = "float32"
-    estimate_error: bool = True
+    estimate: bool = True
 
     def __post_init__(self) -> None:
         """Check both settings."""
@@ -114,7 +114,7 @@ class BoundaryElement(Solver):
         rows, factors = heard(surface, sources.positions, sources.strengths)
         transposed = self._solved(matrix, rows, transposed=True)
         solved = [transposed]
-        if self.estimate_error:
+        if self.estimate:
             right = incident(surface, sources.positions, sources.strengths)
             solved.append(self._solved(matrix, right, transposed=False))
         clock.lap("gmres")
@@ -134,7 +134,7 @@ class BoundaryElement(Solver):
         )
         density, *pressure = (result.solution.astype(np.complex128).T for result in solved)
         field = BoundaryField(scene, sources, surface, pressure[0] if pressure else None, density, factors, report)
-        if not self.estimate_error:
+        if not self.estimate:
             return field
         estimate = float(field.error_at(surrounding_points(scene, nodes.points)).max())
         clock.lap("estimate")

@@ -66,8 +66,8 @@ class BoundaryField(RadiatedField):
     def _skin_pressure(self) -> Complex128[np.ndarray, "nodes sounds"]:
         if self.pressure is None:
             raise InvalidInput(
-                "the pressure on and near the skin was not solved for (estimate_error = False): 1 of 2 equations is "
-                "enough for a transfer matrix only; solve with estimate_error = True."
+                "the pressure on and near the skin was not solved for (estimate = False): 1 of 2 equations is "
+                "enough for a transfer matrix only; solve with estimate = True."
             )
         return self.pressure
 
