@@ -53,6 +53,7 @@ bench: $(VENV)/installed-for-tests
 	PYTHONPATH=.:tests $(BIN)/python benchmarks/synthesis.py
 	PYTHONPATH=.:tests $(BIN)/python benchmarks/frames.py
 	PYTHONPATH=.:tests $(BIN)/python benchmarks/hand.py
+	PYTHONPATH=.:tests $(BIN)/python benchmarks/hand_tracking.py
 
 clean:
 	rm -rf $(VENV) build out

@@ -11,6 +11,7 @@ import airtact as at
 from airtact.benching import bench, contest, growth
 from airtact.benching.contest import Solved, faster, ours, run_case, theirs
 from airtact.benching.flat_mesh import flat_triangles, points_inside
+from airtact.benching.performance_page import Bench
 from airtact.benching.real_time import RealTime, Row, to_drive
 from airtact.benching.scenes import Bodies, deformed, moved_each, moved_foci, two_fingers, whole_motion
 from airtact.benching.timing import Timed, correlation, relative_error, timed
@@ -176,7 +177,7 @@ def test_the_cost_of_more_unknowns_and_elements_is_told() -> None:
 
 
 def test_the_folder_holds_tables_figures_and_the_page(tmp_path: Path) -> None:
-    found = bench.Bench(
+    found = Bench(
         machine="x86_64, 2 cores, avx2",
         contest=(solved("airtact 1", 0.02, 0.02), solved("other 2", 2.0, 0.03), solved("third 1", 1.0, 0.001)),
         own_error=0.001,

@@ -103,4 +103,4 @@ def test_every_error_has_its_line():
     figure = draw_quality([*ones, outcome("no hand at all", 0.0, 0.4)])
     assert len(figure.axes) == 2 * len(COLUMNS)
     drawn = [line.get_ydata() for line in figure.axes[0].lines]
-    assert any(np.allclose(values, [0.9, 0.8]) for values in drawn if len(values) == 2)
+    assert any(np.allclose(values, [1.0, 0.9, 0.8]) for values in drawn if len(values) == 3)

@@ -44,7 +44,7 @@ def facing(hand: Hand, turn: np.ndarray, place: tuple[float, float, float]) -> P
     return Pose(rotation, np.array(place) - rotation @ joints[11])
 
 
-def pictured(hand: Hand, pose: Pose, edge: float = 6e-3) -> Picture:
+def pictured(hand: Hand, pose: Pose, edge: float = 6e-3, forearm: bool = True) -> Picture:
     """Take a picture of a hand.
 
     Parameters
@@ -52,9 +52,13 @@ def pictured(hand: Hand, pose: Pose, edge: float = 6e-3) -> Picture:
     hand : any.
     pose : from its frame to the camera's.
     edge : of the triangles that are drawn [m].
+    forearm : whether the hand has one.
     """
     skin = hand.shape.skin(edge)
-    places, bent, triangles = _with_forearm(hand, skin.vertices, skin.triangles)
+    places, triangles = skin.vertices, skin.triangles
+    bent = hand.shape.hulls.look(places).gradient
+    if forearm:
+        places, bent, triangles = _with_forearm(hand, places, triangles)
     normals, corners = pose.rotate(bent), pose.apply(places)
     depth = np.full((HEIGHT, WIDTH), np.inf)
     facing_us = np.zeros((HEIGHT, WIDTH, 3))

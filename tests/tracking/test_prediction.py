@@ -118,13 +118,22 @@ def test_another_number_of_landmarks_begins_anew():
     np.testing.assert_array_equal(predictor.at(0.06).landmarks, tracked)
 
 
-def test_landmarks_carried_on_until_they_are_no_hand_are_the_newest():
-    predictor = Predictor(1.0)
-    predictor.take(still(0, 0.0))
-    closing = JOINTS.copy()
-    closing[9] += [0.0, 0.0, 0.004]  # the index fingertip moves at 0.12 m/s: 120 mm in a second
-    predictor.take(still(1, 1 / 30, landmarks=closing))
-    np.testing.assert_array_equal(predictor.at(1 / 30).landmarks, closing)
+@pytest.mark.parametrize("count", [25, 21])
+def test_bones_keep_their_lengths_where_they_would_be_none_of_a_hand(count):
+    kept = np.arange(25) if count == 25 else np.delete(np.arange(25), [5, 10, 15, 20])
+    random = np.random.default_rng(4)
+    predictor = Predictor(0.5)
+    predictor.take(still(0, 0.0, landmarks=JOINTS[kept]))
+    moved = JOINTS[kept] + 1.5e-3 * random.normal(
+        size=(count, 3)
+    )  # some 60 mm/s, each its own way: 30 mm in half a second
+    predictor.take(still(1, 1 / 30, landmarks=moved))
+    carried = predictor.at(1 / 30).landmarks
+    tips = [(3, 4), (8, 9), (23, 24)] if count == 25 else [(3, 4), (7, 8), (19, 20)]
+    for one, other in [*tips, (0, 1)]:
+        length = np.linalg.norm(moved[other] - moved[one])
+        assert np.linalg.norm(carried[other] - carried[one]) == pytest.approx(length, abs=1e-12)
+    assert np.linalg.norm(carried - moved, axis=1).max() > 0.01
 
 
 def test_what_cannot_be_is_refused():

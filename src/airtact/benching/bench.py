@@ -5,16 +5,17 @@ import json
 import os
 import platform
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 
 from airtact import _kernels
 from airtact.benching.contest import EDGES, Solved, ours, theirs
-from airtact.benching.growth import BOARDS, Grown, by_elements, by_unknowns
+from airtact.benching.growth import BOARDS, by_elements, by_unknowns
 from airtact.benching.machine import kernels_against_product, memory_over_matrix
 from airtact.benching.open_hand import OpenHand
+from airtact.benching.performance_page import Bench, page_of
 from airtact.benching.real_time import RealTime, Row
 from airtact.benching.scenes import Bodies, two_fingers
 from airtact.benching.truth import Truth, true_pressure
@@ -30,29 +31,6 @@ OFF = 2e-3
 """How far the foci stand off the pads in the contest [m]: nearer, packages that collocate at centroids go astray."""
 
 QUICK_EDGES, QUICK_ACCURACIES = (2.7e-3,), (0.1, 0.03)
-
-
-@dataclass(frozen=True)
-class Bench:
-    """What was measured.
-
-    Attributes
-    ----------
-    machine : processor, cores, instruction set, load when it began.
-    contest : runs of all packages on the same scene.
-    own_error : of the contest's truth.
-    rows : of real time.
-    unknowns, elements : how the cost grows.
-    said : what was left out, and why.
-    """
-
-    machine: str
-    contest: tuple[Solved, ...]
-    own_error: float
-    rows: tuple[Row, ...]
-    unknowns: tuple[Grown, ...]
-    elements: tuple[Grown, ...]
-    said: tuple[str, ...]
 
 
 def bench(
@@ -120,7 +98,6 @@ def write(folder: Path, found: Bench) -> None:
     folder : is there.
     found : what was measured.
     """
-    from airtact.benching.performance_page import page_of
     from airtact.benching.pictures import draw_contest, draw_growth
 
     with whole_file(folder / FILES[0]) as partial, partial.open("w", newline="", encoding="utf-8") as stream:

@@ -14,6 +14,7 @@ from airtact.benching.flat_mesh import flat_triangles, points_inside
 from airtact.benching.scenes import Bodies
 from airtact.benching.timing import Timed, relative_error
 from airtact.conventions import InvalidInput
+from airtact.scene.printing import in_short
 
 SCRIPTS = Path(__file__).parent / "peers"
 
@@ -25,6 +26,28 @@ EDGES = {"AcousTools": (3.6e-3, 2.5e-3, 1.77e-3), "bempp-cl": (2.7e-3, 2.0e-3, 1
 
 CHIEF_POINTS = 20
 """Points inside each finger for AcousTools, which does not converge without."""
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What a script answers.
+
+    Attributes
+    ----------
+    matrix : (F, E) pressure of unit monopoles.
+    seconds : of each run.
+    peak : memory above what the process held after a small run [byte].
+    unknowns : of its system.
+    version : the package and its version.
+    """
+
+    matrix: Complex128[np.ndarray, "foci elements"]
+    seconds: tuple[float, ...]
+    peak: int
+    unknowns: int
+    version: str
+
+    __repr__ = in_short
 
 
 @dataclass(frozen=True)
@@ -51,7 +74,7 @@ class Solved:
 
 def run_case(
     script: str, python: str, case: dict[str, Real[np.ndarray, "..."] | float | int], limit: float = 1800.0
-) -> dict[str, np.ndarray]:
+) -> Answer:
     """Let an interpreter run one of the scripts on a case.
 
     Parameters
@@ -63,7 +86,7 @@ def run_case(
 
     Returns
     -------
-    What it answered: ``matrix``, ``seconds``, ``peak``, ``unknowns``, ``version``.
+    What it answered.
 
     Raises
     ------
@@ -84,7 +107,9 @@ def run_case(
             last = (done.stderr.strip().splitlines() or ["nothing was said"])[-1]
             raise InvalidInput(f"{python} ended {script}_script.py with code {done.returncode}: {last}")
         with np.load(files[1]) as answer:
-            return dict(answer)
+            seconds = tuple(float(one) for one in answer["seconds"])
+            numbers = int(answer["peak"]), int(answer["unknowns"]), str(answer["version"])
+            return Answer(answer["matrix"].astype(np.complex128), seconds, *numbers)
 
 
 def ours(
@@ -179,12 +204,6 @@ def _shared(
     return {"foci": bodies.foci, "elements": np.asarray(elements), "runs": runs}
 
 
-def _solved(answer: dict[str, np.ndarray], setting: str, truth: Complex128[np.ndarray, "foci elements"]) -> Solved:
-    return Solved(
-        package=str(answer["version"]),
-        setting=setting,
-        unknowns=int(answer["unknowns"]),
-        timed=Timed(tuple(float(one) for one in answer["seconds"])),
-        error=relative_error(answer["matrix"].astype(np.complex128), truth),
-        peak=int(answer["peak"]),
-    )
+def _solved(answer: Answer, setting: str, truth: Complex128[np.ndarray, "foci elements"]) -> Solved:
+    error = relative_error(answer.matrix, truth)
+    return Solved(answer.version, setting, answer.unknowns, Timed(answer.seconds), error, answer.peak)

@@ -1,12 +1,10 @@
 """The bench in words: the text of docs/performance.md."""
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 from airtact.benching.contest import Solved, faster
-from airtact.benching.growth import power
-
-if TYPE_CHECKING:
-    from airtact.benching.bench import Bench
+from airtact.benching.growth import Grown, power
+from airtact.benching.real_time import Row
 
 HEAD = """# Performance
 
@@ -32,7 +30,30 @@ worse focus over all elements, against fundamental solutions, which share no cod
 """
 
 
-def page_of(found: "Bench") -> str:
+@dataclass(frozen=True)
+class Bench:
+    """What was measured.
+
+    Attributes
+    ----------
+    machine : processor, cores, instruction set, load when it began.
+    contest : runs of all packages on the same scene.
+    own_error : of the contest's truth.
+    rows : of real time.
+    unknowns, elements : how the cost grows.
+    said : what was left out, and why.
+    """
+
+    machine: str
+    contest: tuple[Solved, ...]
+    own_error: float
+    rows: tuple[Row, ...]
+    unknowns: tuple[Grown, ...]
+    elements: tuple[Grown, ...]
+    said: tuple[str, ...]
+
+
+def page_of(found: Bench) -> str:
     """Write the page.
 
     Parameters
@@ -46,7 +67,7 @@ def page_of(found: "Bench") -> str:
     return "\n".join(parts)
 
 
-def _contest(found: "Bench") -> str:
+def _contest(found: Bench) -> str:
     mine = [one for one in found.contest if one.package.startswith("airtact")]
     lines = ["| package | setting | unknowns | time | error | memory | airtact at equal or smaller error |"]
     lines.append("|---|---|---|---|---|---|---|")
@@ -64,7 +85,7 @@ def _ratio(mine: list[Solved], one: Solved) -> str:
     return f"{times:.0f} times faster ({best.timed}, {best.error:.2%})"
 
 
-def _rows(found: "Bench") -> str:
+def _rows(found: Bench) -> str:
     lines = [
         "## A hand that moves\n",
         "| what | asked | measured | error | where the time went |",
@@ -74,7 +95,7 @@ def _rows(found: "Bench") -> str:
     return "\n".join([*lines, ""])
 
 
-def _growth(found: "Bench") -> str:
+def _growth(found: Bench) -> str:
     lines = ["## How the cost grows\n"]
     for name, what, grown in (
         ("unknowns", "a solve of two fingers, 2 foci", found.unknowns),

@@ -9,6 +9,7 @@ from jaxtyping import Float64
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from airtact.experiments.hand_mesh_quality import SPEED, Outcome
 
@@ -40,11 +41,17 @@ COLUMNS = (
         "radii wrong by [%]:\n── all alike   ╌╌ each by chance (rms)",
         {"all radii wrong [%]": "-", "each radius wrong [%]": "--"},
     ),
-    Column("hand given as triangles\nof a mean edge of [mm]", {"triangles [mm]": "-"}),
+    Column("hand given as triangles\nwith edges of [mm]", {"triangles [mm]": "-"}),
     Column("accuracy asked of the solver [%]", {"panels [accuracy]": "-"}, 100.0),
     Column(f"delay at {SPEED:g} m/s [ms]", {"whole hand elsewhere [mm]": "-"}, 1.0 / SPEED),
 )
 """From left to right."""
+
+FINER = ("triangles [mm]", "panels [accuracy]")
+"""Errors that are told over finer panels."""
+
+NOTHING = Outcome("", "", 0.0, 0, focus=1.0, worst=1.0, stray=1.0, loudest=1.0)
+"""What no error makes, over itself."""
 
 FARTHEST = 5.5
 """Larger errors of the pose are drawn as delays only [mm]."""
@@ -97,7 +104,8 @@ def draw_quality(outcomes: Sequence[Outcome]) -> Figure:
     grid[1, 0].set_ylabel("stray sound on the skin over the foci,\nagainst that with the right hand [dB]")
     keys = [Line2D([], [], color=colour, label=scene) for scene, colour in COLOURS.items()]
     keys.append(Line2D([], [], color="0.3", linestyle=":", label="no hand in the model at all"))
-    figure.legend(handles=keys, loc="outside lower center", ncols=3, frameon=False)
+    keys.append(Patch(color="0.3", alpha=0.15, label="least to most of all random choices"))
+    figure.legend(handles=keys, loc="outside lower center", ncols=4, frameon=False)
     return figure
 
 
@@ -107,6 +115,9 @@ def _draw(axes: Axes, outcomes: Sequence[Outcome], column: Column, value: Callab
             sizes, spread = spreads([one for one in outcomes if (one.scene, one.error) == (scene, error)], value)
             if len(sizes) == 0:
                 continue
+            if error not in FINER:  # without an error nothing is lost, by definition
+                place, nothing = int(np.searchsorted(sizes, 0.0)), value(NOTHING)
+                sizes, spread = np.insert(sizes, place, 0.0), np.insert(spread, place, nothing, axis=0)
             sizes = column.factor * sizes
             axes.plot(sizes, spread[:, 1], style, color=colour, marker="o", markersize=3.5, linewidth=1.4)
             axes.fill_between(sizes, spread[:, 0], spread[:, 2], color=colour, alpha=0.15, linewidth=0)

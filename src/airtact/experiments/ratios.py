@@ -15,6 +15,7 @@ from matplotlib.lines import Line2D
 from airtact.evaluation.comparison import HELD_EQUAL, compare
 from airtact.experiments.dummies import Dummies, Entering, dummies
 from airtact.experiments.part import Part, write_columns
+from airtact.experiments.pressures import HELD
 from airtact.experiments.settings import Settings
 from airtact.judging import Clock
 from airtact.report.page import paragraph, picture, table
@@ -142,15 +143,24 @@ def ratios(settings: Settings, folder: Path, clock: Clock) -> Part:
             text=True,
         ),
     )
-    return Part("What the paper leaves open", pieces)
+    one, ratio = _nearest_to(found, 0.5, list(HELD_EQUAL).index(HELD), 1)
+    return Part("What the paper leaves open", pieces, ((f"{ratio:.2f}", f"nearest to half, {HELD}: {one}"),))
 
 
 def _nearest(found: Mapping[Fingers, Float64[np.ndarray, "3"]]) -> Iterator[list[str]]:
     for wanted, words in WANTED.items():
         for power, name in ((1, "pressure"), (2, "pressure squared")):
             for column, held in enumerate(HELD_EQUAL):
-                one = min(found, key=lambda it: abs(found[it][column] ** power - wanted))
-                yield [words, name, held, f"{found[one][column] ** power:.3f}", str(one)]
+                one, ratio = _nearest_to(found, wanted, column, power)
+                yield [words, name, held, f"{ratio:.3f}", str(one)]
+
+
+def _nearest_to(
+    found: Mapping[Fingers, Float64[np.ndarray, "3"]], wanted: float, column: int, power: int
+) -> tuple[Fingers, float]:
+    """Fingers whose ratio, under one normalisation and to a power, is nearest to a number; and that ratio."""
+    one = min(found, key=lambda it: abs(found[it][column] ** power - wanted))
+    return one, float(found[one][column] ** power)
 
 
 def _write(found: Mapping[Fingers, Float64[np.ndarray, "3"]], folder: Path) -> None:

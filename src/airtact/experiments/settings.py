@@ -54,7 +54,7 @@ class Settings:
     water_order: int
 
 
-FULL = Settings(  # steps of the gap well below half a wavelength: sound stands between the fingers
+FULL = Settings(  # gaps in steps well below half a wavelength: sound stands between the fingers
     name="full",
     order=5,
     elements_per_wavelength=1.7,
@@ -63,11 +63,11 @@ FULL = Settings(  # steps of the gap well below half a wavelength: sound stands 
     truth=0.003,
     sweep_drive=0.02,
     sweep_judge=0.01,
-    gaps=tuple(1e-3 * gap for gap in (6, 7.5, 9, 10.5, 12, 13.5, 15, 16.5, 18, 19.5, 21, 22.5, 24, 25.5, 27, 28.5, 30)),
+    gaps=tuple(1e-3 * gap for gap in (6, 6.75, 7.5, 8.25, 9, 9.75, 10.5, 12, 13.5, 15, 16.5, 18, 19.5, 21, 24, 27, 30)),
     radii=(6e-3, 8e-3, 10e-3),
     tilts=(0.0, 20.0, 40.0, 60.0),
     ways=("from below", "from above", "from the side"),
-    tilt_gaps=(6e-3, 9e-3, 12e-3, 18e-3),
+    tilt_gaps=(6e-3, 7.5e-3, 12e-3, 18e-3),
     scan_step=0.25e-3,
     scan_half=10e-3,
     study_orders=(1, 2, 3, 4, 5, 6),
@@ -89,7 +89,7 @@ QUICK = Settings(
     truth=0.01,
     sweep_drive=0.05,
     sweep_judge=0.03,
-    gaps=(6e-3, 12e-3, 21e-3, 30e-3),
+    gaps=(6e-3, 7.5e-3, 12e-3, 24e-3),
     radii=(6e-3, 8e-3, 10e-3),
     tilts=(0.0, 20.0, 45.0),
     ways=("from below", "from the side"),

@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
 
+from airtact import _kernels
 from airtact.scene.geometry import Surface
 from airtact.scene.hand import Hand
 from airtact.scene.hand_meshing import even_skin
@@ -11,6 +12,9 @@ from airtact.scene.joints import CHAINS
 
 TURNED = 3
 """Joints of each finger that are turned, from its root on."""
+
+FINEST, PASSES = 6e-3, 8
+"""Edge of the triangles that coarser ones are made from [m], in so many passes."""
 
 
 def random_direction(seed: int) -> Float64[np.ndarray, "3"]:
@@ -79,12 +83,21 @@ def scaled_radii(hand: Hand, share: float) -> Hand:
 
 
 def hand_of_triangles(hand: Hand, edge: float) -> Surface:
-    """Mesh a hand with triangles whose corners alone lie on it, as a scan or a file has them.
+    """Mesh a hand with triangles of one size whose corners alone lie on it, as a file has them.
 
     Parameters
     ----------
     hand : right.
-    edge : of the triangles [m].
+    edge : of the triangles [m], however much the skin bends.
     """
-    skin = even_skin(hand.shape.hulls, edge)
-    return Surface(skin.vertices, skin.triangles)
+    hulls = hand.shape.hulls
+    skin = even_skin(hulls, min(edge, FINEST))
+    vertices, triangles = skin.vertices, skin.triangles
+    for _ in range(PASSES):
+        most = 2 * len(vertices)
+        counts = np.array([len(vertices), len(triangles)])
+        vertices = np.concatenate([vertices, np.zeros((most - counts[0], 3))])
+        triangles = np.concatenate([triangles, np.zeros((2 * most - counts[1], 3), dtype=np.int64)])
+        _kernels.even_pass(vertices, np.full(most, edge), triangles, counts, False, 1.0, 0.5)
+        vertices, triangles = hulls.project(vertices[: counts[0]]), triangles[: counts[1]].copy()
+    return Surface(vertices, triangles)

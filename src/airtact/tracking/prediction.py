@@ -1,9 +1,13 @@
 """Where a hand will be when the sound arrives: noise smoothed, latency made up for."""
 
+from itertools import pairwise
+
 import numpy as np
+from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
 from airtact.scene.guards import number, positive
+from airtact.scene.joints import CHAINS
 from airtact.tracking.constant_velocity import Motion, first_seen, measured
 from airtact.tracking.frame import FaultyFrame, HandFrame
 
@@ -13,6 +17,9 @@ NOISE = 1e-3
 AGILITY = 0.3
 """Spectral density of the acceleration of a landmark unless given [m²/s³]: best or nearly for reaching and pinching at
 0.5 m/s, at 30 to 90 frames a second and noise of 0.5 to 3 mm (``benchmarks/tracking.py``)."""
+
+TRACKED_CHAINS = tuple(tuple(range(start, start + 4)) for start in (1, 5, 9, 13, 17))
+"""Landmarks of each finger, from the wrist to the tip, where there are 21."""
 
 LONGEST_LATENCY = 1.0
 """Nobody can tell where a hand is after longer [s]."""
@@ -82,7 +89,8 @@ class Predictor:
         Returns
         -------
         The frame of that later time, with the newest one's number; a lost one where the hand was not seen for longer
-        than the patience. Where the landmarks carried on are no hand any more, they are the newest ones.
+        than the patience. Where the landmarks carried on are no hand any more, bones keep their lengths; where that is
+        none either, they are the newest ones.
 
         Raises
         ------
@@ -96,10 +104,12 @@ class Predictor:
         if time - motion.time > self._patience:
             return HandFrame(then, last.side, last.sequence)
         carried = motion.at(then, self._agility).positions
-        try:
-            return HandFrame(then, last.side, last.sequence, carried)
-        except FaultyFrame:
-            return HandFrame(then, last.side, last.sequence, last.landmarks)
+        for landmarks in (carried, _with_lengths(carried, motion.positions)):
+            try:
+                return HandFrame(then, last.side, last.sequence, landmarks)
+            except FaultyFrame:
+                continue
+        return HandFrame(then, last.side, last.sequence, last.landmarks)
 
     def spread(self, time: float) -> float:
         """Say how uncertain each coordinate is a latency after a time, as its standard deviation [m].
@@ -116,3 +126,17 @@ class Predictor:
         if self._motion is None:
             raise InvalidInput("0 frames with landmarks were taken; take one before asking how sure it is.")
         return float(np.sqrt(self._motion.at(time + self.latency, self._agility).covariance[0, 0]))
+
+
+def _with_lengths(
+    carried: Float64[np.ndarray, "landmarks 3"], now: Float64[np.ndarray, "landmarks 3"]
+) -> Float64[np.ndarray, "landmarks 3"]:
+    """Give bones that were carried on the lengths that they have now, from the wrist outwards."""
+    kept = carried.copy()
+    for chain in CHAINS if len(now) == 25 else TRACKED_CHAINS:
+        for one, other in pairwise((0, *chain)):
+            bone = carried[other] - carried[one]
+            size = float(np.linalg.norm(bone))
+            if size > 0.0:
+                kept[other] = kept[one] + float(np.linalg.norm(now[other] - now[one])) / size * bone
+    return kept

@@ -15,12 +15,21 @@ Source: *WebSocket Communication*, Leap Motion developer documentation 2.3: fram
 import argparse
 import json
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, TypedDict
 
 SERVICE = "ws://127.0.0.1:6437/v6.json"
 
 JOINTS = ("carpPosition", "mcpPosition", "pipPosition", "dipPosition", "btipPosition")
 """Ends of the bones of a finger, from the wrist to the tip; a thumb has no first bone: its first two are one."""
+
+
+class Frame(TypedDict):
+    """A frame as airtact takes it."""
+
+    time: float
+    side: str
+    sequence: int
+    landmarks: list[list[float] | None] | None
 
 
 def main() -> None:
@@ -41,7 +50,7 @@ def main() -> None:
             return
 
 
-def hands_in(messages: Iterator[str]) -> Iterator[dict[str, Any]]:
+def hands_in(messages: Iterator[str]) -> Iterator[Frame]:
     """Find hands in messages of the service.
 
     Parameters

@@ -39,7 +39,7 @@ Landmarks = list[list[float]]
 def main() -> None:
     """Read the pictures, find the hands, send the frames, until there are no more."""
     options = _options()
-    found = hands_in(_pictures(options), options)
+    found = _hands_in(_pictures(options), options)
     if options.to is None:
         for frame in found:
             print(json.dumps(frame), flush=True)
@@ -51,7 +51,7 @@ def main() -> None:
             receiver.send(json.dumps(frame))
 
 
-def hands_in(pictures: Iterator[tuple[float, Picture]], options: argparse.Namespace) -> Iterator[dict[str, Any]]:
+def _hands_in(pictures: Iterator[tuple[float, Picture]], options: argparse.Namespace) -> Iterator[dict[str, Any]]:
     """Find hands in pictures.
 
     Parameters
@@ -83,14 +83,14 @@ def hands_in(pictures: Iterator[tuple[float, Picture]], options: argparse.Namesp
                 side = label.classification[0].label.lower()
                 if not options.mirrored:  # MediaPipe takes pictures for those of a mirror
                     side = "left" if side == "right" else "right"
-                sides.setdefault(side, placed(image.landmark, world.landmark, picture.shape, options))
+                sides.setdefault(side, _placed(image.landmark, world.landmark, picture.shape, options))
             for side in sorted(seen | set(sides) | ({options.side} if options.side else set())):
                 if options.side in (None, side):
                     yield {"time": taken, "side": side, "sequence": sequence, "landmarks": sides.get(side)}
             seen = set(sides)
 
 
-def placed(image: Any, world: Any, shape: tuple[int, ...], options: argparse.Namespace) -> Landmarks:
+def _placed(image: Any, world: Any, shape: tuple[int, ...], options: argparse.Namespace) -> Landmarks:
     """Bring the shape of a hand to where it is seen, in the camera's frame [m].
 
     Parameters
@@ -105,7 +105,7 @@ def placed(image: Any, world: Any, shape: tuple[int, ...], options: argparse.Nam
     rows, columns = shape[:2]
     flat = np.array([[one.x * columns, one.y * rows, one.z * columns] for one in image])
     body = np.array([[one.x, one.y, one.z] for one in world])
-    body = 0.5 * (body + brought_onto(flat, body))
+    body = 0.5 * (body + _brought_onto(flat, body))
     if options.hand_length:
         body *= options.hand_length / sum(float(np.linalg.norm(body[b] - body[a])) for a, b in pairwise(MIDDLE_FINGER))
     pixels = np.ascontiguousarray(flat[:, :2])
@@ -121,7 +121,7 @@ def placed(image: Any, world: Any, shape: tuple[int, ...], options: argparse.Nam
     return (body @ rotation.T + shift.ravel()).round(6).tolist()
 
 
-def brought_onto(shape: Any, other: Any) -> Any:
+def _brought_onto(shape: Any, other: Any) -> Any:
     """Move, turn and scale points (P, 3) so that they lie best on other points (P, 3); no mirror.
 
     Source: S. Umeyama, IEEE Trans. Pattern Anal. Mach. Intell. 13, 376 (1991).

@@ -29,7 +29,7 @@ UNIT = 1e-4
 def main() -> None:
     """Read the camera, send the frames, until it ends."""
     options = _options()
-    found = clouds_in(_played(options) if options.depths else _seen(), options)
+    found = _clouds_in(_played(options) if options.depths else _seen(), options)
     if options.to is None:
         for frame in found:
             print(json.dumps(frame), flush=True)
@@ -41,7 +41,7 @@ def main() -> None:
             receiver.send(json.dumps(frame))
 
 
-def clouds_in(depths: Iterator[Any], options: argparse.Namespace) -> Iterator[dict[str, Any]]:
+def _clouds_in(depths: Iterator[Any], options: argparse.Namespace) -> Iterator[dict[str, Any]]:
     """Find the points of a hand in pictures of depth.
 
     Parameters

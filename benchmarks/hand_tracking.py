@@ -1,0 +1,122 @@
+"""How far off a predicted pad is, how long frames take, and what MediaPipe finds in pictures of our hands.
+
+Run ``PYTHONPATH=.:tests python benchmarks/hand_tracking.py [--mediapipe PYTHON]``; PYTHON is one that has mediapipe
+0.10.21 and websockets. The motion is synthesised: reaching 150 mm to and fro at up to 0.5 m/s by minimum jerk, while
+thumb and index finger open from 5 to 45 mm and close once a second; the tracker's noise is white, 1 mm in each
+coordinate.
+"""
+
+import argparse
+import tempfile
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from airtact.scene.hand import hand_from_joints
+from airtact.tracking.frame import FaultyFrame, HandFrame
+from airtact.tracking.messages import from_json, from_osc, to_json, to_osc
+from airtact.tracking.prediction import Predictor
+from airtact.tracking.stream import HandStream
+from tracking.motions import Pinching
+from tracking.seen_by_mediapipe import seen_by_mediapipe
+
+SECONDS, NOISE = 3.0, 1e-3
+CUTOFF, SLOPE, CUTOFF_OF_VELOCITY = 8.0, 100.0, 8.0
+"""Of the one-euro filter [Hz, 1/m, Hz]: best or nearly of 64 settings on this very motion."""
+
+
+def pad(joints: np.ndarray, radii: np.ndarray) -> np.ndarray:
+    return hand_from_joints(joints, radii, side="left").pads[1]
+
+
+def one_euro(frames: list[HandFrame], latency: float) -> list[np.ndarray]:
+    """Smooth and carry on by the filter of Casiez, Roussel and Vogel (CHI 2012) and the derivative that it takes."""
+
+    def share(cutoff: np.ndarray | float, step: float) -> np.ndarray | float:
+        return 1.0 / (1.0 + 1.0 / (2.0 * np.pi * cutoff * step))
+
+    place, velocity, carried = frames[0].landmarks, np.zeros((25, 3)), [frames[0].landmarks]
+    for before, frame in pairwise(frames):
+        step = frame.time - before.time
+        slope = (frame.landmarks - before.landmarks) / step
+        velocity = velocity + share(CUTOFF_OF_VELOCITY, step) * (slope - velocity)
+        cutoff = CUTOFF + SLOPE * np.linalg.norm(velocity, axis=1, keepdims=True)
+        place = place + share(cutoff, step) * (frame.landmarks - place)
+        carried.append(place + latency * velocity)
+    return carried
+
+
+def kalman(frames: list[HandFrame], latency: float) -> list[np.ndarray]:
+    predictor, carried = Predictor(latency, NOISE), []
+    for frame in frames:
+        predictor.take(frame)
+        carried.append(predictor.at(frame.time).landmarks)
+    return carried
+
+
+def prediction() -> None:
+    motion = Pinching()
+    print("| frames | latency | last frame | one-euro | Kalman | Kalman, 95 of 100 |\n|---|---|---|---|---|---|")
+    for rate in (30, 90):
+        frames = motion.frames(rate, SECONDS, NOISE)
+        stale = np.array([pad(frame.landmarks, motion.radii) for frame in frames])
+        for latency in (0.02, 0.05, 0.1):
+            true = np.array([pad(motion.at(frame.time + latency), motion.radii) for frame in frames])
+            errors = [np.linalg.norm(stale - true, axis=1)]
+            for method in (one_euro, kalman):
+                carried = []
+                for joints in method(frames, latency):
+                    try:
+                        carried.append(pad(joints, motion.radii))
+                    except (ValueError, FaultyFrame):
+                        carried.append(np.full(3, np.nan))
+                errors.append(np.linalg.norm(np.array(carried) - true, axis=1))
+            last, euro, ours = (1e3 * np.nanmean(one[10:]) for one in errors)
+            most = 1e3 * np.quantile(errors[2][10:], 0.95)
+            cells = (
+                f"{rate} /s | {1e3 * latency:.0f} ms | {last:.1f} mm | {euro:.1f} mm | {ours:.1f} mm | {most:.1f} mm"
+            )
+            print(f"| {cells} |", flush=True)
+
+
+def speed() -> None:
+    frames = Pinching(3).frames(90, 2.0)
+    for name, write, read in (("JSON", to_json, from_json), ("OSC", to_osc, from_osc)):
+        messages = [write(frame) for frame in frames]
+        began = time.perf_counter()
+        for message in messages:
+            read(message)
+        print(f"a frame of {name} ({len(messages[0]):,} bytes) read and checked: {_each(began, frames)}")
+    stream, predictor = HandStream(), Predictor(0.05)
+    began = time.perf_counter()
+    for frame in frames:
+        stream.feed(frame)
+        predictor.take(frame)
+        predictor.at(frame.time)
+    print(f"through the stream and the predictor: {_each(began, frames)}")
+
+
+def _each(began: float, frames: list[HandFrame]) -> str:
+    return f"{1e3 * (time.perf_counter() - began) / len(frames):.2f} ms"
+
+
+def pictures(python: str) -> None:
+    for turns in (20.0, 40.0):
+        with tempfile.TemporaryDirectory() as folder:
+            found = seen_by_mediapipe(Path(folder), python, turns)
+        kinds = (found.shape_errors, found.rigid_errors, found.placed_errors)
+        scaled, rigid, placed = (f"{1e3 * np.mean(one):.1f} (median {1e3 * np.median(one):.1f}) mm" for one in kinds)
+        print(f"palm turned up to {turns:.0f}°: {len(found.shape_errors)} of 20 found by MediaPipe, off by {scaled}")
+        print(f"  after motion and scale, {rigid} after motion, {placed} where the camera sees them", flush=True)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--mediapipe", help="a Python that has mediapipe and websockets")
+    chosen = parser.parse_args()
+    prediction()
+    speed()
+    if chosen.mediapipe:
+        pictures(chosen.mediapipe)
