@@ -35,8 +35,8 @@ SLACK = 20e-3
 CLEAR = 1.5
 """Sum of the sines of bends from which rough landmarks tell a left hand from a right one."""
 
-EXPLAINED = 0.55
-"""Share of the points around a hand that must be of its skin."""
+EXPLAINED, CLOSE = 0.5, 6e-3
+"""Share of the points around a hand that must be of its skin, nearer than this [m]."""
 
 JUMP = 25e-3
 """A hand that has moved farther since the frame before begins anew from its landmarks [m]."""
@@ -184,10 +184,10 @@ def _carried(before: FittedHand, joints: Float64[np.ndarray, "25 3"]) -> Float64
 
 
 def _refuse_poor(seen: Seen, found: Solved) -> None:
-    used = float((found.weights > 0.0).mean())
+    used = float((np.abs(found.gaps.distance) < CLOSE).mean())
     if used < EXPLAINED:
         raise InvalidInput(
-            f"the hand explains {100 * used:.0f} % of the {len(seen.points)} points within {1e3 * AROUND:g} mm of the "
+            f"the hand explains {100 * used:.0f} % to {1e3 * CLOSE:g} mm of the {len(seen.points)} points within {1e3 * AROUND:g} mm of the "
             "landmarks: is there a second hand or another body, or are the landmarks of another moment?"
         )
     off = np.linalg.norm(found.joints - seen.landmarks, axis=1)

@@ -107,7 +107,11 @@ class Outline:
         slopes[:, :3] = by_place @ self.frame[:2] + fall[:, None] * self.frame[2]
         slopes[:, 3] = np.einsum("ri,ri->r", by_place, way)
         cost = (FAR / LOOSE) ** 2 / 3.0 * float((1.0 - (1.0 - np.clip(over / FAR, 0.0, 1.0) ** 2) ** 3).sum())
-        return over[out] * weight, (SAMPLES[sample][:, :, None] * slopes[:, None]).reshape(len(out), -1), cost
+        return (
+            over[out] * weight,
+            (SAMPLES[sample][:, :, None] * slopes[:, None]).reshape(len(out), 4 * SAMPLES.shape[1]),
+            cost,
+        )
 
     def _at(
         self, places: Float64[np.ndarray, "places 2"]

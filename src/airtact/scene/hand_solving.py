@@ -41,6 +41,9 @@ REACH = 15e-3
 LEAST, MOST = 0.02e-3, 4e-3
 """Bounds of that scale [m]."""
 
+WIDEST, SHARPER = 3e-3, 0.7
+"""It is at least this in the first step, and that share of it in each later one: a finger that is off may come [m]."""
+
 STEP, SIZE_STEP = 10e-3, 0.1
 """Longest step of a joint [m], and of the logarithm of a size."""
 
@@ -163,8 +166,8 @@ def solved(seen: Seen, joints: Float64[np.ndarray, "25 3"], sizes: Float64[np.nd
     free = 75 if hold else UNKNOWNS
     hulls, _ = hand_hulls(joints, np.exp(sizes[len(SPANS) :]))
     crease = (hulls.blend, hulls.apart)
-    damping, steps = FIRST, 0
-    here = _system(seen, crease, place)
+    damping, steps, floor = FIRST, 0, WIDEST
+    here = _system(seen, crease, place, floor)
     while steps < STEPS:
         steps += 1
         matrix = (here.rules + here.points)[:free, :free]
@@ -175,12 +178,13 @@ def solved(seen: Seen, joints: Float64[np.ndarray, "25 3"], sizes: Float64[np.nd
         move *= min(1.0, STEP / max(length, 1e-12), SIZE_STEP / max(float(np.abs(move[75:]).max(initial=0.0)), 1e-12))
         tried = place.copy()
         tried[:free] += move
-        there = _system(seen, crease, tried)
+        floor *= SHARPER
+        there = _system(seen, crease, tried, floor)
         better = there.cost(here.scale) < here.cost(here.scale)
         damping = damping / EASIER if better else damping * HARDER
         if better:
             place, here = tried, there
-        if gain < ENOUGH * (1.0 + here.cost(here.scale)):
+        if gain < ENOUGH * (1.0 + here.cost(here.scale)) and floor < here.scale:
             break
     return _told(seen, place, here, steps, hold)
 
@@ -245,7 +249,7 @@ class _System:
         return 0.5 * self.squares + reach**2 / (6.0 * ALIKE * scale**2) * float((1.0 - (1.0 - share) ** 3).sum())
 
 
-def _system(seen: Seen, crease: Crease, place: Float64[np.ndarray, "137"]) -> _System:
+def _system(seen: Seen, crease: Crease, place: Float64[np.ndarray, "137"], floor: float) -> _System:
     joints, sizes = place[:75].reshape(25, 3), place[75:]
     balls = _balls_at(joints, sizes)
     matrix, slope = np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS)
@@ -268,7 +272,7 @@ def _system(seen: Seen, crease: Crease, place: Float64[np.ndarray, "137"]) -> _S
         matrix[OF_POINTS] += slopes.T @ slopes
         slope[OF_POINTS[0].ravel()] += slopes.T @ beyond
         squares += cost
-    gaps, weights, scale = _misfit(seen, Hulls(balls, PARTS, *crease))
+    gaps, weights, scale = _misfit(seen, Hulls(balls, PARTS, *crease), floor)
     weighted = gaps.slopes * (weights / (ALIKE * scale**2))[:, None]
     points = np.zeros((UNKNOWNS, UNKNOWNS))
     points[OF_POINTS] = by_unknowns(by_unknowns(gaps.slopes.T @ weighted, sizes).T, sizes)
@@ -280,14 +284,14 @@ def _balls_at(joints: Float64[np.ndarray, "25 3"], sizes: Float64[np.ndarray, "6
     return (BALLS @ np.concatenate([joints.ravel(), np.exp(sizes[len(SPANS) :])])).reshape(26, 4)
 
 
-def _misfit(seen: Seen, hulls: Hulls) -> tuple[Gaps, Float64[np.ndarray, "points"], float]:
+def _misfit(seen: Seen, hulls: Hulls, floor: float) -> tuple[Gaps, Float64[np.ndarray, "points"], float]:
     """Distances of points from the skin of a hand, their weights, and the scale of the misfit [m]."""
     if len(seen.points) == 0:
         return Gaps(np.zeros(0), np.zeros((0, 104)), np.zeros(0, dtype=np.int64)), np.zeros(0), MOST
     gaps = gaps_to(seen.points, hulls, seen.camera)
     off = np.abs(gaps.distance)
     near = off[off < REACH]
-    scale = float(np.clip(NORMAL * np.median(near), LEAST, MOST)) if len(near) else MOST
+    scale = float(np.clip(NORMAL * np.median(near), max(floor, LEAST), MOST)) if len(near) else MOST
     return gaps, np.maximum(1.0 - (off / (TUKEY * scale)) ** 2, 0.0) ** 2, scale
 
 
