@@ -127,6 +127,14 @@ def test_study_stops_when_its_time_is_spent_and_says_so() -> None:
     )
 
 
+def test_study_in_which_nothing_ends_well_stops_too() -> None:
+    settings = dataclasses.replace(FULL, study_budget=0.0)
+    rows = study(settings, np.ones(4, dtype=np.complex128), Clock(lambda _: None), lambda one, limit: "it broke")
+    assert sum(row.said == "it broke" for row in rows) == 1
+    assert all(np.isnan(row.error) for row in rows)
+    assert "1 begun did not end well" in how_many(rows, settings)
+
+
 def test_memory_of_a_process_is_its_own() -> None:
     """The largest memory that Linux counts for a child would hold what its parent had."""
     ballast = np.ones(2**26)  # half a gigabyte

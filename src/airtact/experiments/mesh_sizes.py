@@ -92,7 +92,7 @@ def how_many(rows: Sequence[Row], settings: Settings) -> str:
             f"{settings.study_budget:g} s: a quieter machine runs more of them."
         )
     if ran + over + cut < len(rows):
-        sentences.append(f"{len(rows) - ran - over - cut} were begun and did not end well; the table says why.")
+        sentences.append(f"{len(rows) - ran - over - cut} begun did not end well; the table says why.")
     return " ".join([*sentences, "What was not run is drawn hollow, at its predicted cost."])
 
 
@@ -150,7 +150,8 @@ def study(
     begun, rows = time.perf_counter(), []
     while left:
         ran = [row for row in rows if not row.said]
-        waiting = [_unrun(one, ran, begun, settings) for one in left]
+        spent = time.perf_counter() - begun if rows else 0.0  # at least one is tried
+        waiting = [_unrun(one, ran, spent, settings) for one in left]
         keep(_in_order([*rows, *waiting]))
         fitting = [row for row in waiting if row.said == WAITS]
         if not fitting:
@@ -166,13 +167,13 @@ def _in_order(rows: Sequence[Row]) -> list[Row]:
     return sorted(rows, key=lambda row: (row.combination.domain, row.combination.order, row.unknowns))
 
 
-def _unrun(one: Combination, ran: Sequence[Row], begun: float, settings: Settings) -> Row:
+def _unrun(one: Combination, ran: Sequence[Row], spent: float, settings: Settings) -> Row:
     """Predict a combination, and say what it waits for."""
     unknowns, seconds, most = predicted(one, ran)
     said = WAITS
     if seconds > settings.study_seconds or most > settings.study_bytes:
         said = OVER_LIMIT
-    elif ran and time.perf_counter() - begun + seconds > settings.study_budget:
+    elif spent and spent + seconds > settings.study_budget:
         said = NO_TIME
     return Row(one, tetrahedra(one, ran), unknowns, seconds, most, float("nan"), said)
 
