@@ -1,13 +1,16 @@
 """Finite elements against closed forms, and what they refuse."""
 
+import re
+
 import numpy as np
 import pytest
 
 import airtact as at
-from airtact.solvers import finite_memory
+from airtact.solvers import finite_memory, finite_meshing
 from airtact.solvers.finite_factor import pardiso_library
-from airtact.solvers.finite_field import FiniteField
+from airtact.solvers.finite_field import FiniteField, rough_places
 from airtact.solvers.finite_orders import longest_served
+from airtact.solvers.finite_skin import skin_mesh
 from airtact.solvers.finite_symmetry import mirrors_of
 from benchmarks.accuracy import PAPER_AIR, directions, far_points, one_each, relative
 
@@ -211,3 +214,57 @@ def test_pardiso_without_its_package_is_refused(monkeypatch):
         at.FiniteElement(order=2, symmetry=(), factorisation="pardiso").radiate(
             ball_scene(BODIES["hard"]), one_each(np.array([[0.0, 0, 0.02]]))
         )
+
+
+# --- velocity -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", list(BODIES))
+def test_velocity_is_that_of_the_series(name):
+    scene = ball_scene(BODIES[name])
+    sources = one_each(np.array([[0.02, 0.006, 0.01], [-0.004, 0.012, -0.03]]))
+    field = at.FiniteElement(symmetry=("x", "z")).factorised(scene).radiate(scene, sources)
+    exact = at.SphereSeries().radiate(scene, sources)
+    ways = directions(20, 3)
+    places = {"on": ways * 0.005000001, "beside": ways * 0.0062, "away": ways * 0.011}
+    if name in ("water", "light gas"):
+        places["inside"] = ways * 0.0035
+        places["on"] = ways * 0.00502
+    for where, points in places.items():
+        found, true = field.velocity(points), exact.velocity(points)
+        off = np.linalg.norm(found - true, axis=(0, 1)) / np.linalg.norm(true, axis=(0, 1))
+        assert off.max() < {"on": 0.1, "beside": 0.05, "inside": 0.05, "away": 0.01}[where], (where, off)
+    if name == "hard":
+        sliding = np.einsum("pd,pds->ps", ways, field.velocity(ways * 0.005))
+        assert np.abs(sliding).max() < 0.01 * np.abs(field.velocity(ways * 0.005)).max()
+    if name != "water":
+        assert np.isnan(field.velocity(np.array([[0.0, 0.0, 0.004]]))).all() == (name != "light gas")
+
+
+# --- what is rough, crossed or folded ---------------------------------------------------------------------------------
+
+
+def test_sources_that_touch_soft_bodies_are_warned_of():
+    sources = one_each(np.array([[0, 0, 0.02], [0, 0, 0.005]]))
+    for name in ("impedance", "water"):
+        (sentence,) = rough_places(ball_scene(BODIES[name]), sources)
+        assert "1 of 2 sources touch impedance or filled bodies, the first at (0.00, 0.00, 5.00) mm" in sentence
+        assert "within 4.29 mm" in sentence
+    assert rough_places(ball_scene(BODIES["hard"]), sources) == ()
+    solver = at.FiniteElement(order=2, symmetry=("x", "y", "z"))
+    field = solver.radiate(ball_scene(BODIES["water"]), sources)
+    assert field.report.warnings == rough_places(field.scene, sources)
+
+
+def test_skins_that_cross_are_named():
+    shapes = [at.sphere(0.004, 0.002, centre=(side * 0.003, 0.0, 0.0)).shape for side in (-1, 1)]
+    fault = finite_meshing._crossing(skin_mesh(shapes, 0.004, ()), 0.004)
+    assert re.match(r"bodies 0 and 1 cross at \(.*\) mm when meshed with triangles of 4 mm \(\d+ pairs", str(fault))
+
+
+def test_tetrahedra_that_fold_name_their_body(monkeypatch):
+    monkeypatch.setattr(finite_meshing, "FOLDED", 2.0)  # so that what is bent at all counts as folded
+    with pytest.raises(
+        at.InvalidInput, match=r"body 0 bends too much for tetrahedra of [\d.]+ mm at .*: one is folded"
+    ):
+        QUICK.factorised(ball_scene(BODIES["hard"]))

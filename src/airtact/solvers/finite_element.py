@@ -14,7 +14,7 @@ from airtact.scene.scene import Scene, check_sources
 from airtact.scene.sources import Monopoles
 from airtact.solvers.boundary_element import surrounding_points
 from airtact.solvers.finite_factor import pardiso_library
-from airtact.solvers.finite_field import FiniteField, solved_from_afar
+from airtact.solvers.finite_field import FiniteField, rough_places, solved_from_afar
 from airtact.solvers.finite_memory import refuse_too_large
 from airtact.solvers.finite_meshing import meshed
 from airtact.solvers.finite_solution import ReadySystem
@@ -163,16 +163,16 @@ class FiniteElement(Solver):
         mesh, skin, tetrahedra = meshed(scene, box, self.elements_per_wavelength)
         clock.begin("assembling")
         size = 1 / self.elements_per_wavelength if self.graded else None
-        system = assembled(scene, box, skin, tetrahedra, mesh, self.order, size)
-        finer = assembled(scene, box, skin, tetrahedra, mesh, self.order + 1, size) if self.estimate else None
+        orders = (self.order, self.order + 1) if self.estimate else (self.order,)
+        systems = [assembled(scene, box, skin, tetrahedra, mesh, order, size, self.domain == "box") for order in orders]
         clock.end()
         report = SolveReport(
             solver="FiniteElement",
             residual=0.0,
             iterations=0,
-            nodes=system.unknowns,
+            nodes=systems[0].unknowns,
             nodes_per_square_wavelength=float(
-                np.count_nonzero(system.skin.weighted.sum(axis=1)) / system.skin.areas.sum()
+                np.count_nonzero(systems[0].skin.weighted.sum(axis=1)) / systems[0].skin.areas.sum()
             ),
             estimated_error=float("nan"),
             settings={
@@ -186,7 +186,7 @@ class FiniteElement(Solver):
             },
             citations=CITATIONS,
         )
-        ready = [ReadySystem(one, self._method()) for one in (system, finer) if one is not None]
+        ready = [ReadySystem(one, self._method()) for one in systems]
         return FactorisedScene(scene, tuple(ready), report, clock, self.domain == "box")
 
     def _method(self) -> str:
@@ -265,7 +265,7 @@ class FactorisedScene(Solver):
             for ready in self.ready
         ]
         self.clock.end()
-        report = replace(self.report, seconds=dict(self.clock.laps))
+        report = replace(self.report, seconds=dict(self.clock.laps), warnings=rough_places(scene, sources))
         if len(fields) == 1:
             return replace(fields[0], report=report)
         points = surrounding_points(scene, self.ready[0].system.skin.points * scene.wavelength)

@@ -1,19 +1,21 @@
 """The field that finite elements found: heard from the tetrahedra beside the bodies, from their skins elsewhere."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Real
 
-from airtact.scene.guards import points_of
+from airtact.scene.guards import place, points_of
 from airtact.scene.printing import in_short
 from airtact.scene.scene import CONTACT, Scene
 from airtact.scene.sources import Monopoles, check_off_sources
 from airtact.solvers.boundary_pressure import monopole_pressure
 from airtact.solvers.finite_solution import ReadySystem, Solution, joined, nothing
 from airtact.solvers.finite_symmetry import TOLERANCE, images
-from airtact.solvers.problem import RadiatedField, Skin, SolveReport
+from airtact.solvers.particle_velocity import differences, velocity_of
+from airtact.solvers.problem import DIFFERENCE, RadiatedField, Skin, SolveReport
 
 NEAR = 0.25
 """Distance from the skins, in wavelengths, up to which points and sources are taken to be beside the bodies."""
@@ -23,6 +25,10 @@ CLEAR = 1.0
 
 TOUCHING = 0.04
 """Distance from a filled body, in wavelengths, up to which a source is a point load for its own surroundings too."""
+
+
+ROUGH = 0.5
+"""Distance from a source that touches an impedance or filled body, in wavelengths, up to which little is right."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +70,7 @@ class FiniteField(RadiatedField):
         if self.workspace or not near.any():
             return self.from_afar
         places, strengths = _scaled(self.scene, self.sources)
-        touching = near & _on_filled(self.scene, self.sources.positions)
+        touching = near & _touching(self.scene, self.sources.positions, ("filled",))
         mirrored = _mirrored(self.ready, self.scene, self.sources, near & ~touching)
         outer = joined([(places[~touching], strengths[~touching]), mirrored])
         return self.ready.solve(outer, (places[touching], strengths[touching]))
@@ -100,6 +106,44 @@ class FiniteField(RadiatedField):
                 found[some] = (self.ready.away(self.from_afar, away, spots) + self._open_air(away)) / length
         return found
 
+    def velocity(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
+        """Particle velocity [m/s] at points (P, 3) [m] for each of the S sounds; NaN where ``valid`` is False.
+
+        Beside the bodies, on their skins and in them it is the slope of the finite elements: along the skin where that
+        is sound-hard, and on either side of a filled body's. Elsewhere the surface integral is differentiated.
+
+        Raises
+        ------
+        InvalidInput
+            As ``at``.
+        """
+        points = points_of(points, "points", least=0)
+        check_off_sources(points, self.sources)
+        valid, near = self.valid(points), self.workspace | beside(self.scene, points)
+        slopes = np.full((len(points), 3, self.sources.strengths.shape[1]), np.nan, dtype=np.complex128)
+        density, length = np.full(len(points), self.scene.medium.density), self.scene.wavelength
+        if (close := valid & near).any():
+            slopes[close], density[close] = self.ready.slopes_near(self.from_nearby, points[close] / length)
+            slopes /= length**2
+            hard = close & self._on_hard(points)
+            normals = self.ready.skin_normals(points[hard] / length)
+            slopes[hard] -= normals[:, :, None] * np.einsum("pd,pds->ps", normals, slopes[hard])[:, None]
+        if (away := valid & ~near).any():
+            step = np.full(int(away.sum()), DIFFERENCE * length)
+            slopes[away] = differences(self._heard_away, points[away], step)
+        return velocity_of(slopes, self.scene.frequency, density)
+
+    def _heard_away(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
+        away, length = points / self.scene.wavelength, self.scene.wavelength
+        return (self.ready.away(self.from_afar, away, self.ready.system.skin) + self._open_air(away)) / length
+
+    def _on_hard(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
+        found = np.zeros(len(points), dtype=np.bool_)
+        for obstacle in self.scene.obstacles:
+            if obstacle.boundary == "sound_hard":
+                found |= obstacle.surface.depth(points) >= -CONTACT
+        return found
+
     def _in_workspace(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
         folded = images(self.ready.mirrors, points / self.scene.wavelength)
         box = self.ready.system.box
@@ -125,17 +169,32 @@ def solved_from_afar(ready: ReadySystem, scene: Scene, sources: Monopoles, works
     return ready.solve((places[~near], strengths[~near]), (places[near], strengths[near]))
 
 
+def rough_places(scene: Scene, sources: Monopoles) -> tuple[str, ...]:
+    """Warn of sources that touch bodies that give way to sound: right beside them the pressure is rough."""
+    touching = np.flatnonzero(_touching(scene, sources.positions, ("impedance", "filled")))
+    if not len(touching):
+        return ()
+    return (
+        f"{len(touching)} of {len(sources.positions)} sources touch impedance or filled bodies, the first at "
+        f"{place(sources.positions[touching[0]])}: within {1e3 * ROUGH * scene.wavelength:.3g} mm of such a "
+        "source the pressure beside the bodies is 4 to 50 % off (elsewhere it is not); move sources "
+        f"{1e3 * TOUCHING * scene.wavelength:.2g} mm off the body to hear it there.",
+    )
+
+
 def _scaled(
     scene: Scene, sources: Monopoles
 ) -> tuple[Float64[np.ndarray, "sources 3"], Complex128[np.ndarray, "sources sounds"]]:
     return sources.positions / scene.wavelength, np.asarray(sources.strengths, dtype=np.complex128)
 
 
-def _on_filled(scene: Scene, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
-    """Whether points touch filled bodies, or nearly so: an image there would stand in the sound."""
+def _touching(
+    scene: Scene, points: Real[np.ndarray, "points 3"], boundaries: Sequence[str]
+) -> Bool[np.ndarray, "points"]:
+    """Whether points touch bodies of some kinds, or nearly so: an image in a filled one would stand in the sound."""
     found = np.zeros(len(points), dtype=np.bool_)
     for obstacle in scene.obstacles:
-        if obstacle.boundary == "filled":
+        if obstacle.boundary in boundaries:
             found |= obstacle.surface.depth(points) > -TOUCHING * scene.wavelength
     return found
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float64, Int64, Real
+from scipy.spatial import KDTree
 
 from airtact.scene.scene import Scene
 from airtact.solvers.finite_netgen import CurvedMesh, FiniteSpace, ngsolve_library
@@ -18,7 +19,10 @@ REACH = 1.55
 """The order asked for serves edges up to this many times the one asked for."""
 
 EASE = 3.0
-"""How much more error the matched layer may make than the air: what it gets wrong fades before it is heard."""
+"""How much more error may be made in the matched layer, and far from the skins: little of it comes back to them."""
+
+FAR = 0.5
+"""Distance from the skins that is far [λ]."""
 
 HIGHER, LEAST = 4, 2
 """Orders are at most this much above the one asked for, and at least this high where that one is."""
@@ -42,7 +46,15 @@ def longest_served(order: int, size: float, ease: float = 1.0) -> Float64[np.nda
     return np.array([(error * factorial(p + 1)) ** (1 / (p + 1)) / (0.5 * np.pi) for p in range(1, order + HIGHER + 1)])
 
 
-def grade_orders(space: FiniteSpace, mesh: CurvedMesh, scene: Scene, box: Box, order: int, size: float) -> None:
+def grade_orders(
+    space: FiniteSpace,
+    mesh: CurvedMesh,
+    scene: Scene,
+    box: Box,
+    order: int,
+    size: float,
+    skin: Real[np.ndarray, "places 3"] | None,
+) -> None:
     """Give edges, faces and tetrahedra the orders that their lengths ask for.
 
     Parameters
@@ -53,6 +65,7 @@ def grade_orders(space: FiniteSpace, mesh: CurvedMesh, scene: Scene, box: Box, o
     box : the air; round it is the layer.
     order : of edges as long as asked for.
     size : the edge asked for [λ].
+    skin : places all over the skins [λ]; None where the air is heard far from them too.
     """
     ngsolve, grid, unknowns = ngsolve_library(), _any(mesh), _any(space)
     points = np.array([vertex.point for vertex in grid.vertices])
@@ -61,10 +74,13 @@ def grade_orders(space: FiniteSpace, mesh: CurvedMesh, scene: Scene, box: Box, o
     faces = np.array([[edge.nr for edge in face.edges] for face in grid.faces])
     cells = np.array([[edge.nr for edge in cell.edges] for cell in grid.Elements(ngsolve.VOL)])
     middles = points[ends].mean(axis=1)
+    near = None if skin is None else KDTree(skin)
     every = (np.arange(len(ends))[:, None], faces, cells)
     for kind, edges in zip((ngsolve.EDGE, ngsolve.FACE, ngsolve.CELL), every, strict=True):
         longest, middle = lengths[edges].max(axis=1), middles[edges].mean(axis=1)
         eased = ~Box(box.low - ON_BOX, box.high + ON_BOX, box.layer, box.mirrors).holds(middle * scene.wavelength)
+        if near is not None:
+            eased |= near.query(middle)[0] > FAR
         orders = np.where(eased, _served(longest, order, size, EASE), _served(longest, order, size, 1.0))
         for number in np.flatnonzero(orders != order).tolist():
             unknowns.SetOrder(ngsolve.NodeId(kind, number), int(orders[number]))

@@ -10,10 +10,12 @@ from airtact.conventions import InvalidInput
 from airtact.scene.guards import place
 from airtact.scene.printing import in_short
 from airtact.scene.six_nodes import points_at
+from airtact.scene.sources import Monopoles
 from airtact.solvers.boundary_pressure import monopole_pressure
 from airtact.solvers.finite_factor import Factor, factorised
 from airtact.solvers.finite_symmetry import Mirror, images, parities, signs
 from airtact.solvers.finite_system import Spots, System
+from airtact.solvers.particle_velocity import open_air_slopes
 
 SILENT = 1e-10
 """A part whose load is below this share of the loudest part's is left out."""
@@ -149,6 +151,35 @@ class ReadySystem:
         found = self._open_air(solution, points)
         for parity, part in solution.parts.items():
             found += signs(parity)[choice][:, None] * self.system.values_at(number, weights, part)
+        return found
+
+    def slopes_near(
+        self, solution: Solution, points: Real[np.ndarray, "points 3"]
+    ) -> tuple[Complex128[np.ndarray, "points 3 sounds"], Float64[np.ndarray, "points"]]:
+        """Slopes of the total pressure at points (P, 3) [λ] in the box, and the density there [kg/m³]."""
+        folded, choice = self._folded(points)
+        number, weights = self._held(folded)
+        waves = Monopoles(solution.places, solution.strengths) if len(solution.places) else None
+        found = np.zeros((len(points), 3, solution.strengths.shape[1]), dtype=np.complex128)
+        for parity, part in solution.parts.items():
+            found += signs(parity)[choice][:, None, None] * self.system.slopes_at(number, weights, part)
+        found *= self._turned(choice)[:, :, None]
+        if waves is not None:
+            found += open_air_slopes(points, waves, self.system.wavenumber)
+        return found, self.system.density_at(number, weights)
+
+    def skin_normals(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
+        """Find the unit normals, out of the bodies, of the meshed skins nearest to points (P, 3) [λ]."""
+        folded, choice = self._folded(points)
+        panel, foot, _ = self.system.panels.closest(folded)
+        normals = points_at(self.system.panels.six_nodes[panel], foot)[1] * self._turned(choice)
+        return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+    def _turned(self, choice: Int64[np.ndarray, "points"]) -> Float64[np.ndarray, "points 3"]:
+        """Signs that turn slopes at folded points into those at the points themselves."""
+        found = np.ones((len(choice), 3))
+        for bit, mirror in enumerate(reversed(self.mirrors)):
+            found[:, mirror.axis] = 1.0 - 2.0 * (choice >> bit & 1)
         return found
 
     def away(

@@ -181,15 +181,43 @@ class System:
         found = np.empty((len(number), solution.shape[1]), dtype=np.complex128)
         if not len(number):
             return found
-        places: Any = np.zeros(len(number), dtype=self._mesh_point.dtype)
-        places[:] = self._mesh_point
-        places["nr"] = number
-        places["x"], places["y"], places["z"] = weights[:, 0], weights[:, 1], weights[:, 2]
-        pressure = ngsolve.GridFunction(self.space)
+        places, pressure = self._mesh_points(number, weights), ngsolve.GridFunction(self.space)
         for column in range(solution.shape[1]):
             pressure.vec.FV().NumPy()[:] = solution[:, column]
             found[:, column] = np.asarray(pressure(places)).ravel()
         return found
+
+    def slopes_at(
+        self,
+        number: Int64[np.ndarray, "points"],
+        weights: Real[np.ndarray, "points 4"],
+        solution: Complex128[np.ndarray, "unknowns sounds"],
+    ) -> Complex128[np.ndarray, "points 3 sounds"]:
+        """Slopes of the pressure along x, y and z at places in tetrahedra [1/λ]."""
+        ngsolve = ngsolve_library()
+        places, pressure = self._mesh_points(number, weights), ngsolve.GridFunction(self.space)
+        found = np.empty((len(number), 3, solution.shape[1]), dtype=np.complex128)
+        for column in range(solution.shape[1]):
+            pressure.vec.FV().NumPy()[:] = solution[:, column]
+            found[:, :, column] = np.asarray(ngsolve.grad(pressure)(places)).reshape(-1, 3)
+        return found
+
+    def density_at(
+        self, number: Int64[np.ndarray, "points"], weights: Real[np.ndarray, "points 4"]
+    ) -> Float64[np.ndarray, "points"]:
+        """Density of what tetrahedra hold [kg/m³]."""
+        fillings = enumerate(obstacle.medium for obstacle in self.scene.obstacles)
+        densities = {f"body{body}": medium.density for body, medium in fillings if medium is not None}
+        mesh: Any = self.mesh
+        held = mesh.MaterialCF(densities, default=self.scene.medium.density)(self._mesh_points(number, weights))
+        return np.asarray(held, dtype=np.float64).ravel()
+
+    def _mesh_points(self, number: Int64[np.ndarray, "points"], weights: Real[np.ndarray, "points 4"]) -> Any:
+        places: Any = np.zeros(len(number), dtype=self._mesh_point.dtype)
+        places[:] = self._mesh_point
+        places["nr"] = number
+        places["x"], places["y"], places["z"] = weights[:, 0], weights[:, 1], weights[:, 2]
+        return places
 
     @cached_property
     def _mesh_point(self) -> Any:
@@ -221,6 +249,7 @@ def assembled(
     netgen_mesh: NetgenMesh,
     order: int,
     graded: float | None = None,
+    workspace: bool = False,
 ) -> System:
     """Write the equation down on a mesh of Netgen's.
 
@@ -233,6 +262,7 @@ def assembled(
     netgen_mesh : Netgen's mesh, in wavelengths.
     order : polynomial order.
     graded : the edge that this order is for [λ], others getting their own; None for the same order everywhere.
+    workspace : whether pressure is read off the mesh far from the skins too.
     """
     ngsolve = ngsolve_library()
     with many_threads():
@@ -241,7 +271,8 @@ def assembled(
         _absorb(mesh, box, scene.wavelength)
         space = ngsolve.H1(mesh, order=order, complex=True)
         if graded is not None:
-            grade_orders(space, mesh, scene, box, order, graded)
+            places = skin.six_nodes.reshape(-1, 3) / scene.wavelength
+            grade_orders(space, mesh, scene, box, order, graded, None if workspace else places)
         form = ngsolve.BilinearForm(_weak_form(scene, mesh, space), symmetric=True, condense=True).Assemble()
         on_skin = _spots(mesh, space, "skin", order + 2)
         sparse = _spots(mesh, space, "skin", max(order - 1, 2))
