@@ -103,7 +103,7 @@ def _each(began: float, frames: list[HandFrame]) -> str:
 
 
 def pictures(python: str) -> None:
-    for turns in (20.0, 40.0):
+    for turns in (20.0, 40.0):  # palms turned this far are harder
         with tempfile.TemporaryDirectory() as folder:
             found = seen_by_mediapipe(Path(folder), python, turns)
         kinds = (found.shape_errors, found.rigid_errors, found.placed_errors)

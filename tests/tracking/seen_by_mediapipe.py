@@ -62,7 +62,15 @@ def seen_by_mediapipe(folder: Path, python: str, turns: float = 20.0) -> Seen:
     length = np.median([hand_length(joints) for joints in true.values()])
     with WebSocketReceiver(stream) as receiver:
         command = [python, mediapipe_camera.__file__, "--pictures", str(folder), "--focal", str(FOCAL), "--hands", "1"]
-        command += ["--side", "left", "--hand-length", f"{length:.4f}", "--to", f"ws://127.0.0.1:{receiver.port}"]
+        command += [
+            "--twice",
+            "--side",
+            "left",
+            "--hand-length",
+            f"{length:.4f}",
+            "--to",
+            f"ws://127.0.0.1:{receiver.port}",
+        ]
         done = subprocess.run(command, capture_output=True, text=True, timeout=300)
         assert done.returncode == 0, done.stderr[-2000:]
     errors = []

@@ -201,7 +201,7 @@ def test_no_value_of_a_key_breaks_the_reader(key, value):
         | st.integers(-(2**31), 2**31 - 1)
         | st.floats(width=32)
         | st.text(max_size=5)
-        | st.binary(max_size=30),
+        | st.binary(min_size=1, max_size=30),
         max_size=70,
     )
 )

@@ -9,10 +9,10 @@ its own::
 
 Landmarks are the 21 of MediaPipe in the camera's frame: origin at its lens, x to the right and y down in its picture,
 z away from it, in metres. MediaPipe tells the shape of the hand twice, each time with errors of its own: as *world
-landmarks*, metres round the middle of the hand, and as landmarks in the picture with a depth; the mean of both is moved
-and turned until it is seen in its place, by ``solvePnP`` with the focal length. How large the hand is cannot be told
-from a picture: MediaPipe guesses, unless ``--hand-length`` is given, and distance grows with size. Time is this
-computer's, when the picture was there.
+landmarks*, metres round the middle of the hand, and as landmarks in the picture with a depth; ``--twice`` looks at the
+mirror image as well. The mean of all is moved and turned until it is seen in its place, by ``solvePnP`` with the focal
+length. How large the hand is cannot be told from a picture: MediaPipe guesses, unless ``--hand-length`` is given, and
+distance grows with size. Time is this computer's, when the picture was there.
 """
 
 import argparse
@@ -20,6 +20,7 @@ import json
 import math
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -64,38 +65,52 @@ def _hands_in(pictures: Iterator[tuple[float, Picture]], options: argparse.Names
     Frames as airtact takes them: of each side that is seen, and one that is lost where a side is no longer seen.
     """
     import mediapipe  # pyright: ignore[reportMissingImports]
+    import numpy as np
 
     seen: set[str] = set()
     solution = mediapipe.solutions.hands  # pyright: ignore[reportAttributeAccessIssue]
-    still = options.pictures is not None
-    with solution.Hands(
-        static_image_mode=still, max_num_hands=options.hands, min_detection_confidence=options.confidence
-    ) as finder:
+    settings = {"max_num_hands": options.hands, "min_detection_confidence": options.confidence}
+    with ExitStack() as finders:
+        # Each follows its own pictures from one to the next, so the mirror images have a finder of their own.
+        direct, mirrored = (
+            finders.enter_context(solution.Hands(static_image_mode=options.pictures is not None, **settings))
+            for _ in range(2)
+        )
         for sequence, (taken, picture) in enumerate(pictures):
-            result = finder.process(picture)
-            sides = {}
-            for label, image, world in zip(
-                result.multi_handedness or (),
-                result.multi_hand_landmarks or (),
-                result.multi_hand_world_landmarks or (),
-                strict=True,
-            ):
-                side = label.classification[0].label.lower()
-                if not options.mirrored:  # MediaPipe takes pictures for those of a mirror
-                    side = "left" if side == "right" else "right"
-                sides.setdefault(side, _placed(image.landmark, world.landmark, picture.shape, options))
+            looks = _look(direct.process(picture), mirrored=False)
+            if options.twice:
+                looks += _look(mirrored.process(np.ascontiguousarray(picture[:, ::-1])), mirrored=True)
+            sides = {side: [look for own, look in looks if own == side] for side, _ in looks}
             for side in sorted(seen | set(sides) | ({options.side} if options.side else set())):
                 if options.side in (None, side):
-                    yield {"time": taken, "side": side, "sequence": sequence, "landmarks": sides.get(side)}
+                    there = _placed(sides[side], picture.shape, options) if side in sides else None
+                    yield {"time": taken, "side": side, "sequence": sequence, "landmarks": there}
             seen = set(sides)
 
 
-def _placed(image: Any, world: Any, shape: tuple[int, ...], options: argparse.Namespace) -> Landmarks:
+def _look(result: Any, mirrored: bool) -> list[tuple[str, tuple[Any, Any]]]:
+    """Read what was found in a picture, or in its mirror image: sides, landmarks in it and round the hand's middle."""
+    import numpy as np
+
+    found = {}
+    lists: list[Any] = [result.multi_handedness, result.multi_hand_landmarks, result.multi_hand_world_landmarks]
+    for label, image, world in zip(*(one or () for one in lists), strict=True):
+        side = label.classification[0].label.lower()
+        if not mirrored:  # MediaPipe takes every picture for that of a mirror
+            side = "left" if side == "right" else "right"
+        flat, body = (np.array([[one.x, one.y, one.z] for one in points.landmark]) for points in (image, world))
+        if mirrored:
+            flat, body = flat * [-1, 1, 1] + [1, 0, 0], body * [-1, 1, 1]
+        found.setdefault(side, (flat, body))
+    return list(found.items())
+
+
+def _placed(looks: list[tuple[Any, Any]], shape: tuple[int, ...], options: argparse.Namespace) -> Landmarks:
     """Bring the shape of a hand to where it is seen, in the camera's frame [m].
 
     Parameters
     ----------
-    image, world : landmarks of MediaPipe: in shares of the picture's sides, and in metres round the hand's middle.
+    looks : landmarks of MediaPipe: in shares of the picture's sides, and in metres round the hand's middle.
     shape : rows and columns of the picture.
     options : of the command line; focal length and hand length.
     """
@@ -103,12 +118,12 @@ def _placed(image: Any, world: Any, shape: tuple[int, ...], options: argparse.Na
     import numpy as np
 
     rows, columns = shape[:2]
-    flat = np.array([[one.x * columns, one.y * rows, one.z * columns] for one in image])
-    body = np.array([[one.x, one.y, one.z] for one in world])
-    body = 0.5 * (body + _brought_onto(flat, body))
+    flats = [flat * [columns, rows, columns] for flat, _ in looks]
+    first = looks[0][1]
+    body = np.mean([_brought_onto(one, first) for one in [*(body for _, body in looks), *flats]], axis=0)
     if options.hand_length:
         body *= options.hand_length / sum(float(np.linalg.norm(body[b] - body[a])) for a, b in pairwise(MIDDLE_FINGER))
-    pixels = np.ascontiguousarray(flat[:, :2])
+    pixels = np.mean(flats, axis=0)[:, :2].copy()
     focal = options.focal or 0.5 * columns / math.tan(math.radians(0.5 * VIEW))
     lens = np.array([[focal, 0.0, columns / 2], [0.0, focal, rows / 2], [0.0, 0.0, 1.0]])
     # Begin with the shape as it is, so far off that it looks as large: it needs a small turn only.
@@ -140,7 +155,7 @@ def _pictures(options: argparse.Namespace) -> Iterator[tuple[float, Picture]]:
 
     if options.pictures is not None:
         for index, path in enumerate(sorted(options.pictures.glob("*.png"))):
-            yield index / options.rate, cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB)
+            yield index / options.rate, _upright(cv2.imread(str(path)), options)
         return
     camera = cv2.VideoCapture(int(options.camera) if options.camera.isdigit() else options.camera)
     if not camera.isOpened():
@@ -149,7 +164,16 @@ def _pictures(options: argparse.Namespace) -> Iterator[tuple[float, Picture]]:
         there, picture = camera.read()
         if not there:
             return
-        yield time.time(), cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
+        yield time.time(), _upright(picture, options)
+
+
+def _upright(picture: Picture, options: argparse.Namespace) -> Picture:
+    """Put colours in order and undo a mirror."""
+    import cv2  # pyright: ignore[reportMissingImports]
+    import numpy as np
+
+    colours = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
+    return np.ascontiguousarray(colours[:, ::-1]) if options.mirrored else colours
 
 
 def _options() -> argparse.Namespace:
@@ -159,6 +183,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--pictures", type=Path, help="take the .png files of this folder instead of a camera")
     parser.add_argument("--rate", type=float, default=30.0, help="pictures of a folder per second; 30 by default")
     parser.add_argument("--mirrored", action="store_true", help="the pictures are mirrored, as of a selfie camera")
+    parser.add_argument("--twice", action="store_true", help="look at mirror images too: slower, and less off")
     parser.add_argument("--focal", type=float, help="focal length in pixels; that of a view of 60 degrees by default")
     parser.add_argument("--hand-length", type=float, help="wrist to middle fingertip along the bones, in metres")
     parser.add_argument("--side", choices=("left", "right"), help="send this hand only")
