@@ -1,8 +1,8 @@
 """How good must a hand's mesh be: what errors of pose, shape, mesh and delay cost at the true hand.
 
 Run ``PYTHONPATH=. python benchmarks/hand_quality.py [--seeds 3] [--scene pinch]``: writes
-docs/hand-mesh-quality.csv and .png and prints the answers. Half an hour on two cores; all outcomes are kept in
-``out/hand_quality``, so that a run that was stopped goes on where it was. With ``--scene`` only that scene's are
+docs/hand-mesh-quality.csv and .png and prints the answers. About ten minutes on two quiet cores; all outcomes are kept
+in ``out/hand_quality``, so that a run that was stopped goes on where it was. With ``--scene`` only that scene's are
 computed, and nothing is written to docs.
 """
 
