@@ -73,7 +73,7 @@ class Solved:
 
 
 def run_case(
-    script: str, python: str, case: dict[str, Real[np.ndarray, "..."] | float | int], limit: float = 1800.0
+    script: str, python: str, case: dict[str, Real[np.ndarray, "..."] | float | int], limit: float = 3600.0
 ) -> Answer:
     """Let an interpreter run one of the scripts on a case.
 

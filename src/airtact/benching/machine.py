@@ -1,6 +1,5 @@
 """How much of the machine is used: kernel evaluations against its matrix product, memory against the matrix."""
 
-import resource
 import sys
 from functools import partial
 from subprocess import run
@@ -9,6 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact import _kernels
+from airtact.benching.peers.peak_memory import forget_peak, peak
 from airtact.benching.real_time import Row
 from airtact.benching.scenes import two_fingers
 from airtact.benching.timing import Timed, timed
@@ -75,7 +75,7 @@ def _kernel_row(
 
 
 MEASURED = """
-import resource, sys
+import sys
 from airtact.benching.machine import peak_over_matrix
 print(*peak_over_matrix(float(sys.argv[1])))
 """
@@ -91,10 +91,9 @@ def peak_over_matrix(accuracy: float) -> tuple[int, float]:
     bodies = two_fingers()
     scene, sources = bodies.scene, bodies.target.beacons()
     BoundaryElement(accuracy=0.1).radiate(scene, sources)  # what is imported and built once is no cost of a solve
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    before = forget_peak()
     nodes = BoundaryElement(accuracy=accuracy).radiate(scene, sources).report.nodes
-    peak = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
-    return nodes, peak / (8.0 * nodes**2)
+    return nodes, (peak() - before) / (8.0 * nodes**2)
 
 
 def memory_over_matrix(accuracy: float = 0.0018) -> Row:

@@ -6,7 +6,6 @@ bodies keep the equation solvable at interior resonances. No part of airtact is 
 
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 
-import resource
 import sys
 import time
 from importlib.metadata import version
@@ -23,6 +22,7 @@ def main(case_file: str, answer_file: str) -> None:
     """
     import torch
     from acoustools.BEM import compute_E, compute_H
+    from peak_memory import forget_peak, peak
     from vedo import Mesh
 
     case = np.load(case_file)
@@ -45,7 +45,7 @@ def main(case_file: str, answer_file: str) -> None:
         return heard[0].numpy().astype(np.complex128), time.perf_counter() - began
 
     solve(case["warm_vertices"], case["warm_triangles"])
-    before, seconds, matrix = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, [], np.empty(0)
+    before, seconds, matrix = forget_peak(), [], np.empty(0)
     for _ in range(int(case["runs"])):
         matrix, took = solve(case["vertices"], case["triangles"])
         seconds.append(took)
@@ -53,7 +53,7 @@ def main(case_file: str, answer_file: str) -> None:
         answer_file,
         matrix=matrix,
         seconds=seconds,
-        peak=1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before),
+        peak=peak() - before,
         unknowns=len(case["triangles"]),
         version="AcousTools " + version("acoustools"),
     )

@@ -6,7 +6,6 @@ focus. No part of airtact is imported.
 
 # pyright: reportMissingImports=false
 
-import resource
 import sys
 import time
 from importlib.metadata import version
@@ -26,6 +25,7 @@ def main(case_file: str, answer_file: str) -> None:
     import bempp_cl.api as bempp
     from bempp_cl.api.operators.boundary import helmholtz, sparse
     from bempp_cl.api.operators.potential.helmholtz import double_layer
+    from peak_memory import forget_peak, peak
 
     bempp.DEFAULT_DEVICE_INTERFACE = "opencl"
     case = np.load(case_file)
@@ -61,7 +61,7 @@ def main(case_file: str, answer_file: str) -> None:
         return np.array(rows), time.perf_counter() - began, space.global_dof_count
 
     solve(case["warm_vertices"], case["warm_triangles"])
-    before, seconds, matrix, unknowns = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, [], np.empty(0), 0
+    before, seconds, matrix, unknowns = forget_peak(), [], np.empty(0), 0
     for _ in range(int(case["runs"])):
         matrix, took, unknowns = solve(case["vertices"], case["triangles"])
         seconds.append(took)
@@ -69,7 +69,7 @@ def main(case_file: str, answer_file: str) -> None:
         answer_file,
         matrix=matrix,
         seconds=seconds,
-        peak=1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before),
+        peak=peak() - before,
         unknowns=unknowns,
         version="bempp-cl " + version("bempp-cl"),
     )
