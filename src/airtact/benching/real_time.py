@@ -105,29 +105,32 @@ class RealTime:
         """Two fingers as they are before they move."""
         return two_fingers()
 
+    def _quick(self, accuracy: float) -> Solver:
+        return BoundaryElement(accuracy=accuracy, estimate=False)
+
     def deformed_to_drive(self) -> Row:
         """Time two fingers that change their shape at every frame."""
         frames = [deformed(frame) for frame in range(self.runs + 1)]
         what = "two fingers deformed, new pose to drive, 2 foci"
-        return self._frames(what, "25 ms (goal 15), 3 %", BoundaryElement(accuracy=self.accuracy), frames)
+        return self._frames(what, "25 ms (goal 15), 3 %", self._quick(self.accuracy), frames)
 
     def moved_each_to_drive(self) -> Row:
         """Time two fingers that keep their shapes and move against each other."""
         frames = [moved_each(self.rest, frame) for frame in range(self.runs + 1)]
         what = "two fingers, each moved rigidly, to drive"
-        return self._frames(what, "5 ms, 3 %", BoundaryElement(accuracy=self.accuracy), frames)
+        return self._frames(what, "5 ms, 3 %", self._quick(self.accuracy), frames)
 
     def drive_only(self) -> Row:
         """Time two fingers that change their shape, solved just well enough for a drive."""
         frames = [deformed(frame) for frame in range(self.runs + 1)]
         what = "two fingers deformed, drive only"
         asked = "12 ms, correlation 0.995"
-        return self._frames(what, asked, BoundaryElement(accuracy=self.drive_accuracy), frames)
+        return self._frames(what, asked, self._quick(self.drive_accuracy), frames)
 
     def whole_moved(self) -> Row:
         """Time a solved shape that moves as a whole: transfer matrix and drive again, no solve."""
         bodies, scene = self.rest, self.rest.scene
-        beacons = BoundaryElement(accuracy=self.accuracy).radiate(scene, bodies.target.beacons())
+        beacons = self._quick(self.accuracy).radiate(scene, bodies.target.beacons())
 
         def again(frame: int) -> Made:
             transfer = transfer_matrix(beacons, self.array.seen_from(whole_motion(frame)))
@@ -146,11 +149,11 @@ class RealTime:
         """Time other foci beside the same bodies, with the same solver."""
         frames = [moved_foci(self.rest, frame) for frame in range(self.runs + 1)]
         what = "new foci on a solved shape, to drive"
-        return self._frames(what, "3 ms", BoundaryElement(accuracy=self.accuracy), frames)
+        return self._frames(what, "3 ms", self._quick(self.accuracy), frames)
 
     def slice_beside(self) -> Row:
         """Time the field of a drive on 200 x 200 points between and beside two fingers."""
-        made = to_drive(BoundaryElement(accuracy=self.accuracy), self.rest, self.array)
+        made = to_drive(self._quick(self.accuracy), self.rest, self.array)
         scene, playing = self.rest.scene, drive_sources(self.array, [made.drive])
         played = BoundaryElement(accuracy=self.accuracy).radiate(scene, playing)
         points = slice_points()

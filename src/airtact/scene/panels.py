@@ -110,12 +110,12 @@ def _refined(
 
 def _deviation(panels: SixNodes, shape: Shape) -> Float64[np.ndarray, "panels"]:
     """How far panels lie from the true skin at their nodes, centre and the middles between them [m]."""
-    depth = shape.depth(np.einsum("qn,tnd->tqd", PROBES, panels).reshape(-1, 3))
+    depth = shape.depth((PROBES @ panels).reshape(-1, 3))
     return np.abs(depth).reshape(len(panels), -1).max(axis=1)
 
 
 def _off_triangles(panels: SixNodes, shape: Shape) -> tuple[float, float]:
     """Largest and mean distance of panels from the triangles that the body was given as [m]."""
-    distance = shape.off_triangles(np.einsum("qn,tnd->tqd", PROBES, panels).reshape(-1, 3)).reshape(len(panels), -1)
+    distance = shape.off_triangles((PROBES @ panels).reshape(-1, 3)).reshape(len(panels), -1)
     areas = panel_areas(panels)
     return float(distance.max()), float(areas @ distance.mean(axis=1) / areas.sum())

@@ -20,6 +20,7 @@ from airtact.solvers.boundary_operator import (
     Store,
     assemble,
     dual_surface,
+    give_back,
     heard,
     incident,
     refuse_too_large,
@@ -117,6 +118,7 @@ class BoundaryElement(Solver):
         if self.estimate:
             right = incident(surface, sources.positions, sources.strengths)
             solved.append(self._solved(matrix, right, transposed=False))
+        give_back(matrix)
         clock.lap("gmres")
         report = SolveReport(
             solver="BoundaryElement",

@@ -102,19 +102,33 @@ class DualMatrix:
         return out
 
 
-def assemble(surface: DualSurface, store: Store, memory: DualMatrix | None = None) -> DualMatrix:
-    """Fill the matrix of the dual-surface equation.
+_LAST: list[DualMatrix] = []
+"""The last matrix that was given back, if any: touching fresh memory takes longer than filling it."""
 
-    Parameters
-    ----------
-    surface : where the equation is written down.
-    store : what its numbers are kept as.
-    memory : a matrix of the same size that is no longer needed: fresh memory is slow.
-    """
-    nodes, count = surface.nodes, len(surface.nodes.points)
-    matrix = DualMatrix.empty(count, store)
-    if memory is not None and memory.values.shape == matrix.values.shape and memory.values.dtype == store:
-        matrix = memory
+MOST_KEPT = 2**28
+"""Bytes of a matrix above which its memory is not kept."""
+
+
+def _matrix(count: int, store: Store) -> DualMatrix:
+    """Take the matrix that was given back, where it fits, or else fresh memory."""
+    try:
+        matrix = _LAST.pop()
+    except IndexError:
+        return DualMatrix.empty(count, store)
+    fits = len(matrix.values) == count and matrix.values.dtype == store
+    return matrix if fits else DualMatrix.empty(count, store)
+
+
+def give_back(matrix: DualMatrix) -> None:
+    """Keep the memory of a matrix that is no longer needed for the next one of its size."""
+    if matrix.values.nbytes <= MOST_KEPT:
+        _LAST[:] = [matrix]
+
+
+def assemble(surface: DualSurface, store: Store) -> DualMatrix:
+    """Fill the matrix of the dual-surface equation, its numbers kept as ``store``."""
+    nodes = surface.nodes
+    matrix = _matrix(len(nodes.points), store)
     rule, precision = surface.near_rule, surface.precision
     near = [near_rows(nodes, points, surface.wavenumber, rule, precision) for points in (nodes.points, surface.shifted)]
     fill = getattr(_kernels, f"dual_matrix_{store}")

@@ -212,9 +212,7 @@ def project_contacts(
 def is_outside(nodes: Nodes, points: Real[np.ndarray, "points 3"], near_rule: NearRule) -> Bool[np.ndarray, "points"]:
     """Whether points lie outside the skin or on it, from the solid angle that the skin fills as seen from them."""
     outside = np.ones(len(points), dtype=bool)
-    corners = nodes.centres - nodes.radii[:, None], nodes.centres + nodes.radii[:, None]
-    lower, upper = corners[0].min(axis=0), corners[1].max(axis=0)
-    doubtful = ((points > lower) & (points < upper)).all(axis=1)  # all others are outside the box round the bodies
+    doubtful = _in_box(nodes, points, 1.0)  # all others are outside the box round the bodies
     outside[doubtful] = _is_outside(nodes, points[doubtful], near_rule)
     return outside
 
@@ -235,5 +233,13 @@ def _is_outside(nodes: Nodes, points: Real[np.ndarray, "points 3"], near_rule: N
 def near_skin(nodes: Nodes, points: Real[np.ndarray, "points 3"], reach: float) -> Bool[np.ndarray, "points"]:
     """Whether any panel's centre lies within ``reach`` of its radii from points (P, 3)."""
     near = np.zeros(len(points), dtype=bool)
-    near[find_near(nodes, points, reach)[0]] = True
+    some = np.flatnonzero(_in_box(nodes, points, reach))
+    near[some[find_near(nodes, points[some], reach)[0]]] = True
     return near
+
+
+def _in_box(nodes: Nodes, points: Real[np.ndarray, "points 3"], reach: float) -> Bool[np.ndarray, "points"]:
+    """Whether points lie in the upright box round all panels, each widened by ``reach`` of its radii."""
+    away = reach * nodes.radii[:, None]
+    lower, upper = (nodes.centres - away).min(axis=0), (nodes.centres + away).max(axis=0)
+    return ((points > lower) & (points < upper)).all(axis=1)

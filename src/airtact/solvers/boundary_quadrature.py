@@ -90,8 +90,8 @@ def place_nodes(
     """
     shape = shape_functions(RULE_POINTS)
     along_u, along_v = shape_slopes(RULE_POINTS)
-    points = np.einsum("qa,tad->tqd", shape, six_nodes)
-    cross = np.cross(np.einsum("qa,tad->tqd", along_u, six_nodes), np.einsum("qa,tad->tqd", along_v, six_nodes))
+    points = shape @ six_nodes
+    cross = np.cross(along_u @ six_nodes, along_v @ six_nodes)
     size = np.linalg.norm(cross, axis=2)
     centres = shape_functions(np.full((1, 2), 1 / 3))[0] @ six_nodes
     radii = np.linalg.norm(six_nodes - centres[:, None], axis=2).max(axis=1)
