@@ -14,29 +14,46 @@ if TYPE_CHECKING:
 
 
 @click.command(
-    short_help="Make the skin of a hand from a pose or a recording.",
+    short_help="Make the skin of a hand from a pose, a recording or a point cloud.",
     epilog="Example: airtact hand examples/hands/pinch.json --gap 0.012 --out hand.ply",
 )
-@click.argument("pose", metavar="POSE_OR_RECORDING", type=click.Path(path_type=Path))
+@click.argument("pose", metavar="POSE_RECORDING_OR_CLOUD", type=click.Path(path_type=Path))
 @click.option("--gap", type=float, help="Open thumb and index finger to this gap in metres.")
 @click.option("--edge", type=float, help="Edge of the triangles in metres; 4e-3 by default.")
 @click.option("--out", "file", required=True, type=click.Path(path_type=Path), help="File for the skin.")
 @click.option("--frame", "frames", type=int, multiple=True, help="Frame of a recording; again for more. The first.")
 @click.option("--leave-out", is_flag=True, help="Leave out and count faulty frames of a recording.")
+@click.option("--landmarks", type=click.Path(path_type=Path), help="Rough joints, a pose as JSON, for a cloud.")
+@click.option("--camera", type=(float, float, float), help="Where a cloud was seen from, in metres.")
 def hand(
-    pose: Path, gap: float | None, edge: float | None, file: Path, frames: tuple[int, ...], leave_out: bool
+    pose: Path,
+    gap: float | None,
+    edge: float | None,
+    file: Path,
+    frames: tuple[int, ...],
+    leave_out: bool,
+    landmarks: Path | None,
+    camera: tuple[float, float, float] | None,
 ) -> None:
     """Make the closed skin of a hand from its joints in metres: 25 of WebXR, or 21 of MediaPipe or Leap.
 
     A pose is a .json file. The skin is written as flat triangles in metres to .ply, .stl or .glb, or curved to .vtkhdf
     for ParaView; a picture of it, .png, stands beside it. Of a recording, .jsonl or .npz, the skins of chosen frames
-    are written, and a picture of the pads over time.
+    are written, and a picture of the pads over time. To a cloud of points, .ply, .xyz or .npy, with rough --landmarks a
+    hand is fitted, and the picture shows how far the points are from its skin.
     """
     from rich.console import Console
 
     from airtact.cli.tracking import show_recording
     from airtact.tracking.recordings import ENDINGS
 
+    if landmarks is not None:
+        if gap is not None or frames or leave_out:
+            raise InvalidInput(f"{pose.name} is 1 cloud; leave --gap, --frame and --leave-out out.")
+        _show_cloud(pose, landmarks, file, camera, edge)
+        return
+    if camera is not None:
+        raise InvalidInput(f"a camera is for a cloud with --landmarks, and {pose.name} came with 0 of them.")
     if pose.suffix in ENDINGS:
         if gap is not None:
             raise InvalidInput(f"a gap of {gap:g} m is for 1 pose, not for a recording; leave --gap out.")
@@ -56,6 +73,29 @@ def hand(
     for touch in posed.hand.surface.mended:
         console.print(f"Merged: {touch}.", soft_wrap=True, highlight=False)
     console.print(f"The skin: {posed.file}, its picture: {posed.picture}", soft_wrap=True, highlight=False)
+
+
+def _show_cloud(
+    cloud: Path, landmarks: Path, file: Path, camera: tuple[float, float, float] | None, edge: float | None
+) -> None:
+    from rich.console import Console
+
+    from airtact.cli import _progress
+
+    with _progress(Console(stderr=True)) as tell:
+        from airtact.posing import fit
+
+        done = fit(cloud, landmarks, file, camera, edge, tell)
+    console, fitted = Console(), done.fitted
+    table = _facts(done)
+    used = ~fitted.strays
+    table.add_row(
+        "points used", f"{used.sum():,} of {len(used):,} thinned out; {1e3 * fitted.misfit:.1f} mm from the skin"
+    )
+    errors = ", ".join(f"{part} {1e3 * error:.1f}" for part, error in fitted.part_errors.items())
+    table.add_row("skin uncertain by", f"{errors} mm")
+    console.print(table)
+    console.print(f"The skin: {done.file}, its picture: {done.picture}", soft_wrap=True, highlight=False)
 
 
 def _facts(posed: "Posed") -> "Table":

@@ -187,8 +187,9 @@ def _refuse_poor(seen: Seen, found: Solved) -> None:
     used = float((np.abs(found.gaps.distance) < CLOSE).mean())
     if used < EXPLAINED:
         raise InvalidInput(
-            f"the hand explains {100 * used:.0f} % to {1e3 * CLOSE:g} mm of the {len(seen.points)} points within {1e3 * AROUND:g} mm of the "
-            "landmarks: is there a second hand or another body, or are the landmarks of another moment?"
+            f"the hand explains {100 * used:.0f} % to {1e3 * CLOSE:g} mm of the {len(seen.points)} points within "
+            f"{1e3 * AROUND:g} mm of the landmarks: is there a second hand or another body, or are the landmarks of "
+            "another moment?"
         )
     off = np.linalg.norm(found.joints - seen.landmarks, axis=1)
     worst = int(np.where(seen.spread > ROUGH, 0.0, off).argmax())

@@ -52,8 +52,39 @@ def load_hand(path: Path, gap: float | None = None) -> Hand:
         return hand if gap is None else hand.open_to(gap)
 
 
+def load_landmarks(path: Path) -> tuple[Float64[np.ndarray, "joints 3"], str | None]:
+    """Read the rough joints of a tracker.
+
+    Parameters
+    ----------
+    path : a JSON file of a pose, as ``load_hand`` reads; radii are left out.
+
+    Returns
+    -------
+    (25, 3) or (21, 3) joints [m], and ``"right"``, ``"left"`` or None.
+
+    Raises
+    ------
+    InvalidInput
+        The file cannot be read or is no pose; beginning with the file's name.
+    """
+    with about(path.name):
+        pose = _pose_in(path)
+        points, names = _numbers(pose, "positions_m", (3,)), pose.get("joints")
+        if names is not None and tuple(names) != NAMES:
+            raise InvalidInput(f"the {len(names)} joints are not named in the order of WebXR: give them in that order.")
+        return points, pose.get("side")
+
+
 def _numbers(pose: dict[str, Any], key: str, each: tuple[int, ...]) -> Float64[np.ndarray, "joints *each"]:
-    """Return the numbers under a key, so many for each joint."""
+    """Return the numbers under a key, so many for each joint.
+
+    Parameters
+    ----------
+    pose : what ``_pose_in`` gave.
+    key : one of ``KEYS``.
+    each : shape of what each joint has.
+    """
     count = len(pose[key])
     try:
         numbers = np.array(pose[key], dtype=np.float64)
@@ -66,6 +97,12 @@ def _numbers(pose: dict[str, Any], key: str, each: tuple[int, ...]) -> Float64[n
 
 
 def _pose_in(path: Path) -> dict[str, Any]:
+    """Read what a file says of a pose, or refuse what is none.
+
+    Parameters
+    ----------
+    path : a JSON file.
+    """
     try:
         pose = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

@@ -1,0 +1,44 @@
+"""A hand fitted to a cloud from the command line."""
+
+from pathlib import Path
+
+import pytest
+import trimesh
+
+from airtact.cli import main
+
+HANDS = Path(__file__).parent.parent / "examples/hands"
+CLOUD, LANDMARKS = str(HANDS / "seen_hand.ply"), str(HANDS / "seen_hand.json")
+
+
+def test_a_cloud_gives_a_closed_skin_a_picture_and_how_sure_it_is(tmp_path: Path, capsys) -> None:
+    file = tmp_path / "hand.ply"
+
+    assert main(["hand", CLOUD, "--landmarks", LANDMARKS, "--camera", "0", "0", "0", "--out", str(file)]) == 0
+
+    said = capsys.readouterr().out
+    assert "skin uncertain by" in said
+    assert "points used" in said
+    skin = trimesh.load(file)
+    assert skin.is_watertight  # pyright: ignore[reportAttributeAccessIssue]
+    assert file.with_suffix(".png").stat().st_size > 20_000
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (("--landmarks", LANDMARKS, "--gap", "0.01"), "seen_hand.ply is 1 cloud; leave --gap"),
+        (("--camera", "0", "0", "0"), "a camera is for a cloud with --landmarks"),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused(tmp_path: Path, capsys, options: tuple, sentence: str) -> None:
+    assert main(["hand", CLOUD, *options, "--out", str(tmp_path / "hand.ply")]) == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_the_cloud_is_not_written_over(capsys) -> None:
+    before = Path(CLOUD).read_bytes()
+
+    assert main(["hand", CLOUD, "--landmarks", LANDMARKS, "--out", CLOUD]) == 2
+    assert "1 of the files that it is made from" in capsys.readouterr().err
+    assert Path(CLOUD).read_bytes() == before
