@@ -13,7 +13,6 @@ from airtact.scene.printing import in_short
 from airtact.scene.scene import Scene, check_sources
 from airtact.scene.sources import Monopoles
 from airtact.solvers.boundary_element import surrounding_points
-from airtact.solvers.finite_factor import pardiso_library
 from airtact.solvers.finite_field import FiniteField, rough_places, solved_from_afar
 from airtact.solvers.finite_memory import refuse_too_large
 from airtact.solvers.finite_meshing import meshed
@@ -54,7 +53,8 @@ class FiniteElement(Solver):
         bodies; "found" takes all that there are. Sources need not be symmetric.
     domain : "tight", or "box" for the paper's way: the workspace is meshed and the pressure read off the mesh.
     box : lower and upper corner of the workspace [m], for ``domain="box"``.
-    factorisation : "sparsecholesky", "pardiso" (where the package ``mkl`` is installed), or "found" for the faster.
+    factorisation : "sparsecholesky", which "found" takes, or "pardiso" where the package ``mkl`` is installed. With mkl
+        2026.2 Pardiso ended the whole process here, so that it is never taken unasked.
     estimate : solve at the next order too, and report how far apart the two are. Costs about four times as much.
     graded : whether tetrahedra that came out larger or smaller than asked for get higher and lower orders, which
         costs half as much for the same accuracy; else ``order`` everywhere.
@@ -190,9 +190,7 @@ class FiniteElement(Solver):
         return FactorisedScene(scene, tuple(ready), report, clock, self.domain == "box")
 
     def _method(self) -> str:
-        if self.factorisation != "found":
-            return self.factorisation
-        return "pardiso" if pardiso_library() else "sparsecholesky"
+        return "sparsecholesky" if self.factorisation == "found" else self.factorisation
 
     def _box(self, scene: Scene, mirrors: tuple[Mirror, ...]) -> Box:
         if self.domain == "box":
