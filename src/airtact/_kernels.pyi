@@ -7,6 +7,7 @@ def active_variant() -> str: ...
 def use_variant(name: str) -> None: ...
 
 lanes: int
+sharing: int
 
 def dual_matrix_int16(
     points: np.ndarray,

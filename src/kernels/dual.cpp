@@ -11,18 +11,21 @@ namespace {
 
 std::int64_t blocks_of(std::int64_t m) { return (m + lanes - 1) / lanes; }
 
-// -D(x, y) + i D(x', y) for all nodes y
+// D(x, y) for all nodes y, with what the near panels add, in blocks of real and of imaginary parts
 template <class Real, bool Lossy>
-void dual_row(const Real *x, const Real *x2, const Real *sx, const Real *sy, const Real *sz, const Real *nx,
-              const Real *ny, const Real *nz, std::int64_t n, Wave<Real> k, Real *re, Real *im) {
-#pragma omp simd
-    for (std::int64_t j = 0; j < n; j++) {
-        Real a, b, a2, b2;
-        double_layer<Real, Lossy>(sx[j] - x[0], sy[j] - x[1], sz[j] - x[2], nx[j], ny[j], nz[j], k, Real(0), a, b);
-        double_layer<Real, Lossy>(sx[j] - x2[0], sy[j] - x2[1], sz[j] - x2[2], nx[j], ny[j], nz[j], k, Real(0), a2, b2);
-        re[j] = -a - b2;
-        im[j] = a2 - b;
+void layer_row(const Real *x, const Planes<Real> &y, const Planes<Real> &a, Wave<Real> k, const NearRows &near,
+               std::int64_t i, Real *row) {
+    for (std::int64_t j = 0; j < y.n; j += lanes) {
+        const std::int64_t n = std::min(lanes, y.n - j);
+        double_layer_row<Real, Lossy>(x, y[0] + j, y[1] + j, y[2] + j, a[0] + j, a[1] + j, a[2] + j, n, k, Real(0),
+                                      row + 2 * j, row + 2 * j + lanes);
     }
+    for (std::int64_t e = near.first[i]; e < near.first[i + 1]; e++)
+        for (int l = 0; l < 6; l++) {
+            const std::int64_t j = 6 * near.panel[e] + l, at = 2 * lanes * (j / lanes) + j % lanes;
+            row[at] += Real(near.excess[6 * e + l].real());
+            row[at + lanes] += Real(near.excess[6 * e + l].imag());
+        }
 }
 
 void store(const float *row, std::int64_t blocks, std::int16_t *out, float *scales) {
@@ -42,40 +45,34 @@ template <class Real> void store(const Real *row, std::int64_t blocks, Real *out
     std::copy(row, row + 2 * lanes * blocks, out);
 }
 
-template <class Real> void add_near(const NearRows &near, std::int64_t i, std::complex<double> factor, Real *row) {
-    for (std::int64_t e = near.first[i]; e < near.first[i + 1]; e++)
-        for (int l = 0; l < 6; l++) {
-            const std::complex<double> value = factor * near.excess[6 * e + l];
-            const std::int64_t j = 6 * near.panel[e] + l, at = 2 * lanes * (j / lanes) + j % lanes;
-            row[at] += Real(value.real());
-            row[at + lanes] += Real(value.imag());
-        }
-}
-
 template <class Store, bool Lossy>
 void fill(const double *points, const double *shifted, const double *normals, std::int64_t m, Wavenumber wavenumber,
           const NearRows &near, const NearRows &near_shifted, Store *matrix, float *scales) {
     using Real = typename Arithmetic<Store>::Real;
     const double zero[3] = {0, 0, 0};
     const Origin origin(points, m);
-    const Planes<Real> x(points, m, origin.at), x2(shifted, m, origin.at), a(normals, m, zero);
+    const Planes<Real> x(points, m, origin.at), x2(shifted, m / sharing, origin.at), a(normals, m, zero);
     const Wave<Real> k(wavenumber);
     const std::int64_t blocks = blocks_of(m);
 #pragma omp parallel
     {
-        std::vector<Real> row(2 * lanes * blocks);
+        std::vector<Real> row(2 * lanes * blocks), inside(2 * lanes * blocks);
 #pragma omp for schedule(static)
-        for (std::int64_t i = 0; i < m; i++) {
-            const Real t[3] = {x[0][i], x[1][i], x[2][i]}, t2[3] = {x2[0][i], x2[1][i], x2[2][i]};
-            for (std::int64_t b = 0; b < blocks; b++) {
-                const std::int64_t j = b * lanes, n = std::min(lanes, m - j);
-                dual_row<Real, Lossy>(t, t2, x[0] + j, x[1] + j, x[2] + j, a[0] + j, a[1] + j, a[2] + j, n, k,
-                                      &row[2 * j], &row[2 * j + lanes]);
+        for (std::int64_t group = 0; group < m / sharing; group++) {
+            const Real t2[3] = {x2[0][group], x2[1][group], x2[2][group]};
+            layer_row<Real, Lossy>(t2, x, a, k, near_shifted, group, inside.data());
+            for (std::int64_t i = sharing * group; i < sharing * (group + 1); i++) {
+                const Real t[3] = {x[0][i], x[1][i], x[2][i]};
+                layer_row<Real, Lossy>(t, x, a, k, near, i, row.data());
+                for (std::int64_t j = 0; j < 2 * lanes * blocks; j += 2 * lanes)
+#pragma omp simd
+                    for (std::int64_t l = j; l < j + lanes; l++) {  // i D(x') - D(x)
+                        row[l] = -row[l] - inside[l + lanes];
+                        row[l + lanes] = inside[l] - row[l + lanes];
+                    }
+                row[2 * lanes * (i / lanes) + i % lanes] += Real(0.5);
+                store(row.data(), blocks, matrix + 2 * lanes * blocks * i, scales + blocks * i);
             }
-            add_near(near, i, {-1, 0}, row.data());
-            add_near(near_shifted, i, {0, 1}, row.data());
-            row[2 * lanes * (i / lanes) + i % lanes] += Real(0.5);
-            store(row.data(), blocks, matrix + 2 * lanes * blocks * i, scales + blocks * i);
         }
     }
 }

@@ -13,6 +13,7 @@ struct Wavenumber {
 };
 
 constexpr std::int64_t lanes = 128;  // columns of a block of the dual-surface matrix
+constexpr std::int64_t sharing = 3;  // nodes that share a second collocation point
 
 template <class Store> struct Arithmetic {  // what a matrix is computed in, by what it is kept as
     using Real = Store;
@@ -48,7 +49,7 @@ namespace AIRTACT_VARIANT {
 // The matrix of the dual-surface equation, M x M, in rows of blocks of `lanes` columns: real parts, then imaginary parts,
 // the last block filled up with zeros. As 16-bit integers each block has a scale of its own.
 // matrix[i, j] = 0.5 [i = j] - D(x_i, y_j) + i D(x'_i, y_j) with what the near panels add to either D, D being the normal
-// derivative at y of e^{ikr}/(4 pi r) times area; x_i = y_i. scales: (M, blocks), used for 16-bit integers only.
+// derivative at y of e^{ikr}/(4 pi r) times area; x_i = y_i; x'_i = shifted[i / sharing]. scales: (M, blocks), used for 16-bit integers only.
 template <class Store>
 void dual_matrix(const double *points, const double *shifted, const double *normals, std::int64_t m, Wavenumber k,
                  NearRows near, NearRows near_shifted, Store *matrix, float *scales);

@@ -107,11 +107,11 @@ using Index = Read<std::int64_t, -1>;
 using Line = Read<double, -1>;
 using Near = Read<Complex, -1, 6>;
 
-static NearRows near_rows(Points x, Index first, Index panel, Near excess) {
+static NearRows near_rows(Points x, std::size_t nodes, Index first, Index panel, Near excess) {
     same(first.shape(0), x.shape(0) + 1), same(panel.shape(0), excess.shape(0));
     same(panel.shape(0), std::size_t(first.data()[x.shape(0)]));
     for (std::size_t e = 0; e < panel.shape(0); e++)
-        if (panel.data()[e] < 0 || 6 * panel.data()[e] + 6 > std::int64_t(x.shape(0)))
+        if (panel.data()[e] < 0 || 6 * panel.data()[e] + 6 > std::int64_t(nodes))
             throw nb::index_error("a near panel does not exist");
     return {first.data(), panel.data(), excess.data()};
 }
@@ -127,10 +127,10 @@ template <class Store>
 void dual(Points x, Points x2, Points a, Complex k, Index first, Index panel, Near excess, Index first_shifted,
           Index panel_shifted, Near excess_shifted, Packed<Store> out, Write<float, -1> scales) {
     const std::size_t m = x.shape(0);
-    same(m, x2.shape(0)), same(m, a.shape(0));
+    same(m, sharing * x2.shape(0)), same(m, a.shape(0));
     right_size(out, scales.shape(0), m);
-    const NearRows near = near_rows(x, first, panel, excess);
-    const NearRows near_shifted = near_rows(x2, first_shifted, panel_shifted, excess_shifted);
+    const NearRows near = near_rows(x, m, first, panel, excess);
+    const NearRows near_shifted = near_rows(x2, m, first_shifted, panel_shifted, excess_shifted);
     nb::gil_scoped_release release;
     std::get<Dual<Store>>(active->dual)
         .matrix(x.data(), x2.data(), a.data(), std::int64_t(m), wave(k), near, near_shifted, out.data(), scales.data());
@@ -325,6 +325,7 @@ NB_MODULE(_kernels, m) {
     m.def("active_variant", [] { return active->name; });
     m.def("use_variant", &use);
     m.attr("lanes") = lanes;
+    m.attr("sharing") = sharing;
     m.def("dual_matrix_int16", &dual<std::int16_t>);
     m.def("dual_matrix_float32", &dual<float>);
     m.def("dual_matrix_float64", &dual<double>);

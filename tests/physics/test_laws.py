@@ -128,7 +128,7 @@ def test_a_source_inside_the_body_is_heard_outside(name):
     r = np.linalg.norm(offset, axis=1)
     push = np.exp(1j * wavenumber * r) / r * (1j * wavenumber - 1 / r) * (offset * nodes.normals).sum(axis=1) / r
     right = -single_layer(nodes, nodes.points, push, wavenumber)
-    right += 1j * single_layer(nodes, surface.shifted, push, wavenumber)
+    right += 1j * np.repeat(single_layer(nodes, surface.shifted, push, wavenumber), 3)
     skin = gmres(matrix.times, right[None], 1e-8).solution.T
     points = far_points(20)
     found = double_layer_pressure(points, nodes, skin, wavenumber, rule, "float64")[:, 0]

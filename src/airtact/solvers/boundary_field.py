@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Real
 
+from airtact import _kernels
 from airtact.conventions import InvalidInput
 from airtact.scene.guards import points_of
 from airtact.scene.printing import in_short
@@ -200,15 +201,21 @@ class BoundaryField(RadiatedField):
         """Total pressure by the transposed solution: right for beacons near the skin, heard away from it."""
         surface = self.surface
         places = np.concatenate([surface.nodes.points, surface.shifted])
-        strengths = np.concatenate([self.density, -1j * self.density])
+        strengths = self._spoken
         scattered = monopole_pressure(points, places, strengths, surface.wavenumber, surface.precision)
         return self._free(points, self.factors[:, None] * self.sources.strengths) + scattered
+
+    @property
+    def _spoken(self) -> Complex128[np.ndarray, "places sounds"]:
+        """Monopoles at the nodes and the shifted points [Pa·m]."""
+        shared = self.density.reshape(-1, _kernels.sharing, self.density.shape[1]).sum(axis=1)
+        return np.concatenate([self.density, -1j * shared])
 
     def _slopes_from_density(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
         """∇p by the transposed solution [Pa/m], away from the skin."""
         places = np.concatenate([self.sources.positions, self.surface.nodes.points, self.surface.shifted])
         spoken = self.factors[:, None] * self.sources.strengths
-        everything = Monopoles(places, np.concatenate([spoken, self.density, -1j * self.density]))
+        everything = Monopoles(places, np.concatenate([spoken, self._spoken]))
         return open_air_slopes(points, everything, self.surface.wavenumber)
 
     def _free(

@@ -38,14 +38,14 @@ class DualSurface:
     Attributes
     ----------
     nodes : where the pressure is unknown.
-    shifted : (M, 3) the second collocation point of each node, inside its body [m].
+    shifted : (M/3, 3) the second collocation point of each three nodes, inside their body [m].
     wavenumber : [1/m].
     near_rule : of the near integrals.
     precision : working precision, float32 or float64.
     """
 
     nodes: Nodes
-    shifted: Float64[np.ndarray, "nodes 3"]
+    shifted: Float64[np.ndarray, "groups 3"]
     wavenumber: complex
     near_rule: NearRule
     precision: str
@@ -54,10 +54,14 @@ class DualSurface:
 
 
 def dual_surface(nodes: Nodes, wavenumber: complex, near_rule: NearRule, precision: str) -> DualSurface:
-    """Put the second surface 0.2 λ under the skin, or 0.3 of the local thickness where the body is thin."""
+    """Put the second surface 0.2 λ under the skin, or 0.3 of the local thickness where the body is thin.
+
+    Three neighbours on a panel share one point of it: a third fewer kernels for the same accuracy.
+    """
     wavelength = 2 * np.pi / wavenumber.real
     depth = 0.3 * thickness(nodes, 2 / 3 * wavelength)
-    return DualSurface(nodes, nodes.points - depth[:, None] * nodes.normals, wavenumber, near_rule, precision)
+    inside = (nodes.points - depth[:, None] * nodes.normals).reshape(-1, _kernels.sharing, 3)
+    return DualSurface(nodes, inside.mean(axis=1), wavenumber, near_rule, precision)
 
 
 Store = Literal["int16", "float32", "float64"]
@@ -151,8 +155,8 @@ def incident(
     """Right-hand side p_inc(x) − i p_inc(x') of some monopoles."""
     both = np.concatenate([surface.nodes.points, surface.shifted])
     pressure = monopole_pressure(both, positions, strengths, surface.wavenumber, "float64")
-    count = len(surface.shifted)
-    return pressure[:count] - 1j * pressure[count:]
+    count = len(surface.nodes.points)
+    return pressure[:count] - 1j * np.repeat(pressure[count:], _kernels.sharing, axis=0)
 
 
 def heard(

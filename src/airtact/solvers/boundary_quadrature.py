@@ -17,7 +17,10 @@ from airtact.scene.six_nodes import SixNodes, points_at, shape_functions, shape_
 
 
 def _degree_four_rule() -> tuple[Float64[np.ndarray, "6 2"], Float64[np.ndarray, "6"]]:
-    """Six-point rule of degree 4 on the unit triangle (Strang & Fix 1973; Cowper 1973, closed form)."""
+    """Six-point rule of degree 4 on the unit triangle (Strang & Fix 1973; Cowper 1973, closed form).
+
+    The first three points lie about corner 1, the others about the edge facing it.
+    """
     root = np.sqrt(38 - 44 * np.sqrt(2 / 5))
     spread = np.sqrt(213125 - 53320 * np.sqrt(10))
     points, weights = [], []
@@ -25,7 +28,8 @@ def _degree_four_rule() -> tuple[Float64[np.ndarray, "6 2"], Float64[np.ndarray,
         a = (8 - np.sqrt(10) + sign * root) / 18
         points += [[a, a], [1 - 2 * a, a], [a, 1 - 2 * a]]
         weights += [(620 + sign * spread) / 7440] * 3
-    return np.array(points), np.array(weights)
+    neighbours = [4, 2, 0, 3, 5, 1]
+    return np.array(points)[neighbours], np.array(weights)[neighbours]
 
 
 CONTACT = 1e-3
