@@ -56,10 +56,7 @@ def compare_methods(
     """
     clock = Clock(tell)
     with clock.step("scene", f"reading {path.name}"):
-        setup = read_setup(path)
-        writable_folder(folder / "drives")
-    for name in FILES:
-        (folder / name).unlink(missing_ok=True)
+        setup = _fresh_setup(path, folder)
     transfer, beacons = heard_foci(setup, clock, store)
     with clock.step("drives", f"making the drive by {len(METHODS)} methods"):
         drives, seconds, said = _all_drives(setup, transfer)
@@ -72,16 +69,17 @@ def compare_methods(
         quiet = np.abs(judge.field.at(setup.target.quiet).T)
     with clock.step("cuts", "computing the fields in the pictures"):
         cut = _cut(setup, judge, list(drives))
+    contenders = [
+        Contender(name, drives[name], emitted[name], np.abs(pressures), levels, seconds[name])
+        for name, pressures, levels in zip(drives, heard, quiet, strict=True)
+    ]
     contest = Contest(
         title=path.stem.replace("_", " "),
         text=setup.text,
         target=setup.target,
         foci=setup.foci,
         bodies=setup.bodies,
-        contenders=[
-            Contender(name, drives[name], emitted[name], np.abs(pressures), levels, seconds[name])
-            for name, pressures, levels in zip(drives, heard, quiet, strict=True)
-        ],
+        contenders=contenders,
         said=said,
         transfer=transfer,
         bound=bound,
@@ -93,6 +91,14 @@ def compare_methods(
     _write_table(folder / FILES[0], contest)
     write_methods_page(folder / FILES[1], contest)
     return contest
+
+
+def _fresh_setup(path: Path, folder: Path) -> Setup:
+    setup = read_setup(path)
+    writable_folder(folder / "drives")
+    for name in FILES:
+        (folder / name).unlink(missing_ok=True)
+    return setup
 
 
 def _write_drives(

@@ -173,24 +173,3 @@ def test_columns_of_unequal_length_are_refused(tmp_path) -> None:
     with pytest.raises(ValueError, match="shorter"):
         write_columns(tmp_path, "uneven", {"a": ("m", np.zeros(2)), "b": ("", ["one"])})
     assert not list(tmp_path.iterdir())
-
-
-INTERRUPTED = """
-import os, signal, sys
-import numpy as np
-import airtact as at
-from airtact.experiments.interrupts import heed_interrupts
-
-scene = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(at.sphere(2e-3, 1e-3))], frequency=40e3)
-at.FiniteElement(order=1, progress=heed_interrupts).factorised(scene)
-try:
-    os.kill(os.getpid(), signal.SIGINT)
-    sys.exit("nothing was heard")
-except KeyboardInterrupt:
-    print("heard")
-"""
-
-
-def test_ctrl_c_is_heard_after_netgen_has_meshed() -> None:
-    done = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout) == (0, "heard\n"), done.stderr

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Complex128
 
-from airtact.experiments.interrupts import heed_interrupts
 from airtact.experiments.mesh_sizes import relative_error
 from airtact.experiments.part import Part, write_columns
 from airtact.experiments.settings import Settings
@@ -37,7 +36,7 @@ def differences(made: Solved, settings: Settings, folder: Path, clock: Clock) ->
     plane = plane_through(fingers.foci, vertices, made.scene.wavelength).points[::7]
     plane = plane[made.scene.depth(plane) < -OFF_SKIN * made.scene.wavelength]
     points = np.concatenate([elements, plane])
-    rough = FiniteElement(settings.water_order, settings.elements_per_wavelength, progress=heed_interrupts)
+    rough = FiniteElement(settings.water_order, settings.elements_per_wavelength)
     ways: dict[str, tuple[Scene, Solver]] = {
         "boundary elements, rigid": (made.scene, BoundaryElement(accuracy=settings.truth)),
         f"finite elements of order {settings.water_order}, rigid": (made.scene, rough),

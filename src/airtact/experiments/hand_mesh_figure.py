@@ -102,7 +102,7 @@ def draw_quality(outcomes: Sequence[Outcome]) -> Figure:
                 part.axhline(value(one), color=COLOURS[scene], linestyle=":", linewidth=1.2)
     grid[0, 0].set(ylabel="pressure in the foci\nover that with the right hand", ylim=(0.0, 1.08), xlim=(0.0, FARTHEST))
     grid[1, 0].set_ylabel("stray sound on the skin over the foci,\nagainst that with the right hand [dB]")
-    keys = [Line2D([], [], color=colour, label=scene) for scene, colour in COLOURS.items()]
+    keys: list[Line2D | Patch] = [Line2D([], [], color=colour, label=scene) for scene, colour in COLOURS.items()]
     keys.append(Line2D([], [], color="0.3", linestyle=":", label="no hand in the model at all"))
     keys.append(Patch(color="0.3", alpha=0.15, label="least to most of all random choices"))
     figure.legend(handles=keys, loc="outside lower center", ncols=4, frameon=False)

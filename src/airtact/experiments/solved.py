@@ -7,7 +7,6 @@ from jaxtyping import Complex128
 
 from airtact.evaluation.comparison import Comparison, compare
 from airtact.experiments.dummies import Dummies, dummies
-from airtact.experiments.interrupts import heed_interrupts
 from airtact.experiments.settings import Settings
 from airtact.judging import Clock, Keeping
 from airtact.scene.printing import in_short
@@ -78,7 +77,7 @@ def solved(settings: Settings, clock: Clock) -> Solved:
     """
     fingers, array = dummies(edge=DRAWN), surrounding_box()
     scene = fingers.rigid
-    solver = FiniteElement(settings.order, settings.elements_per_wavelength, progress=heed_interrupts)
+    solver = FiniteElement(settings.order, settings.elements_per_wavelength)
     with clock.step("finite elements", f"solving for the beacons by finite elements of order {settings.order}"):
         factorised = solver.factorised(scene)
         field = factorised.radiate(scene, fingers.beacon)

@@ -6,7 +6,7 @@ from airtact.conventions import InvalidInput
 from airtact.scene.crossings import self_crossings
 from airtact.scene.guards import place
 from airtact.scene.scene import Scene
-from airtact.solvers.finite_netgen import NetgenMesh, muted
+from airtact.solvers.finite_netgen import NetgenMesh, heeding_interrupts, muted
 from airtact.solvers.finite_skin import SkinMesh, skin_mesh
 from airtact.solvers.finite_tetrahedra import Tetrahedra, curved_tetrahedra
 from airtact.solvers.finite_volume import Box, flat_faces, tetrahedra
@@ -46,7 +46,7 @@ def meshed(scene: Scene, box: Box, elements_per_wavelength: float) -> tuple[Netg
     for finer in FINER:
         skin = skin_mesh(shapes, finer * size * length, box.mirrors)
         planes = flat_faces(skin, box, filled, length, size)
-        with muted():
+        with muted(), heeding_interrupts():
             mesh = tetrahedra(skin, planes, filled, length, size)
         if not _whole(mesh, box, skin, filled, length):
             fault = _crossing(skin, finer * size * length)

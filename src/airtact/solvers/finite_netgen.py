@@ -1,8 +1,10 @@
 """Netgen and NGSolve: imported when they are needed, kept quiet and to the threads that this process may use."""
 
 import os
+import signal
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import ModuleType
@@ -86,6 +88,17 @@ def many_threads() -> Iterator[None]:
     ngsolve.SetNumThreads(thread_count())
     with ngsolve.TaskManager():
         yield
+
+
+@contextmanager
+def heeding_interrupts() -> Iterator[None]:
+    """Let Ctrl-C be heard as ``KeyboardInterrupt`` again: once it has meshed, Netgen lets it end the process at once."""
+    try:
+        yield
+    finally:
+        handler = signal.getsignal(signal.SIGINT)  # what Python believes is set, and what was
+        if handler is not None and threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGINT, handler)
 
 
 @contextmanager
