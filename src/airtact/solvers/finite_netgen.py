@@ -92,7 +92,7 @@ def many_threads() -> Iterator[None]:
 
 @contextmanager
 def heeding_interrupts() -> Iterator[None]:
-    """Let Ctrl-C be heard as ``KeyboardInterrupt`` again: once it has meshed, Netgen lets it end the process at once."""
+    """Let Ctrl-C be heard as ``KeyboardInterrupt`` again: after meshing, Netgen lets it end the process."""
     try:
         yield
     finally:
