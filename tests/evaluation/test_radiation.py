@@ -98,8 +98,8 @@ def test_pads_lie_under_the_foci_and_both_fingers_are_pushed_alike(fingers) -> N
     shape, skin = fingers
     one, other = (skin.pad(focus) for focus in shape.foci())
     np.testing.assert_allclose([one.centre, other.centre], shape.pads, atol=2e-4)
-    # A piece of sphere and cylinder of 5 mm radius: a little more than a disc.
-    assert np.pi * 25e-6 < one.area < 1.15 * np.pi * 25e-6
+    # A piece of sphere and cylinder of 5 mm radius: a little more than a disc, counted by whole nodes.
+    assert 0.95 * np.pi * 25e-6 < one.area < 1.15 * np.pi * 25e-6
     assert one.force == pytest.approx(other.force, rel=0.1)  # the boards are not quite symmetric
     assert one.force > 1e-4
     assert skin.pad(np.array([0.0, 0.0, 0.0]), 5e-3) is None  # 6 mm from either finger
