@@ -1,6 +1,7 @@
 """How much of the machine is used: kernel evaluations against its matrix product, memory against the matrix."""
 
 import sys
+import time
 from functools import partial
 from subprocess import run
 
@@ -19,6 +20,9 @@ from airtact.solvers.boundary_quadrature import Nodes, place_nodes
 
 FLOPS = 56
 """Operations that one kernel evaluation, the gradient of a Green's function along a normal, is counted as."""
+
+REST = 0.1
+"""Seconds after which the threads of a matrix product no longer wait for another one, taking turns with ours."""
 
 PRODUCT = 2048
 """Side of the matrices whose product is timed."""
@@ -65,6 +69,7 @@ def _kernel_row(
     products, fills = [], []
     for _ in range(runs):  # in turn, so that both meet the same machine
         products += timed([partial(np.matmul, left, left)] * 2)[0].seconds
+        time.sleep(REST)
         fills += timed([fill] * 2)[0].seconds
     kernels, product = (
         count * (count + len(shifted)) / Timed(tuple(fills)).median,

@@ -19,7 +19,7 @@ from airtact.transfer import transfer_matrix
 AREA = 325e-4
 """Skin of the hand [m²]."""
 
-DRIVE_ACCURACY, ACCURACY = 0.1, 0.03
+DRIVE_ACCURACY, ACCURACY = 0.06, 0.03
 
 FINE, COARSER = 0.007, 0.014
 """Accuracies of the two solutions that are the truth and its own error."""

@@ -80,7 +80,8 @@ def check_off_sources(points: Real[np.ndarray, "points 3"], sources: Monopoles) 
     InvalidInput
         If a point is nearer than ``STANDS_ON`` to a source: which, which source, how near.
     """
-    distance, source = (np.asarray(found) for found in KDTree(sources.positions).query(points))
+    found = KDTree(sources.positions).query(points, distance_upper_bound=2 * STANDS_ON)  # nothing farther matters
+    distance, source = (np.asarray(part) for part in found)
     near = np.flatnonzero(distance < STANDS_ON)
     if len(near):
         first = int(near[0])

@@ -153,7 +153,13 @@ class BoundaryElement(Solver):
         edge = scene.wavelength * np.sqrt(6 / self.nodes_per_square_wavelength * 4 / np.sqrt(3))
         near = sources.heard_finely[scene.depth(sources.heard_finely) > -edge]
         shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
-        return panels_of(shapes, edge, near, smallest=0.5 * edge, bend=BEND if self.accuracy < 0.02 else np.pi / 4)
+        return panels_of(shapes, edge, near, smallest=0.5 * edge, bend=self._bend())
+
+    def _bend(self) -> float:
+        """Angle that a panel of a round skin may turn by [rad]: 10, 8 or 6 of them go round."""
+        if self.accuracy < 0.02:
+            return BEND
+        return np.pi / 4 if self.accuracy < 0.05 else np.pi / 3
 
     def _near_rule(self) -> NearRule:
         if self.precision == "float64":

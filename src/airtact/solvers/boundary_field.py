@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Real
+from scipy.spatial import KDTree
 
 from airtact import _kernels
 from airtact.conventions import InvalidInput
@@ -221,4 +222,13 @@ class BoundaryField(RadiatedField):
     def _free(
         self, points: Real[np.ndarray, "points 3"], strengths: Complex128[np.ndarray, "sources sounds"]
     ) -> Complex128[np.ndarray, "points sounds"]:
-        return monopole_pressure(points, self.sources.positions, strengths, self.surface.wavenumber, "float64")
+        """Pressure of the sources alone, in float32 where that is the precision and they are a wavelength off."""
+        close = np.ones(len(points), dtype=bool)
+        if self.surface.precision == "float32":
+            within = self.scene.wavelength
+            close = KDTree(self.sources.positions).query(points, distance_upper_bound=within)[0] < within
+        out = np.empty((len(points), strengths.shape[1]), dtype=np.complex128)
+        for chosen, precision in ((close, "float64"), (~close, "float32")):
+            some, places = points[chosen], self.sources.positions
+            out[chosen] = monopole_pressure(some, places, strengths, self.surface.wavenumber, precision)
+        return out
