@@ -159,7 +159,7 @@ class BoundaryElement(Solver):
         """Angle that a panel of a round skin may turn by [rad]: 10, 8 or 6 of them go round."""
         if self.accuracy < 0.02:
             return BEND
-        return np.pi / 4 if self.accuracy < 0.05 else np.pi / 3
+        return np.pi / 4 if self.accuracy < 0.05 or self.estimate else np.pi / 3  # too coarse to hear the skin on
 
     def _near_rule(self) -> NearRule:
         if self.precision == "float64":
