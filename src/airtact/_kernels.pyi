@@ -26,46 +26,18 @@ def dual_matrix_int16(
 def dual_product_int16(
     matrix: np.ndarray, scales: np.ndarray, v: np.ndarray, transposed: bool, out: np.ndarray
 ) -> None: ...
-def dual_matrix_float32(
-    points: np.ndarray,
-    shifted: np.ndarray,
-    normals: np.ndarray,
-    k: complex,
-    first: np.ndarray,
-    panel: np.ndarray,
-    excess: np.ndarray,
-    first_shifted: np.ndarray,
-    panel_shifted: np.ndarray,
-    excess_shifted: np.ndarray,
-    out: np.ndarray,
-    scales: np.ndarray,
-) -> None: ...
-def dual_product_float32(
-    matrix: np.ndarray, scales: np.ndarray, v: np.ndarray, transposed: bool, out: np.ndarray
-) -> None: ...
-def dual_matrix_float64(
-    points: np.ndarray,
-    shifted: np.ndarray,
-    normals: np.ndarray,
-    k: complex,
-    first: np.ndarray,
-    panel: np.ndarray,
-    excess: np.ndarray,
-    first_shifted: np.ndarray,
-    panel_shifted: np.ndarray,
-    excess_shifted: np.ndarray,
-    out: np.ndarray,
-    scales: np.ndarray,
-) -> None: ...
-def dual_product_float64(
-    matrix: np.ndarray, scales: np.ndarray, v: np.ndarray, transposed: bool, out: np.ndarray
-) -> None: ...
+
+dual_matrix_float32 = dual_matrix_int16
+dual_product_float32 = dual_product_int16
+dual_matrix_float64 = dual_matrix_int16
+dual_product_float64 = dual_product_int16
+
 def double_layer_matrix_float32(
     targets: np.ndarray, sources: np.ndarray, normals: np.ndarray, k: complex, out: np.ndarray
 ) -> None: ...
-def double_layer_matrix_float64(
-    targets: np.ndarray, sources: np.ndarray, normals: np.ndarray, k: complex, out: np.ndarray
-) -> None: ...
+
+double_layer_matrix_float64 = double_layer_matrix_float32
+
 def apply_double_layer_float32(
     targets: np.ndarray,
     sources: np.ndarray,
@@ -75,21 +47,15 @@ def apply_double_layer_float32(
     least: float,
     out: np.ndarray,
 ) -> None: ...
-def apply_double_layer_float64(
-    targets: np.ndarray,
-    sources: np.ndarray,
-    normals: np.ndarray,
-    density: np.ndarray,
-    k: complex,
-    least: float,
-    out: np.ndarray,
-) -> None: ...
+
+apply_double_layer_float64 = apply_double_layer_float32
+
 def apply_monopoles_float32(
     targets: np.ndarray, sources: np.ndarray, strength: np.ndarray, k: complex, out: np.ndarray
 ) -> None: ...
-def apply_monopoles_float64(
-    targets: np.ndarray, sources: np.ndarray, strength: np.ndarray, k: complex, out: np.ndarray
-) -> None: ...
+
+apply_monopoles_float64 = apply_monopoles_float32
+
 def near_excess_float32(
     targets: np.ndarray,
     first: np.ndarray,
@@ -108,24 +74,9 @@ def near_excess_float32(
     radial: int,
     out: np.ndarray,
 ) -> None: ...
-def near_excess_float64(
-    targets: np.ndarray,
-    first: np.ndarray,
-    panel: np.ndarray,
-    six_nodes: np.ndarray,
-    contact: np.ndarray,
-    sources: np.ndarray,
-    normals: np.ndarray,
-    nodal: np.ndarray,
-    k: complex,
-    least: float,
-    gauss_nodes: np.ndarray,
-    gauss_weights: np.ndarray,
-    largest: int,
-    angular: int,
-    radial: int,
-    out: np.ndarray,
-) -> None: ...
+
+near_excess_float64 = near_excess_float32
+
 def count_near(targets: np.ndarray, centres: np.ndarray, reach: np.ndarray, first: np.ndarray) -> None: ...
 def list_near(
     targets: np.ndarray, centres: np.ndarray, reach: np.ndarray, first: np.ndarray, panel: np.ndarray

@@ -13,6 +13,7 @@ and by the symmetry of the form L_y(p) is also the scattered pressure, times 4π
 (Kirchhoff and Helmholtz): n points out of the body, w_d = 1 − w, w_s = ik/ratio, w_v = −w (k² − k_body²).
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -177,13 +178,11 @@ class System:
         solution: Complex128[np.ndarray, "unknowns sounds"],
     ) -> Complex128[np.ndarray, "points sounds"]:
         """Pressure at places in tetrahedra."""
-        ngsolve = ngsolve_library()
         found = np.empty((len(number), solution.shape[1]), dtype=np.complex128)
         if not len(number):
             return found
-        places, pressure = self._mesh_points(number, weights), ngsolve.GridFunction(self.space)
-        for column in range(solution.shape[1]):
-            pressure.vec.FV().NumPy()[:] = solution[:, column]
+        places = self._mesh_points(number, weights)
+        for column, pressure in self._columns(solution):
             found[:, column] = np.asarray(pressure(places)).ravel()
         return found
 
@@ -194,13 +193,18 @@ class System:
         solution: Complex128[np.ndarray, "unknowns sounds"],
     ) -> Complex128[np.ndarray, "points 3 sounds"]:
         """Slopes of the pressure along x, y and z at places in tetrahedra [1/λ]."""
-        ngsolve = ngsolve_library()
-        places, pressure = self._mesh_points(number, weights), ngsolve.GridFunction(self.space)
+        places = self._mesh_points(number, weights)
         found = np.empty((len(number), 3, solution.shape[1]), dtype=np.complex128)
+        for column, pressure in self._columns(solution):
+            found[:, :, column] = np.asarray(ngsolve_library().grad(pressure)(places)).reshape(-1, 3)
+        return found
+
+    def _columns(self, solution: Complex128[np.ndarray, "unknowns sounds"]) -> Iterator[tuple[int, Any]]:
+        """Give each sound of a solution as a function of the space; the next one takes its place."""
+        pressure = ngsolve_library().GridFunction(self.space)
         for column in range(solution.shape[1]):
             pressure.vec.FV().NumPy()[:] = solution[:, column]
-            found[:, :, column] = np.asarray(ngsolve.grad(pressure)(places)).reshape(-1, 3)
-        return found
+            yield column, pressure
 
     def density_at(
         self, number: Int64[np.ndarray, "points"], weights: Real[np.ndarray, "points 4"]

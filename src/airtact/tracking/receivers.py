@@ -6,6 +6,7 @@ browser shows cannot speak to them.
 
 import re
 import socket
+from abc import ABC, abstractmethod
 from threading import Lock, Thread
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -26,7 +27,26 @@ OWN_PAGES = re.compile(r"https?://(localhost|127\.0\.0\.1)(:\d+)?")
 """Pages that may send frames; programs that are no browser name no page and may always."""
 
 
-class WebSocketReceiver:
+class _Listening(ABC):
+    """What listens at a port from its making to the end of its block, and feeds a stream."""
+
+    stream: HandStream
+    port: int
+
+    @abstractmethod
+    def close(self) -> None:
+        """Stop listening."""
+
+    def __enter__(self) -> "_Listening":
+        """Take itself into the block."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, fault: BaseException | None, at: TracebackType | None) -> None:
+        """Close at the end of the block."""
+        self.close()
+
+
+class WebSocketReceiver(_Listening):
     """Listens for websockets that send frames in JSON, as many at a time as like.
 
     Use it in a ``with`` block; it listens from its making to the end of the block.
@@ -50,7 +70,7 @@ class WebSocketReceiver:
         self._connections: set[ServerConnection] = set()
         self._lock, self._closed = Lock(), False
         bound = _bound(socket.SOCK_STREAM, port, host)
-        self.port: int = bound.getsockname()[1]
+        self.port = bound.getsockname()[1]
         self._server = serve(
             self._hear,
             sock=bound,
@@ -72,14 +92,6 @@ class WebSocketReceiver:
             connection.close()
         self._thread.join()
 
-    def __enter__(self) -> "WebSocketReceiver":
-        """Take itself into the block."""
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, fault: BaseException | None, at: TracebackType | None) -> None:
-        """Close at the end of the block."""
-        self.close()
-
     def _hear(self, connection: "ServerConnection") -> None:
         from websockets.exceptions import ConnectionClosed
 
@@ -97,7 +109,7 @@ class WebSocketReceiver:
                 self._connections.discard(connection)
 
 
-class OscReceiver:
+class OscReceiver(_Listening):
     """Listens for OSC over UDP.
 
     Use it in a ``with`` block; it listens from its making to the end of the block.
@@ -118,7 +130,7 @@ class OscReceiver:
         self.stream = HandStream() if stream is None else stream
         self._socket = _bound(socket.SOCK_DGRAM, port, host)
         self._socket.settimeout(0.1)  # so often it looks whether it was closed
-        self.port: int = self._socket.getsockname()[1]
+        self.port = self._socket.getsockname()[1]
         self._closed = False
         self._thread = Thread(target=self._listen, name="airtact OSC", daemon=True)
         self._thread.start()
@@ -128,14 +140,6 @@ class OscReceiver:
         self._closed = True
         self._thread.join()
         self._socket.close()
-
-    def __enter__(self) -> "OscReceiver":
-        """Take itself into the block."""
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, fault: BaseException | None, at: TracebackType | None) -> None:
-        """Close at the end of the block."""
-        self.close()
 
     def _listen(self) -> None:
         while not self._closed:
