@@ -1,12 +1,14 @@
 """How quickly a hand gets its skin, and how good it is whatever the fingers do.
 
-Run ``PYTHONPATH=.:tests python benchmarks/hand.py [poses]``; with a number, so many random poses are made. 10,000 of
-them take half an hour.
+Run ``PYTHONPATH=.:tests python benchmarks/hand.py [poses [record.jsonl]]``; with a number, so many random poses are
+made. 10,000 of them take half an hour; those in the record are not made again.
 """
 
+import json
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
@@ -16,7 +18,7 @@ from airtact.scene.hand_hulls import Hulls
 from airtact.scene.hand_meshing import Skin, even_skin
 from airtact.scene.hand_parts import hand_hulls
 from airtact.scene.joints import joints_of
-from airtact.scene.topology import cone_volumes, edge_twins
+from airtact.scene.topology import cone_volumes, edge_twins, shells
 from airtact.solvers.boundary_element import BoundaryElement
 from scene.hand_poses import example, random_pose
 
@@ -73,27 +75,48 @@ def times() -> None:
         told(name, hulls, *quickest(lambda build=build: even_skin(hulls, build), times=2))
 
 
-def poses(count: int) -> None:
-    rest, radii = example("relaxed")
-    angles, off, touching, faults, seconds = [], 0.0, 0, 0, 0.0
+def poses(count: int, record: Path | None) -> None:
+    lines = record.read_text().splitlines() if record is not None and record.exists() else []
+    rows = {row["pose"]: row for row in map(json.loads, lines) if row["pose"] < count}
     for seed in range(count):
-        hulls, touches = hand_hulls(joints_of(random_pose(seed, rest)), radii)
-        began = time.perf_counter()
-        skin = even_skin(hulls, 7e-3)
-        seconds += time.perf_counter() - began
-        faults += edge_twins(skin.triangles).min() < 0 or cone_volumes(skin.vertices[skin.triangles]).sum() < 0
-        angles.append(skin.angles.min())
-        off = max(off, float(np.abs(hulls.look(skin.vertices).distance).max()))
-        touching += bool(touches)
-        if angles[-1] < 20:
-            print(f"pose {seed}: smallest angle {angles[-1]:.1f}°", flush=True)
-    share = 100 * np.mean(np.array(angles) >= 20)
+        if seed in rows:
+            continue
+        rows[seed] = row = one_pose(seed)
+        if record is not None:
+            with record.open("a") as file:
+                file.write(json.dumps(row) + "\n")
+        if row["angle"] < 20 or row["faulty"]:
+            print(f"pose {seed}: smallest angle {row['angle']:.1f}°{', faulty' * row['faulty']}", flush=True)
+    angles = np.array([row["angle"] for row in rows.values()])
+    touching, faulty = (sum(row[key] for row in rows.values()) for key in ("touching", "faulty"))
+    off, seconds = max(row["off"] for row in rows.values()), [row["seconds"] for row in rows.values()]
     print(
-        f"{count:,} poses, in {touching:,} of them skins touch: {faults} open or inside out, smallest angle at least "
-        f"20° in {share:.2f} %, the smallest {min(angles):.1f}°, corners {1e6 * off:.2g} µm off the body at most, "
-        f"{1e3 * seconds / count:.0f} ms each"
+        f"{count:,} poses, in {touching:,} of them skins touch: {faulty} open, in pieces or inside out, smallest angle "
+        f"at least 20° in {100 * np.mean(angles >= 20):.2f} %, the smallest {angles.min():.2f}°, corners "
+        f"{1e6 * off:.2g} µm off the body at most, {1e3 * np.mean(seconds):.0f} ms of processor time each"
     )
 
 
+def one_pose(seed: int) -> dict[str, float | bool]:
+    rest, radii = example("relaxed")
+    hulls, touches = hand_hulls(joints_of(random_pose(seed, rest)), radii)
+    began = time.process_time()
+    skin = even_skin(hulls, 7e-3)
+    seconds = time.process_time() - began
+    opened, pieces = edge_twins(skin.triangles).min() < 0, shells(skin.triangles).max() > 0
+    inside_out = cone_volumes(skin.vertices[skin.triangles]).sum() < 0
+    return {
+        "pose": seed,
+        "angle": float(skin.angles.min()),
+        "faulty": bool(opened or pieces or inside_out),
+        "touching": bool(touches),
+        "off": float(np.abs(hulls.look(skin.vertices).distance).max()),
+        "seconds": seconds,
+    }
+
+
 if __name__ == "__main__":
-    poses(int(sys.argv[1])) if len(sys.argv) > 1 else times()
+    if len(sys.argv) > 1:
+        poses(int(sys.argv[1]), Path(sys.argv[2]) if len(sys.argv) > 2 else None)
+    else:
+        times()
