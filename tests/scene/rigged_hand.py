@@ -3,16 +3,19 @@
 import json
 import struct
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from airtact.scene.closest_point import signed_distance
+from airtact.scene.curving import SHARP_DEGREES, curved
 from airtact.scene.hand import Hand
 from airtact.scene.hand_bending import bending_axis
 from airtact.scene.hand_parts import OWNER, PARTS
 from airtact.scene.joints import CHAINS
+from airtact.scene.topology import edge_twins
 
 FILE = Path(__file__).parent.parent.parent / "examples/hands/generic-hand-right.glb"
 
@@ -30,6 +33,24 @@ BENDS = {
     "curl": dict.fromkeys(("index", "middle", "ring", "pinky"), (0, 20, 25, 15)),
 }
 """How far the joints of each finger bend, from the metacarpal on [degrees]."""
+
+
+@dataclass(frozen=True)
+class Build:
+    """What another person's hand is made of, over that of the file: its palm's length, width and thickness, and each
+    finger's length and thickness, thumb first."""
+
+    palm: tuple[float, float, float]
+    lengths: tuple[float, float, float, float, float]
+    thicknesses: tuple[float, float, float, float, float]
+
+
+BUILDS = {
+    "generic": Build((1.0, 1.0, 1.0), (1.0, 1.0, 1.0, 1.0, 1.0), (1.0, 1.0, 1.0, 1.0, 1.0)),
+    "slender": Build((1.02, 0.93, 0.92), (1.04, 1.05, 1.09, 1.1, 1.12), (0.92, 0.9, 0.87, 0.9, 0.86)),
+    "stout": Build((0.97, 1.06, 1.08), (0.95, 0.9, 0.94, 0.9, 0.88), (1.03, 1.1, 1.12, 1.08, 1.12)),
+}
+"""Three true hands; fits were first tuned on the first of them alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +88,26 @@ def rest() -> Rigged:
     return Rigged(vertices[first], same[triangles], joints, weights[first] / weights[first].sum(axis=1, keepdims=True))
 
 
+def reshaped(hand: Rigged, build: Build) -> Rigged:
+    """Scale the bones of a hand at rest along themselves and across, and let the skin follow as its rig tells."""
+    along = hand.joints[11] - hand.joints[0]
+    along = along / np.linalg.norm(along)
+    back = np.cross(along, hand.joints[6] - hand.joints[21])
+    back = back / np.linalg.norm(back)
+    frame = np.stack([along, np.cross(back, along), back])
+    maps = np.tile(frame.T @ np.diag(build.palm) @ frame, (25, 1, 1))
+    places = hand.joints[0] + (hand.joints - hand.joints[0]) @ maps[0].T
+    for finger, chain in enumerate(CHAINS):
+        length, thickness = build.lengths[finger], build.thicknesses[finger]
+        for start, end in pairwise(chain[1:]):
+            bone = hand.joints[end] - hand.joints[start]
+            way = np.outer(bone, bone) / (bone @ bone)
+            maps[start] = maps[end] = length * way + thickness * (np.eye(3) - way)
+            places[end] = places[start] + length * bone
+    moved = np.einsum("jab,pjb->pja", maps, hand.vertices[:, None] - hand.joints) + places
+    return Rigged(np.einsum("pj,pja->pa", hand.weights, moved), hand.triangles, places, hand.weights)
+
+
 def bent(hand: Rigged, bends: dict[str, tuple[float, ...]]) -> Rigged:
     """Bend fingers by linear blend skinning."""
     turns = np.tile(np.eye(4), (25, 1, 1))
@@ -89,9 +130,28 @@ def bent(hand: Rigged, bends: dict[str, tuple[float, ...]]) -> Rigged:
     return Rigged(moved(hand.vertices, hand.weights), hand.triangles, joints, hand.weights)
 
 
-def posed(name: str, share: float = 1.0) -> Rigged:
-    """Take one of the poses of ``BENDS``, or a share of the way to it."""
-    return bent(rest(), {finger: tuple(share * x for x in angles) for finger, angles in BENDS[name].items()})
+def posed(name: str, share: float = 1.0, build: str = "generic") -> Rigged:
+    """Take one of the poses of ``BENDS``, or a share of the way to it, of one of the hands of ``BUILDS``."""
+    whole = rest() if build == "generic" else reshaped(rest(), BUILDS[build])
+    return rounded(bent(whole, {finger: tuple(share * x for x in angles) for finger, angles in BENDS[name].items()}))
+
+
+def rounded(hand: Rigged) -> Rigged:
+    """Cut each triangle in four, the new corners on the skin that solvers hear: curved by its normals, up to 1 mm off.
+
+    A camera that saw the flat triangles would see another hand than the one that is heard.
+    """
+    middles, _ = curved(hand.vertices, hand.triangles, SHARP_DEGREES)
+    twins = edge_twins(hand.triangles).ravel()
+    once, number = np.unique(np.minimum(np.arange(len(twins)), twins), return_inverse=True)
+    ends = np.stack([hand.triangles, np.roll(hand.triangles, -1, axis=1)], axis=2).reshape(-1, 2)[once]
+    (a, b, c), (d, e, f) = hand.triangles.T, len(hand.vertices) + number.reshape(-1, 3).T
+    return Rigged(
+        np.vstack([hand.vertices, middles.reshape(-1, 3)[once]]),
+        np.concatenate([np.stack(corners, axis=1) for corners in ((a, d, f), (d, b, e), (f, e, c), (d, e, f))]),
+        hand.joints,
+        np.vstack([hand.weights, hand.weights[ends].mean(axis=1)]),
+    )
 
 
 def turned_to_camera(hand: Rigged, seed: int, tilt: float = 35.0, palm: bool = True) -> Rigged:
@@ -115,25 +175,23 @@ def turned_to_camera(hand: Rigged, seed: int, tilt: float = 35.0, palm: bool = T
 
 def depths_seen(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Depth (PIXELS, PIXELS) of the nearest triangle along the ray through each pixel, infinite where there is none."""
-    image = np.full((PIXELS, PIXELS), np.inf)
     flat = FOCAL * vertices[:, :2] / vertices[:, 2:] + PIXELS / 2
-    for corners in triangles:
-        place, depth = flat[corners], vertices[corners, 2]
-        low = np.maximum(np.ceil(place.min(axis=0)).astype(int), 0)
-        high = np.minimum(np.floor(place.max(axis=0)).astype(int), PIXELS - 1)
-        if np.any(high < low):
-            continue
-        x, y = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1), indexing="ij")
-        (a, b), (c, d) = place[1] - place[0], place[2] - place[0]
-        determinant = a * d - b * c
-        if abs(determinant) < 1e-12:
-            continue
-        u = ((x - place[0, 0]) * d - (y - place[0, 1]) * c) / determinant
-        v = ((y - place[0, 1]) * a - (x - place[0, 0]) * b) / determinant
-        inside = (u >= 0) & (v >= 0) & (u + v <= 1)
-        far = 1 / ((1 - u - v) / depth[0] + u / depth[1] + v / depth[2])
-        part = image[low[0] : high[0] + 1, low[1] : high[1] + 1]
-        part[inside] = np.minimum(part, far)[inside]
+    place, depth = flat[triangles], vertices[triangles, 2]
+    low = np.clip(np.ceil(place.min(axis=1)).astype(np.int64), 0, PIXELS)
+    wide = np.clip(np.floor(place.max(axis=1)).astype(np.int64) + 1, 0, PIXELS) - low
+    count = np.maximum(wide, 0).prod(axis=1)
+    one = np.repeat(np.arange(len(triangles)), count)  # each pixel of the box round each triangle
+    number = np.arange(len(one)) - np.repeat(np.cumsum(count) - count, count)
+    x, y = low[one, 0] + number // wide[one, 1], low[one, 1] + number % wide[one, 1]
+    (a, b), (c, d) = (place[one, 1] - place[one, 0]).T, (place[one, 2] - place[one, 0]).T
+    determinant = a * d - b * c
+    determinant[np.abs(determinant) < 1e-12] = np.inf
+    u = ((x - place[one, 0, 0]) * d - (y - place[one, 0, 1]) * c) / determinant
+    v = ((y - place[one, 0, 1]) * a - (x - place[one, 0, 0]) * b) / determinant
+    inside = (u >= 0) & (v >= 0) & (u + v <= 1) & np.isfinite(determinant)
+    far = 1 / ((1 - u - v) / depth[one, 0] + u / depth[one, 1] + v / depth[one, 2])
+    image = np.full((PIXELS, PIXELS), np.inf)
+    np.minimum.at(image, (x[inside], y[inside]), far[inside])
     return image
 
 
