@@ -40,6 +40,7 @@ from airtact.scene.target import Target
 from airtact.solvers.boundary_element import BoundaryElement
 from airtact.solvers.finite_element import FiniteElement
 from airtact.solvers.free_field import FreeField
+from airtact.solvers.outgoing_waves import outgoing_waves
 from airtact.solvers.problem import RadiatedField, Skin, Solver, SolveReport
 from airtact.solvers.sampled_field import SampledField, load_samples
 from airtact.solvers.sphere_series import SphereSeries
@@ -185,6 +186,7 @@ __all__ = [
     "merged",
     "monopole",
     "onto_skin",
+    "outgoing_waves",
     "overlay_scan",
     "phase_conjugate",
     "picture",

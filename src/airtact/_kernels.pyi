@@ -77,6 +77,15 @@ def near_excess_float32(
 
 near_excess_float64 = near_excess_float32
 
+def interpolate(
+    table: np.ndarray,
+    first: np.ndarray,
+    steps: np.ndarray,
+    u: np.ndarray,
+    v: np.ndarray,
+    w: np.ndarray,
+    out: np.ndarray,
+) -> None: ...
 def count_near(targets: np.ndarray, centres: np.ndarray, reach: np.ndarray, first: np.ndarray) -> None: ...
 def list_near(
     targets: np.ndarray, centres: np.ndarray, reach: np.ndarray, first: np.ndarray, panel: np.ndarray

@@ -13,7 +13,7 @@ template <class Real, bool Lossy>
 void double_layer_rows(const Planes<Real> &t, const Planes<Real> &y, const Planes<Real> &a, Wave<Real> k,
                        std::complex<Real> *out) {
     const std::int64_t m = y.n;
-    over_rows(t.n, [&](std::int64_t i) {
+    over_rows(t.n, m, [&](std::int64_t i) {
         Real re[block], im[block];
         const Real x[3] = {t[0][i], t[1][i], t[2][i]};
         for (std::int64_t j = 0; j < m; j += block) {
@@ -34,7 +34,7 @@ void sum_rows(std::int64_t n, std::int64_t m, const std::complex<double> *densit
             re_density[s * m + j] = Real(density[j * sounds + s].real());
             im_density[s * m + j] = Real(density[j * sounds + s].imag());
         }
-    over_rows(n, [&](std::int64_t i) {
+    over_rows(n, m, [&](std::int64_t i) {
         Real re[block], im[block];
         for (std::int64_t s = 0; s < sounds; s++) out[i * sounds + s] = 0;
         for (std::int64_t j = 0; j < m; j += block) {

@@ -77,6 +77,11 @@ void apply_monopoles(const double *targets, std::int64_t n, const double *source
                      const std::complex<double> *strength, std::int64_t sounds, Wavenumber k,
                      std::complex<double> *out);
 
+// out[i, s] = sum_abc u[i, a] v[i, b] w[i, c] table[first[i] + a steps[0] + b steps[1] + c sounds + s]
+void interpolate(const std::complex<float> *table, const std::int64_t *first, std::int64_t n, const std::int64_t *steps,
+                 const float *u, std::int64_t us, const float *v, std::int64_t vs, const float *w, std::int64_t ws,
+                 std::int64_t sounds, std::complex<double> *out);
+
 // Panels whose centre is nearer than `reach` to each target. With null outputs only counts. first: (n + 1)
 void near_pairs(const double *targets, std::int64_t n, const double *centres, const double *reach, std::int64_t panels,
                 std::int64_t *first, std::int64_t *pair_panel);

@@ -41,6 +41,7 @@ struct Variant {
     std::tuple<Dual<std::int16_t>, Dual<float>, Dual<double>> dual;
     Far<float> single;
     Far<double> twice;
+    decltype(&baseline::interpolate) interpolate;
     decltype(&baseline::near_pairs) near_pairs;
     decltype(&baseline::closest_on_panels) closest_on_panels;
     decltype(&baseline::inscribed_diameter) inscribed_diameter;
@@ -59,7 +60,7 @@ struct Variant {
 #define AIRTACT_DUAL(v, Store)                                                                                       \
     Dual<Store> { &v::dual_matrix<Store>, &v::dual_product<Store> }
 #define AIRTACT_TABLE(v)                                                                                             \
-    { #v, {AIRTACT_DUAL(v, std::int16_t), AIRTACT_DUAL(v, float), AIRTACT_DUAL(v, double)}, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::near_pairs, &v::closest_on_panels,      \
+    { #v, {AIRTACT_DUAL(v, std::int16_t), AIRTACT_DUAL(v, float), AIRTACT_DUAL(v, double)}, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::interpolate, &v::near_pairs, &v::closest_on_panels,      \
             &v::inscribed_diameter, \
       &v::near_integrals, &v::hull_distances, &v::blended_distance, &v::project_on_hulls, &v::grade_sizes, \
       &v::even_pass, &v::gerchberg_saxton }
@@ -171,6 +172,21 @@ void monopoles(Points x, Points y, Read<Complex, -1, -1> strength, Complex k, Wr
     nb::gil_scoped_release release;
     far<Real>().apply_monopoles(x.data(), x.shape(0), y.data(), y.shape(0), strength.data(), strength.shape(1), wave(k),
                           out.data());
+}
+
+static void interpolated(Read<std::complex<float>, -1> table, Index first, Read<std::int64_t, 2> steps,
+                         Read<float, -1, -1> u, Read<float, -1, -1> v, Read<float, -1, -1> w,
+                         Write<Complex, -1, -1> out) {
+    const std::size_t n = first.shape(0), sounds = out.shape(1);
+    same(u.shape(0), n), same(v.shape(0), n), same(w.shape(0), n), same(out.shape(0), n);
+    const std::int64_t last = (std::int64_t(u.shape(1)) - 1) * steps.data()[0] +
+                              (std::int64_t(v.shape(1)) - 1) * steps.data()[1] + std::int64_t(w.shape(1) * sounds);
+    for (std::size_t i = 0; i < n; i++)
+        if (first.data()[i] < 0 || first.data()[i] + last > std::int64_t(table.shape(0)))
+            throw nb::index_error("a value lies beyond the table");
+    nb::gil_scoped_release release;
+    active->interpolate(table.data(), first.data(), n, steps.data(), u.data(), u.shape(1), v.data(), v.shape(1), w.data(),
+                        w.shape(1), sounds, out.data());
 }
 
 static void count_near(Points x, Points centres, Line reach, Write<std::int64_t, -1> first) {
@@ -340,6 +356,7 @@ NB_MODULE(_kernels, m) {
     m.def("apply_monopoles_float64", &monopoles<double>);
     m.def("near_excess_float32", &excess<float>);
     m.def("near_excess_float64", &excess<double>);
+    m.def("interpolate", &interpolated);
     m.def("count_near", &count_near);
     m.def("list_near", &list_near);
     m.def("closest_on_panels", &closest);

@@ -79,9 +79,9 @@ inline void double_layer_row(const Real *x, const Real *sx, const Real *sy, cons
                                   im[j]);
 }
 
-// Calls row(i) for every target, shared out over the threads
-template <class Row> void over_rows(std::int64_t n, const Row &row) {
-#pragma omp parallel for schedule(static)
+// Calls row(i) for every target, shared out over the threads unless there are so few pairs that one has done them sooner
+template <class Row> void over_rows(std::int64_t n, std::int64_t m, const Row &row) {
+#pragma omp parallel for schedule(static) if (n * m > 10000)
     for (std::int64_t i = 0; i < n; i++) row(i);
 }
 

@@ -126,6 +126,22 @@ def test_monopole_loop_equals_numpy(precision, kind, tolerance, wavenumber):
     assert relative(out, np.exp(1j * wavenumber * distance) / distance @ strength) < 3 * tolerance
 
 
+def test_values_between_those_of_a_table_equal_numpy():
+    random = np.random.default_rng(11)
+    table = random.normal(size=(7, 9, 4, 3)) + 1j * random.normal(size=(7, 9, 4, 3))
+    rows, columns = random.integers(0, 3, 50), random.integers(0, 5, 50)
+    u, v, w = (random.normal(size=(50, size)) for size in (5, 5, 4))
+    steps = np.array([9 * 4 * 3, 4 * 3])
+    found = np.empty((50, 3), np.complex128)
+    places = rows * steps[0] + columns * steps[1]
+    weights = [part.astype(np.float32) for part in (u, v, w)]
+    _kernels.interpolate(table.astype(np.complex64).ravel(), places, steps, *weights, found)
+    read = np.stack([table[i : i + 5, j : j + 5] for i, j in zip(rows, columns, strict=True)])
+    assert relative(found, np.einsum("pa,pb,pc,pabcs->ps", u, v, w, read)) < 1e-6
+    with pytest.raises(IndexError, match="beyond the table"):
+        _kernels.interpolate(table.astype(np.complex64).ravel(), places + 400, steps, *weights, found)
+
+
 def test_a_long_way_from_the_origin_float32_keeps_its_digits():
     points, sources = scattered_points(1, 40), scattered_points(3, 300)
     near, far = np.empty((40, 1), np.complex128), np.empty((40, 1), np.complex128)

@@ -77,8 +77,9 @@ class Capsule:
 
     def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
         """Distance to the skin [m] of points (P, 3) [m], positive inside."""
-        local = self.pose.inverse().apply(points)
-        return self.radius - np.linalg.norm(local - self._nearest_on_axis(local), axis=1)
+        x, y, z = self.pose.inverse().apply(points).T
+        beyond = np.maximum(np.abs(z) - self.length / 2.0, 0.0)
+        return self.radius - np.sqrt(x * x + y * y + beyond * beyond)
 
     def project(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
         """Bring points (P, 3) [m] that are off the axis to the nearest points of the skin."""

@@ -216,15 +216,19 @@ def check_outside(scene: Scene, points: Real[np.ndarray, "points 3"], what: str)
         With how many lie inside, the deepest one and how deep it is.
     """
     given = points_of(points, f"{what} points")
-    depth = scene.depth(given)
+    refuse_inside(scene.depth(given), given, what)
+
+
+def refuse_inside(depth: Float64[np.ndarray, "points"], points: Float64[np.ndarray, "points 3"], what: str) -> None:
+    """Refuse points (P, 3) [m] by their depths (P,) [m], as ``check_outside`` does."""
     inside = np.flatnonzero(depth > CONTACT)
     if len(inside):
         deepest = int(depth.argmax())
-        several = f"{len(inside)} of {len(given)} {what} points {'lies' if len(inside) == 1 else 'lie'}"
+        several = f"{len(inside)} of {len(points)} {what} points {'lies' if len(inside) == 1 else 'lie'}"
         raise InvalidInput(
-            f"{several if len(given) > 1 else f'a {what} lies'} inside a body: {what} {deepest} at "
-            f"{place(given[deepest])} is {depth[deepest] * 1e3:.3g} mm deep; move it out or the body away.",
-            given[deepest],
+            f"{several if len(points) > 1 else f'a {what} lies'} inside a body: {what} {deepest} at "
+            f"{place(points[deepest])} is {depth[deepest] * 1e3:.3g} mm deep; move it out or the body away.",
+            points[deepest],
         )
 
 

@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Num, Real
+from jaxtyping import Float64, Int64, Num, Real
 from scipy.spatial import KDTree
+from scipy.spatial.distance import cdist
 
 from airtact.conventions import InvalidInput
 from airtact.scene.guards import complex_numbers, points_of, refuse_not_finite
@@ -12,6 +13,9 @@ from airtact.scene.printing import in_short
 
 STANDS_ON = 1e-9
 """A point nearer to a source than this stands on it [m]."""
+
+FEW = 16
+"""Sources whose distances to all points are taken sooner than a tree is searched."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +84,7 @@ def check_off_sources(points: Real[np.ndarray, "points 3"], sources: Monopoles) 
     InvalidInput
         If a point is nearer than ``STANDS_ON`` to a source: which, which source, how near.
     """
-    found = KDTree(sources.positions).query(points, distance_upper_bound=2 * STANDS_ON)  # nothing farther matters
-    distance, source = (np.asarray(part) for part in found)
+    distance, source = _nearest_source(points, sources)
     near = np.flatnonzero(distance < STANDS_ON)
     if len(near):
         first = int(near[0])
@@ -89,3 +92,15 @@ def check_off_sources(points: Real[np.ndarray, "points 3"], sources: Monopoles) 
             f"point {first} stands on source {int(source[first])} ({1e3 * distance[first]:g} mm away), where the "
             "pressure is infinite; move it off."
         )
+
+
+def _nearest_source(
+    points: Real[np.ndarray, "points 3"], sources: Monopoles
+) -> tuple[Float64[np.ndarray, "points"], Int64[np.ndarray, "points"]]:
+    """Distance [m] and number of the source nearest to each point, where that is near; a tree pays for many sources."""
+    if len(points) and len(sources.positions) <= FEW:
+        distances = cdist(points, sources.positions)
+        return distances.min(axis=1), distances.argmin(axis=1)
+    found = KDTree(sources.positions).query(points, distance_upper_bound=2 * STANDS_ON)  # nothing farther matters
+    distance, source = (np.asarray(part) for part in found)
+    return distance, source

@@ -37,11 +37,20 @@ def outgoing_ratios(
     ------
     (M,) ratio of order n.
     """
-    ratio = reference / arguments * np.exp(1j * (arguments - reference))
+    carrier = reference / arguments * np.exp(1j * (arguments - reference))
+    for shape in outgoing_shapes(arguments, reference):
+        yield carrier * shape
+
+
+def outgoing_shapes(
+    arguments: Complex[np.ndarray, "arguments"], reference: complex
+) -> Iterator[Complex128[np.ndarray, "arguments"]]:
+    """Yield h_n(z)/h_n(z0) over h_0(z)/h_0(z0) for n = 0, 1, 2 ...: ``outgoing_ratios`` without the wave itself."""
+    shape = np.ones(len(arguments), dtype=np.complex128)
     quotient = 1.0 / arguments - 1j
     for order, reference_quotient in enumerate(outgoing_quotients(reference), start=1):
-        yield ratio
-        ratio = ratio * (quotient / reference_quotient)
+        yield shape
+        shape = shape * (quotient / reference_quotient)
         quotient = (2 * order + 1) / arguments - 1.0 / quotient
 
 

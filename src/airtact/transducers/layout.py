@@ -66,7 +66,7 @@ class PhasedArray:
         if tangents is None:
             tangents = _crosswise(unit_normals)
         unit_tangents = _unit(_as_many(tangents, places, "tangent"), "tangent")
-        slant = np.abs(np.sum(unit_normals * unit_tangents, axis=1))
+        slant = np.abs(np.einsum("ed,ed->e", unit_normals, unit_tangents))
         if slant.max() > 1e-5:
             first = int(np.argmax(slant))
             raise InvalidInput(
@@ -137,7 +137,7 @@ def _as_many(
 
 def _unit(vectors: Real[np.ndarray, "elements 3"], name: str) -> Float64[np.ndarray, "elements 3"]:
     """Return the directions of some vectors; refuse zero and what is not finite."""
-    lengths = np.linalg.norm(np.asarray(vectors, dtype=np.float64), axis=1)
+    lengths = np.sqrt(np.einsum("ed,ed->e", vectors, vectors, dtype=np.float64))
     bad = ~np.isfinite(lengths) | (lengths < 1e-12)
     if bad.any():
         first = int(np.argmax(bad))
@@ -152,7 +152,7 @@ def _across(
     vectors: Float64[np.ndarray, "elements 3"], normals: Float64[np.ndarray, "elements 3"]
 ) -> Float64[np.ndarray, "elements 3"]:
     """Return what is left of each vector across its normal."""
-    return vectors - np.sum(vectors * normals, axis=1, keepdims=True) * normals
+    return vectors - np.einsum("ed,ed->e", vectors, normals)[:, None] * normals
 
 
 def _crosswise(normals: Float64[np.ndarray, "elements 3"]) -> Float64[np.ndarray, "elements 3"]:

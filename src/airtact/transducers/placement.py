@@ -6,7 +6,7 @@ from scipy.spatial import ConvexHull
 
 from airtact.conventions import InvalidInput
 from airtact.scene.guards import counted, of_kind, place
-from airtact.scene.scene import CONTACT, Scene, check_outside
+from airtact.scene.scene import CONTACT, Scene, refuse_inside
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
 
@@ -48,7 +48,7 @@ def _check_outside_bodies(scene: Scene, array: PhasedArray) -> None:
     if scene.obstacles:
         _refuse_far(-depth, "the nearest body")
     if array.element.reach == 0.0:
-        check_outside(scene, array.positions, "element")
+        refuse_inside(depth, array.positions, "element")
         return
     near = np.flatnonzero(depth > -array.element.reach)
     if len(near):
@@ -86,7 +86,8 @@ def check_reach(array: PhasedArray, foci: Real[np.ndarray, "foci 3"]) -> None:
         If an element stands over 10 m from a focus, or a focus behind the face of a directional element.
     """
     for index, focus in enumerate(foci):
-        _refuse_far(np.linalg.norm(array.positions - focus, axis=1), f"focus {index}")
+        offsets = array.positions - focus
+        _refuse_far(np.sqrt(np.einsum("ed,ed->e", offsets, offsets)), f"focus {index}")
     if array.element.directional:
         check_before_faces(array, foci, "focus")
 
