@@ -241,8 +241,9 @@ def refuse_not_finite(array: np.ndarray, what: str) -> None:
     InvalidInput
         Saying how many values are not finite and where the first is.
     """
-    bad = np.argwhere(~np.isfinite(array))
-    if len(bad):
+    finite = np.isfinite(array)
+    if not finite.all():
+        bad = np.argwhere(~finite)
         where = [int(i) for i in bad[0]]
         values = counted(len(bad), "NaN or infinite value", "NaN or infinite values")
         raise InvalidInput(f"{what} hold {values}, the first at index {where}.")

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Complex128, Float64
+from jaxtyping import Complex128, Float64, Real
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import number
+from airtact.scene.guards import number, points_of
 from airtact.scene.panels import Panels, panels_of
 from airtact.scene.scene import Scene, check_sources
 from airtact.scene.shape import BEND
@@ -27,14 +27,24 @@ from airtact.solvers.boundary_operator import (
 )
 from airtact.solvers.boundary_pressure import NearRule
 from airtact.solvers.boundary_quadrature import place_nodes
+from airtact.solvers.factorised_bodies import FactorisedBodies
 from airtact.solvers.gmres import GmresResult, gmres
 from airtact.solvers.problem import Solver, SolveReport
+from airtact.solvers.scattering_part import ScatteringPart, scattering_part
 
 CITATIONS = (
     "A. Mohsen, R. Piscoya, M. Ochmann, Acta Acustica united with Acustica 97 (2011) 699: dual-surface equation",
     "P. R. Johnston, D. Elliott, Int. J. Numer. Meth. Engng 62 (2005) 564: sinh transformation of near integrals",
     "Y. Saad, M. H. Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856: GMRES",
 )
+
+KEPT_SOURCE = "P. G. Martinsson, V. Rokhlin, Journal of Computational Physics 205 (2005) 1: skeletons of kept bodies"
+
+REACH = 0.7
+"""Wavelengths beyond which a factorised body is heard through its skeleton."""
+
+KEPT = 0.3
+"""Share of the accuracy that the skeletons may lose."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +96,7 @@ class BoundaryElement(Solver):
 
     def unknowns(self, scene: Scene, sources: Monopoles) -> int:
         """Count the nodes that a solve would have; its matrix takes 8 or 16 bytes for each pair of them."""
-        return 6 * len(self._panels(scene, sources).six_nodes)
+        return 6 * len(self._panels(scene, sources.heard_finely).six_nodes)
 
     def radiate(self, scene: Scene, sources: Monopoles) -> BoundaryField:
         """Solve the scene for the monopoles.
@@ -105,7 +115,7 @@ class BoundaryElement(Solver):
         """
         _refuse_unfit(scene, sources)
         clock = _Clock()
-        panels = self._panels(scene, sources)
+        panels = self._panels(scene, sources.heard_finely)
         nodes = place_nodes(panels.six_nodes, panels.body, panels.deviation)
         refuse_too_large(len(nodes.points), self._store())
         clock.lap("panels")
@@ -143,15 +153,68 @@ class BoundaryElement(Solver):
         warnings = (*_warnings(estimate, self.accuracy), *report.warnings)
         return replace(field, report=replace(report, estimated_error=estimate, warnings=warnings))
 
+    def factorised(self, scene: Scene, beside: Real[np.ndarray, "points 3"] | None = None) -> FactorisedBodies:
+        """Solve each body by itself once, to hear it for many foci and wherever it is moved.
+
+        What is kept hears a new pose of two fingers, or other foci, in a small part of the time of ``radiate``; the
+        field is heard away from the bodies only, as without an estimate.
+
+        Parameters
+        ----------
+        scene : sound-hard bodies.
+        beside : (P, 3) points beside which foci will stand; the skin is panelled finer there [m].
+
+        Raises
+        ------
+        InvalidInput
+            No bodies, a boundary other than sound-hard, or too little memory.
+        """
+        fine = np.empty((0, 3)) if beside is None else points_of(beside, "points beside the skin", least=0)
+        _refuse_unfit(scene, Monopoles(np.full((1, 3), 1e3), np.ones(1)))
+        clock = _Clock()
+        panels = self._panels(scene, fine)
+        parts = tuple(self._part(panels, body, scene) for body in range(len(scene.obstacles)))
+        clock.lap("bodies")
+        nodes = [part.surface.nodes for part in parts]
+        count = sum(len(one.points) for one in nodes)
+        report = SolveReport(
+            solver="BoundaryElement, factorised",
+            residual=0.0,
+            iterations=0,
+            nodes=count,
+            nodes_per_square_wavelength=count * scene.wavelength**2 / float(sum(one.weights.sum() for one in nodes)),
+            estimated_error=float("nan"),
+            seconds=clock.laps,
+            settings={
+                "accuracy": self.accuracy,
+                "precision": self.precision,
+                "gmres_tolerance": 0.1 * self.accuracy,
+                "kept_error": max(part.error for part in parts),
+            },
+            citations=(*CITATIONS, KEPT_SOURCE),
+            warnings=tuple(_off_triangles(panels, scene.wavelength)),
+            farthest_off_triangles=float(panels.farthest.max()),
+            mean_off_triangles=float(panels.mean_distance.max()),
+        )
+        return FactorisedBodies(scene, parts, self, report)
+
+    def _part(self, panels: Panels, body: int, scene: Scene) -> ScatteringPart:
+        """Factorise one body."""
+        own = np.flatnonzero(panels.body == body)
+        nodes = place_nodes(panels.six_nodes[own], np.zeros(len(own), dtype=np.int64), panels.deviation[own])
+        refuse_too_large(len(nodes.points), "float64")  # as much as the matrix and what it is solved for
+        surface = dual_surface(nodes, scene.wavenumber, self._near_rule(), self.precision)
+        return scattering_part(surface, REACH * scene.wavelength, KEPT * self.accuracy)
+
     def _solved(
         self, matrix: DualMatrix, right: Complex128[np.ndarray, "nodes sounds"], transposed: bool
     ) -> GmresResult:
         sides = np.ascontiguousarray(right.T, dtype=matrix.precision)
         return gmres(lambda vectors: matrix.times(vectors, transposed), sides, self._tolerance())
 
-    def _panels(self, scene: Scene, sources: Monopoles) -> Panels:
+    def _panels(self, scene: Scene, fine: Real[np.ndarray, "points 3"]) -> Panels:
         edge = scene.wavelength * np.sqrt(6 / self.nodes_per_square_wavelength * 4 / np.sqrt(3))
-        near = sources.heard_finely[scene.depth(sources.heard_finely) > -edge]
+        near = fine[scene.depth(fine) > -edge]
         shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
         return panels_of(shapes, edge, near, smallest=0.5 * edge, bend=self._bend())
 

@@ -105,6 +105,12 @@ class DualMatrix:
         multiply(self.values, self.scales, vectors, transposed, out)
         return out
 
+    def dense(self) -> Complex[np.ndarray, "nodes nodes"]:
+        """Give all of it as one array, from a store that is not of integers."""
+        count = len(self.values)
+        planes = [self.values[:, :, part].reshape(count, -1)[:, :count] for part in (0, 1)]
+        return np.ascontiguousarray(planes[0] + 1j * planes[1], dtype=self.precision)
+
 
 _LAST: list[DualMatrix] = []
 """The last matrix that was given back, if any: touching fresh memory takes longer than filling it."""

@@ -1,0 +1,134 @@
+"""Bodies that are factorised one by one, for foci that change and for bodies that move rigidly against each other."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float64
+
+from airtact.conventions import InvalidInput
+from airtact.scene.guards import counted
+from airtact.scene.pose import Pose
+from airtact.scene.printing import in_short
+from airtact.scene.rigid_motion import rigid_motion
+from airtact.scene.scene import Obstacle, Scene, check_sources
+from airtact.scene.sources import Monopoles
+from airtact.solvers.boundary_pressure import project_contacts
+from airtact.solvers.gmres import gmres
+from airtact.solvers.placed_part import Coupling, PartsField, PlacedPart
+from airtact.solvers.problem import RadiatedField, Solver, SolveReport
+from airtact.solvers.scattering_part import ScatteringPart
+
+MOVED = 1e-3
+"""Wavelengths that a vertex may be off and its body still counts as rigidly moved."""
+
+
+@dataclass(frozen=True, eq=False)
+class FactorisedBodies(Solver):
+    """Bodies whose own scattering is kept: a solver for them alone, wherever each of them is moved.
+
+    Attributes
+    ----------
+    scene : the bodies as they were factorised.
+    parts : what each of them does to sound, in its own frame.
+    whole : the solver that takes over where two bodies come too near for it.
+    report : how it was made, before any sound was solved.
+    """
+
+    scene: Scene
+    parts: tuple[ScatteringPart, ...]
+    whole: Solver
+    report: SolveReport
+
+    __repr__ = in_short
+
+    def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
+        """Solve for the monopoles, with each body where the scene has it.
+
+        Where two bodies stand nearer than the kept scattering reaches, the scene is solved as a whole.
+
+        Parameters
+        ----------
+        scene : the same bodies, each of them moved rigidly or not, in the same medium at the same frequency.
+        sources : monopoles outside the bodies or on their skin.
+
+        Raises
+        ------
+        InvalidInput
+            Other bodies, another medium or frequency, or a source inside a body.
+        NotConverged
+            The iteration over the bodies did not settle.
+        """
+        check_sources(scene, sources)
+        began = time.perf_counter()
+        coupling = self._coupling(scene)
+        if coupling is None:
+            return self.whole.radiate(scene, sources)
+        placed = coupling.placed
+        sources, factors = _on_skins(placed, sources)
+        spoken = factors[:, None] * sources.strengths
+        alone = np.concatenate([body.alone(sources.positions, spoken) for body in placed])
+        tolerance = float(self.report.settings["gmres_tolerance"])
+        result = gmres(coupling.times, np.ascontiguousarray(alone.T), tolerance)
+        report = replace(
+            self.report,
+            residual=float(result.residuals.max()),
+            iterations=result.iterations,
+            seconds={"bodies": time.perf_counter() - began},
+        )
+        return PartsField(scene, sources, placed, result.solution.T.astype(np.complex128), factors, report)
+
+    @cached_property
+    def _at_rest(self) -> Coupling | None:
+        """The bodies as they were factorised."""
+        return _coupled([PlacedPart(part, Pose.identity()) for part in self.parts])
+
+    def _coupling(self, scene: Scene) -> Coupling | None:
+        """Put the bodies where the scene has them; None where they are too near each other."""
+        self._refuse_others(scene)
+        pairs = list(zip(self.scene.obstacles, scene.obstacles, self.parts, strict=True))
+        if all(before.surface is after.surface and before.boundary == after.boundary for before, after, _ in pairs):
+            return self._at_rest
+        return _coupled([self._where(index, *pair) for index, pair in enumerate(pairs)])
+
+    def _refuse_others(self, scene: Scene) -> None:
+        if scene.medium != self.scene.medium or scene.frequency != self.scene.frequency:
+            raise InvalidInput(
+                f"the bodies were factorised for {self.scene.frequency:g} Hz in {self.scene.medium}, but the scene has "
+                f"{scene.frequency:g} Hz in {scene.medium}; factorise them for it."
+            )
+        if len(scene.obstacles) != len(self.parts):
+            raise InvalidInput(
+                f"{counted(len(self.parts), 'body was', 'bodies were')} factorised, but the scene has "
+                f"{len(scene.obstacles)}; factorise those."
+            )
+
+    def _where(self, index: int, before: Obstacle, after: Obstacle, part: ScatteringPart) -> PlacedPart:
+        pose, off = rigid_motion(before.surface, after.surface)
+        if off > MOVED * self.scene.wavelength or after.boundary != before.boundary:
+            why = f"its vertices are up to {1e3 * off:.3g} mm off" if np.isfinite(off) else "it has other triangles"
+            why = why if after.boundary == before.boundary else f"it is {after.boundary}"
+            raise InvalidInput(
+                f"body {index} is not the one that was factorised, moved rigidly: {why}; factorise the scene again, or "
+                "solve it with BoundaryElement."
+            )
+        return PlacedPart(part, pose)
+
+
+def _coupled(placed: Sequence[PlacedPart]) -> Coupling | None:
+    """How bodies hear each other; None where two of them stand too near for what is kept."""
+    if any(first.meets(second) for index, first in enumerate(placed) for second in placed[:index]):
+        return None
+    return Coupling.of(placed)
+
+
+def _on_skins(placed: Sequence[PlacedPart], sources: Monopoles) -> tuple[Monopoles, Float64[np.ndarray, "sources"]]:
+    """Put sources that touch a skin exactly on its panel, and count them twice: they speak with their image."""
+    positions, factors = np.array(sources.positions), np.ones(len(sources.positions))
+    for body in placed:
+        local, contact = project_contacts(body.part.surface.nodes, body.local.apply(positions))
+        positions[contact] = body.pose.apply(local[contact])
+        factors[contact] = 2.0
+    return replace(sources, positions=positions) if (factors > 1).any() else sources, factors

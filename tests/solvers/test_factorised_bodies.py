@@ -1,0 +1,158 @@
+"""Bodies factorised one by one hear what they hear when solved as a whole, wherever they are moved."""
+
+import re
+
+import numpy as np
+import pytest
+
+import airtact as at
+
+AIR = at.Medium(343.1, 1.293)
+BALLS = (
+    at.sphere(radius=4e-3, edge=2e-3, centre=(-9e-3, 0, 0)),
+    at.sphere(radius=3e-3, edge=2e-3, centre=(9e-3, 0, 0)),
+)
+FOCI = np.array([[-4.5e-3, 0, 0], [5.2e-3, 1e-3, 0]])
+AROUND = 70e-3 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0.3], [0, 0.2, 1], [0.5, 0.5, -1]])
+
+
+def scene_of(*surfaces):
+    return at.Scene(AIR, [at.sound_hard(surface) for surface in surfaces], frequency=40e3)
+
+
+def beacons(foci=FOCI):
+    return at.Target(foci).beacons()
+
+
+def off(heard, truth):
+    return np.linalg.norm(heard - truth) / np.linalg.norm(truth)
+
+
+def moved_balls():
+    first = at.Pose.turn((1, 2, 3), 0.4, (-1e-3, 2e-3, 1e-3))
+    second = at.Pose.turn((0, 1, 1), -0.7, (3e-3, 0, -4e-3))
+    surfaces = BALLS[0].moved(first), BALLS[1].moved(second)
+    return scene_of(*surfaces), np.concatenate([first.apply(FOCI[:1]), second.apply(FOCI[1:])])
+
+
+@pytest.fixture(scope="module")
+def kept():
+    return at.BoundaryElement(accuracy=0.01).factorised(scene_of(*BALLS), FOCI)
+
+
+def test_one_ball_is_heard_as_the_series_has_it_and_better_when_asked_for_better():
+    ball, focus = at.sphere(radius=5e-3, edge=2e-3), np.array([[0, 0, 8e-3]])
+    truth = at.SphereSeries().radiate(scene_of(ball), beacons(focus)).at(AROUND)
+    solvers = [at.BoundaryElement(accuracy=accuracy) for accuracy in (0.05, 0.001)]
+    errors = [
+        off(one.factorised(scene_of(ball)).radiate(scene_of(ball), beacons(focus)).at(AROUND), truth) for one in solvers
+    ]
+    assert errors[0] < 0.05
+    assert errors[1] < min(0.001, 0.2 * errors[0])
+
+
+def test_bodies_at_rest_and_moved_each_are_heard_as_when_solved_as_a_whole(kept):
+    fine = at.BoundaryElement(accuracy=0.001)
+    for scene, foci in ((scene_of(*BALLS), FOCI), moved_balls()):
+        heard = kept.radiate(scene, beacons(foci)).at(AROUND)
+        assert off(heard, fine.radiate(scene, beacons(foci)).at(AROUND)) < 0.01
+
+
+def test_bodies_hear_each_other(kept):
+    scene, foci = moved_balls()
+    alone = at.SphereSeries().radiate(scene_of(scene.obstacles[0].surface), beacons(foci[:1])).at(AROUND)
+    assert off(kept.radiate(scene, beacons(foci[:1])).at(AROUND), alone) > 0.1
+
+
+def test_a_motion_of_all_together_is_a_motion_of_what_is_heard(kept):
+    pose = at.Pose.turn((1, 0, 1), 1.1, (2e-3, -7e-3, 5e-3))
+    still = kept.radiate(scene_of(*BALLS), beacons()).at(AROUND)
+    moved = scene_of(*[ball.moved(pose) for ball in BALLS])
+    assert off(kept.radiate(moved, beacons(pose.apply(FOCI))).at(pose.apply(AROUND)), still) < 1e-4
+
+
+def test_a_focus_on_the_skin_speaks_with_its_image(kept):
+    touching = np.array([[-5e-3, 0, 0]])
+    truth = at.BoundaryElement(accuracy=0.001).radiate(scene_of(*BALLS), beacons(touching)).at(AROUND)
+    assert off(kept.radiate(scene_of(*BALLS), beacons(touching)).at(AROUND), truth) < 0.01
+
+
+def test_double_precision_is_heard_too():
+    solver = at.BoundaryElement(accuracy=0.01, precision="float64")
+    heard = solver.factorised(scene_of(*BALLS)).radiate(scene_of(*BALLS), beacons()).at(AROUND)
+    assert off(heard, solver.radiate(scene_of(*BALLS), beacons()).at(AROUND)) < 0.01
+
+
+def test_the_report_says_what_the_keeping_lost(kept):
+    report = kept.radiate(scene_of(*BALLS), beacons()).report
+    assert 0 < report.settings["kept_error"] < 0.01
+    assert report.residual <= report.settings["gmres_tolerance"]
+    assert report.nodes == sum(len(part.surface.nodes.points) for part in kept.parts)
+
+
+def test_bodies_that_come_too_near_are_solved_as_a_whole(kept):
+    near = BALLS[1].moved(at.Pose(np.eye(3), np.array([-8e-3, 0, 0])))
+    field = kept.radiate(scene_of(BALLS[0], near), beacons(np.array([[0, 0, 9e-3]])))
+    assert len(field.skin.points) > 0  # which kept scattering does not know
+
+
+def test_the_field_is_not_known_near_the_skin_nor_inside(kept):
+    field = kept.radiate(scene_of(*BALLS), beacons())
+    places = np.array([[-9e-3, 0, 0], [-9e-3, 0, 6e-3], [-9e-3, 0, 12e-3]])
+    assert field.valid(places).tolist() == [False, False, True]
+    assert np.isnan(field.at(places)[:, 0]).tolist() == [True, True, False]
+    with pytest.raises(
+        at.InvalidInput, match=re.escape("the pressure on the skin of 2 factorised bodies is not solved")
+    ):
+        _ = field.skin
+
+
+def test_the_transfer_matrix_is_that_of_the_whole_solve(kept):
+    scene, foci = moved_balls()
+    array = at.surrounding_box()
+    heard = at.transfer_matrix(kept.radiate(scene, beacons(foci)), array).matrix
+    truth = at.transfer_matrix(at.BoundaryElement(accuracy=0.002).radiate(scene, beacons(foci)), array).matrix
+    assert off(heard, truth) < 0.01
+
+
+def test_other_bodies_are_refused(kept):
+    scene = scene_of(*BALLS)
+    smaller = at.sphere(radius=2.9e-3, edge=2e-3, centre=(9e-3, 0, 0))
+    for other, sentence in (
+        (scene_of(BALLS[0]), "2 bodies were factorised, but the scene has 1"),
+        (scene_of(BALLS[0], smaller), "body 1 is not the one that was factorised, moved rigidly: "),
+        (scene_of(BALLS[0], at.capsule((9e-3, 0, 0), (9e-3, 0, 9e-3), 3e-3, 2e-3)), "it has other triangles"),
+        (at.Scene(AIR, scene.obstacles, frequency=41e3), "factorised for 40000 Hz"),
+        (at.Scene(AIR, [scene.obstacles[0], at.impedance(BALLS[1], 3.0)]), "it is impedance"),
+    ):
+        with pytest.raises(at.InvalidInput, match=re.escape(sentence)):
+            kept.radiate(other, beacons())
+
+
+def test_a_deformed_body_is_refused_with_how_far_its_vertices_are_off(kept):
+    stretched = at.Surface(BALLS[1].vertices * [1, 1, 1.05], BALLS[1].triangles)
+    with pytest.raises(at.InvalidInput, match=r"body 1 .* its vertices are up to 0\.1\d* mm off"):
+        kept.radiate(scene_of(BALLS[0], stretched), beacons())
+
+
+def test_a_mirrored_body_is_no_rigid_motion(kept):
+    ball = BALLS[1]
+    lump = (
+        ball.vertices
+        + np.where(ball.vertices > 11e-3, 1e-3, 0) * [0.5, 0, 0]
+        + np.where(ball.vertices[:, 1:2] > 2e-3, 5e-4, 0) * [0, 1, 0]
+    )
+    body = at.Surface(lump, ball.triangles)
+    mirrored = at.Surface(lump * [1, 1, -1], ball.triangles[:, ::-1].copy())
+    solver = at.BoundaryElement(accuracy=0.05).factorised(scene_of(body))
+    with pytest.raises(at.InvalidInput, match="body 0 is not the one"):
+        solver.radiate(scene_of(mirrored), beacons())
+
+
+def test_a_focus_inside_and_an_empty_scene_are_refused(kept):
+    with pytest.raises(at.InvalidInput, match="is 4 mm deep"):
+        kept.radiate(scene_of(*BALLS), beacons(np.array([[-9e-3, 0, 0]])))
+    with pytest.raises(at.InvalidInput, match="the scene has 0 obstacles"):
+        at.BoundaryElement().factorised(scene_of())
+    with pytest.raises(at.InvalidInput, match="NaN"):
+        at.BoundaryElement().factorised(scene_of(*BALLS), np.full((1, 3), np.nan))
