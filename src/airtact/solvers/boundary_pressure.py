@@ -189,7 +189,10 @@ class Contacts:
 
 def find_contacts(nodes: Nodes, points: Real[np.ndarray, "points 3"], within: float = 0.0) -> Contacts:
     """Find which of some points (P, 3) touch the skin or are nearer to it than ``within`` [m], and where."""
-    near = integrate_near(nodes, points, find_near(nodes, points, 1.1), 0j, (1, 1))
+    pairs = find_near(nodes, points, 1.1)
+    if not len(pairs[0]):
+        return Contacts(*pairs, np.empty((0, 2)), np.empty(0))
+    near = integrate_near(nodes, points, pairs, 0j, (1, 1))
     touching = np.flatnonzero(near.distance < np.maximum(nodes.contact[near.panel], within))
     nearest_first = touching[np.argsort(near.distance[touching], kind="stable")]
     target, first = np.unique(near.target[nearest_first], return_index=True)

@@ -85,11 +85,7 @@ def _least_squares(
     hessenberg: Complex[np.ndarray, "sides rows steps"],
 ) -> tuple[Complex[np.ndarray, "sides steps"], Float64[np.ndarray, "sides"]]:
     """Minimise |e₁ − H y| for every side; gives y and the residual."""
-    weights, residuals = [], []
-    first = np.zeros(hessenberg.shape[1])
-    first[0] = 1
-    for matrix in hessenberg:
-        weight = np.linalg.lstsq(matrix, first, rcond=None)[0]
-        weights.append(weight)
-        residuals.append(float(np.linalg.norm(first - matrix @ weight)))
-    return np.array(weights), np.array(residuals)
+    weights = np.linalg.pinv(hessenberg)[:, :, 0]
+    left = -np.einsum("srk,sk->sr", hessenberg, weights)
+    left[:, 0] += 1
+    return weights, np.linalg.norm(left, axis=1)

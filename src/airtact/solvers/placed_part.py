@@ -42,10 +42,16 @@ class PlacedPart:
 
     def reaches(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
         """Which points (P, 3) [m] are too near to be heard from the skeleton."""
-        tree, reach, local = self.part.tree, self.part.reach, self.local.apply(points)
-        near = ((local > tree.mins - reach) & (local < tree.maxes + reach)).all(axis=1)
-        near[near] = np.isfinite(tree.query(local[near], distance_upper_bound=reach)[0])
+        near = self.boxes(points, self.part.reach)
+        if near.any():
+            distance, _ = self.part.tree.query(self.local.apply(points[near]), distance_upper_bound=self.part.reach)
+            near[near] = np.isfinite(distance)
         return near
+
+    def boxes(self, points: Real[np.ndarray, "points 3"], beyond: float = 0.0) -> Bool[np.ndarray, "points"]:
+        """Which points (P, 3) [m] lie in the box round the part, or ``beyond`` [m] of it."""
+        tree, local = self.part.tree, self.local.apply(points)
+        return ((local > tree.mins - beyond) & (local < tree.maxes + beyond)).all(axis=1)
 
     def meets(self, other: "PlacedPart") -> bool:
         """Whether another body stands too near."""
@@ -69,7 +75,10 @@ class PlacedPart:
         fill = getattr(_kernels, f"double_layer_matrix_{surface.precision}")
         listening = self.pose.apply(self.part.hearing)
         fill(listening, other.pose.apply(places), other.pose.rotate(normals), complex(surface.wavenumber), rows)
-        return kind.type(1j) * rows[count:] - rows[:count]
+        heard = rows[count:]
+        heard *= 1j
+        heard -= rows[:count]
+        return heard
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +145,10 @@ class PartsField(RadiatedField):
     def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
         """Whether points (P, 3) [m] lie outside the bodies and farther from them than the kept scattering's reach."""
         points = points_of(points, "points", least=0)
-        return ~np.any([body.reaches(points) for body in self.placed], axis=0) & (self.scene.depth(points) < 0)
+        known = ~np.any([body.reaches(points) for body in self.placed], axis=0)
+        within = known & np.any([body.boxes(points) for body in self.placed], axis=0)
+        known[within] = self.scene.depth(points[within]) < 0
+        return known
 
     def at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
         """Total pressure [Pa] at points (P, 3) for each of the S sounds; NaN in the bodies and nearer than the reach.
