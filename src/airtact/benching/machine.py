@@ -37,7 +37,7 @@ def kernels_against_product(runs: int = 7) -> list[Row]:
     """
     bodies = two_fingers()
     scene = bodies.scene
-    panels = BoundaryElement(accuracy=0.02)._panels(scene, bodies.target.beacons())
+    panels = BoundaryElement(accuracy=0.02)._panels(scene, bodies.foci)
     nodes = place_nodes(panels.six_nodes, panels.body, panels.deviation)
     wavenumber, shifted = (
         scene.wavenumber,

@@ -46,6 +46,11 @@ class CurvedShape:
         return self.mesh.volume
 
     @property
+    def thinnest(self) -> float:
+        """Return 0: how thin a mesh is has to be measured."""
+        return 0.0
+
+    @property
     def six_nodes(self) -> SixNodes:
         """Its panels (T, 6, 3) [m]."""
         return self.pose.apply(self.mesh.six_nodes)

@@ -53,6 +53,11 @@ class HandShape:
         """Enclosed volume [m³]."""
         return self._measures[1]
 
+    @property
+    def thinnest(self) -> float:
+        """Return 0: where fingers meet in a crease the panels are thinner than the hulls, and have to be measured."""
+        return 0.0
+
     def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
         """Distance to the skin [m] of points (P, 3) [m], positive inside."""
         return -self.hulls.look(self.pose.inverse().apply(points)).distance

@@ -117,5 +117,7 @@ def _deviation(panels: SixNodes, shape: Shape) -> Float64[np.ndarray, "panels"]:
 def _off_triangles(panels: SixNodes, shape: Shape) -> tuple[float, float]:
     """Largest and mean distance of panels from the triangles that the body was given as [m]."""
     distance = shape.off_triangles((PROBES @ panels).reshape(-1, 3)).reshape(len(panels), -1)
+    if not distance.any():
+        return 0.0, 0.0
     areas = panel_areas(panels)
     return float(distance.max()), float(areas @ distance.mean(axis=1) / areas.sum())

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float64, Real
@@ -108,6 +109,10 @@ class Pose:
 
     def inverse(self) -> "Pose":
         """Build the motion that undoes this one."""
+        return self._inverse
+
+    @cached_property
+    def _inverse(self) -> "Pose":
         return Pose(self.rotation.T, -self.rotation.T @ self.translation)
 
     def __matmul__(self, other: "Pose") -> "Pose":

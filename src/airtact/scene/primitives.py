@@ -71,6 +71,11 @@ class Capsule:
         return math.pi * self.radius**2 * (self.length + 4.0 / 3.0 * self.radius)
 
     @property
+    def thinnest(self) -> float:
+        """Diameter of the largest ball that touches the skin from inside, the same everywhere [m]."""
+        return 2.0 * self.radius
+
+    @property
     def axis(self) -> Float64[np.ndarray, "2 3"]:
         """Start and end of the axis (2, 3) [m]."""
         return self.pose.apply(np.array([[0.0, 0.0, -self.length / 2.0], [0.0, 0.0, self.length / 2.0]]))

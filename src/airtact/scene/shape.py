@@ -32,6 +32,11 @@ class Shape(Protocol):
         """Enclosed volume [m³]."""
         ...
 
+    @property
+    def thinnest(self) -> float:
+        """Diameter [m] that every largest ball which touches the skin from inside has at least; 0 if none is known."""
+        ...
+
     def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
         """Distance to the skin [m] of points (P, 3) [m], positive inside."""
         ...

@@ -3,6 +3,8 @@
 A panel is a quadratic triangle: corners 0, 1, 2 and the mid-edge points of its edges 01, 12, 20.
 """
 
+from functools import cache
+
 import numpy as np
 from jaxtyping import Float64, Int, Int64, Real
 
@@ -98,6 +100,7 @@ def _piece_references(count: int) -> Float64[np.ndarray, "pieces 6 2"]:
     return with_middles(np.array(corners, dtype=np.float64) / count)
 
 
+@cache
 def gauss_square(points: int) -> tuple[Float64[np.ndarray, "points 2"], Float64[np.ndarray, "points"]]:
     """Gauss rule of points² on the unit triangle, by collapsing the unit square."""
     x, weights = np.polynomial.legendre.leggauss(points)

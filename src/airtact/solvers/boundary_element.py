@@ -119,7 +119,8 @@ class BoundaryElement(Solver):
         nodes = place_nodes(panels.six_nodes, panels.body, panels.deviation)
         refuse_too_large(len(nodes.points), self._store())
         clock.lap("panels")
-        surface = dual_surface(nodes, scene.wavenumber, self._near_rule(), self.precision)
+        thinnest = np.array([obstacle.surface.shape.thinnest for obstacle in scene.obstacles])
+        surface = dual_surface(nodes, scene.wavenumber, self._near_rule(), self.precision, thinnest)
         matrix = assemble(surface, self._store())
         clock.lap("matrix")
         rows, factors = heard(surface, sources.positions, sources.strengths)
@@ -203,7 +204,8 @@ class BoundaryElement(Solver):
         own = np.flatnonzero(panels.body == body)
         nodes = place_nodes(panels.six_nodes[own], np.zeros(len(own), dtype=np.int64), panels.deviation[own])
         refuse_too_large(len(nodes.points), "float64")  # as much as the matrix and what it is solved for
-        surface = dual_surface(nodes, scene.wavenumber, self._near_rule(), self.precision)
+        thinnest = np.array([scene.obstacles[body].surface.shape.thinnest])
+        surface = dual_surface(nodes, scene.wavenumber, self._near_rule(), self.precision, thinnest)
         return scattering_part(surface, REACH * scene.wavelength, KEPT * self.accuracy)
 
     def _solved(
@@ -236,7 +238,9 @@ class BoundaryElement(Solver):
     def _tolerance(self) -> float:
         if self.precision == "float64":
             return min(0.1 * self.accuracy, 1e-8)
-        return min(0.3 * self.accuracy, 0.01) if self._store() == "int16" else max(0.1 * self.accuracy, 2e-6)
+        if self._store() != "int16":
+            return max(0.1 * self.accuracy, 2e-6)
+        return min(0.3 * self.accuracy, 0.01) if self.estimate else 0.6 * self.accuracy  # heard from afar only
 
 
 class _Clock:

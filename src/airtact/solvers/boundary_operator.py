@@ -53,13 +53,20 @@ class DualSurface:
     __repr__ = in_short
 
 
-def dual_surface(nodes: Nodes, wavenumber: complex, near_rule: NearRule, precision: str) -> DualSurface:
+def dual_surface(
+    nodes: Nodes,
+    wavenumber: complex,
+    near_rule: NearRule,
+    precision: str,
+    thinnest: Float64[np.ndarray, "bodies"] | None = None,
+) -> DualSurface:
     """Put the second surface 0.2 λ under the skin, or 0.3 of the local thickness where the body is thin.
 
-    Three neighbours on a panel share one point of it: a third fewer kernels for the same accuracy.
+    Three neighbours on a panel share one point of it: a third fewer kernels for the same accuracy. ``thinnest`` is how
+    thick each body is everywhere at least [m], as far as that is known.
     """
     wavelength = 2 * np.pi / wavenumber.real
-    depth = 0.3 * thickness(nodes, 2 / 3 * wavelength)
+    depth = 0.3 * thickness(nodes, 2 / 3 * wavelength, thinnest)
     inside = (nodes.points - depth[:, None] * nodes.normals).reshape(-1, _kernels.sharing, 3)
     return DualSurface(nodes, inside.mean(axis=1), wavenumber, near_rule, precision)
 

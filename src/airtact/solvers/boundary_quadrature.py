@@ -214,14 +214,22 @@ def integrate_near(
     return NearPairs(target, panel, moments @ NODAL, distance, foot)
 
 
-def thickness(nodes: Nodes, largest: float) -> Float64[np.ndarray, "nodes"]:
+def thickness(
+    nodes: Nodes, largest: float, thinnest: Float64[np.ndarray, "bodies"] | None = None
+) -> Float64[np.ndarray, "nodes"]:
     """Diameter of the largest ball inside the body that touches the skin at each node [m], at most ``largest``.
+
+    Bodies of which ``thinnest`` says that they are as thick as that everywhere are not looked at.
 
     A ball that reaches no other node may still reach the skin between nodes, so it is shrunk until the point of the
     panels nearest to its centre is on it (J. Ma, S. W. Bae, S. Choi, The Visual Computer 28, 7 (2012)).
     """
     diameter = np.full(len(nodes.points), float(largest))
+    if thinnest is not None and thinnest.min() >= largest:
+        return diameter
     some = _may_be_thin(nodes, largest)
+    if thinnest is not None:
+        some = some[thinnest[nodes.body[some]] < largest]
     diameter[some] = inscribed_diameters(nodes, some, largest)
     tree = panel_tree(nodes.six_nodes)
     for _ in range(SHRINKINGS):
