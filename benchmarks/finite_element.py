@@ -67,7 +67,7 @@ def pinch_run(symmetry: str, factorisation: str, one_sound: bool) -> None:
     )
 
 
-def _pinch(symmetry: str, factorisation: str = "sparsecholesky", one_sound: bool = True) -> str:
+def _pinch(symmetry: str, factorisation: str = "found", one_sound: bool = True) -> str:
     command = [sys.executable, __file__, "--pinch", symmetry, factorisation, str(int(one_sound))]
     return subprocess.run(command, capture_output=True, text=True, check=True, cwd=Path.cwd()).stdout.strip()
 

@@ -4,9 +4,12 @@ import re
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
 
 import airtact as at
-from airtact.solvers import finite_memory, finite_meshing
+from airtact.solvers import finite_factor, finite_memory, finite_meshing
+from airtact.solvers.finite_dissection import dissected
+from airtact.solvers.finite_elimination import eliminate, solve, sorted_entries
 from airtact.solvers.finite_factor import pardiso_library
 from airtact.solvers.finite_field import FiniteField, rough_places
 from airtact.solvers.finite_orders import longest_served
@@ -142,6 +145,55 @@ def test_a_meshed_workspace_is_read_off_the_mesh():
         at.InvalidInput, match=r"source 0 at .* stands 1 mm outside the workspace, in the matched layer"
     ):
         solver.radiate(scene, one_each(np.array([[0.0, 0.0, 0.013]])))
+
+
+@pytest.mark.parametrize("symmetry", [(), ("x", "z")], ids=["whole", "quarter"])
+def test_fronts_solve_what_netgens_own_factorisation_does(symmetry):
+    scene = ball_scene(BODIES["hard"], at.Medium(343.1, 1.293, absorption=20.0))
+    sources = one_each(directions(2, 0) * 0.0055)
+    one, other = (
+        at.FiniteElement(order=3, symmetry=symmetry, factorisation=name).radiate(scene, sources).at(far_points(20))
+        for name in ("multifrontal", "sparsecholesky")
+    )
+    assert relative(one, other).max() < 1e-6
+
+
+def test_fronts_solve_a_matrix_of_random_numbers():
+    """Tetrahedra in a row, each with three unknowns of its own and two that it shares with the next."""
+    chance, count = np.random.default_rng(0), 60
+    unknowns = (5 * np.arange(count)[:, None] + np.arange(7))[:, :7]
+    size = int(unknowns.max()) + 1
+    matrix = np.zeros((size, size), dtype=np.complex128)
+    for own in unknowns:
+        part = chance.normal(size=(7, 7)) + 1j * chance.normal(size=(7, 7))
+        matrix[np.ix_(own, own)] += part + part.T + 8 * np.eye(7)
+    order = dissected(np.repeat(np.arange(count), 7), unknowns.ravel(), size)
+    assert sorted(np.concatenate([front.own for front in order.fronts])) == list(range(size))
+    kept = chance.random(size) < 0.9
+    for chosen in (np.ones(size, dtype=bool), kept):
+        entries = sorted_entries(csr_array(np.tril(matrix)), order).only(chosen)
+        fronts = eliminate(entries, order.only(chosen))
+        right = np.where(chosen[:, None], chance.normal(size=(size, 2)), 0).astype(np.complex64)
+        found = solve(fronts, right)[chosen]
+        exact = np.linalg.solve(matrix[np.ix_(chosen, chosen)], right[chosen])
+        assert np.linalg.norm(found - exact) < 1e-4 * np.linalg.norm(exact)
+
+
+def test_a_singular_matrix_is_refused():
+    order = dissected(np.zeros(2, dtype=np.int64), np.arange(2), 2)
+    with pytest.raises(at.InvalidInput, match="singular at front 0; take 'sparsecholesky'"):
+        eliminate(
+            sorted_entries(csr_array(np.zeros((2, 2), dtype=np.complex128) + np.tril(np.ones((2, 2)))), order), order
+        )
+
+
+def test_single_precision_that_does_not_suffice_is_told(monkeypatch):
+    monkeypatch.setattr(finite_factor, "REFINEMENTS", 1)  # one solution in single precision leaves 1e-5
+    monkeypatch.setattr(finite_factor, "ENOUGH", 1e-12)
+    with pytest.raises(at.InvalidInput, match=r"single precision leaves \S+e-\d+ of the load unsolved after 1"):
+        at.FiniteElement(order=2, symmetry=("x", "y", "z")).radiate(
+            ball_scene(BODIES["hard"]), one_each(np.array([[0.0, 0, 0.02]]))
+        )
 
 
 @pytest.mark.skipif(pardiso_library() is None, reason="the package mkl is not installed")

@@ -53,8 +53,8 @@ class FiniteElement(Solver):
         bodies; "found" takes all that there are. Sources need not be symmetric.
     domain : "tight", or "box" for the paper's way: the workspace is meshed and the pressure read off the mesh.
     box : lower and upper corner of the workspace [m], for ``domain="box"``.
-    factorisation : "sparsecholesky", which "found" takes, or "pardiso" where the package ``mkl`` is installed. With mkl
-        2026.2 Pardiso ended the whole process here, so that it is never taken unasked.
+    factorisation : "multifrontal", which "found" takes: dense fronts in an order by METIS, in single precision and
+        refined in double; "sparsecholesky", NGSolve's own; "pardiso" where the package ``mkl`` is installed.
     estimate : solve at the next order too, and report how far apart the two are. Costs about four times as much.
     graded : whether tetrahedra that came out larger or smaller than asked for get higher and lower orders, which
         costs half as much for the same accuracy; else ``order`` everywhere.
@@ -81,7 +81,7 @@ class FiniteElement(Solver):
     symmetry: Sequence[str] | Literal["found"] = "found"
     domain: Literal["tight", "box"] = "tight"
     box: tuple[Vector, Vector] = PAPER_BOX
-    factorisation: Literal["found", "sparsecholesky", "pardiso"] = "found"
+    factorisation: Literal["found", "multifrontal", "sparsecholesky", "pardiso"] = "found"
     estimate: bool = False
     graded: bool = True
     progress: Callable[[str], None] | None = field(default=None, compare=False)
@@ -99,9 +99,10 @@ class FiniteElement(Solver):
             raise InvalidInput(f"symmetry is {self.symmetry!r}, but it must be 'found' or axes such as ('x', 'y').")
         if self.domain not in ("tight", "box"):
             raise InvalidInput(f"domain is {self.domain!r}, but it must be 'tight' or 'box'.")
-        if self.factorisation not in ("found", "sparsecholesky", "pardiso"):
+        if self.factorisation not in ("found", "multifrontal", "sparsecholesky", "pardiso"):
             raise InvalidInput(
-                f"factorisation is {self.factorisation!r}, but it must be 'found', 'sparsecholesky' or 'pardiso'."
+                f"factorisation is {self.factorisation!r}, but it must be 'found', 'multifrontal', 'sparsecholesky' or "
+                "'pardiso'."
             )
 
     @classmethod
@@ -190,7 +191,7 @@ class FiniteElement(Solver):
         return FactorisedScene(scene, tuple(ready), report, clock, self.domain == "box")
 
     def _method(self) -> str:
-        return "sparsecholesky" if self.factorisation == "found" else self.factorisation
+        return "multifrontal" if self.factorisation == "found" else self.factorisation
 
     def _box(self, scene: Scene, mirrors: tuple[Mirror, ...]) -> Box:
         if self.domain == "box":

@@ -91,6 +91,18 @@ def many_threads() -> Iterator[None]:
 
 
 @contextmanager
+def one_thread_each() -> Iterator[None]:
+    """Keep the linear algebra of numpy and scipy to one thread for each that calls it.
+
+    Threads of their own would wait for each other in every small product, for long on a busy machine.
+    """
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(limits=1, user_api="blas"):
+        yield
+
+
+@contextmanager
 def heeding_interrupts() -> Iterator[None]:
     """Let Ctrl-C be heard as ``KeyboardInterrupt`` again: after meshing, Netgen lets it end the process."""
     try:

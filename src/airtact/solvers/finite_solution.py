@@ -13,8 +13,9 @@ from airtact.scene.six_nodes import points_at
 from airtact.scene.sources import Monopoles
 from airtact.solvers.boundary_pressure import monopole_pressure
 from airtact.solvers.finite_factor import Factor, factorised
+from airtact.solvers.finite_spots import Spots
 from airtact.solvers.finite_symmetry import Mirror, images, parities, signs
-from airtact.solvers.finite_system import Spots, System
+from airtact.solvers.finite_system import System
 from airtact.solvers.particle_velocity import open_air_slopes
 
 SILENT = 1e-10

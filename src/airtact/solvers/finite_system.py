@@ -27,6 +27,8 @@ from airtact.scene.panel_tree import PanelTree, panel_tree
 from airtact.scene.printing import in_short
 from airtact.scene.scene import Scene
 from airtact.solvers.boundary_pressure import monopole_pressure
+from airtact.solvers.finite_dissection import Dissection, dissected
+from airtact.solvers.finite_elimination import Entries, sorted_entries
 from airtact.solvers.finite_netgen import (
     AssembledForm,
     CurvedMesh,
@@ -37,45 +39,17 @@ from airtact.solvers.finite_netgen import (
 )
 from airtact.solvers.finite_orders import grade_orders
 from airtact.solvers.finite_skin import SkinMesh
+from airtact.solvers.finite_spots import LARGEST_RULE, Spots, quadrature
 from airtact.solvers.finite_tetrahedra import EDGES, Tetrahedra
 from airtact.solvers.finite_volume import Box
 
 ROWS_AT_ONCE = 64
-
-LARGEST_RULE = 5
-"""NGSolve 6.2.2608 mixes up the points of larger rules in tetrahedra."""
 
 NEVER = 1e5
 """A place [λ] that no layer begins beyond."""
 
 STRETCH = 1.25
 """Strength of the matched layer: the imaginary part of its complex coordinate over the real one."""
-
-
-@dataclass(frozen=True, eq=False)
-class Spots:
-    """Quadrature points of the skins, or inside filled bodies.
-
-    Attributes
-    ----------
-    points : (Q, 3) [λ].
-    normals : (Q, 3) out of the body; 0 inside.
-    areas : (Q,) area [λ²] or volume [λ³] that each stands for.
-    body : (Q,) obstacle of each.
-    weighted : (unknowns, Q) integrates values given there against the test functions.
-    """
-
-    points: Float64[np.ndarray, "spots 3"]
-    normals: Float64[np.ndarray, "spots 3"]
-    areas: Float64[np.ndarray, "spots"]
-    body: Int64[np.ndarray, "spots"]
-    weighted: csr_array
-
-    __repr__ = in_short
-
-    def pressure(self, solution: Complex128[np.ndarray, "unknowns sounds"]) -> Complex128[np.ndarray, "spots sounds"]:
-        """Pressure of a solution at the spots."""
-        return (self.weighted.T @ solution) / self.areas[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +88,30 @@ class System:
     def unknowns(self) -> int:
         """Number of unknowns."""
         return int(self.space.ndof)
+
+    @cached_property
+    def dissection(self) -> Dissection:
+        """In which order the unknowns that tetrahedra share are eliminated."""
+        ngsolve, space = ngsolve_library(), self.space
+        shared = np.array([bool(bit) for bit in space.FreeDofs(True)])
+        each = [
+            space.GetDofNrs(ngsolve.ElementId(ngsolve.VOL, number)) for number in range(len(self.tetrahedra.corners))
+        ]
+        tetrahedra = np.repeat(np.arange(len(each)), [len(one) for one in each])
+        unknowns = np.concatenate([np.array(one, dtype=np.int64) for one in each])
+        kept = shared[unknowns]
+        return dissected(tetrahedra[kept], unknowns[kept], self.unknowns)
+
+    @property
+    def lower(self) -> csr_array:
+        """(unknowns, unknowns) lower triangle of the matrix, with its diagonal."""
+        entries, columns, first = (np.array(part) for part in self.form.mat.CSR())
+        return csr_array((entries, columns, first.astype(np.int64)), shape=(self.unknowns, self.unknowns))
+
+    @cached_property
+    def entries(self) -> Entries:
+        """Entries of the matrix by the fronts that gather them."""
+        return sorted_entries(self.lower, self.dissection)
 
     @property
     def wavenumber(self) -> complex:
@@ -277,10 +275,13 @@ def assembled(
         if graded is not None:
             places = skin.six_nodes.reshape(-1, 3) / scene.wavelength
             grade_orders(space, mesh, scene, box, order, graded, None if workspace else places)
-        form = ngsolve.BilinearForm(_weak_form(scene, mesh, space), symmetric=True, condense=True).Assemble()
-        on_skin = _spots(mesh, space, "skin", order + 2)
-        sparse = _spots(mesh, space, "skin", max(order - 1, 2))
-        inner = _spots(mesh, space, "body", min(order + 1, LARGEST_RULE))
+        form = ngsolve.BilinearForm(
+            _weak_form(scene, mesh, space), symmetric=True, symmetric_storage=True, condense=True
+        )
+        form.Assemble()
+        on_skin = quadrature(mesh, space, "skin", order + 2)
+        sparse = quadrature(mesh, space, "skin", max(order - 1, 2))
+        inner = quadrature(mesh, space, "body", min(order + 1, LARGEST_RULE))
     panels = panel_tree(skin.six_nodes / scene.wavelength)
     return System(
         scene, box, tetrahedra, panels, order, mesh, space, form, on_skin, inner, sparse, _load_weights(scene)
@@ -351,34 +352,3 @@ def _load_weights(scene: Scene) -> Complex128[np.ndarray, "3 bodies"]:
             ratio, inner = _filling(scene, body)
             weights[0, body], weights[2, body] = 1 - ratio, -ratio * (wavenumber**2 - inner)
     return weights
-
-
-def _spots(mesh: Any, space: Any, kind: str, order: int) -> Spots:
-    """Quadrature points, exact to twice an order, of the boundaries ``skin0`` ... or the materials ``body0`` ..."""
-    ngsolve = ngsolve_library()
-    on_skin = kind == "skin"
-    names = mesh.GetBoundaries() if on_skin else mesh.GetMaterials()
-    owner = np.array([int(name[4:]) if name.startswith(kind) else -1 for name in names])
-    if (owner < 0).all():
-        none, nothing = np.zeros((0, 3)), np.zeros(0)
-        return Spots(none, none, nothing, np.zeros(0, dtype=np.int64), csr_array((space.ndof, 0)))
-    region = mesh.Boundaries(f"{kind}.*") if on_skin else mesh.Materials(f"{kind}.*")
-    rules_space = ngsolve.comp.IntegrationRuleSpaceSurface if on_skin else ngsolve.comp.IntegrationRuleSpace
-    values = rules_space(mesh, order=order)
-    rules = values.GetIntegrationRules()
-    integral = ngsolve.BilinearForm(trialspace=values, testspace=space)
-    measure = ngsolve.ds if on_skin else ngsolve.dx
-    integral += values.TrialFunction() * space.TestFunction() * measure(definedon=region, intrules=rules)
-    integral.Assemble()
-    entries, columns, first = (np.array(part) for part in integral.mat.CSR())
-    matrix = csr_array((np.real(entries), columns, first), shape=(integral.mat.height, integral.mat.width))
-    places = mesh.MapToAllElements(rules, region)
-    each = len(places) // len(np.unique(places["nr"]))
-    chosen = matrix.tocsc()[:, places["nr"].astype(np.int64) * each + np.tile(np.arange(each), len(places) // each)]
-    points = np.asarray(ngsolve.CF((ngsolve.x, ngsolve.y, ngsolve.z))(places)).reshape(-1, 3)
-    normals = -np.asarray(ngsolve.specialcf.normal(3)(places)).reshape(-1, 3) if on_skin else np.zeros_like(points)
-    ones = np.zeros(space.ndof)
-    ones[: mesh.nv] = 1.0
-    kinds = mesh.BoundaryCF if on_skin else mesh.MaterialCF
-    body = np.asarray(kinds({f"{kind}{number}": number for number in owner[owner >= 0]}, default=-1)(places)).ravel()
-    return Spots(points, normals, chosen.T @ ones, body.round().astype(np.int64), csr_array(chosen))
