@@ -63,8 +63,9 @@ def gmres(
     for step in range(most_iterations):
         grown, so_far = product(basis[:, step]), basis[:, : step + 1]
         for _ in range(2):  # a second sweep keeps float32 bases orthogonal
-            overlap = np.matmul(so_far, grown.conj()[:, :, None])[:, :, 0].conj()
-            grown = grown - np.matmul(overlap[:, None], so_far)[:, 0]
+            # einsum, not matmul: BLAS threads go on spinning and would take a core from the next product
+            overlap = np.einsum("skm,sm->sk", so_far, grown.conj()).conj()
+            grown = grown - np.einsum("sk,skm->sm", overlap, so_far)
             hessenberg[:, : step + 1, step] += overlap
         length = np.linalg.norm(grown, axis=1)
         hessenberg[:, step + 1, step] = length
