@@ -227,10 +227,12 @@ def thickness(
     diameter = np.full(len(nodes.points), float(largest))
     if thinnest is not None and thinnest.min() >= largest:
         return diameter
-    some = _may_be_thin(nodes, largest)
+    node, panel = _facing(nodes, largest)
     if thinnest is not None:
-        some = some[thinnest[nodes.body[some]] < largest]
-    diameter[some] = inscribed_diameters(nodes, some, largest)
+        thin = thinnest[nodes.body[node]] < largest
+        node, panel = node[thin], panel[thin]
+    np.minimum.at(diameter, node, _meeting_diameters(nodes, node, panel))
+    some = np.unique(node)
     tree = panel_tree(nodes.six_nodes)
     for _ in range(SHRINKINGS):
         centres = nodes.points[some] - 0.5 * diameter[some, None] * nodes.normals[some]
@@ -245,18 +247,27 @@ def thickness(
     return diameter
 
 
-def inscribed_diameters(nodes: Nodes, some: Int64[np.ndarray, "some"], largest: float) -> Float64[np.ndarray, "some"]:
-    """Diameter of the largest ball that touches the skin at some nodes from inside and meets no other node [m]."""
-    diameter = np.empty(len(some))
-    _kernels.inscribed_diameter(nodes.points, nodes.normals, nodes.body, some, float(largest), diameter)
-    return diameter
-
-
-def _may_be_thin(nodes: Nodes, largest: float) -> Int64[np.ndarray, "some"]:
-    """Nodes whose largest ball may reach a panel that does not face the way they do."""
+def _facing(nodes: Nodes, largest: float) -> tuple[Int64[np.ndarray, "pairs"], Int64[np.ndarray, "pairs"]]:
+    """Nodes and panels of their body that their largest ball may reach and that do not face the way they do."""
     centres = nodes.points - 0.5 * largest * nodes.normals
     first, panel = near_lists(nodes, centres, 0.5 * largest + nodes.radii)
     node = np.repeat(np.arange(len(centres)), np.diff(first))
     facing = nodes.normals.reshape(-1, 6, 3).mean(axis=1)
     apart = np.einsum("ed,ed->e", facing[panel], nodes.normals[node]) < MAY_FACE_AWAY
-    return np.unique(node[apart & (nodes.body[6 * panel] == nodes.body[node])])
+    apart &= nodes.body[6 * panel] == nodes.body[node]
+    return node[apart], panel[apart]
+
+
+def _meeting_diameters(
+    nodes: Nodes, node: Int64[np.ndarray, "pairs"], panel: Int64[np.ndarray, "pairs"]
+) -> Float64[np.ndarray, "pairs"]:
+    """Diameter of the ball that touches the skin at a node from inside and just meets a node of a panel [m].
+
+    Infinite where all of the panel's nodes face the way the node does, which would make a crease count as thin.
+    """
+    normals = nodes.normals[node]
+    gap = nodes.points[node, None] - nodes.points.reshape(-1, 6, 3)[panel]
+    depth = np.einsum("ejd,ed->ej", gap, normals)
+    opposite = np.einsum("ejd,ed->ej", nodes.normals.reshape(-1, 6, 3)[panel], normals) <= 0
+    met = np.einsum("ejd,ejd->ej", gap, gap) / np.where(depth > 0, depth, 1)
+    return np.where(opposite & (depth > 0), met, np.inf).min(axis=1, initial=np.inf)
