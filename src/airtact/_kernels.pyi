@@ -77,6 +77,19 @@ def near_excess_float32(
 
 near_excess_float64 = near_excess_float32
 
+def apply_in_cells(
+    targets: np.ndarray,
+    first: np.ndarray,
+    centres: np.ndarray,
+    reach: float,
+    inside: bool,
+    sources: np.ndarray,
+    normals: np.ndarray | None,
+    density: np.ndarray,
+    wavenumber: complex,
+    least: float,
+    out: np.ndarray,
+) -> None: ...
 def interpolate(
     table: np.ndarray,
     first: np.ndarray,

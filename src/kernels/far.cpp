@@ -54,7 +54,85 @@ void sum_rows(std::int64_t n, std::int64_t m, const std::complex<double> *densit
     });
 }
 
+// Some of the sources, seen from a centre, each coordinate and each sound's strengths contiguous
+template <class Real> struct Chosen {
+    std::vector<Real> place[3], normal[3], re, im;
+    std::int64_t n = 0;
+    void choose(const double *sources, const double *normals, std::int64_t m, const std::complex<double> *density,
+                std::int64_t sounds, const double *centre, double reach, bool inside) {
+        std::vector<std::int64_t> index;
+        for (std::int64_t j = 0; j < m; j++) {
+            const double *y = sources + 3 * j;
+            const double d[3] = {y[0] - centre[0], y[1] - centre[1], y[2] - centre[2]};
+            if ((d[0] * d[0] + d[1] * d[1] + d[2] * d[2] < reach * reach) == inside) index.push_back(j);
+        }
+        n = std::int64_t(index.size());
+        for (int d = 0; d < 3; d++) {
+            place[d].resize(n);
+            for (std::int64_t l = 0; l < n; l++) place[d][l] = Real(sources[3 * index[l] + d] - centre[d]);
+            if (!normals) continue;
+            normal[d].resize(n);
+            for (std::int64_t l = 0; l < n; l++) normal[d][l] = Real(normals[3 * index[l] + d]);
+        }
+        re.resize(n * sounds), im.resize(n * sounds);
+        for (std::int64_t s = 0; s < sounds; s++)
+            for (std::int64_t l = 0; l < n; l++) {
+                re[s * n + l] = Real(density[index[l] * sounds + s].real());
+                im[s * n + l] = Real(density[index[l] * sounds + s].imag());
+            }
+    }
+};
+
+template <class Real, bool Lossy>
+void sum_chosen(const Real *x, const Chosen<Real> &chosen, bool layer, std::int64_t sounds, Wave<Real> k, Real least,
+                std::complex<double> *out) {
+    Real re[block], im[block];
+    for (std::int64_t s = 0; s < sounds; s++) out[s] = 0;
+    for (std::int64_t j = 0; j < chosen.n; j += block) {
+        const std::int64_t count = std::min(block, chosen.n - j);
+        const Real *px = chosen.place[0].data() + j, *py = chosen.place[1].data() + j, *pz = chosen.place[2].data() + j;
+        if (layer)
+            double_layer_row<Real, Lossy>(x, px, py, pz, chosen.normal[0].data() + j, chosen.normal[1].data() + j,
+                                          chosen.normal[2].data() + j, count, k, least, re, im);
+        else
+            monopole_row<Real, Lossy>(x, px, py, pz, count, k, re, im);
+        for (std::int64_t s = 0; s < sounds; s++) {
+            const Real *a = chosen.re.data() + s * chosen.n + j, *b = chosen.im.data() + s * chosen.n + j;
+            Real sum_re = 0, sum_im = 0;
+#pragma omp simd reduction(+ : sum_re, sum_im)
+            for (std::int64_t l = 0; l < count; l++) {
+                sum_re += re[l] * a[l] - im[l] * b[l];
+                sum_im += re[l] * b[l] + im[l] * a[l];
+            }
+            out[s] += std::complex<double>(sum_re, sum_im);
+        }
+    }
+}
+
 }  // namespace
+
+void apply_in_cells(const double *targets, const std::int64_t *first, std::int64_t cells, const double *centres,
+                    double reach, bool inside, const double *sources, const double *normals, std::int64_t m,
+                    const std::complex<double> *density, std::int64_t sounds, Wavenumber k, double least,
+                    std::complex<double> *out) {
+    using Real = float;  // with the cell's centre as origin it tells sources apart however near they are
+    const Wave<Real> wave(k);
+#pragma omp parallel
+    {
+        Chosen<Real> chosen;
+#pragma omp for schedule(dynamic, 1)
+        for (std::int64_t c = 0; c < cells; c++) {
+            const double *centre = centres + 3 * c;
+            chosen.choose(sources, normals, m, density, sounds, centre, reach, inside);
+            for (std::int64_t i = first[c]; i < first[c + 1]; i++) {
+                const double *t = targets + 3 * i;
+                const Real x[3] = {Real(t[0] - centre[0]), Real(t[1] - centre[1]), Real(t[2] - centre[2])};
+                const auto sum = k.imag > 0 ? sum_chosen<Real, true> : sum_chosen<Real, false>;
+                sum(x, chosen, normals != nullptr, sounds, wave, Real(least * least), out + i * sounds);
+            }
+        }
+    }
+}
 
 template <class Real>
 void double_layer_matrix(const double *targets, std::int64_t n, const double *sources, const double *normals,

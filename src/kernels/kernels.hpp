@@ -77,6 +77,14 @@ void apply_monopoles(const double *targets, std::int64_t n, const double *source
                      const std::complex<double> *strength, std::int64_t sounds, Wavenumber k,
                      std::complex<double> *out);
 
+// The targets first[c] ... first[c + 1] - 1 are in cell c. out[i, s] = the sum over the sources nearer than `reach` to the
+// centre of the target's cell, or over the others, of D(x_i, y_j) density[j, s] where y_j is farther than `least`, or with
+// null normals of e^{ikr}/r density[j, s].
+void apply_in_cells(const double *targets, const std::int64_t *first, std::int64_t cells, const double *centres,
+                    double reach, bool inside, const double *sources, const double *normals, std::int64_t m,
+                    const std::complex<double> *density, std::int64_t sounds, Wavenumber k, double least,
+                    std::complex<double> *out);
+
 // out[i, s] = sum_abc u[i, a] v[i, b] w[i, c] table[first[i] + a steps[0] + b steps[1] + c sounds + s]
 void interpolate(const std::complex<float> *table, const std::int64_t *first, std::int64_t n, const std::int64_t *steps,
                  const float *u, std::int64_t us, const float *v, std::int64_t vs, const float *w, std::int64_t ws,

@@ -2,8 +2,10 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/complex.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 
+#include <optional>
 #include <string>
 #include <tuple>
 #include <type_traits>
@@ -41,6 +43,7 @@ struct Variant {
     std::tuple<Dual<std::int16_t>, Dual<float>, Dual<double>> dual;
     Far<float> single;
     Far<double> twice;
+    decltype(&baseline::apply_in_cells) apply_in_cells;
     decltype(&baseline::interpolate) interpolate;
     decltype(&baseline::near_pairs) near_pairs;
     decltype(&baseline::closest_on_panels) closest_on_panels;
@@ -60,7 +63,7 @@ struct Variant {
 #define AIRTACT_DUAL(v, Store)                                                                                       \
     Dual<Store> { &v::dual_matrix<Store>, &v::dual_product<Store> }
 #define AIRTACT_TABLE(v)                                                                                             \
-    { #v, {AIRTACT_DUAL(v, std::int16_t), AIRTACT_DUAL(v, float), AIRTACT_DUAL(v, double)}, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::interpolate, &v::near_pairs, &v::closest_on_panels,      \
+    { #v, {AIRTACT_DUAL(v, std::int16_t), AIRTACT_DUAL(v, float), AIRTACT_DUAL(v, double)}, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::apply_in_cells, &v::interpolate, &v::near_pairs, &v::closest_on_panels,      \
             &v::inscribed_diameter, \
       &v::near_integrals, &v::hull_distances, &v::blended_distance, &v::project_on_hulls, &v::grade_sizes, \
       &v::even_pass, &v::gerchberg_saxton }
@@ -172,6 +175,20 @@ void monopoles(Points x, Points y, Read<Complex, -1, -1> strength, Complex k, Wr
     nb::gil_scoped_release release;
     far<Real>().apply_monopoles(x.data(), x.shape(0), y.data(), y.shape(0), strength.data(), strength.shape(1), wave(k),
                           out.data());
+}
+
+static void in_cells(Points x, Index first, Points centres, double reach, bool inside, Points y, std::optional<Points> a,
+              Read<Complex, -1, -1> density, Complex k, double least, Write<Complex, -1, -1> out) {
+    const std::int64_t cells = std::int64_t(centres.shape(0));
+    same(first.shape(0), centres.shape(0) + 1), same(density.shape(0), y.shape(0));
+    same(out.shape(0), x.shape(0)), same(out.shape(1), density.shape(1)), same(a ? a->shape(0) : y.shape(0), y.shape(0));
+    for (std::int64_t c = 0; c < cells; c++)
+        if (first.data()[c] > first.data()[c + 1]) throw nb::index_error("a cell ends before it begins");
+    same(first.data()[0], 0), same(std::size_t(first.data()[cells]), x.shape(0));
+    nb::gil_scoped_release release;
+    active->apply_in_cells(x.data(), first.data(), cells, centres.data(), reach, inside, y.data(),
+                           a ? a->data() : nullptr, y.shape(0), density.data(), density.shape(1), wave(k), least,
+                           out.data());
 }
 
 static void interpolated(Read<std::complex<float>, -1> table, Index first, Read<std::int64_t, 2> steps,
@@ -354,6 +371,9 @@ NB_MODULE(_kernels, m) {
     m.def("apply_double_layer_float64", &layer<double>);
     m.def("apply_monopoles_float32", &monopoles<float>);
     m.def("apply_monopoles_float64", &monopoles<double>);
+    m.def("apply_in_cells", &in_cells, nb::arg("targets"), nb::arg("first"), nb::arg("centres"), nb::arg("reach"),
+          nb::arg("inside"), nb::arg("sources"), nb::arg("normals").none(), nb::arg("density"), nb::arg("wavenumber"),
+          nb::arg("least"), nb::arg("out"));
     m.def("near_excess_float32", &excess<float>);
     m.def("near_excess_float64", &excess<double>);
     m.def("interpolate", &interpolated);

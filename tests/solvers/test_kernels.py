@@ -126,6 +126,27 @@ def test_monopole_loop_equals_numpy(precision, kind, tolerance, wavenumber):
     assert relative(out, np.exp(1j * wavenumber * distance) / distance @ strength) < 3 * tolerance
 
 
+@pytest.mark.parametrize("inside", [True, False])
+@pytest.mark.parametrize("wavenumber", WAVENUMBERS)
+def test_sums_in_cells_equal_numpy(wavenumber, inside):
+    points, sources, normals = scattered_points(1, 40), scattered_points(3, 700), scattered_points(4, 700) * 1e-3
+    centres, bounds = scattered_points(6, 3), np.array([0, 15, 15, 40])
+    density = np.random.default_rng(5).normal(size=(700, 3)) + 1j
+    cell = np.repeat(np.arange(3), np.diff(bounds))
+    near = np.linalg.norm(sources[None] - centres[cell][:, None], axis=2) < 0.03
+    distance = np.linalg.norm(points[:, None] - sources[None], axis=2)
+    found = np.empty((40, 3), np.complex128)
+    given = points, bounds, centres, 0.03, inside, sources
+    _kernels.apply_in_cells(*given, None, density, wavenumber, 0.0, found)
+    monopoles = np.exp(1j * wavenumber * distance) / distance
+    assert relative(found, np.where(near == inside, monopoles, 0) @ density) < 1e-5
+    _kernels.apply_in_cells(*given, normals, density, wavenumber, 0.02, found)
+    layer = np.where((near == inside) & (distance > 0.02), double_layer(points, sources, normals, wavenumber), 0)
+    assert relative(found, layer @ density) < 6e-5
+    with pytest.raises(IndexError, match="before it begins"):
+        _kernels.apply_in_cells(points, bounds[::-1].copy(), *given[2:], None, density, wavenumber, 0.0, found)
+
+
 def test_values_between_those_of_a_table_equal_numpy():
     random = np.random.default_rng(11)
     table = random.normal(size=(7, 9, 4, 3)) + 1j * random.normal(size=(7, 9, 4, 3))
@@ -258,9 +279,10 @@ def test_flat_panel_fills_its_solid_angle():
     assert found[0].real == pytest.approx(-angle / (4 * np.pi), rel=1e-7)
 
 
-def test_near_pairs_are_those_within_reach():
+@pytest.mark.parametrize("reach", [np.linspace(0.01, 0.05, 80), np.geomspace(1e-6, 0.08, 80), np.full(80, 1e-9)])
+def test_near_pairs_are_those_within_reach(reach):
     points, centres = scattered_points(1, 50), scattered_points(2, 80)
-    reach = np.linspace(0.01, 0.05, 80)
+    points[:5] = centres[:5]
     first = np.zeros(51, dtype=np.int64)
     _kernels.count_near(points, centres, reach, first)
     panel = np.empty(first[-1], dtype=np.int64)

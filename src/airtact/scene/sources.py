@@ -98,9 +98,13 @@ def _nearest_source(
     points: Real[np.ndarray, "points 3"], sources: Monopoles
 ) -> tuple[Float64[np.ndarray, "points"], Int64[np.ndarray, "points"]]:
     """Distance [m] and number of the source nearest to each point, where that is near; a tree pays for many sources."""
-    if len(points) and len(sources.positions) <= FEW:
-        distances = cdist(points, sources.positions)
-        return distances.min(axis=1), distances.argmin(axis=1)
+    low, high = points.min(axis=0, initial=np.inf) - STANDS_ON, points.max(axis=0, initial=-np.inf) + STANDS_ON
+    some = np.flatnonzero(((sources.positions >= low) & (sources.positions <= high)).all(axis=1))
+    if not len(some) or not len(points):
+        return np.full(len(points), np.inf), np.zeros(len(points), dtype=np.int64)
+    if len(some) <= FEW:
+        distances = cdist(points, sources.positions[some])
+        return distances.min(axis=1), some[distances.argmin(axis=1)]
     found = KDTree(sources.positions).query(points, distance_upper_bound=2 * STANDS_ON)  # nothing farther matters
     distance, source = (np.asarray(part) for part in found)
     return distance, source

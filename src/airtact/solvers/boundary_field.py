@@ -1,6 +1,6 @@
 """The field around rigid bodies, heard from the boundary element solution."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Real
@@ -17,21 +17,29 @@ from airtact.solvers.boundary_operator import DualSurface
 from airtact.solvers.boundary_pressure import (
     double_layer_pressure,
     find_contacts,
-    is_outside,
     monopole_pressure,
     near_skin,
     project_contacts,
 )
 from airtact.solvers.boundary_quadrature import Nodes, find_near, place_nodes
+from airtact.solvers.boundary_sides import Sides, sides_of
 from airtact.solvers.boundary_slopes import skin_slopes
 from airtact.solvers.particle_velocity import differences, open_air_slopes, velocity_of
 from airtact.solvers.problem import DIFFERENCE, RadiatedField, Skin, SolveReport
+from airtact.solvers.target_cells import Cells, cells_of
 
 SHARED_ERROR = 0.15
 """Share of the accuracy that the error estimate never goes below, where all the sound is scattered."""
 
+SHARE_OF_CELLS = 0.04
+"""Share of the accuracy that hearing many points in cells may cost."""
+
 LEAST_ROOM = 1.0 / 60.0
 """Height over the skin, in wavelengths, below which differences of the pressure are too noisy."""
+
+
+OnSkin = tuple[Nodes, Complex128[np.ndarray, "nodes sounds"]]
+"""Nodes and the pressure at them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,13 +83,19 @@ class BoundaryField(RadiatedField):
 
     def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
         """Whether points (P, 3) [m] lie outside the bodies or on their skin."""
-        return is_outside(self.surface.nodes, points_of(points, "points", least=0), self.surface.near_rule)
+        return self._sides(points_of(points, "points", least=0)).outside
+
+    def _sides(self, points: Float64[np.ndarray, "points 3"]) -> Sides:
+        return sides_of(self.scene, self.surface.nodes, points, self.surface.near_rule)
 
     def at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
         """Total pressure [Pa] at points (P, 3) for each of the S sounds; NaN inside the bodies.
 
         On and near the skin it is the direct solution's. Elsewhere it is the transposed one's for sounds that have a
         source near the skin, and the mean of both for the others, which makes A heard at B equal B heard at A.
+
+        Many points close together, such as those of a picture, are heard in cells, to ``SHARE_OF_CELLS`` of the
+        accuracy; there the others are the direct solution's everywhere, from the finer panels that near points ask for.
 
         Raises
         ------
@@ -90,11 +104,15 @@ class BoundaryField(RadiatedField):
         """
         points = points_of(points, "points", least=0)
         check_off_sources(points, self.sources)
-        near = near_skin(self.surface.nodes, points, self.surface.near_rule.reach)
-        outside = self.valid(points)
+        sides = self._sides(points)
+        most = sides.outside & ~sides.contact  # what was put on its panel is no longer in the plane of a picture
+        cells = cells_of(sides.places[most], self.scene.wavelength, self._error_of_cells)
+        if cells is not None:
+            return self._heard_in_cells(cells, sides, most)
         out = np.full((len(points), self.density.shape[1]), np.nan, dtype=np.complex128)
-        out[outside & near] = self._heard_near(points[outside & near])
-        out[outside & ~near] = self._heard_away(points[outside & ~near])
+        near, away = sides.outside & sides.near, sides.outside & ~sides.near
+        out[near] = self._heard_near(sides.places[near], sides.contact[near])
+        out[away] = self._heard_away(sides.places[away])
         return out
 
     def velocity(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
@@ -112,7 +130,8 @@ class BoundaryField(RadiatedField):
         points = points_of(points, "points", least=0)
         check_off_sources(points, self.sources)
         nodes, least = self.surface.nodes, LEAST_ROOM * self.scene.wavelength
-        near, outside = near_skin(nodes, points, self.surface.near_rule.reach), self.valid(points)
+        sides = self._sides(points)
+        near, outside = sides.near, sides.outside
         slopes = np.full((len(points), 3, self.density.shape[1]), np.nan, dtype=np.complex128)
         close = find_contacts(nodes, points[outside], least)
         target = np.flatnonzero(outside)[close.target]
@@ -136,12 +155,38 @@ class BoundaryField(RadiatedField):
         return differences(self._heard_near, points, step)
 
     def _heard_away(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
-        transposed = self._heard_from_density(points)
-        near = near_skin(self.surface.nodes, self.sources.positions, self.surface.near_rule.reach)
-        away = ~(self.sources.strengths[near] != 0).any(axis=0)
-        if away.any() and self.pressure is not None:
+        transposed, away = self._heard_from_density(points), self._sources_away
+        if away.any():
             transposed[:, away] = 0.5 * (transposed[:, away] + self.direct_at(points)[:, away])
         return transposed
+
+    @property
+    def _sources_away(self) -> Bool[np.ndarray, "sounds"]:
+        """Sounds that are heard by both solutions, all sources being away from the skin."""
+        if self.pressure is None:
+            return np.zeros(self.density.shape[1], dtype=bool)
+        near = near_skin(self.surface.nodes, self.sources.positions, self.surface.near_rule.reach)
+        return ~(self.sources.strengths[near] != 0).any(axis=0)
+
+    def _heard_in_cells(
+        self, cells: Cells, sides: Sides, most: Bool[np.ndarray, "points"]
+    ) -> Complex128[np.ndarray, "points sounds"]:
+        """Pressure at many points, most of them in cells; each solution at all of these if it is needed at some."""
+        out = np.full((len(most), self.density.shape[1]), np.nan, dtype=np.complex128)
+        places, near, direct = sides.places[most], sides.near[most], self._sources_away
+        if not direct.all() and not near.all():
+            out[most] = self._heard_from_density(places, cells)
+        if direct.any() or (sides.near & sides.outside).any():
+            finer = self._finer(sides.places[sides.near & sides.outside])
+            heard = self._heard_from_skin(finer, places, np.zeros(len(places), dtype=bool), cells)
+            out[most] = np.where(near[:, None] | direct, heard, out[most])
+            touching = sides.places[sides.contact]
+            out[sides.contact] = self._heard_from_skin(finer, touching, np.ones(len(touching), dtype=bool))
+        return out
+
+    @property
+    def _error_of_cells(self) -> float:
+        return SHARE_OF_CELLS * float(self.report.settings["accuracy"]) if self.surface.precision == "float32" else 0.0
 
     def error_at(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "sounds"]:
         """Relative error of the direct solution over points (P, 3) away from the skin, estimated for each sound.
@@ -162,49 +207,65 @@ class BoundaryField(RadiatedField):
 
     def direct_at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
         """Total pressure by the direct solution alone [Pa], at points (P, 3) outside the bodies."""
-        return self._heard_from_skin(self.surface.nodes, self._skin_pressure, points_of(points, "points", least=0))
+        places, contact = project_contacts(self.surface.nodes, points_of(points, "points", least=0))
+        return self._heard_from_skin((self.surface.nodes, self._skin_pressure), places, contact)
 
     def _heard_from_skin(
-        self, nodes: Nodes, pressure: Complex128[np.ndarray, "nodes sounds"], points: Real[np.ndarray, "points 3"]
+        self,
+        on_skin: OnSkin,
+        points: Float64[np.ndarray, "points 3"],
+        contact: Bool[np.ndarray, "points"],
+        cells: Cells | None = None,
     ) -> Complex128[np.ndarray, "points sounds"]:
         """Incident pressure plus the double layer of a pressure on the skin; twice that on the skin itself."""
-        surface = self.surface
-        points, contact = project_contacts(nodes, points)
-        out = self._free(points, self.sources.strengths)
-        out += double_layer_pressure(points, nodes, pressure, surface.wavenumber, surface.near_rule, surface.precision)
+        wavenumber, rule, precision = self.surface.wavenumber, self.surface.near_rule, self.surface.precision
+        out = self._free(points, self.sources.strengths, cells)
+        out += double_layer_pressure(points, *on_skin, wavenumber, rule, precision, cells)
         return np.where(contact, 2, 1)[:, None] * out
 
-    def _heard_near(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
-        """Pressure on and near the skin.
+    def _heard_near(
+        self, points: Float64[np.ndarray, "points 3"], contact: Bool[np.ndarray, "points"] | None = None
+    ) -> Complex128[np.ndarray, "points sounds"]:
+        """Pressure on and near the skin, at points of which some touch it."""
+        if not len(points):
+            return np.empty((0, self.density.shape[1]), dtype=np.complex128)
+        if contact is None:
+            points, contact = project_contacts(self.surface.nodes, points)
+        return self._heard_from_skin(self._finer(points), points, contact)
+
+    def _finer(self, points: Float64[np.ndarray, "points 3"]) -> OnSkin:
+        """Nodes and pressure on the skin, finer near some points.
 
         The panels near the points are cut in four and given the pressure that the equation itself says (twice the
         incident pressure plus the double layer), which is smoother than the quadratic through the six nodes: Nyström's
         own interpolation (Atkinson, The Numerical Solution of Integral Equations of the Second Kind, 1997, section 4).
         """
-        if not len(points):
-            return np.empty((0, self.density.shape[1]), dtype=np.complex128)
         nodes = self.surface.nodes
+        if not len(points):
+            return nodes, self._skin_pressure
         close = np.zeros(len(nodes.centres), dtype=bool)
         close[find_near(nodes, points, self.surface.near_rule.reach)[1]] = True
         pieces, parents = cut(nodes.six_nodes[close], np.full(int(close.sum()), 2))
         contact = nodes.contact[close][parents]
         fine = place_nodes(pieces, np.zeros(len(pieces), dtype=np.int64), contact)
-        fine_pressure = self._heard_from_skin(nodes, self._skin_pressure, fine.points)
+        touching = np.ones(len(fine.points), dtype=bool)
+        fine_pressure = self._heard_from_skin((nodes, self._skin_pressure), fine.points, touching)
         mixed = np.concatenate([nodes.six_nodes[~close], pieces])
         contact = np.concatenate([nodes.contact[~close], contact])
-        return self._heard_from_skin(
-            place_nodes(mixed, np.zeros(len(mixed), dtype=np.int64), contact),
-            np.concatenate([self._skin_pressure[np.repeat(~close, 6)], fine_pressure]),
-            points,
-        )
+        coarse = self._skin_pressure[np.repeat(~close, 6)]
+        placed = place_nodes(mixed, np.zeros(len(mixed), dtype=np.int64), contact)
+        return replace(placed, contact=contact), np.concatenate([coarse, fine_pressure])
 
-    def _heard_from_density(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
+    def _heard_from_density(
+        self, points: Real[np.ndarray, "points 3"], cells: Cells | None = None
+    ) -> Complex128[np.ndarray, "points sounds"]:
         """Total pressure by the transposed solution: right for beacons near the skin, heard away from it."""
         surface = self.surface
         places = np.concatenate([surface.nodes.points, surface.shifted])
-        strengths = self._spoken
-        scattered = monopole_pressure(points, places, strengths, surface.wavenumber, surface.precision)
-        return self._free(points, self.factors[:, None] * self.sources.strengths) + scattered
+        free = self._free(points, self.factors[:, None] * self.sources.strengths, cells)
+        if cells is not None:
+            return free + cells.heard(places, None, self._spoken, surface.wavenumber)
+        return free + monopole_pressure(points, places, self._spoken, surface.wavenumber, surface.precision)
 
     @property
     def _spoken(self) -> Complex128[np.ndarray, "places sounds"]:
@@ -220,9 +281,14 @@ class BoundaryField(RadiatedField):
         return open_air_slopes(points, everything, self.surface.wavenumber)
 
     def _free(
-        self, points: Real[np.ndarray, "points 3"], strengths: Complex128[np.ndarray, "sources sounds"]
+        self,
+        points: Real[np.ndarray, "points 3"],
+        strengths: Complex128[np.ndarray, "sources sounds"],
+        cells: Cells | None = None,
     ) -> Complex128[np.ndarray, "points sounds"]:
         """Pressure of the sources alone, in float32 where that is the precision and they are a wavelength off."""
+        if cells is not None:
+            return cells.heard(self.sources.positions, None, strengths, self.surface.wavenumber)
         close = np.ones(len(points), dtype=bool)
         if self.surface.precision == "float32":
             within = self.scene.wavelength

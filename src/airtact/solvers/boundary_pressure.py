@@ -17,6 +17,7 @@ from airtact.solvers.boundary_quadrature import (
     integrate_near,
     near_lists,
 )
+from airtact.solvers.target_cells import Cells
 
 ROWS_AT_ONCE = 512
 
@@ -115,23 +116,31 @@ def double_layer_pressure(
     wavenumber: complex,
     near_rule: NearRule,
     precision: str,
+    cells: Cells | None = None,
 ) -> Complex128[np.ndarray, "points sounds"]:
-    """Double layer D[p] of a pressure on the skin, at points off the panels or exactly on them (principal value)."""
+    """Double layer D[p] of a pressure on the skin, at points off the panels or exactly on them (principal value).
+
+    The points may come with the cells that they are in, and then none of them on a panel.
+    """
     points = np.ascontiguousarray(points, dtype=np.float64)
-    least, precision = _least_distance(nodes, near_rule, precision)
-    out = np.empty((len(points), pressure.shape[1]), dtype=np.complex128)
-    getattr(_kernels, f"apply_double_layer_{precision}")(
-        points,
-        nodes.points,
-        nodes.weighted_normals,
-        np.ascontiguousarray(pressure),
-        complex(wavenumber),
-        least,
-        out,
-    )
-    near = near_skin(nodes, points, near_rule.reach)
+    if cells is None:
+        least, precision = _least_distance(nodes, near_rule, precision)
+        out = np.empty((len(points), pressure.shape[1]), dtype=np.complex128)
+        getattr(_kernels, f"apply_double_layer_{precision}")(
+            points,
+            nodes.points,
+            nodes.weighted_normals,
+            np.ascontiguousarray(pressure),
+            complex(wavenumber),
+            least,
+            out,
+        )
+    else:
+        least = 0.05 * float(nodes.radii.min())
+        out = cells.heard(nodes.points, nodes.weighted_normals, pressure, wavenumber, least)
+    near, precise = near_skin(nodes, points, near_rule.reach), "float64" if cells is None else "float32"
     out[near] += (
-        near_rows(nodes, points[near], wavenumber, near_rule, "float64", least).sparse(len(nodes.points)) @ pressure
+        near_rows(nodes, points[near], wavenumber, near_rule, precise, least).sparse(len(nodes.points)) @ pressure
     )
     return out
 
@@ -212,37 +221,16 @@ def project_contacts(
     return points, contact
 
 
-def is_outside(nodes: Nodes, points: Real[np.ndarray, "points 3"], near_rule: NearRule) -> Bool[np.ndarray, "points"]:
-    """Whether points lie outside the skin or on it, from the solid angle that the skin fills as seen from them."""
-    outside = np.ones(len(points), dtype=bool)
-    doubtful = _in_box(nodes, points, 1.0)  # all others are outside the box round the bodies
-    outside[doubtful] = _is_outside(nodes, points[doubtful], near_rule)
-    return outside
-
-
-def _is_outside(nodes: Nodes, points: Real[np.ndarray, "points 3"], near_rule: NearRule) -> Bool[np.ndarray, "points"]:
-    points, contact = project_contacts(nodes, points)
-    near = near_skin(nodes, points, near_rule.reach)
-    filled = np.empty((len(points), 1), dtype=np.complex128)
-    ones = np.ones((len(nodes.points), 1), dtype=np.complex128)
-    filled[near] = double_layer_pressure(points[near], nodes, ones, 0j, near_rule, "float32")
-    some = np.empty((int((~near).sum()), 1), dtype=np.complex128)
-    whole = nodes.weighted_normals.reshape(-1, 6, 3).sum(axis=1)  # a panel's own area will do where it is far
-    _kernels.apply_double_layer_float32(points[~near], nodes.centres, whole, ones[::6].copy(), 0j, 0.0, some)
-    filled[~near] = some
-    return contact | (np.real(filled[:, 0]) > -0.5)
-
-
 def near_skin(nodes: Nodes, points: Real[np.ndarray, "points 3"], reach: float) -> Bool[np.ndarray, "points"]:
     """Whether any panel's centre lies within ``reach`` of its radii from points (P, 3)."""
-    near = np.zeros(len(points), dtype=bool)
-    some = np.flatnonzero(_in_box(nodes, points, reach))
-    near[some[find_near(nodes, points[some], reach)[0]]] = True
-    return near
+    first = np.empty(len(points) + 1, dtype=np.int64)
+    _kernels.count_near(np.ascontiguousarray(points, dtype=np.float64), nodes.centres, reach * nodes.radii, first)
+    return np.diff(first) > 0
 
 
-def _in_box(nodes: Nodes, points: Real[np.ndarray, "points 3"], reach: float) -> Bool[np.ndarray, "points"]:
-    """Whether points lie in the upright box round all panels, each widened by ``reach`` of its radii."""
-    away = reach * nodes.radii[:, None]
+def in_box(nodes: Nodes, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
+    """Whether points lie in the upright box round all panels, each widened by its radius."""
+    away = nodes.radii[:, None]
     lower, upper = (nodes.centres - away).min(axis=0), (nodes.centres + away).max(axis=0)
-    return ((points > lower) & (points < upper)).all(axis=1)
+    x, y, z = ((points[:, axis] > lower[axis]) & (points[:, axis] < upper[axis]) for axis in range(3))
+    return x & y & z
