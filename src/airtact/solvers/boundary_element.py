@@ -240,7 +240,7 @@ class BoundaryElement(Solver):
             return min(0.1 * self.accuracy, 1e-8)
         if self._store() != "int16":
             return max(0.1 * self.accuracy, 2e-6)
-        return min(0.3 * self.accuracy, 0.01) if self.estimate else 0.6 * self.accuracy  # heard from afar only
+        return min(0.3 * self.accuracy, 0.01) if self.estimate else 0.4 * self.accuracy  # heard from afar only
 
 
 class _Clock:
