@@ -256,7 +256,7 @@ def test_two_hands_in_a_cloud_are_refused(cloud: np.ndarray, landmarks: np.ndarr
 
 def test_a_cloud_that_is_mostly_strays_is_refused(cloud: np.ndarray, landmarks: np.ndarray) -> None:
     random = np.random.default_rng(0)
-    fog = landmarks[random.integers(0, 25, 20_000)] + random.normal(scale=15e-3, size=(20_000, 3))
+    fog = landmarks[random.integers(0, 25, 20_000)] + random.normal(scale=22e-3, size=(20_000, 3))
 
     assert "the hand explains" in refusal(np.vstack([cloud[::20], fog]), landmarks, "right")
 

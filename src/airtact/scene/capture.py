@@ -13,11 +13,12 @@ from airtact.scene.geometry import Surface
 from airtact.scene.guards import fixed, of_kind, real_numbers, refuse_not_finite
 from airtact.scene.hand import Hand, Side
 from airtact.scene.hand_anatomy import HandAnatomy, anybody
+from airtact.scene.hand_bending import evenly_bent
 from airtact.scene.hand_following import Followed
 from airtact.scene.hand_outline import outline
 from airtact.scene.hand_parts import OWNER, PARTS
 from airtact.scene.hand_solving import SIZES, Seen, Solved, skin_spread, solved
-from airtact.scene.joints import FINGERS, NAMES, evidence_of, joints_of
+from airtact.scene.joints import BONES, FINGERS, NAMES, evidence_of, joints_of
 from airtact.scene.printing import in_short
 
 ROUGH = 6e-3
@@ -55,7 +56,7 @@ class FittedHand:
     points : (N, 3) points around the hand, thinned out [m].
     distances : (N,) from its skin, positive outside [m].
     strays : (N,) whether each counted for nothing.
-    misfit : standard deviation of the others' distances [m].
+    misfit : root mean square of the others' distances [m].
     """
 
     hand: Hand
@@ -119,9 +120,12 @@ def fit_hand(
     nothing = Seen(np.zeros((0, 3)), joints, spread, side, known, None, None)
     seen = Seen(thinned(cloud), joints, spread, side, known, eye, None if eye is None else outline(cloud, eye))
     start = _carried(before, joints) if before is not None and before.hand.side == side else None
+    followed = start is not None
     if start is None:
-        start = solved(nothing, joints, known.mean, hold=known.settled).joints
-    found = solved(seen, start, known.mean if person is None else person.mean, hold=known.settled)
+        bent = evenly_bent(joints, np.exp(known.mean[: len(BONES)]), side)
+        start = solved(nothing, bent, known.mean, hold=known.settled).joints
+    sizes = known.mean if person is None else person.mean
+    found = solved(seen, start, sizes, hold=known.settled, near=followed)
     _refuse_poor(seen, found)
     return _told(seen, found, side, before, person or known)
 
@@ -136,6 +140,7 @@ def _told(seen: Seen, found: Solved, side: Side, before: FittedHand | None, pers
     parts = {
         name: float(np.sqrt(np.mean(spread[owner == index] ** 2))) for index, name in enumerate((*FINGERS, "palm"))
     }
+    strays = found.weights == 0.0
     return FittedHand(
         hand,
         anatomy,
@@ -143,8 +148,8 @@ def _told(seen: Seen, found: Solved, side: Side, before: FittedHand | None, pers
         parts,
         fixed(seen.points),
         fixed(found.gaps.distance),
-        found.weights == 0.0,
-        found.scale,
+        strays,
+        float(np.sqrt(np.mean(found.gaps.distance[~strays] ** 2))),
     )
 
 

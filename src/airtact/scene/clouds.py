@@ -22,8 +22,8 @@ FOREARM = 8e-3, 70e-3
 ELSEWHERE = 0.3
 """Share of points elsewhere from which on they are another body and no strays."""
 
-CELL = 6e-3
-"""Cloud points are thinned out to one in a cube of this side [m]."""
+CELL, BESIDE = 4e-3, 3e-3
+"""Cloud points are thinned out to one in a cube of this side: the mean of those so near the middle one [m]."""
 
 SPARSE = 0.2
 """Cubes with fewer points than this share of the usual number hold strays."""
@@ -74,7 +74,9 @@ def checked_cloud(
 
 
 def thinned(points: Float64[np.ndarray, "points 3"], cell: float = CELL) -> Float64[np.ndarray, "fewer 3"]:
-    """Keep the point nearest to the mean of those in each cube, but none where they are sparse: those are strays.
+    """Keep the mean of the points in each cube, but none where they are sparse: those are strays.
+
+    The mean is of the points near the one nearest to the mean of all, so that strays count for less.
 
     Parameters
     ----------
@@ -89,7 +91,10 @@ def thinned(points: Float64[np.ndarray, "points 3"], cell: float = CELL) -> Floa
     off = np.linalg.norm(points - mean[cube], axis=1)
     order = np.lexsort((off, cube))
     first = order[np.r_[0, np.cumsum(count)[:-1]]]
-    return points[first[count >= SPARSE * np.median(count)]]
+    close = np.linalg.norm(points - points[first][cube], axis=1) < BESIDE
+    many = np.bincount(cube[close], minlength=len(first))
+    mean = np.column_stack([np.bincount(cube[close], column, len(first)) / many for column in points[close].T])
+    return mean[count >= SPARSE * np.median(count)]
 
 
 def _apart(

@@ -12,13 +12,22 @@ from scipy.spatial.transform import Rotation
 from airtact.conventions import InvalidInput
 from airtact.scene.hand_hulls import Hulls
 from airtact.scene.hand_parts import OWNER, PARTS
-from airtact.scene.joints import CHAINS, FINGERS, unit
+from airtact.scene.joints import BONES, CHAINS, FINGERS, unit
 
 THUMB_TILT = 0.5
 """How much the thumb's pad looks away from the back of the hand, over how much it looks to the index finger's root."""
 
 STEADY = 0.3
 """Weight of the palm's own axis beside what the bends of a finger say."""
+
+LAST_SHARE = 2.0 / 3.0
+"""Share of the bend of a finger's middle joint that its last one usually has, by the tendon that they share."""
+
+BENDS_TRIED = np.radians(np.arange(0.0, 111.0, 2.0))
+"""Bends of middle joints that are tried [rad]."""
+
+SHORT = 1e-3
+"""A tip nearer than this to its knuckle, or to the axis that it bends about, says nothing of the plane [m]."""
 
 ROOTS = (1, 6, 11, 16, 21)
 """Joint at the root of each finger, which opens it."""
@@ -66,6 +75,39 @@ def turned(joints: Float64[np.ndarray, "25 3"], side: str, finger: int, angle: f
     moved = joints.copy()
     moved[outer] = joints[root] + turn.apply(joints[outer] - joints[root])
     return moved
+
+
+def evenly_bent(
+    landmarks: Float64[np.ndarray, "25 3"], lengths: Float64[np.ndarray, "bones"], side: str
+) -> Float64[np.ndarray, "25 3"]:
+    """Bend fingers so that they reach from rough knuckles to rough tips, the joints between them as fingers bend.
+
+    Bends between rough landmarks are worth nothing where these are off by as much as bones are long; the distance from
+    a knuckle to a tip is worth much more.
+
+    Parameters
+    ----------
+    landmarks : (25, 3) [m].
+    lengths : (24,) of the bones, as ``BONES`` orders them [m].
+    side : "right" or "left".
+    """
+    joints = landmarks.copy()
+    across = unit(landmarks[6] - landmarks[21]) * (1.0 if side == "right" else -1.0)
+    for finger, chain in enumerate(CHAINS):
+        outer = chain[-4:] if finger else chain[-3:]
+        bones = lengths[[BONES.index(pair) for pair in pairwise(outer)]]
+        turns = np.outer(BENDS_TRIED, np.cumsum([0.0, 1.0, LAST_SHARE][: len(bones)]))
+        ahead, aside = np.cos(turns) @ bones, np.sin(turns) @ bones  # of the tip, in the plane of the finger
+        reach = landmarks[outer[-1]] - landmarks[outer[0]]
+        best = int(np.abs(np.hypot(ahead, aside) - np.linalg.norm(reach)).argmin())
+        axis = across if finger else bending_axis(landmarks, side, 0)
+        if np.linalg.norm(np.cross(axis, reach)) < SHORT:
+            continue
+        along, up = unit(reach), unit(np.cross(axis, reach))
+        angles = turns[best] - np.arctan2(aside[best], ahead[best])
+        ways = np.outer(np.cos(angles), along) + np.outer(np.sin(angles), up)
+        joints[list(outer[1:])] = landmarks[outer[0]] + np.cumsum(bones[:, None] * ways, axis=0)
+    return joints
 
 
 def gap_of(joints: Float64[np.ndarray, "25 3"], radii: Float64[np.ndarray, "25"], fingers: tuple[int, int]) -> float:

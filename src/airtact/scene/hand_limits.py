@@ -2,8 +2,12 @@
 
 Each rule is a residual over its standard deviation, with its exact derivatives by the joints.
 
-Source: E. Y. S. Chao, K.-N. An, W. P. Cooney, R. L. Linscheid, *Biomechanics of the Hand*, World Scientific (1989):
-ranges of motion of the joints.
+Sources
+-------
+- E. Y. S. Chao, K.-N. An, W. P. Cooney, R. L. Linscheid, *Biomechanics of the Hand*, World Scientific (1989): ranges of
+  motion of the joints.
+- H. Rijpkema, M. Girard, SIGGRAPH Comput. Graph. 25, 339 (1991): the last joint of a finger bends by two thirds of what
+  its middle one does.
 """
 
 from collections.abc import Iterable
@@ -14,7 +18,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from airtact.scene.hand_anatomy import COUNT, SPANS, TIES
-from airtact.scene.hand_bending import bending_axis
+from airtact.scene.hand_bending import LAST_SHARE, bending_axis
 from airtact.scene.joints import CHAINS, unit
 
 BONE, CARPUS, PALM = 0.5e-3, 1.0e-3, 2.0e-3
@@ -23,14 +27,21 @@ BONE, CARPUS, PALM = 0.5e-3, 1.0e-3, 2.0e-3
 BACKWARDS = ((-0.5, -0.15, -0.25), (-0.5, -0.3))
 """Least sine of the bend at the knuckle, middle and last joint of a finger, and at those of the thumb."""
 
-FARTHEST = -0.35
-"""Least cosine of a bend, either way."""
+FARTHEST = ((-0.35, -0.35, 0.0), (0.2, 0.0))
+"""Least cosines of those bends, either way."""
 
 SIDEWAYS = 0.45
 """Largest sine of the turn of a finger to a side."""
 
 SPARE, PLANE = 0.05, 0.08
 """Standard deviations of those sines and cosines where they are passed, and of a finger's twist out of its plane."""
+
+COUPLED = 0.4
+"""Standard deviation of the bend of a finger's last joint from the share of its middle one's that it usually has
+[rad]."""
+
+BENT = (-0.3, 2.0)
+"""Bends of middle joints beyond which last ones turn no farther [rad]."""
 
 ENDS = np.array([pair for chain in CHAINS for pair in pairwise(chain)])
 """Joints at both ends of the bones of the fingers, the thumb's three first."""
@@ -43,6 +54,9 @@ BENDS = np.array([(0, 1), (1, 2), *((bone + k, bone + k + 1) for bone in (3, 7, 
 
 LEAST = np.array([*BACKWARDS[1], *(4 * BACKWARDS[0])])
 """Least sines of those bends."""
+
+LOWEST = np.array([*FARTHEST[1], *(4 * FARTHEST[0])])
+"""Least cosines of those bends."""
 
 BEND_FINGER = np.array([0, 0, *np.repeat([1, 2, 3, 4], 3)])
 
@@ -108,13 +122,34 @@ def bending_axes(joints: Float64[np.ndarray, "25 3"], side: str) -> Float64[np.n
     return np.array(axes)
 
 
-def bend_rules(joints: Float64[np.ndarray, "25 3"], axes: Float64[np.ndarray, "5 3"]) -> Rules:
-    """Hold the bends of fingers within the limits of their joints, and fingers in their planes.
+def usual_last_bones(
+    joints: Float64[np.ndarray, "25 3"], axes: Float64[np.ndarray, "5 3"]
+) -> Float64[np.ndarray, "4 3"]:
+    """Find the unit directions (4, 3) that the last bones of fingers have where they bend as they usually do.
 
     Parameters
     ----------
     joints : (25, 3) [m].
-    axes : (5, 3) about which they bend, which are held fixed.
+    axes : (5, 3) about which they bend.
+    """
+    along = joints[ENDS[:, 1]] - joints[ENDS[:, 0]]
+    ways, axis = along / np.linalg.norm(along, axis=1, keepdims=True), axes[1:]
+    u, v = ways[FIRST], ways[FIRST + 1]
+    bend = np.arctan2(np.einsum("fi,fi->f", np.cross(u, v), axis), np.einsum("fi,fi->f", u, v))
+    turn = LAST_SHARE * np.clip(bend, *BENT)[:, None]
+    return np.cos(turn) * v + np.sin(turn) * np.cross(axis, v)
+
+
+def bend_rules(
+    joints: Float64[np.ndarray, "25 3"], axes: Float64[np.ndarray, "5 3"], usual: Float64[np.ndarray, "4 3"]
+) -> Rules:
+    """Hold fingers in their planes and their bends within the limits of joints, the last ones near their usual share.
+
+    Parameters
+    ----------
+    joints : (25, 3) [m].
+    axes : (5, 3) about which they bend, held fixed.
+    usual : (4, 3) where last bones usually point, held fixed.
     """
     along = joints[ENDS[:, 1]] - joints[ENDS[:, 0]]
     length = np.linalg.norm(along, axis=1)
@@ -122,7 +157,7 @@ def bend_rules(joints: Float64[np.ndarray, "25 3"], axes: Float64[np.ndarray, "5
     axis = axes[BEND_FINGER]
     u, v = ways[BENDS[:, 0]], ways[BENDS[:, 1]]
     back = np.maximum(LEAST - np.einsum("bi,bi->b", np.cross(u, v), axis), 0.0) / SPARE
-    far = np.maximum(FARTHEST - np.einsum("bi,bi->b", u, v), 0.0) / SPARE
+    far = np.maximum(LOWEST - np.einsum("bi,bi->b", u, v), 0.0) / SPARE
     hinge = axes[HINGE_FINGER]
     twist = np.einsum("hi,hi->h", ways[HINGES[:, 1]] - ways[HINGES[:, 0]], hinge) / PLANE
     turn = np.einsum("fi,fi->f", ways[FIRST], axes[1:])
@@ -133,9 +168,11 @@ def bend_rules(joints: Float64[np.ndarray, "25 3"], axes: Float64[np.ndarray, "5
         ((BENDS[:, 0], active[1] * v), (BENDS[:, 1], active[1] * u)),
         ((HINGES[:, 0], -hinge / PLANE), (HINGES[:, 1], hinge / PLANE)),
         ((FIRST, (aside != 0.0)[:, None] * axes[1:] / SPARE),),
+        ((np.repeat(FIRST + 2, 3), np.tile(np.eye(3) / COUPLED, (4, 1))),),
     )
+    drawn = ((ways[FIRST + 2] - usual) / COUPLED).ravel()
     slopes = np.concatenate([_by_joints(parts, ways, length) for parts in by_way])
-    return Rules(np.concatenate([back, far, twist, aside]), slopes)
+    return Rules(np.concatenate([back, far, twist, aside, drawn]), slopes)
 
 
 def _by_joints(

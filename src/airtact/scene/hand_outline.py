@@ -12,10 +12,10 @@ from scipy.spatial import KDTree
 from airtact.scene.hand_parts import PARTS
 from airtact.scene.printing import in_short
 
-PIXEL = 1.5e-3
+PIXEL = 1e-3
 """Least side of the squares of an outline, at the distance of the hand [m]."""
 
-SPACING = 2.0
+SPACING = 1.2
 """Side of the squares over the usual distance of neighbouring points."""
 
 MARGIN = 30e-3
@@ -24,10 +24,10 @@ MARGIN = 30e-3
 HOLE = 2e-4
 """Holes of the outline smaller than this are missing points and no free air [m²]."""
 
-SPECK = 0.02
+SPECK = 0.004
 """Specks smaller than this share of the hand are stray points."""
 
-SPARE, LOOSE = 1.0e-3, 2.0e-3
+SPARE, LOOSE = 0.2e-3, 1.0e-3
 """What a hand may stand out of the outline, and the standard deviation of what is more [m]."""
 
 FAR = 12e-3

@@ -6,11 +6,11 @@ Sources
 - F. R. Hampel, J. Am. Stat. Assoc. 69, 383 (1974): the scale of the misfit from its median.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 from scipy.linalg import cho_factor, cho_solve
 
 from airtact.scene.hand_anatomy import SPANS, HandAnatomy
@@ -24,6 +24,7 @@ from airtact.scene.hand_limits import (
     landmark_cost,
     landmark_rules,
     length_rules,
+    usual_last_bones,
 )
 from airtact.scene.hand_outline import Outline
 from airtact.scene.hand_parts import FREE, PARTS, WEB_BALL, hand_hulls
@@ -47,23 +48,33 @@ WIDEST, SHARPER = 3e-3, 0.7
 STEP, SIZE_STEP = 10e-3, 0.1
 """Longest step of a joint [m], and of the logarithm of a size."""
 
-ENOUGH = 1e-3
-"""The search ends with a step that promises a smaller share of half the sum of squares."""
+ENOUGH, WASTED = 1e-3, 1e-2
+"""The search ends with a step that promises a smaller share of half the sum of squares, and with one that does not
+keep a promise of a smaller share: points have changed from one part of the hand to another."""
 
-STEPS = 40
-"""Steps at most."""
+STEPS, LATER, LAST = 40, 12, 6
+"""Steps at most: in a first frame; and in later ones, with few points and then with all."""
+
+EACH = 4
+"""First, one point stands for so many."""
 
 FIRST, EASIER, HARDER = 1e-3, 5.0, 10.0
 """Damping of the first step, and what it is divided and multiplied by after steps that help and that do not."""
 
-CELL = 12e-3
+CELL = 25e-3
 """Points nearer than this are off together, by the same fault of the shape [m]."""
 
-ALIKE = 7.0
-"""Points that count as one."""
+ALIKE = np.array([4.0, 12.0])
+"""Points of fingers and of the palm that count as one: a palm is farther from hulls of balls, and misfits alike."""
 
-MOST_ALIKE = 12.0
+MOST_ALIKE = 80.0
 """Points that count as one at most."""
+
+FEW = 20
+"""Fewer points of fingers, or of the palm, do not tell the scale of their own misfit."""
+
+KIND = (np.arange(len(PARTS)) >= FREE).astype(np.int64)
+"""0 for the hulls of fingers, 1 for those of the palm."""
 
 SHAPE = np.r_[np.full(FREE, 1.0e-3), np.full(len(PARTS) - FREE, 2.5e-3)]
 """How far skin is from hulls of balls at best, those of fingers and of the palm, by the example's GLB hand [m]."""
@@ -102,6 +113,7 @@ class Seen:
     anatomy : what its sizes may be.
     camera : (3,) that saw the points [m], or None.
     outline : what that camera saw of the hand, or None.
+    each : how many points each of these stands for.
     """
 
     points: Float64[np.ndarray, "points 3"]
@@ -111,6 +123,7 @@ class Seen:
     anatomy: HandAnatomy
     camera: Float64[np.ndarray, "3"] | None
     outline: Outline | None
+    each: int = 1
 
     __repr__ = in_short
 
@@ -131,8 +144,8 @@ class Solved:
     covariance : (137, 137) of joints and sizes.
     gaps : from points to its skin.
     weights : (N,) of the points, 0 for strays.
-    scale : standard deviation of the misfit [m].
-    together : standard deviation of the part of it that neighbouring points have alike [m].
+    together : (2,) standard deviation of the part of the misfit that neighbouring points have alike, at fingers and at
+        the palm [m].
     steps : how many it took.
     """
 
@@ -141,8 +154,7 @@ class Solved:
     covariance: Float64[np.ndarray, "137 137"]
     gaps: Gaps
     weights: Float64[np.ndarray, "points"]
-    scale: float
-    together: float
+    together: Float64[np.ndarray, "2"]
     steps: int
 
     __repr__ = in_short
@@ -153,7 +165,9 @@ class Solved:
         return np.exp(self.sizes[len(SPANS) :])
 
 
-def solved(seen: Seen, joints: Float64[np.ndarray, "25 3"], sizes: Float64[np.ndarray, "62"], hold: bool) -> Solved:
+def solved(
+    seen: Seen, joints: Float64[np.ndarray, "25 3"], sizes: Float64[np.ndarray, "62"], hold: bool, near: bool = False
+) -> Solved:
     """Find the hand that explains a cloud best.
 
     Parameters
@@ -161,32 +175,47 @@ def solved(seen: Seen, joints: Float64[np.ndarray, "25 3"], sizes: Float64[np.nd
     seen : what is known.
     joints, sizes : (25, 3) [m] and (62,) logarithms to begin with.
     hold : keeps the sizes as they are.
+    near : the joints are about right, by the frame before: few points lead the first steps.
     """
     place = np.concatenate([joints.ravel(), sizes])
-    free = 75 if hold else UNKNOWNS
     hulls, _ = hand_hulls(joints, np.exp(sizes[len(SPANS) :]))
     crease = (hulls.blend, hulls.apart)
-    damping, steps, floor = FIRST, 0, WIDEST
+    if not near:
+        here, steps, _ = _descended(seen, crease, place, WIDEST, STEPS, hold)
+        return _told(seen, here, steps, hold)
+    few = replace(seen, points=np.ascontiguousarray(seen.points[::EACH]), each=EACH)
+    here, steps, floor = _descended(few, crease, place, WIDEST, LATER, hold)
+    here, more, _ = _descended(seen, crease, here.place, floor, LAST, hold)
+    return _told(seen, here, steps + more, hold)
+
+
+def _descended(
+    seen: Seen, crease: Crease, place: Float64[np.ndarray, "137"], floor: float, most: int, hold: bool
+) -> "tuple[_System, int, float]":
+    """Take steps until they promise little: where they end, how many they were, and the least scale by then."""
+    free = 75 if hold else UNKNOWNS
+    damping, steps = FIRST, 0
     here = _system(seen, crease, place, floor)
-    while steps < STEPS:
+    while steps < most:
         steps += 1
-        matrix = (here.rules + here.points)[:free, :free]
+        matrix = here.matrix[:free, :free]
         matrix += damping * np.diag(np.diag(matrix))
         move = -cho_solve(cho_factor(matrix), here.slope[:free])
         gain = -0.5 * float(here.slope[:free] @ move)  # what the step promises
         length = float(np.linalg.norm(move[:75].reshape(25, 3), axis=1).max())
         move *= min(1.0, STEP / max(length, 1e-12), SIZE_STEP / max(float(np.abs(move[75:]).max(initial=0.0)), 1e-12))
-        tried = place.copy()
+        tried = here.place.copy()
         tried[:free] += move
         floor *= SHARPER
         there = _system(seen, crease, tried, floor)
         better = there.cost(here.scale) < here.cost(here.scale)
         damping = damping / EASIER if better else damping * HARDER
         if better:
-            place, here = tried, there
-        if gain < ENOUGH * (1.0 + here.cost(here.scale)) and floor < here.scale:
+            here = there
+        enough = (ENOUGH if better else WASTED) * (1.0 + here.cost(here.scale))
+        if gain < enough and floor < here.scale.min():
             break
-    return _told(seen, place, here, steps, hold)
+    return here, steps, floor
 
 
 def skin_spread(found: Solved) -> Float64[np.ndarray, "hulls"]:
@@ -207,8 +236,8 @@ def skin_spread(found: Solved) -> Float64[np.ndarray, "hulls"]:
         slopes = np.zeros((len(shares), len(ways), 26, 4))
         slopes[:, :, balls] = shares[:, None, :, None] * np.column_stack([ways, np.ones(len(ways))])[None, :, None]
         rows = by_unknowns(slopes.reshape(-1, 104), found.sizes)
-        spread[hull] = np.einsum("ri,ij,rj->r", rows, own, rows).mean()
-    return np.sqrt(spread + np.maximum(SHAPE, found.together) ** 2)
+        spread[hull] = ((rows @ own) * rows).sum(axis=1).mean()
+    return np.sqrt(spread + np.maximum(SHAPE, found.together[KIND]) ** 2)
 
 
 def by_unknowns(
@@ -232,32 +261,40 @@ OF_POINTS = np.ix_(*2 * [np.r_[np.arange(75), np.arange(RADII.start, RADII.stop)
 
 @dataclass(frozen=True, eq=False)
 class _System:
-    """The normal equations of a step, those of the points apart, and what the cost is made of."""
+    """The normal equations of a step, points of fingers and of the palm apart, and what the cost is made of."""
 
+    place: Float64[np.ndarray, "137"]
     rules: Float64[np.ndarray, "137 137"]
-    points: Float64[np.ndarray, "137 137"]
+    by_kind: Float64[np.ndarray, "2 137 137"]
     slope: Float64[np.ndarray, "137"]
     squares: float
     gaps: Gaps
     weights: Float64[np.ndarray, "points"]
-    scale: float
+    scale: Float64[np.ndarray, "2"]
+    each: int
 
-    def cost(self, scale: float) -> float:
+    @property
+    def matrix(self) -> Float64[np.ndarray, "137 137"]:
+        """That of the normal equations."""
+        return self.rules + self.by_kind[0] / ALIKE[0] + self.by_kind[1] / ALIKE[1]
+
+    def cost(self, scale: Float64[np.ndarray, "2"]) -> float:
         """Half the sum of squares of the rules, and of Tukey's function of the points."""
-        reach = TUKEY * scale
-        share = np.minimum((self.gaps.distance / reach) ** 2, 1.0)
-        return 0.5 * self.squares + reach**2 / (6.0 * ALIKE * scale**2) * float((1.0 - (1.0 - share) ** 3).sum())
+        kind = KIND[self.gaps.hull]
+        share = np.minimum((self.gaps.distance / (TUKEY * scale[kind])) ** 2, 1.0)
+        points = float(((1.0 - (1.0 - share) ** 3) / ALIKE[kind]).sum())
+        return 0.5 * self.squares + self.each * TUKEY**2 / 6.0 * points
 
 
 def _system(seen: Seen, crease: Crease, place: Float64[np.ndarray, "137"], floor: float) -> _System:
     joints, sizes = place[:75].reshape(25, 3), place[75:]
     balls = _balls_at(joints, sizes)
     matrix, slope = np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS)
-    off = joints - seen.landmarks
+    off, axes = joints - seen.landmarks, bending_axes(joints, seen.side)
     rules = [
         landmark_rules(off, firmness(off, seen.spread)),
         length_rules(joints, sizes),
-        bend_rules(joints, bending_axes(joints, seen.side)),
+        bend_rules(joints, axes, usual_last_bones(joints, axes)),
     ]
     residuals, slopes = (np.concatenate(part) for part in zip(*rules, strict=True))
     matrix, slope = slopes.T @ slopes, slopes.T @ residuals
@@ -273,54 +310,65 @@ def _system(seen: Seen, crease: Crease, place: Float64[np.ndarray, "137"], floor
         slope[OF_POINTS[0].ravel()] += slopes.T @ beyond
         squares += cost
     gaps, weights, scale = _misfit(seen, Hulls(balls, PARTS, *crease), floor)
-    weighted = gaps.slopes * (weights / (ALIKE * scale**2))[:, None]
-    points = np.zeros((UNKNOWNS, UNKNOWNS))
-    points[OF_POINTS] = by_unknowns(by_unknowns(gaps.slopes.T @ weighted, sizes).T, sizes)
-    slope[OF_POINTS[0].ravel()] += by_unknowns((weighted.T @ gaps.distance)[None], sizes)[0]
-    return _System(matrix, points, slope, squares, gaps, weights, scale)
+    by_kind = np.zeros((2, UNKNOWNS, UNKNOWNS))
+    for kind in range(2):
+        own = np.flatnonzero((KIND[gaps.hull] == kind) & (weights > 0.0))
+        weighted = gaps.slopes[own] * (seen.each * weights[own] / scale[kind] ** 2)[:, None]
+        by_kind[kind][OF_POINTS] = by_unknowns(by_unknowns(gaps.slopes[own].T @ weighted, sizes).T, sizes)
+        pull = by_unknowns((weighted.T @ gaps.distance[own])[None], sizes)[0]
+        slope[OF_POINTS[0].ravel()] += pull / ALIKE[kind]
+    return _System(place, matrix, by_kind, slope, squares, gaps, weights, scale, seen.each)
 
 
 def _balls_at(joints: Float64[np.ndarray, "25 3"], sizes: Float64[np.ndarray, "62"]) -> Float64[np.ndarray, "26 4"]:
     return (BALLS @ np.concatenate([joints.ravel(), np.exp(sizes[len(SPANS) :])])).reshape(26, 4)
 
 
-def _misfit(seen: Seen, hulls: Hulls, floor: float) -> tuple[Gaps, Float64[np.ndarray, "points"], float]:
-    """Distances of points from the skin of a hand, their weights, and the scale of the misfit [m]."""
+def _misfit(
+    seen: Seen, hulls: Hulls, floor: float
+) -> tuple[Gaps, Float64[np.ndarray, "points"], Float64[np.ndarray, "2"]]:
+    """Distances of points from the skin of a hand, their weights, and the scales of the misfit [m]."""
+    scale = np.full(2, MOST)
     if len(seen.points) == 0:
-        return Gaps(np.zeros(0), np.zeros((0, 104)), np.zeros(0, dtype=np.int64)), np.zeros(0), MOST
+        return Gaps(np.zeros(0), np.zeros((0, 104)), np.zeros(0, dtype=np.int64)), np.zeros(0), scale
     gaps = gaps_to(seen.points, hulls, seen.camera)
-    off = np.abs(gaps.distance)
-    near = off[off < REACH]
-    scale = float(np.clip(NORMAL * np.median(near), max(floor, LEAST), MOST)) if len(near) else MOST
-    return gaps, np.maximum(1.0 - (off / (TUKEY * scale)) ** 2, 0.0) ** 2, scale
+    off, kinds = np.abs(gaps.distance), KIND[gaps.hull]
+    for kind in range(2):
+        near = off[(off < REACH) & (kinds == kind)]
+        near = near if len(near) >= FEW else off[off < REACH]
+        if len(near):
+            scale[kind] = np.clip(NORMAL * np.median(near), max(floor, LEAST), MOST)
+    return gaps, np.maximum(1.0 - (off / (TUKEY * scale[kinds])) ** 2, 0.0) ** 2, scale
 
 
-def _told(seen: Seen, place: Float64[np.ndarray, "137"], here: _System, steps: int, hold: bool) -> Solved:
+def _told(seen: Seen, here: _System, steps: int, hold: bool) -> Solved:
     """Say what was found, neighbouring points that are off alike counting as one."""
-    alike, together = _alike(seen.points, here.gaps, here.weights, here.scale)
-    matrix = here.rules + here.points * (ALIKE / alike)
+    matrix, together = here.rules.copy(), np.zeros(2)
+    for kind in range(2):
+        own = np.flatnonzero((here.weights > 0.0) & (KIND[here.gaps.hull] == kind))
+        alike, together[kind] = _alike(seen.points[own], here.gaps.distance[own], here.gaps.hull[own])
+        matrix += here.by_kind[kind] / alike
     if hold:  # sizes are as sure as they were, whatever this frame says of them
         follow = np.vstack([-np.linalg.solve(matrix[:75, :75], matrix[:75, SIZES]), np.eye(UNKNOWNS - 75)])
         covariance = follow @ seen.anatomy.covariance @ follow.T
         covariance[:75, :75] += np.linalg.inv(matrix[:75, :75])
     else:
         covariance = cho_solve(cho_factor(matrix), np.eye(UNKNOWNS))
-    joints = place[:75].reshape(25, 3)
-    return Solved(joints, place[75:], covariance, here.gaps, here.weights, here.scale, together, steps)
+    joints = here.place[:75].reshape(25, 3)
+    return Solved(joints, here.place[75:], covariance, here.gaps, here.weights, together, steps)
 
 
 def _alike(
-    points: Float64[np.ndarray, "points 3"], gaps: Gaps, weights: Float64[np.ndarray, "points"], scale: float
+    points: Float64[np.ndarray, "points 3"], off: Float64[np.ndarray, "points"], hull: Int64[np.ndarray, "points"]
 ) -> tuple[float, float]:
     """How many neighbouring points are as good as one, their misfit being alike, and how large that common part is."""
-    used = np.flatnonzero(weights > 0.0)
-    if len(used) < 2:
-        return 1.0, scale
-    cells = np.column_stack([np.floor(points[used] / CELL).astype(np.int64), gaps.hull[used]])
+    if len(points) < FEW:
+        return 1.0, MOST
+    cells = np.column_stack([np.floor(points / CELL).astype(np.int64), hull])
     _, cell, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
-    mean = np.bincount(cell, gaps.distance[used]) / count
-    spread = float(np.var(gaps.distance[used]))
-    within = float(np.sum((gaps.distance[used] - mean[cell]) ** 2) / max(len(used) - len(count), 1))
+    mean = np.bincount(cell, off) / count
+    spread = float(np.var(off))
+    within = float(np.sum((off - mean[cell]) ** 2) / max(len(off) - len(count), 1))
     common = max(spread - within, 0.0)
     usual = float((count**2).sum() / count.sum())
     alike = 1.0 + (usual - 1.0) * common / max(spread, 1e-18)
