@@ -3,25 +3,20 @@
 Exit codes: 0 done, 2 bad input or not converged, 3 a link to boards failed, 130 broken off by Ctrl-C.
 """
 
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import click
 
 from airtact.cli.bench import bench
 from airtact.cli.boards import boards, emit, export
+from airtact.cli.console import progress, warn
 from airtact.cli.hands import hand
 from airtact.cli.papers import reproduce
 from airtact.cli.tracking import listen
 from airtact.conventions import InvalidInput, NotConverged
 from airtact.hardware.link import LinkFailed
-
-if TYPE_CHECKING:
-    from rich.console import Console
-
 
 Command = TypeVar("Command", bound=Callable[..., None])
 
@@ -110,7 +105,7 @@ def check(scene: Path, folder: Path | None, **settings: float | None) -> None:
 
     given = _given(**settings)
     console = Console()
-    with _progress(Console(stderr=True)) as tell:
+    with progress() as tell:
         if scene.suffix.lower() in SUFFIXES:
             facts = surface_tables(scene.name, check_surface_file(scene, folder, tell, **given))
         elif given:
@@ -142,7 +137,7 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None
     """
     from rich.console import Console
 
-    with _progress(Console(stderr=True)) as tell:
+    with progress() as tell:
         from airtact.cli.tables import quality_tables
         from airtact.meshing import mesh as run_mesh
 
@@ -150,7 +145,7 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None
     console = Console()
     for table in quality_tables(meshed):
         console.print(table)
-    _warn(console, [meshed.warning] if meshed.warning else [])
+    warn(console, [meshed.warning] if meshed.warning else [])
     console.print(f"The panels: {meshed.file}, their picture: {meshed.picture}", soft_wrap=True, highlight=False)
 
 
@@ -165,7 +160,7 @@ def render(scene: Path, folder: Path, store: Path | None) -> None:
     """Compute the drive and the field for SCENE and write drive.csv, drive.h5, field.vtkhdf and report.html."""
     from rich.console import Console
 
-    with _progress(Console(stderr=True)) as tell:
+    with progress() as tell:
         tell("starting")
         from airtact.cli.tables import run_table
         from airtact.render import render as run_render
@@ -173,7 +168,7 @@ def render(scene: Path, folder: Path, store: Path | None) -> None:
         run = run_render(scene, folder, tell, store)
     console = Console()
     console.print(run_table(run))
-    _warn(console, run.said)
+    warn(console, run.said)
     console.print(f"The page of this run: {folder / 'report.html'}", soft_wrap=True, highlight=False)
 
 
@@ -191,7 +186,7 @@ def compare(scene: Path, folder: Path, store: Path | None) -> None:
     """
     from rich.console import Console
 
-    with _progress(Console(stderr=True)) as tell:
+    with progress() as tell:
         tell("starting")
         from airtact.cli.tables import methods_table
         from airtact.comparing import compare_methods
@@ -199,7 +194,7 @@ def compare(scene: Path, folder: Path, store: Path | None) -> None:
         contest = compare_methods(scene, folder, tell, store)
     console = Console()
     console.print(methods_table(contest))
-    _warn(console, contest.said)
+    warn(console, contest.said)
     console.print(f"The page of this comparison: {folder / 'methods.html'}", soft_wrap=True, highlight=False)
 
 
@@ -224,7 +219,7 @@ def compare_scan(
     """
     from rich.console import Console
 
-    with _progress(Console(stderr=True)) as tell:
+    with progress() as tell:
         tell("starting")
         from airtact.cli.tables import scan_table
         from airtact.evaluation.microphone import Microphone
@@ -234,36 +229,5 @@ def compare_scan(
         compared = run_compare_scan(scan, scene, folder, Microphone(**given), tell)  # pyright: ignore[reportArgumentType]
     console = Console()
     console.print(scan_table(compared))
-    _warn(console, [*compared.overlay.warnings, *compared.report.warnings])
+    warn(console, [*compared.overlay.warnings, *compared.report.warnings])
     console.print(f"The overlay: {folder / 'overlay.png'}", soft_wrap=True, highlight=False)
-
-
-def _warn(console: "Console", sentences: Sequence[str]) -> None:
-    from rich.markup import escape
-
-    for sentence in sentences:
-        console.print(f"[yellow]Warning:[/yellow] {escape(sentence)}", soft_wrap=True, highlight=False)
-
-
-@contextmanager
-def _progress(console: "Console") -> Iterator[Callable[[str], None]]:
-    """Show steps as they begin: live with the time each takes in a terminal, else one line each."""
-    if not console.is_terminal:
-        begun = time.perf_counter()
-        yield lambda step: click.echo(f"{time.perf_counter() - begun:7.1f} s  {step}", err=True)
-        return
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    columns = SpinnerColumn(finished_text="[green]✓"), TimeElapsedColumn(), TextColumn("{task.description}")
-    with Progress(*columns, console=console) as progress:
-
-        def finish() -> None:
-            for task in progress.tasks:
-                progress.update(task.id, completed=1)
-
-        def tell(step: str) -> None:
-            finish()
-            progress.add_task(step, total=1)
-
-        yield tell
-        finish()

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import click
 
+from airtact.cli.console import progress, warn
+
 
 @click.command(
     short_help="Measure times and errors, beside other packages.",
@@ -22,9 +24,7 @@ def bench(folder: Path, acoustools: str | None, bempp: str | None, hand: Path | 
     """
     from rich.console import Console
 
-    from airtact.cli import _progress, _warn
-
-    with _progress(Console(stderr=True)) as tell:
+    with progress() as tell:
         tell("starting")
         from airtact.benching.bench import bench as run
         from airtact.benching.performance_page import page_of
@@ -32,5 +32,5 @@ def bench(folder: Path, acoustools: str | None, bempp: str | None, hand: Path | 
         found = run(folder, acoustools, bempp, hand, quick, tell)
     console = Console()
     console.print(page_of(found), markup=False, highlight=False, soft_wrap=True)
-    _warn(console, found.said)
+    warn(console, found.said)
     console.print(f"The page: {folder / 'performance.md'}", soft_wrap=True, highlight=False)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from airtact.cli.console import plain_table, progress
 from airtact.conventions import InvalidInput
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ def boards() -> None:
     from airtact.transducers.boards import known_boards
 
     console = Console()
-    table = _table("board", "elements", "levels", "a link")
+    table = plain_table("board", "elements", "levels", "a link")
     for board in known_boards():
         amplitudes = "on, off" if board.amplitudes == 2 else str(board.amplitudes)
         row = (str(len(board)), f"{amplitudes} x {board.phases} phases", f"1 to {board.most} boards")
@@ -81,7 +82,6 @@ def emit(drive: Path, board: str, link: str, cap: float, seconds: float, yes: bo
     """
     from rich.console import Console
 
-    from airtact.cli import _progress
     from airtact.emitting import emit as run
     from airtact.emitting import link_for, plan
     from airtact.scene.guards import positive
@@ -94,7 +94,7 @@ def emit(drive: Path, board: str, link: str, cap: float, seconds: float, yes: bo
     _print_warnings(made, console)
     if not yes:
         _ask(f"Emit for {seconds:g} s through {link} to {way.devices}?")
-    with _progress(Console(stderr=True)) as tell:
+    with progress() as tell:
         played = run(made, way, seconds, tell)
     console.print(f"{way.sent} frames were sent; the last was silence, {_confirmed(link, board)}.", highlight=False)
     if played is not None:
@@ -134,7 +134,7 @@ def _plan_table(made: "Plan", link: str) -> "Table":
     import numpy as np
 
     stored = made.stored
-    table = _table("", "")
+    table = plain_table("", "")
     elements = stored.drives.shape[1]
     table.add_row("boards", f"{len(made.poses)} {made.board.title}, {elements} transducers, through {link}")
     if stored.rate is not None and len(stored.drives) > 1:
@@ -169,9 +169,3 @@ def _confirmed(link: str, board: str) -> str:
     if link == "serial" and board == "sonicsurface":
         return "let out by the port (a SonicSurface never answers)"
     return "and confirmed" if link != "file" else "and written"
-
-
-def _table(*columns: str) -> "Table":
-    from airtact.cli.tables import _table as plain
-
-    return plain(*columns)

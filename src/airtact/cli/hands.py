@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from airtact.cli.console import progress
 from airtact.conventions import InvalidInput
 
 if TYPE_CHECKING:
@@ -62,9 +63,7 @@ def hand(
     if frames or leave_out:
         raise InvalidInput(f"{pose.name} is 1 pose, no recording; leave --frame and --leave-out out.")
 
-    from airtact.cli import _progress
-
-    with _progress(Console(stderr=True)) as tell:
+    with progress() as tell:
         from airtact.posing import pose as run_pose
 
         posed = run_pose(pose, file, gap, edge, tell)
@@ -80,9 +79,7 @@ def _show_cloud(
 ) -> None:
     from rich.console import Console
 
-    from airtact.cli import _progress
-
-    with _progress(Console(stderr=True)) as tell:
+    with progress() as tell:
         from airtact.posing import fit
 
         done = fit(cloud, landmarks, file, camera, edge, tell)

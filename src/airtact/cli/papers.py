@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from airtact.cli.console import progress
 from airtact.conventions import NotConverged
 
 PAPERS = ("inoue2014",)
@@ -25,9 +26,7 @@ def reproduce(paper: str, folder: Path, quick: bool) -> None:
     """
     from rich.console import Console
 
-    from airtact.cli import _progress
-
-    with _progress(Console(stderr=True)) as tell:
+    with progress() as tell:
         tell(f"starting {paper}")
         from airtact.experiments.inoue2014 import reproduce as run
 

@@ -4,11 +4,11 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from rich.box import SIMPLE
 from rich.markup import escape
 from rich.table import Table
 
 from airtact.checking import unknowns_by_accuracy
+from airtact.cli.console import plain_table
 from airtact.meshing import Meshed
 from airtact.report.body_figure import sharp_edges
 from airtact.report.methods_page import Contest
@@ -24,7 +24,7 @@ from airtact.solvers.boundary_element import BoundaryElement
 def scene_tables(setup: Setup) -> Iterator[Table]:
     """Tables of the bodies, the foci, and what solving takes."""
     wavelength = setup.scene.wavelength
-    bodies = _table("bodies", "boundary", "triangles", "area")
+    bodies = plain_table("bodies", "boundary", "triangles", "area")
     for name, obstacle in zip(setup.bodies, setup.scene.obstacles, strict=True):
         surface = obstacle.surface
         size = f"{1e4 * surface.area:.1f} cm² = {surface.area / wavelength**2:.0f} λ²"
@@ -33,7 +33,7 @@ def scene_tables(setup: Setup) -> Iterator[Table]:
         yield bodies
     notes = [(name, one.surface) for name, one in zip(setup.bodies, setup.scene.obstacles, strict=True)]
     yield from (_mended(surface, name) for name, surface in notes if surface.mended)
-    foci = _table("foci", "x", "y", "z", "off the skin", "pressure")
+    foci = plain_table("foci", "x", "y", "z", "off the skin", "pressure")
     asked = setup.target.pressures
     off_skin = -setup.scene.depth(setup.target.points)
     for index, (name, point) in enumerate(zip(setup.foci, setup.target.points, strict=True)):
@@ -43,7 +43,7 @@ def scene_tables(setup: Setup) -> Iterator[Table]:
     yield foci
     elements = setup.array
     clearance = -setup.scene.depth(elements.positions).max()
-    facts = _table("", "")
+    facts = plain_table("", "")
     sensitivity = f"{elements.element.sensitivity:g} Pa·m, uncalibrated"
     away = f", {1e3 * clearance:.0f} mm off the bodies or more" if setup.bodies else ""
     facts.add_row("transducers", f"{len(elements)}, {sensitivity}{away}")
@@ -61,7 +61,7 @@ def surface_tables(name: str, scene: Scene) -> Iterator[Table]:
     """Tables of what is in a surface, what was mended, and what solving it takes."""
     surface = scene.obstacles[0].surface
     pieces = int(shells(surface.triangles).max()) + 1
-    facts = _table("", "")
+    facts = plain_table("", "")
     facts.add_row("accepted", f"{name}: {len(surface.triangles):,} triangles, {_pieces(pieces)}")
     facts.add_row("extent", f"{_sides(surface)} mm along x, y, z")
     facts.add_row("area", f"{1e4 * surface.area:.4g} cm² = {surface.area / scene.wavelength**2:.3g} λ² at 40 kHz")
@@ -75,13 +75,13 @@ def surface_tables(name: str, scene: Scene) -> Iterator[Table]:
 
 def quality_tables(meshed: Meshed) -> Iterator[Table]:
     """Tables of panels beside the triangles that they were made from."""
-    sizes = _table("", "given", "panels")
+    sizes = plain_table("", "given", "panels")
     sizes.add_row("triangles, panels", f"{len(meshed.surface.triangles):,}", f"{len(meshed.panels.six_nodes):,}")
     sizes.add_row("area", f"{1e4 * meshed.given_area:.4g} cm²", f"{1e4 * meshed.area:.4g} cm²")
     sizes.add_row("volume", f"{1e6 * meshed.given_volume:.4g} cm³", f"{1e6 * meshed.volume:.4g} cm³")
     yield sizes
     worst, first = meshed.angles
-    facts = _table("", "")
+    facts = plain_table("", "")
     facts.add_row("smallest angle", f"{worst:.1f}°, 1 of 100 panels below {first:.1f}°")
     facts.add_row("edge", f"{1e3 * meshed.edge:.3g} mm asked, the longest has {1e3 * meshed.longest_edge:.3g} mm")
     panels = meshed.panels
@@ -96,7 +96,7 @@ def quality_tables(meshed: Meshed) -> Iterator[Table]:
 
 
 def _mended(surface: Surface, name: str = "") -> Table:
-    table = _table("", "")
+    table = plain_table("", "")
     for index, note in enumerate(surface.mended or ("nothing",)):
         table.add_row(escape(f"mended in {name}" if name else "mended") if index == 0 else "", escape(note))
     return table
@@ -127,7 +127,7 @@ def _sharp(surface: Surface) -> str:
 def run_table(run: Run) -> Table:
     """Tabulate what each focus gets, with the hand considered and ignored."""
     ratios = {name: run.comparison.ratios(name)[1] for name in run.comparison.pressures}
-    table = _table("focus", "pressure", *ratios)
+    table = plain_table("focus", "pressure", *ratios)
     table.title = "Pressure at the foci, and what ignoring the hand would leave of it"
     for index, name in enumerate(run.foci):
         shares = [f"{ratio[index]:.2f} ×" for ratio in ratios.values()]
@@ -138,7 +138,7 @@ def run_table(run: Run) -> Table:
 def methods_table(contest: Contest) -> Table:
     """Tabulate what the worst focus gets by each method, best first."""
     quiet = ["quiet points"] if len(contest.target.quiet) else []
-    table = _table("method", "worst focus", "of the bound", "mean", "time", *quiet)
+    table = plain_table("method", "worst focus", "of the bound", "mean", "time", *quiet)
     table.title = "What the foci get; of the bound: at full scale, of what no drive can pass"
     for one in sorted(contest.contenders, key=contest.of_the_bound, reverse=True):
         worst, mean = one.pressures.min(), one.pressures.mean()
@@ -152,7 +152,7 @@ def methods_table(contest: Contest) -> Table:
 def scan_table(compared: Compared) -> Table:
     """Tabulate how well a scan and its prediction agree."""
     found = compared.overlay
-    facts = _table("", "")
+    facts = plain_table("", "")
     held = "pressures with their phases" if found.scan.phased else "magnitudes, as no phase was measured"
     facts.add_row("relative error", f"{found.error:.1%}, after one scale, of {held}")
     facts.add_row("positions", f"{int(found.used.sum())} of {len(found.used)} compared")
@@ -161,13 +161,6 @@ def scan_table(compared: Compared) -> Table:
     report = compared.report
     facts.add_row("predicted by", f"{report.solver}, estimated error {report.estimated_error:.2%}")
     return facts
-
-
-def _table(*columns: str) -> Table:
-    table = Table(box=SIMPLE, show_header=any(columns))
-    for index, column in enumerate(columns):
-        table.add_column(column, justify="right" if index and any(columns) else "left")
-    return table
 
 
 def _memory(unknowns: float) -> str:

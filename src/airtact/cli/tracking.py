@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from airtact.cli.console import progress
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -22,9 +24,7 @@ def show_recording(path: Path, file: Path, chosen: tuple[int, ...], leave_out: b
     """
     from rich.console import Console
 
-    from airtact.cli import _progress
-
-    with _progress(Console(stderr=True)) as tell:
+    with progress() as tell:
         from airtact.replaying import EDGE, replay_recording
 
         replayed = replay_recording(path, file, chosen, leave_out, EDGE if edge is None else edge, tell)
