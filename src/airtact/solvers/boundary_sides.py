@@ -44,10 +44,11 @@ def sides_of(scene: Scene, nodes: Nodes, points: Real[np.ndarray, "points 3"], n
     outside[told] = depth < 0
     doubtful[told] = False
     outside[doubtful] = _unfilled(nodes, places[doubtful])
-    some = told[np.abs(depth) < 2 * nodes.contact.max()]
+    height, touch = np.abs(depth), nodes.contact.max()  # panels are less than 2/3 of that off the skins
+    some = told[height < 2 * touch]
     places[some], contact[some] = project_contacts(nodes, places[some])
     outside[contact] = True
-    some = some[~contact[some]]
+    some = told[(height < touch) & ~contact[told]]
     ones = np.ones((len(nodes.points), 1), dtype=np.complex128)
     outside[some] = _less_than_half(double_layer_pressure(places[some], nodes, ones, 0j, near_rule, "float32"))
     return Sides(places, near, contact, outside)

@@ -109,26 +109,33 @@ def cells_of(points: Real[np.ndarray, "points 3"], wavelength: float, error: flo
     if not order or len(points) < order**2 / PAYS:
         return None
     middle = points.mean(axis=0)
-    _, axes = np.linalg.eigh(np.cov(points.T))  # the thinnest first
-    local = (points - middle) @ axes
-    low, extent = local.min(axis=0), np.ptp(local, axis=0)
+    across = np.ascontiguousarray((points - middle).T)
+    _, axes = np.linalg.eigh(across @ across.T)  # the thinnest first
+    local = axes.T @ across
+    low = local.min(axis=1)
+    extent = local.max(axis=1) - low
     deep = extent > FLAT * wavelength
-    size, count = np.where(deep, order, 1), np.where(deep, np.ceil(extent / (WIDTH * wavelength)), 1)
+    size, count = np.where(deep, order, 1), np.where(deep, np.ceil(extent / (WIDTH * wavelength)), 1).astype(np.int64)
     if count.prod() > MOST:
         return None
     width = np.where(deep, extent, wavelength) / count
-    place = np.minimum((local - low) / width, count - 1).astype(np.int64) * deep
-    number = np.asarray(np.ravel_multi_index(tuple(place.T), tuple(count.astype(np.int64))))
+    number = np.zeros(len(points), dtype=np.int64)
+    for axis in np.flatnonzero(count > 1):
+        place = ((local[axis] - low[axis]) / width[axis]).astype(np.int64)
+        number += count[axis + 1 :].prod() * np.minimum(place, count[axis] - 1)
     used = np.flatnonzero(np.bincount(number))
     if len(used) * size.prod() > PAYS * len(points):
         return None
     sorting = np.argsort(number.astype(np.uint16), kind="stable")
     number = np.searchsorted(used, number[sorting])
-    parts = np.stack(np.unravel_index(used, count.astype(np.int64)), axis=1)
-    centres = np.where(deep, low + (parts + 0.5) * width, low + 0.5 * extent)
+    centres = low + (np.stack(np.unravel_index(used, count), axis=1) + 0.5) * width
+    centres[:, ~deep] = (low + 0.5 * extent)[~deep]
     nodes = [np.cos(np.pi * (np.arange(n) + 0.5) / n) for n in size.tolist()]
     grid = np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1).reshape(-1, 3) * width / 2
-    within = (local[sorting] - centres[number]) / (width / 2)
+    a, b, c = (
+        _weights((local[axis][sorting] - centres[number, axis]) / (0.5 * width[axis]), int(size[axis]))
+        for axis in range(3)
+    )
     return Cells(
         np.ascontiguousarray(points[sorting], dtype=np.float64),
         sorting,
@@ -136,11 +143,7 @@ def cells_of(points: Real[np.ndarray, "points 3"], wavelength: float, error: flo
         middle + centres @ axes.T,
         REACH * wavelength,
         np.ascontiguousarray((middle + (centres[:, None] + grid) @ axes.T).reshape(-1, 3)),
-        (
-            _weights(within[:, 0], int(size[0])),
-            _weights(within[:, 1], int(size[1])),
-            _weights(within[:, 2], int(size[2])),
-        ),
+        (a, b, c),
     )
 
 
