@@ -63,7 +63,6 @@ def seen_by_mediapipe(folder: Path, python: str, turns: float = 20.0) -> Seen:
     with WebSocketReceiver(stream) as receiver:
         command = [python, mediapipe_camera.__file__, "--pictures", str(folder), "--focal", str(FOCAL), "--hands", "1"]
         command += [
-            "--twice",
             "--side",
             "left",
             "--hand-length",

@@ -9,10 +9,10 @@ its own::
 
 Landmarks are the 21 of MediaPipe in the camera's frame: origin at its lens, x to the right and y down in its picture,
 z away from it, in metres. MediaPipe tells the shape of the hand twice, each time with errors of its own: as *world
-landmarks*, metres round the middle of the hand, and as landmarks in the picture with a depth; ``--twice`` looks at the
-mirror image as well. The mean of all is moved and turned until it is seen in its place, by ``solvePnP`` with the focal
-length. How large the hand is cannot be told from a picture: MediaPipe guesses, unless ``--hand-length`` is given, and
-distance grows with size. Time is this computer's, when the picture was there.
+landmarks*, metres round the middle of the hand, and as landmarks in the picture with a depth; the mirror image is
+looked at as well, unless ``--once``. The mean of all is moved and turned until it is seen in its place, by ``solvePnP``
+with the focal length. How large the hand is cannot be told from a picture: MediaPipe guesses, unless ``--hand-length``
+is given, and distance grows with size. Time is this computer's, when the picture was there.
 """
 
 import argparse
@@ -78,7 +78,7 @@ def _hands_in(pictures: Iterator[tuple[float, Picture]], options: argparse.Names
         )
         for sequence, (taken, picture) in enumerate(pictures):
             looks = _look(direct.process(picture), mirrored=False)
-            if options.twice:
+            if not options.once:
                 looks += _look(mirrored.process(np.ascontiguousarray(picture[:, ::-1])), mirrored=True)
             sides = {side: [look for own, look in looks if own == side] for side, _ in looks}
             for side in sorted(seen | set(sides) | ({options.side} if options.side else set())):
@@ -183,7 +183,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--pictures", type=Path, help="take the .png files of this folder instead of a camera")
     parser.add_argument("--rate", type=float, default=30.0, help="pictures of a folder per second; 30 by default")
     parser.add_argument("--mirrored", action="store_true", help="the pictures are mirrored, as of a selfie camera")
-    parser.add_argument("--twice", action="store_true", help="look at mirror images too: slower, and less off")
+    parser.add_argument("--once", action="store_true", help="do not look at mirror images too: quicker, more off")
     parser.add_argument("--focal", type=float, help="focal length in pixels; that of a view of 60 degrees by default")
     parser.add_argument("--hand-length", type=float, help="wrist to middle fingertip along the bones, in metres")
     parser.add_argument("--side", choices=("left", "right"), help="send this hand only")
