@@ -111,11 +111,11 @@ np.savez(
 
 def test_ours_runs_in_a_process_of_its_own_and_is_right() -> None:
     found = ours(BALL, FAR, by_series(BALL), 2, accuracies=(0.05,))
-    assert len(found) == 1
-    assert found[0].error < 0.05
-    assert found[0].unknowns > 100
-    assert len(found[0].timed.seconds) == 2
-    assert found[0].package == f"airtact {at.__version__}"
+    assert [one.package for one in found] == [f"airtact {at.__version__}", f"airtact {at.__version__}, no estimate"]
+    for one in found:
+        assert one.error < 0.05
+        assert one.unknowns > 100
+        assert len(one.timed.seconds) == 2
 
 
 def test_others_get_triangles_and_are_judged_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

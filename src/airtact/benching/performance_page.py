@@ -22,7 +22,8 @@ CONTEST = """## Beside other packages
 
 Two capsules of 16 mm x 60 mm, 12 mm apart, a focus 2 mm off each pad, 996 elements as monopoles. Each package runs in
 an interpreter of its own, one after the other, warmed up, from bodies in memory to the transfer matrix: airtact and
-bempp-cl solve for a beacon in each focus, AcousTools for all elements, as it is made. AcousTools is given points
+bempp-cl solve for a beacon in each focus, AcousTools for all elements, as it is made; airtact once with its estimate of
+the error, which is a second solve, and once without. AcousTools is given points
 inside the bodies (CHIEF), without which it does not converge; bempp-cl runs Galerkin with linear elements, Burton-
 Miller and OpenCL on the processor. Their flat triangles are even and hold the exact volume. The error is that of the
 worse focus over all elements, against fundamental solutions, which share no code with any of them and are themselves

@@ -6,8 +6,8 @@ from pathlib import Path
 from airtact.benching.contest import Solved
 from airtact.benching.growth import Grown, power
 
-COLOURS = ("#1b6ca8", "#d1495b", "#8a6f2a")
-MARKS = ("o", "s", "^")
+COLOURS = ("#1b6ca8", "#5fb0d8", "#d1495b", "#8a6f2a")
+MARKS = ("o", "v", "s", "^")
 
 
 def draw_contest(folder: Path, contest: Sequence[Solved], own_error: float) -> None:

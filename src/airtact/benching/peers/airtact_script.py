@@ -34,7 +34,7 @@ def main(case_file: str, answer_file: str) -> None:
         heard = field.at(case["elements"]).T
         return field, heard, time.perf_counter() - began
 
-    solver = at.BoundaryElement(accuracy=float(case["accuracy"]))
+    solver = at.BoundaryElement(accuracy=float(case["accuracy"]), estimate=bool(case["estimate"]))
     solve(at.BoundaryElement(accuracy=0.3))
     before = forget_peak()
     field, matrix, _ = solve(solver)
