@@ -8,6 +8,7 @@ Source: P. G. Martinsson and V. Rokhlin, "A fast direct solver for boundary inte
 Journal of Computational Physics 205 (2005) 1.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -27,8 +28,9 @@ from airtact.solvers.boundary_quadrature import Nodes
 SECOND_LAYER = 2.5
 """How much farther off than the first the second half of the proxy monopoles stands."""
 
-SKETCHED = 256
-"""Random combinations of the proxy monopoles to begin with; twice as many until a few are left over."""
+SKETCHED = 12
+"""Random combinations of the proxy monopoles for each square wavelength of skin, to begin with; twice as many until a few
+are left over."""
 
 CHECKED = 64
 """Proxies between which the kept scattering is checked."""
@@ -92,8 +94,10 @@ def scattering_part(surface: DualSurface, reach: float, tolerance: float) -> Sca
     proxies = _proxies(surface.nodes, tree, reach)
     matrix = assemble(surface, "float64" if surface.precision == "float64" else "float32").dense()
     kind = matrix.dtype.type
-    hears, hearing = _skeleton(partial(_heard_by, surface, proxies), len(proxies), tolerance, kind)
-    speaks, speaking = _skeleton(partial(_spoken_to, surface, proxies), len(proxies), tolerance, kind)
+    area = float(surface.nodes.weights.sum()) * (surface.wavenumber.real / (2 * np.pi)) ** 2
+    count = min(math.ceil(SKETCHED * (area + 4)), len(proxies))
+    hears, hearing = _skeleton(partial(_heard_by, surface, proxies), len(proxies), count, tolerance, kind)
+    speaks, speaking = _skeleton(partial(_spoken_to, surface, proxies), len(proxies), count, tolerance, kind)
     factors = scipy.linalg.lu_factor(matrix, overwrite_a=True, check_finite=False)
     solved = np.ascontiguousarray(scipy.linalg.lu_solve(factors, hearing.T.astype(matrix.dtype), check_finite=False).T)
     scatters = solved @ speaking.T.astype(matrix.dtype)
@@ -146,7 +150,11 @@ def _spoken_to(
 
 
 def _skeleton(
-    mixed: Callable[[np.ndarray], np.ndarray], proxies: int, tolerance: float, kind: type[np.complexfloating]
+    mixed: Callable[[np.ndarray], np.ndarray],
+    proxies: int,
+    count: int,
+    tolerance: float,
+    kind: type[np.complexfloating],
 ) -> tuple[Int64[np.ndarray, "skeleton"], Complex128[np.ndarray, "skeleton nodes"]]:
     """Nodes of which all others are combinations, and those combinations.
 
@@ -154,7 +162,6 @@ def _skeleton(
     random sketch (E. Liberty, F. Woolfe, P. G. Martinsson, V. Rokhlin, M. Tygert, PNAS 104 (2007) 20167).
     """
     random = np.random.default_rng(0)
-    count = min(SKETCHED, proxies)
     while True:
         sketch = mixed(random.standard_normal((proxies, count)) + 1j * random.standard_normal((proxies, count)))
         decomposed = scipy.linalg.qr(sketch.T.astype(kind), mode="r", pivoting=True, check_finite=False)
