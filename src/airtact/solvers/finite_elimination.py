@@ -27,6 +27,12 @@ TRIANGLES, BY_TRIANGLES = get_lapack_funcs(("getrf", "getrs"), dtype=np.complex6
 BLOCK = 384
 """Columns that are left to later fronts at once, from the diagonal down: what is above follows by symmetry."""
 
+SHIFT = 1e-4
+"""Absorption added to the diagonal, as a share of it: or a part that resonates would leave no digits of its front.
+
+Refinement takes it away again. Without it single precision failed for one in some ten scenes of 10⁵ unknowns.
+"""
+
 RUN = 6
 """Entries in a row that are added together sooner than one by one, about."""
 
@@ -79,7 +85,7 @@ class Eliminated:
 
 
 def sorted_entries(lower: csr_array, dissection: Dissection) -> Entries:
-    """Sort the entries of a matrix by the fronts that gather them.
+    """Sort the entries of a matrix by the fronts that gather them, with a little absorption.
 
     Parameters
     ----------
@@ -93,6 +99,7 @@ def sorted_entries(lower: csr_array, dissection: Dissection) -> Entries:
     first, other = front[rows], front[columns]
     rows, columns = np.where(first < other, columns, rows), np.where(first < other, rows, columns)
     first = np.minimum(first, other)
+    values = values - np.where(rows == columns, np.complex64(1j * SHIFT) * np.abs(values), np.complex64(0))
     order = np.argsort(first.astype(np.int16) if len(dissection.fronts) < 2**15 else first, kind="stable")
     ends = np.searchsorted(first[order], np.arange(len(dissection.fronts) + 1))
     return Entries(rows[order], columns[order], values[order], ends)
