@@ -29,8 +29,8 @@ SECOND_LAYER = 2.5
 """How much farther off than the first the second half of the proxy monopoles stands."""
 
 SKETCHED = 12
-"""Random combinations of the proxy monopoles for each square wavelength of skin, to begin with; twice as many until a few
-are left over."""
+"""Random combinations of the proxies for each square wavelength of skin to begin with; twice as many until a few are
+left over."""
 
 CHECKED = 64
 """Proxies between which the kept scattering is checked."""
@@ -38,7 +38,7 @@ CHECKED = 64
 GROUPS_AT_ONCE = 100
 """Points inside, and three times as many nodes, that hear the proxies at once."""
 
-LEFT_OVER = 0.9
+LEFT_OVER = 0.7
 """Share of the combinations that a skeleton may need at most."""
 
 
