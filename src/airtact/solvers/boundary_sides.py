@@ -7,8 +7,8 @@ from jaxtyping import Bool, Complex128, Float64, Real
 
 from airtact import _kernels
 from airtact.scene.scene import Scene
-from airtact.solvers.boundary_pressure import NearRule, double_layer_pressure, in_box, near_skin, project_contacts
-from airtact.solvers.boundary_quadrature import Nodes
+from airtact.solvers.boundary_pressure import NearRule, double_layer_pressure, in_box, project_contacts
+from airtact.solvers.boundary_quadrature import Nodes, near_lists
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +35,12 @@ def sides_of(scene: Scene, nodes: Nodes, points: Real[np.ndarray, "points 3"], n
     Near the panels that takes near integrals, so where the scene's own skins are farther off than panels may be from
     them, these tell; everywhere if all of them are closed forms.
     """
-    places = np.array(points, dtype=np.float64)
-    near, contact = near_skin(nodes, places, near_rule.reach), np.zeros(len(places), dtype=bool)
+    places, contact = np.array(points, dtype=np.float64), np.zeros(len(points), dtype=bool)
+    first, panel = near_lists(nodes, places, near_rule.reach * nodes.radii)
+    near = np.diff(first) > 0
+    touch = np.zeros(len(places))  # panels are less than 2/3 of that off the skins
+    if len(panel):
+        touch[near] = np.maximum.reduceat(nodes.contact[panel], first[:-1][near])
     outside, doubtful = np.ones(len(places), dtype=bool), in_box(nodes, places)  # all others are outside
     closed = all(obstacle.surface.primitive is not None for obstacle in scene.obstacles)
     told = np.flatnonzero(near | doubtful) if closed else np.flatnonzero(near)
@@ -44,11 +48,10 @@ def sides_of(scene: Scene, nodes: Nodes, points: Real[np.ndarray, "points 3"], n
     outside[told] = depth < 0
     doubtful[told] = False
     outside[doubtful] = _unfilled(nodes, places[doubtful])
-    height, touch = np.abs(depth), nodes.contact.max()  # panels are less than 2/3 of that off the skins
-    some = told[height < 2 * touch]
+    some = told[np.abs(depth) < 2 * touch[told]]
     places[some], contact[some] = project_contacts(nodes, places[some])
     outside[contact] = True
-    some = told[(height < touch) & ~contact[told]]
+    some = told[(np.abs(depth) < touch[told]) & ~contact[told]]
     ones = np.ones((len(nodes.points), 1), dtype=np.complex128)
     outside[some] = _less_than_half(double_layer_pressure(places[some], nodes, ones, 0j, near_rule, "float32"))
     return Sides(places, near, contact, outside)
