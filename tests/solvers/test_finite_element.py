@@ -183,9 +183,7 @@ def test_fronts_solve_a_matrix_of_random_numbers():
 def test_a_singular_matrix_is_refused():
     order = dissected(np.zeros(2, dtype=np.int64), np.arange(2), 2)
     with pytest.raises(at.InvalidInput, match="singular at front 0; take 'sparsecholesky'"):
-        eliminate(
-            sorted_entries(csr_array(np.zeros((2, 2), dtype=np.complex128) + np.tril(np.ones((2, 2)))), order), order
-        )
+        eliminate(sorted_entries(csr_array((2, 2), dtype=np.complex128), order), order)
 
 
 def test_where_single_precision_does_not_suffice_double_takes_over(monkeypatch):

@@ -31,7 +31,7 @@ CITATIONS = (
 MARGIN = 0.3
 """Air between the bodies and the matched layer, in wavelengths."""
 
-LAYER = 0.5
+LAYER = 0.6
 """Thickness of the matched layer, in wavelengths."""
 
 PAPER_BOX = ((-0.07, -0.07, -0.09), (0.07, 0.07, 0.09))

@@ -73,6 +73,7 @@ class SparseCholesky(Factor):
     def solve_shared(
         self, right: Complex128[np.ndarray, "unknowns sounds"]
     ) -> Complex128[np.ndarray, "unknowns sounds"]:
+        """Solve by triangles, sound by sound."""
         found, vector = np.empty_like(right), self.system.form.mat.CreateColVector()
         solution = vector.CreateVector()
         for sound in range(right.shape[1]):
@@ -100,6 +101,7 @@ class Refined(Factor):
     def solve_shared(
         self, right: Complex128[np.ndarray, "unknowns sounds"]
     ) -> Complex128[np.ndarray, "unknowns sounds"]:
+        """Solve in single precision, and again for what that leaves."""
         left = np.where(self._chosen[:, None], right, 0)
         size = np.linalg.norm(left, axis=0)
         solution, found = np.zeros_like(left), []
