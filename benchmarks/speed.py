@@ -89,6 +89,7 @@ def rows(runs: int = 7) -> dict[str, Callable[[], Row | list[Row]]]:
         "drive": fingers.drive_only,
         "whole": fingers.whole_moved,
         "focus": fingers.new_focus,
+        "accuracies": fingers.at_accuracies,
         "slice": fingers.slice_beside,
         "hand-drive": hand.drive_only,
         "hand": hand.pressures,

@@ -168,6 +168,8 @@ def _rows(truths: Path, hand: Path | None, quick: bool, said: list[str], tell: C
     for job in jobs:
         tell(job.__name__.replace("_", " "))
         rows.append(job())
+    tell("other accuracies")
+    rows += fingers.at_accuracies()
     tell("kernels against the matrix product")
     return rows + kernels_against_product(7)
 

@@ -26,6 +26,9 @@ from airtact.transfer import Drive, TransferMatrix, transfer_matrix
 CHECKED = 3
 """Frames of which the truth is known, for a fit takes up to a minute; all frames are timed."""
 
+ACCURACIES = (0.01, 0.02, 0.05, 0.12, 0.2)
+"""Asked for besides those of a pressure and of a drive, to see what each is worth."""
+
 
 @dataclass(frozen=True)
 class Row:
@@ -132,6 +135,14 @@ class RealTime:
         what = "two fingers deformed, drive only"
         asked = "12 ms, correlation 0.995"
         return self._frames(what, asked, self._quick(self.drive_accuracy), frames)
+
+    def at_accuracies(self) -> list[Row]:
+        """Time the same at other accuracies: what a drive needs is less than what a pressure needs."""
+        frames = [deformed(frame) for frame in range(self.runs + 1)]
+        return [
+            self._frames(f"two fingers deformed, accuracy = {accuracy}", "", self._quick(accuracy), frames)
+            for accuracy in ACCURACIES
+        ]
 
     def whole_moved(self) -> Row:
         """Time a solved shape that moves as a whole: transfer matrix and drive again, no solve.
