@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -172,12 +173,12 @@ class Scene:
                 "wavelength: is it in dB/km? Divide that by 8686."
             )
 
-    @property
+    @cached_property
     def wavenumber(self) -> complex:
         """Wavenumber with absorption [1/m]."""
         return self.medium.wavenumber(self.frequency)
 
-    @property
+    @cached_property
     def wavelength(self) -> float:
         """Wavelength [m]."""
         return self.medium.wavelength(self.frequency)

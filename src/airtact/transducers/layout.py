@@ -90,8 +90,14 @@ class PhasedArray:
     def moved(self, pose: Pose) -> "PhasedArray":
         """Move the array rigidly: positions x become pose.apply(x), and the faces turn with it."""
         of_kind(pose, Pose, "the motion of an array", "Pose(rotation, translation)")
-        places, normals, tangents = pose.apply(self.positions), pose.rotate(self.normals), pose.rotate(self.tangents)
-        return PhasedArray(places, normals, self.element, tangents, self.gains)
+        copy = object.__new__(PhasedArray)  # a rigid motion keeps all that was checked, so nothing is checked again
+        normals = _unit(pose.rotate(self.normals), "normal")
+        object.__setattr__(copy, "positions", fixed(pose.apply(self.positions)))
+        object.__setattr__(copy, "normals", normals)
+        object.__setattr__(copy, "element", self.element)
+        object.__setattr__(copy, "tangents", _unit(_across(pose.rotate(self.tangents), normals), "tangent"))
+        object.__setattr__(copy, "gains", self.gains)
+        return copy
 
     def calibrated(self, gains: Num[np.ndarray, "gains"]) -> "PhasedArray":
         """Tell what each element really gives: the transfer matrix, and so every method, then knows of it.
