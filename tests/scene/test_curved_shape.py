@@ -6,7 +6,6 @@ import trimesh
 from meshes import box_mesh
 
 import airtact as at
-from airtact import _kernels
 from airtact.scene.curved_mesh import CurvedMesh
 from airtact.scene.curved_shape import CurvedShape
 from airtact.scene.panel_tree import panel_tree
@@ -26,14 +25,11 @@ def curved_mesh(surface: at.Surface) -> CurvedMesh:
     return surface.shape.mesh
 
 
-@pytest.mark.parametrize("variant", _kernels.variants())
-def test_the_closest_panel_is_that_of_a_search_through_all(rng, variant):
+@pytest.mark.usefixtures("variant")
+def test_the_closest_panel_is_that_of_a_search_through_all(rng):
     six_nodes = curved_mesh(bumpy()).six_nodes
     points = rng.normal(scale=0.01, size=(200, 3))
-    active = _kernels.active_variant()
-    _kernels.use_variant(variant)
     panel, foot, distance = panel_tree(six_nodes).closest(points)
-    _kernels.use_variant(active)
     u, v = np.meshgrid(np.linspace(0, 1, 41), np.linspace(0, 1, 41))
     places = np.stack([u, v], axis=2)[u + v <= 1 + 1e-12]
     skin = np.einsum("qn,tnd->tqd", shape_functions(places), six_nodes).reshape(-1, 3)

@@ -20,13 +20,7 @@ BALLS = 1e-3 * BALLS
 PARTS = np.array([[0, 1, -1], [0, 1, 2], [1, 3, -1], [4, 3, -1], [0, 5, -1], [5, 0, 2]])
 
 
-@pytest.fixture(params=_kernels.variants(), autouse=True)
-def variant(request):
-    """Run every test with every instruction set that this machine has."""
-    best = _kernels.active_variant()
-    _kernels.use_variant(request.param)
-    yield request.param
-    _kernels.use_variant(best)
+pytestmark = pytest.mark.usefixtures("variant")
 
 
 def simplex(part: np.ndarray, fineness: int) -> np.ndarray:

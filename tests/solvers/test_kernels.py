@@ -10,13 +10,7 @@ PRECISIONS = [("float32", np.complex64, 2e-5), ("float64", np.complex128, 1e-13)
 WAVENUMBERS = [732.5 + 0j, 732.5 + 3.1j, 0j]
 
 
-@pytest.fixture(params=_kernels.variants(), autouse=True)
-def variant(request):
-    """Run every test with every instruction set that this machine has."""
-    best = _kernels.active_variant()
-    _kernels.use_variant(request.param)
-    yield request.param
-    _kernels.use_variant(best)
+pytestmark = pytest.mark.usefixtures("variant")
 
 
 def test_an_unknown_variant_is_refused():

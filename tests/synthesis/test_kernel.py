@@ -5,14 +5,7 @@ import pytest
 
 from airtact import _kernels
 
-
-@pytest.fixture(params=_kernels.variants(), autouse=True)
-def variant(request):
-    """Run every test with every instruction set that this machine has."""
-    best = _kernels.active_variant()
-    _kernels.use_variant(request.param)
-    yield request.param
-    _kernels.use_variant(best)
+pytestmark = pytest.mark.usefixtures("variant")
 
 
 def twin(matrix, wanted, sources, turns, weighted):
