@@ -6,7 +6,6 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-from jaxtyping import Float64, Real
 
 from airtact.evaluation.comparison import Comparison, compare
 from airtact.judging import Clock, Keeping, finer, heard_foci, kept, synthesised
@@ -16,7 +15,7 @@ from airtact.report.run_page import Run, write_page
 from airtact.report.vtkhdf import write_field
 from airtact.report.whole_file import writable_folder
 from airtact.report.windows import Window, box_around, close_up, plane_through
-from airtact.scene.scene import Scene
+from airtact.scene.outward import outward
 from airtact.scene_file.building import Setup, read_setup
 from airtact.solvers.problem import RadiatedField, SolveReport
 from airtact.synthesis.quantise import Frame, quantise
@@ -142,13 +141,5 @@ def _cuts(setup: Setup, field: RadiatedField) -> tuple[Cut, list[Cut]]:
     )
     if len(foci) < 3 or not surfaces:
         return plane, []
-    outwards = _away_from_skin(scene, foci)
+    outwards = outward(scene.depth, foci)
     return plane, [cut(close_up(*pair, scene.wavelength)) for pair in zip(foci, outwards, strict=True)]
-
-
-def _away_from_skin(scene: Scene, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
-    """(P, 3) directions in which the distance to the nearest skin grows fastest."""
-    step = 1e-4
-    shifts = step * np.concatenate([np.eye(3), -np.eye(3)])
-    depth = scene.depth((points[:, None] + shifts).reshape(-1, 3)).reshape(-1, 6)
-    return (depth[:, 3:] - depth[:, :3]) / (2 * step)

@@ -11,7 +11,7 @@ from airtact.conventions import about
 from airtact.evaluation.field import drive_sources
 from airtact.evaluation.microphone import Microphone
 from airtact.evaluation.scan import Overlay, load_scan, overlay_scan
-from airtact.judging import Clock, finer, heard_foci
+from airtact.judging import Clock, finer, heard_foci, synthesised
 from airtact.report.picture_file import write_picture
 from airtact.report.scan_figure import draw_overlay
 from airtact.report.whole_file import whole_file, writable_folder
@@ -31,10 +31,12 @@ class Compared:
     ----------
     overlay : both, and how far they differ.
     report : of the solver that predicted.
+    said : of the method having stopped early.
     """
 
     overlay: Overlay
     report: SolveReport
+    said: tuple[str, ...]
 
 
 def compare_scan(
@@ -66,13 +68,14 @@ def compare_scan(
         scan, setup = load_scan(scan_file), read_setup(scene_file)
         writable_folder(folder)
     transfer, _ = heard_foci(setup, clock)
-    drive = quantise(setup.synthesise(transfer, setup.target)).drive()
+    made, said = synthesised(setup.synthesise, transfer, setup.target)
+    drive = quantise(made).drive()
     with clock.step("judge", "predicting by a finer solution with all transducers as sources"):
         field = finer(setup).radiate(setup.scene, drive_sources(setup.array, [drive]))
     with clock.step("scan", f"listening at {len(scan.points)} positions"):
         predicted = microphone.hear(field, scan.points)[:, 0]
     with about(scan_file.name):
-        compared = Compared(overlay_scan(scan, predicted), field.report)
+        compared = Compared(overlay_scan(scan, predicted), field.report, said)
     _write_table(folder / FILES[0], compared.overlay)
     write_picture(folder / FILES[1], draw_overlay(compared.overlay))
     return compared

@@ -229,5 +229,5 @@ def compare_scan(
         compared = run_compare_scan(scan, scene, folder, Microphone(**given), tell)  # pyright: ignore[reportArgumentType]
     console = Console()
     console.print(scan_table(compared))
-    warn(console, [*compared.overlay.warnings, *compared.report.warnings])
+    warn(console, [*compared.said, *compared.overlay.warnings, *compared.report.warnings])
     console.print(f"The overlay: {folder / 'overlay.png'}", soft_wrap=True, highlight=False)

@@ -11,6 +11,7 @@ from scipy.spatial import KDTree
 from airtact.conventions import InvalidInput, Vector
 from airtact.scene.geometry import Surface
 from airtact.scene.guards import number, of_kind, place, points_of, positive
+from airtact.scene.outward import outward
 from airtact.scene.panels import panels_of
 from airtact.scene.six_nodes import points_at
 
@@ -21,9 +22,6 @@ Points = Float64[np.ndarray, "points 3"]
 
 FARTHEST_OFF = 0.02
 """Drawings stand no farther than this off the skin that they are brought to [m]."""
-
-SLOPE = 1e-4
-"""Step over which the slope of the depth tells which way is out of a skin [m]."""
 
 
 def segment(start: Vector, end: Vector, spacing: float) -> Points:
@@ -221,10 +219,7 @@ def onto_skin(points: Points, surface: Surface, offset: float = 0.5e-3) -> Point
     if not 0.0 <= offset <= FARTHEST_OFF:
         raise InvalidInput(f"the offset is {offset:g} m, but it must lie between 0 and {FARTHEST_OFF:g}: give metres.")
     feet = surface.shape.project(points_of(points, "points", least=0))
-    steps = SLOPE * np.concatenate([np.eye(3), -np.eye(3)])
-    depth = surface.depth((feet[:, None] + steps).reshape(-1, 3)).reshape(-1, 6)
-    outward = depth[:, 3:] - depth[:, :3]
-    stood = feet + offset * outward / np.linalg.norm(outward, axis=1, keepdims=True)
+    stood = feet + offset * outward(surface.depth, feet)
     short = np.flatnonzero(-surface.depth(stood) < 0.5 * offset)
     if len(short):
         raise InvalidInput(
