@@ -94,7 +94,7 @@ def test_later_frames_are_as_good_and_keep_the_sizes() -> None:
     assert max(off[LEARNED:]) < 2.5e-3
 
 
-@pytest.mark.parametrize("seed", [0, 2, 3, 5])
+@pytest.mark.parametrize("seed", range(8))
 def test_a_clean_cloud_of_our_own_body_gives_its_own_joints(seed: int) -> None:
     rest, radii = example("relaxed")
     joints = random_pose(seed, rest)
@@ -103,7 +103,7 @@ def test_a_clean_cloud_of_our_own_body_gives_its_own_joints(seed: int) -> None:
 
     found = fit_hand(cloud, rough(joints, seed), "left", anatomy=known(joints, radii))
 
-    assert np.linalg.norm(found.hand.joints - joints, axis=1).max() < 0.1e-3
+    assert np.linalg.norm(found.hand.joints - joints, axis=1).max() < 0.11e-3
     assert found.misfit < 0.05e-3
 
 

@@ -17,6 +17,7 @@ from airtact.scene.hand_bending import evenly_bent
 from airtact.scene.hand_following import Followed
 from airtact.scene.hand_outline import outline
 from airtact.scene.hand_parts import OWNER, PARTS
+from airtact.scene.hand_relief import in_relief
 from airtact.scene.hand_solving import SIZES, Seen, Solved, skin_spread, solved
 from airtact.scene.joints import BONES, FINGERS, NAMES, evidence_of, joints_of
 from airtact.scene.printing import in_short
@@ -72,8 +73,25 @@ class FittedHand:
 
     @cached_property
     def surface(self) -> Surface:
-        """The closed skin of the hand."""
-        return self.hand.surface
+        """The closed skin of the hand, brought to the points where they show it; ``hand.surface`` is without."""
+        moved = in_relief(self.hand.shape.hulls, self.points[~self.strays])
+        return self.hand.surface if moved is None else moved
+
+    def place(self, name: str) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
+        """Find a named place of the hand on ``surface`` (3,) [m] and the outward normal there (3,).
+
+        Parameters
+        ----------
+        name : one of ``hand.places``.
+
+        Raises
+        ------
+        InvalidInput
+            As ``Hand.place``.
+        """
+        point, normal = self.hand.place(name)
+        foot = self.surface.shape.project(point[None])[0]
+        return fixed(foot), normal
 
 
 def fit_hand(

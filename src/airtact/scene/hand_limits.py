@@ -36,7 +36,7 @@ SIDEWAYS = 0.45
 SPARE, PLANE = 0.05, 0.08
 """Standard deviations of those sines and cosines where they are passed, and of a finger's twist out of its plane."""
 
-COUPLED = 0.4
+COUPLED = 0.3
 """Standard deviation of the bend of a finger's last joint from the share of its middle one's that it usually has
 [rad]."""
 
