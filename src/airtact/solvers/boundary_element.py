@@ -158,7 +158,9 @@ class BoundaryElement(Solver):
         """Solve each body by itself once, to hear it for many foci and wherever it is moved.
 
         What is kept hears a new pose of two fingers, or other foci, in a small part of the time of ``radiate``; the
-        field is heard away from the bodies only, as without an estimate.
+        field is heard away from the bodies only, as without an estimate. Making it takes as long as some tens of
+        solves, 2 s for two fingers of 1,100 unknowns each, and grows as the cube of a body's unknowns: minutes for a
+        hand of 8,000.
 
         Parameters
         ----------

@@ -122,12 +122,14 @@ def _heard_by(
 ) -> Complex128[np.ndarray, "nodes some"]:
     """Right-hand sides of the direct equation that the proxies cause."""
     points, sharing = surface.nodes.points, _kernels.sharing
+    kind = np.complex64 if surface.precision == "float32" else np.complex128
+    strengths = strengths.astype(kind)
     heard = np.empty((len(points), strengths.shape[1]), dtype=np.complex128)
     for begin in range(0, len(points), sharing * GROUPS_AT_ONCE):
         rows = slice(begin, begin + sharing * GROUPS_AT_ONCE)
         groups = slice(begin // sharing, begin // sharing + GROUPS_AT_ONCE)
         inside = np.repeat(_open_air(surface.shifted[groups], proxies, surface.wavenumber), sharing, axis=0)
-        heard[rows] = (_open_air(points[rows], proxies, surface.wavenumber) - 1j * inside) @ strengths
+        heard[rows] = (_open_air(points[rows], proxies, surface.wavenumber) - 1j * inside).astype(kind) @ strengths
     return heard
 
 
