@@ -52,11 +52,11 @@ ENOUGH, WASTED = 1e-3, 1e-2
 """The search ends with a step that promises a smaller share of half the sum of squares, and with one that does not
 keep a promise of a smaller share: points have changed from one part of the hand to another."""
 
-STEPS, LATER, LAST = 40, 12, 6
-"""Steps at most: in a first frame; and in later ones, with few points and then with all."""
+STEPS = 40
+"""Steps at most in a first frame."""
 
-EACH = 4
-"""First, one point stands for so many."""
+LATER = ((4, 9), (2, 5))
+"""In later ones, one point stands for so many, with so many steps at most: first few points, then half of them."""
 
 FIRST, EASIER, HARDER = 1e-3, 5.0, 10.0
 """Damping of the first step, and what it is divided and multiplied by after steps that help and that do not."""
@@ -183,10 +183,12 @@ def solved(
     if not near:
         here, steps, _ = _descended(seen, crease, place, WIDEST, STEPS, hold)
         return _told(seen, here, steps, hold)
-    few = replace(seen, points=np.ascontiguousarray(seen.points[::EACH]), each=EACH)
-    here, steps, floor = _descended(few, crease, place, WIDEST, LATER, hold)
-    here, more, _ = _descended(seen, crease, here.place, floor, LAST, hold)
-    return _told(seen, here, steps + more, hold)
+    total, floor = 0, WIDEST
+    for each, most in LATER:
+        few = replace(seen, points=np.ascontiguousarray(seen.points[::each]), each=each)
+        here, steps, floor = _descended(few, crease, place, floor, most, hold)
+        place, total = here.place, total + steps
+    return _told(seen, _system(seen, crease, place, floor), total, hold)
 
 
 def _descended(
