@@ -1,17 +1,18 @@
 """How well a hand is found in what a depth camera saw of one side of it, and how quickly.
 
-Truth is the GLB hand bent by its own rig. Run ``PYTHONPATH=.:tests python benchmarks/capture.py [views]``, with so many
-views of each pose.
+Truth is the GLB hand, and a slender and a stout build of it, bent by their own rig. Run ``PYTHONPATH=.:tests python
+benchmarks/capture.py [views]``, with so many views of each pose.
 """
 
 import sys
 import time
+from itertools import product
 
 import numpy as np
 
 from airtact.scene.capture import FittedHand, fit_hand
 from airtact.scene.joints import FINGERS
-from scene.rigged_hand import BENDS, Rigged, off_each_other, posed, rough, seen, turned_to_camera
+from scene.rigged_hand import BENDS, BUILDS, Rigged, off_each_other, posed, rough, seen, turned_to_camera
 
 CAMERA = np.zeros(3)
 NAMES = (*FINGERS, "palm")
@@ -38,14 +39,13 @@ def told(what: str, fitted: FittedHand, true: Rigged, seconds: float) -> float:
 def single_frames(views: int) -> None:
     """Fit single frames of nobody in particular, from chance directions."""
     means = []
-    for name in BENDS:
-        for view in range(views):
-            true = turned_to_camera(posed(name), view, palm=view % 2 == 0)
-            cloud, landmarks = seen(true, view), rough(true.joints, view)
-            began = time.perf_counter()
-            fitted = fit_hand(cloud, landmarks, "right", CAMERA)
-            seconds = time.perf_counter() - began
-            means.append(told(f"{name}, {'back' if view % 2 else 'palm'} seen", fitted, true, seconds))
+    for build, name, view in product(BUILDS, BENDS, range(views)):
+        true = turned_to_camera(posed(name, build=build), view, palm=view % 2 == 0)
+        cloud, landmarks = seen(true, view), rough(true.joints, view)
+        began = time.perf_counter()
+        fitted = fit_hand(cloud, landmarks, "right", CAMERA)
+        seconds = time.perf_counter() - began
+        means.append(told(f"{build}, {name}, {'back' if view % 2 else 'palm'} seen", fitted, true, seconds))
     print(f"{len(means)} single frames: {1e3 * np.mean(means):.2f} mm, the worst {1e3 * max(means):.2f} mm")
 
 
