@@ -28,6 +28,9 @@ ROUGH = 6e-3
 BASE = 20e-3
 """That of the bases of the metacarpals where a tracker does not give them [m]."""
 
+DEEP = 1e-3
+"""Standard deviation of each coordinate of a joint that skin, however well known, leaves [m]."""
+
 FAULTY = 30e-3
 """Landmarks farther than this from the joints that the cloud shows are no rough ones [m]."""
 
@@ -162,7 +165,7 @@ def _told(seen: Seen, found: Solved, side: Side, before: FittedHand | None, pers
     return FittedHand(
         hand,
         anatomy,
-        fixed(np.sqrt(by_joint)),
+        fixed(np.sqrt(by_joint + 3.0 * DEEP**2)),
         parts,
         fixed(seen.points),
         fixed(found.gaps.distance),
