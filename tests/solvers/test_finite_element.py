@@ -1,6 +1,7 @@
 """Finite elements against closed forms, and what they refuse."""
 
 import re
+from itertools import product
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from airtact.solvers.finite_orders import longest_served
 from airtact.solvers.finite_skin import skin_mesh
 from airtact.solvers.finite_symmetry import mirrors_of
 from benchmarks.accuracy import PAPER_AIR, directions, far_points, one_each, relative
+from scene.hand_poses import example
 
 WATER = at.Medium(1481.0, 999.7)
 BALL = at.sphere(0.005, 0.0025)
@@ -264,6 +266,31 @@ def test_scenes_that_cannot_be_solved_are_refused(monkeypatch):
         at.InvalidInput, match=r"order 4 need some .* GiB for a box of 6 cubic wavelengths, but 0\.0 GiB"
     ):
         QUICK.radiate(ball_scene(BODIES["hard"]), sources)
+
+
+def test_an_open_hand_is_refused_before_its_memory_is_taken(monkeypatch):
+    monkeypatch.setattr(finite_memory, "available_memory", lambda: 16 * 2.0**30)
+    hand = at.hand_from_joints(*example("relaxed"))
+    steps: list[str] = []
+    with pytest.raises(
+        at.InvalidInput,
+        match=r"order 5 need some \S+e\+06 unknowns and \d+\.\d GiB for a box of \d{4} cubic .* 16\.0 GiB",
+    ):
+        at.FiniteElement(progress=steps.append).factorised(ball_scene(at.sound_hard(hand.surface)))
+    assert steps == []
+
+
+def test_bodies_that_netgen_cannot_mesh_are_refused_by_name():
+    sound = [at.sound_hard(at.sphere(0.004, 0.002, centre=(side * 0.003, 0.0, 0.0))) for side in (-1, 1)]
+    with pytest.raises(at.InvalidInput, match=r"bodies 0 and 1 overlap or touch: 2 mm deep near"):
+        QUICK.factorised(at.Scene(PAPER_AIR, sound))
+    corners = np.array(list(product((-0.004, 0.004), (-0.004, 0.004), (-5e-5, 5e-5))))
+    faces = [[0, 2, 6, 4], [1, 5, 7, 3], [0, 4, 5, 1], [2, 3, 7, 6], [0, 1, 3, 2], [4, 6, 7, 5]]
+    plate = np.array([[face[0], face[one], face[one + 1]] for face in faces for one in (1, 2)])
+    with pytest.raises(at.InvalidInput, match=r"the body is 0\.1 mm thick near .*, less than 0\.5 mm"):
+        QUICK.factorised(ball_scene(at.sound_hard(at.Surface(corners, plate))))
+    with pytest.raises(at.InvalidInput, match=r"3 edges have a triangle on one side only, so the surface is open"):
+        QUICK.factorised(ball_scene(at.sound_hard(at.Surface(BALL.vertices, BALL.triangles[1:]))))
 
 
 def test_pardiso_without_its_package_is_refused(monkeypatch):

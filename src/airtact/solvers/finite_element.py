@@ -31,7 +31,7 @@ CITATIONS = (
 MARGIN = 0.3
 """Air between the bodies and the matched layer, in wavelengths."""
 
-LAYER = 0.6
+LAYER = 0.55
 """Thickness of the matched layer, in wavelengths."""
 
 PAPER_BOX = ((-0.07, -0.07, -0.09), (0.07, 0.07, 0.09))
@@ -159,7 +159,7 @@ class FiniteElement(Solver):
         asked = None if self.symmetry == "found" else tuple(self.symmetry)
         mirrors = mirrors_of(scene, asked)
         box = self._box(scene, mirrors)
-        refuse_too_large(box, scene.wavelength, self.order, self.elements_per_wavelength)
+        refuse_too_large(box, scene.wavelength, self.order, self.elements_per_wavelength, self._method())
         clock.begin("meshing")
         mesh, skin, tetrahedra = meshed(scene, box, self.elements_per_wavelength)
         clock.begin("assembling")

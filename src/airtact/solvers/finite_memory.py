@@ -7,8 +7,8 @@ from airtact.solvers.free_memory import available_memory
 TETRAHEDRA = 8.0
 """Tetrahedra that Netgen fills a cube with whose edge is that of the tetrahedra."""
 
-FILL = 14.0
-"""Entries of a factor over the 4/3 power of the unknowns: nested dissection of a mesh in space."""
+FILL = {"multifrontal": (8, 10.0), "pardiso": (8, 10.0), "sparsecholesky": (16, 14.0)}
+"""Bytes of an entry of a factor, and entries over the 4/3 power of the unknowns, as nested dissection leaves them."""
 
 OVERHEAD = 1.5
 """Memory in all over that of the factor's entries."""
@@ -27,8 +27,13 @@ def expected_unknowns(box: Box, wavelength: float, order: int, elements_per_wave
     return TETRAHEDRA * volume * elements_per_wavelength**3 * order**3 / 6
 
 
-def refuse_too_large(box: Box, wavelength: float, order: int, elements_per_wavelength: float) -> float:
+def refuse_too_large(box: Box, wavelength: float, order: int, elements_per_wavelength: float, method: str) -> float:
     """Bytes that a factorisation is expected to take.
+
+    Parameters
+    ----------
+    box, wavelength, order, elements_per_wavelength : as of ``expected_unknowns``.
+    method : how it is factorised.
 
     Raises
     ------
@@ -36,7 +41,8 @@ def refuse_too_large(box: Box, wavelength: float, order: int, elements_per_wavel
         When the machine does not have them.
     """
     unknowns = expected_unknowns(box, wavelength, order, elements_per_wavelength)
-    size, free = OVERHEAD * 16 * FILL * unknowns ** (4 / 3), available_memory()
+    each, fill = FILL[method]
+    size, free = OVERHEAD * each * fill * unknowns ** (4 / 3), available_memory()
     if size > 0.9 * free:
         raise InvalidInput(
             f"finite elements of order {order} need some {unknowns:.2g} unknowns and {size / 2**30:.1f} GiB for a box "

@@ -15,7 +15,7 @@ from airtact.scene.scene import Scene
 from airtact.solvers.finite_netgen import CurvedMesh, FiniteSpace, ngsolve_library
 from airtact.solvers.finite_volume import Box
 
-REACH = 1.55
+REACH = 1.5
 """The order asked for serves edges up to this many times the one asked for."""
 
 EASE = 3.0

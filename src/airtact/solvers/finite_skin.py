@@ -12,6 +12,7 @@ from scipy.spatial import KDTree
 
 from airtact.scene.bends import bend_sizes, strip_sizes
 from airtact.scene.curved_shape import CurvedShape
+from airtact.scene.hand_shape import HandShape
 from airtact.scene.primitives import Capsule
 from airtact.scene.printing import in_short
 from airtact.scene.remeshing import Ridged, remeshed, thinned
@@ -23,7 +24,7 @@ from airtact.solvers.finite_symmetry import Mirror
 LARGEST = 1.5
 """Longest edge over the edge of the equilateral triangles wanted."""
 
-BEND = 0.6
+BEND = 0.5
 """Edge along a bend over the one along which it turns by one radian."""
 
 LARGEST_TO_GAP = 1.5
@@ -101,6 +102,9 @@ def _starting_mesh(shape: Shape, edge: float) -> list[Ridged]:
     if isinstance(shape, Capsule):
         surface = shape.mesh(0.5 * min(edge, shape.radius))
         return [Ridged(np.array(surface.vertices), np.array(surface.triangles), np.empty((0, 2), dtype=np.int64))]
+    if isinstance(shape, HandShape):
+        skin = shape.skin(0.5 * edge)
+        return [Ridged(shape.pose.apply(skin.vertices), skin.triangles, np.empty((0, 2), dtype=np.int64))]
     assert isinstance(shape, CurvedShape)
     found = []
     for mesh in shape.mesh.pieces:

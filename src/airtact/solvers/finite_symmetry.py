@@ -9,6 +9,7 @@ from jaxtyping import Float64, Real
 
 from airtact.conventions import InvalidInput
 from airtact.scene.curved_shape import CurvedShape
+from airtact.scene.hand_shape import HandShape
 from airtact.scene.primitives import Capsule
 from airtact.scene.scene import Obstacle, Scene
 from airtact.scene.shape import Shape
@@ -97,17 +98,21 @@ def signs(parity: Sequence[int]) -> Float64[np.ndarray, "images"]:
 
 
 def skin_places(shape: Shape) -> Float64[np.ndarray, "places 3"]:
-    """Points that span the box round a body: those of its curved panels, or the ends of a capsule's caps."""
+    """Points that span the box round a body: of its curved panels, or the ends of a capsule's caps or a hand's balls."""
     if isinstance(shape, Capsule):
         reach = shape.radius * np.concatenate([np.eye(3), -np.eye(3)])
         return (shape.axis[:, None] + reach).reshape(-1, 3)
+    if isinstance(shape, HandShape):
+        balls = shape.hulls.balls
+        reach = balls[:, 3, None, None] * np.concatenate([np.eye(3), -np.eye(3)])
+        return (shape.pose.apply(balls[:, :3])[:, None] + reach).reshape(-1, 3)
     assert isinstance(shape, CurvedShape)
     return shape.six_nodes.reshape(-1, 3)
 
 
 def _on_skin(obstacle: Obstacle) -> Float64[np.ndarray, "places 3"]:
     shape = obstacle.surface.shape
-    return np.array(obstacle.surface.vertices) if isinstance(shape, Capsule) else skin_places(shape)
+    return np.array(obstacle.surface.vertices) if isinstance(shape, Capsule | HandShape) else skin_places(shape)
 
 
 def _off_symmetry(scene: Scene, mirror: Mirror) -> float:

@@ -48,7 +48,7 @@ ROWS_AT_ONCE = 64
 NEVER = 1e5
 """A place [λ] that no layer begins beyond."""
 
-STRETCH = 1.5
+STRETCH = 1.4
 """Strength of the matched layer: the imaginary part of its complex coordinate over the real one."""
 
 

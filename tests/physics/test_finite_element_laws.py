@@ -1,0 +1,149 @@
+"""The laws of sound for finite elements, on a capsule and fingers of a hand; boundary elements are the other solver."""
+
+import numpy as np
+import pytest
+from scipy.special import roots_legendre
+
+import airtact as at
+from airtact.scene.hand_hulls import Hulls
+from airtact.scene.hand_meshing import even_skin, midpoints
+from airtact.scene.hand_parts import hand_hulls, part_name
+from airtact.scene.hand_shape import HandShape
+from benchmarks.accuracy import PAPER_AIR, directions, far_points, one_each, relative
+from scene.hand_poses import example
+
+WATER = at.Medium(1481.0, 999.7)
+
+
+def finger(*names: str) -> at.Surface:
+    """Skin of some phalanges of the pinching hand, with their middle at the origin."""
+    whole = hand_hulls(*example("pinch"))[0]
+    chosen = [part for part in range(14) if part_name(part) in names]
+    assert len(chosen) == len(names)
+    both = np.ix_(chosen, chosen)
+    used, parts = np.unique(whole.parts[chosen][:, :2], return_inverse=True)
+    balls = whole.balls[used] - np.append(whole.balls[used, :3].mean(axis=0), 0.0)
+    parts = np.column_stack([parts.reshape(-1, 2), np.full(len(chosen), -1)])
+    body = Hulls(balls, parts, whole.blend[both], whole.apart[both])
+    skin = even_skin(body, 3e-3)
+    return at.Surface(skin.vertices, skin.triangles, midpoints(body, skin), HandShape(body, at.Pose.identity()))
+
+
+def capsule() -> at.Surface:
+    return at.capsule((0.0, 0.001, -0.006), (0.002, -0.001, 0.006), 0.004, 0.002)
+
+
+def fingertip() -> at.Surface:
+    return finger("last phalanx of the pinky finger")
+
+
+def index_finger() -> at.Surface:
+    return finger(*(f"{bone} phalanx of the index finger" for bone in ("first", "middle", "last")))
+
+
+class Case:
+    """A hard body, meshed and factorised, with sources beside it and away from it."""
+
+    def __init__(self, surface: at.Surface) -> None:
+        self.scene = at.Scene(PAPER_AIR, [at.sound_hard(surface)])
+        self.ready = at.FiniteElement(symmetry=()).factorised(self.scene)
+        nodes, chance = surface.vertices, np.random.default_rng(5)
+        self.reach = float(np.linalg.norm(nodes, axis=1).max())
+        self.beside = self.lifted(nodes[chance.choice(len(nodes), 3, replace=False)], 5e-4)
+        self.sources = np.concatenate([self.beside, directions(3, 1) * (self.reach + 0.012)])
+
+    def lifted(self, points: np.ndarray, height: float) -> np.ndarray:
+        """Points so high over the skin, along the slope of the depth."""
+        step = 1e-4 * np.eye(3)
+        slope = np.stack([self.scene.depth(points + one) - self.scene.depth(points - one) for one in step], axis=1)
+        return points - height * slope / np.linalg.norm(slope, axis=1, keepdims=True)
+
+
+@pytest.fixture(
+    scope="module",
+    params=[capsule, fingertip, pytest.param(index_finger, marks=pytest.mark.slow)],
+    ids=["capsule", "fingertip", "index finger"],
+)
+def case(request) -> Case:
+    return Case(request.param())
+
+
+def test_far_away_boundary_elements_hear_the_same(case):
+    """Sources half a millimetre off the skin and 12 mm off; boundary elements are asked for 0.3 %."""
+    sources, points = one_each(case.sources), far_points(30)
+    found = case.ready.radiate(case.scene, sources).at(points)
+    other = at.BoundaryElement(accuracy=0.003).radiate(case.scene, sources).at(points)
+    assert relative(found, other).max() < 0.01
+
+
+def test_contact_on_a_capsule_is_heard_as_by_boundary_elements():
+    case = Case(capsule())
+    sources, points = one_each(case.scene.obstacles[0].surface.vertices[::40][:3]), far_points(30)
+    found = case.ready.radiate(case.scene, sources).at(points)
+    other = at.BoundaryElement(accuracy=0.003).radiate(case.scene, sources).at(points)
+    assert relative(found, other).max() < 0.01
+
+
+def test_a_heard_at_b_is_b_heard_at_a(case):
+    here, there = directions(3, 4) * (case.reach + 0.01), directions(4, 2) * (case.reach + 0.05)
+    forth = case.ready.radiate(case.scene, one_each(here)).at(there)
+    back = case.ready.radiate(case.scene, one_each(there)).at(here).T
+    assert np.abs(forth - back).max() < 3e-3 * np.abs(forth).mean()
+    forth = case.ready.radiate(case.scene, one_each(case.beside)).at(there)
+    back = case.ready.radiate(case.scene, one_each(there)).at(case.beside).T
+    assert np.abs(forth - back).max() < 2e-2 * np.abs(forth).mean()
+
+
+def power_through(field: at.RadiatedField, radius: float) -> tuple[float, float]:
+    """Power that leaves a sphere, and the power that crosses it either way."""
+    cosine, weight = roots_legendre(32)
+    turn = 2 * np.pi * np.arange(64) / 64
+    sine, step = np.sqrt(1 - cosine**2), 1e-5
+    way = np.stack([np.outer(sine, np.cos(turn)), np.outer(sine, np.sin(turn)), np.outer(cosine, np.ones(64))], -1)
+    way, area = way.reshape(-1, 3), np.repeat(weight, 64) * 2 * np.pi / 64
+    low, high = (field.at(way * (radius + side * step))[:, 0] for side in (-1, 1))
+    crossing = np.imag(np.conj(0.5 * (low + high)) * (high - low) / (2 * step))
+    return float(area @ crossing), float(area @ np.abs(crossing))
+
+
+def test_a_hard_body_neither_makes_nor_swallows_power(case):
+    field = case.ready.radiate(case.scene, one_each(np.array([[0.0, 0.004, case.reach + 0.02]])))
+    left, crossed = power_through(field, case.reach + 0.006)
+    assert abs(left) < 5e-3 * crossed
+
+
+def test_sounds_add_up_and_none_is_heard_inside(case):
+    strengths = np.array([[1, 0.5], [2j, 0], [0, -1]])
+    sources = case.sources[[0, 2, 4]]
+    together = case.ready.radiate(case.scene, at.Monopoles(sources, strengths))
+    apart = case.ready.radiate(case.scene, one_each(sources)).at(far_points(20))
+    assert relative(together.at(far_points(20)), apart @ strengths).max() < 1e-4
+    points = directions(60, 6) * np.linspace(0.0005, case.reach + 0.005, 60)[:, None]
+    outside = case.scene.depth(points) <= 0
+    assert 0 < outside.sum() < 60
+    assert np.array_equal(together.valid(points), outside)
+    assert np.array_equal(np.isfinite(together.at(points)[:, 0]), outside)
+
+
+@pytest.mark.slow
+def test_a_body_turned_and_moved_sounds_the_same(case):
+    """The mesh is another one: what is left is what meshes make."""
+    pose = at.Pose.turn(np.array([1.0, 2.0, -1.0]), 0.7, translation=(0.02, -0.01, 0.005))
+    moved = at.Scene(PAPER_AIR, [at.sound_hard(case.scene.obstacles[0].surface.moved(pose))])
+    rest = case.ready.radiate(case.scene, one_each(case.sources)).at(far_points(20))
+    field = at.FiniteElement(symmetry=()).radiate(moved, one_each(pose.apply(case.sources)))
+    assert relative(field.at(pose.apply(far_points(20))), rest).max() < 0.012
+
+
+@pytest.mark.parametrize("kind", [pytest.param("water", marks=pytest.mark.slow), "impedance"])
+def test_water_keeps_power_and_an_impedance_swallows_it(kind):
+    obstacle = at.filled(capsule(), WATER) if kind == "water" else at.impedance(capsule(), 1.5 + 0.5j)
+    scene = at.Scene(PAPER_AIR, [obstacle])
+    ready = at.FiniteElement(order=4, symmetry=()).factorised(scene)
+    source = np.array([[0.0, 0.004, 0.03]])
+    left, crossed = power_through(ready.radiate(scene, one_each(source)), 0.016)
+    assert abs(left) < 5e-3 * crossed if kind == "water" else left < -0.1 * crossed
+    here, there = directions(2, 4) * 0.02, directions(3, 2) * 0.06
+    forth = ready.radiate(scene, one_each(here)).at(there)
+    back = ready.radiate(scene, one_each(there)).at(here).T
+    assert np.abs(forth - back).max() < 3e-3 * np.abs(forth).mean()
