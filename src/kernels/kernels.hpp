@@ -101,10 +101,6 @@ void closest_on_panels(const double *targets, std::int64_t n, const double *six_
                        std::int64_t panels, const double *lower, const double *upper, std::int64_t leaves,
                        std::int64_t *panel, double *foot, double *distance);
 
-// Diameter of the largest ball that touches the skin at some of the nodes from inside and meets no other node of its body
-void inscribed_diameter(const double *points, const double *normals, const std::int64_t *body, std::int64_t n,
-                        const std::int64_t *some, std::int64_t count, double largest, double *diameter);
-
 // out[e, m] = integral over the panel of kernel(x, y) * monomial_m(reference point) dS, m in 1, x, y, xx, xy, yy;
 // distance[e] and foot[e] = the closest point's distance and reference coordinates. A target nearer to a panel than its
 // contact counts as on it, at its foot.

@@ -47,7 +47,6 @@ struct Variant {
     decltype(&baseline::interpolate) interpolate;
     decltype(&baseline::near_pairs) near_pairs;
     decltype(&baseline::closest_on_panels) closest_on_panels;
-    decltype(&baseline::inscribed_diameter) inscribed_diameter;
     decltype(&baseline::near_integrals) near_integrals;
     decltype(&baseline::hull_distances) hull_distances;
     decltype(&baseline::blended_distance) blended_distance;
@@ -64,7 +63,6 @@ struct Variant {
     Dual<Store> { &v::dual_matrix<Store>, &v::dual_product<Store> }
 #define AIRTACT_TABLE(v)                                                                                             \
     { #v, {AIRTACT_DUAL(v, std::int16_t), AIRTACT_DUAL(v, float), AIRTACT_DUAL(v, double)}, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::apply_in_cells, &v::interpolate, &v::near_pairs, &v::closest_on_panels,      \
-            &v::inscribed_diameter, \
       &v::near_integrals, &v::hull_distances, &v::blended_distance, &v::project_on_hulls, &v::grade_sizes, \
       &v::even_pass, &v::gerchberg_saxton }
 
@@ -220,16 +218,6 @@ static void list_near(Points x, Points centres, Line reach, Write<std::int64_t, 
     active->near_pairs(x.data(), x.shape(0), centres.data(), reach.data(), centres.shape(0), first.data(), panel.data());
 }
 
-static void thickness(Points x, Points a, Index body, Index some, double largest, Write<double, -1> out) {
-    same(x.shape(0), a.shape(0)), same(x.shape(0), body.shape(0)), same(some.shape(0), out.shape(0));
-    for (std::size_t e = 0; e < some.shape(0); e++)
-        if (some.data()[e] < 0 || some.data()[e] >= std::int64_t(x.shape(0)))
-            throw nb::index_error("a node does not exist");
-    nb::gil_scoped_release release;
-    active->inscribed_diameter(x.data(), a.data(), body.data(), x.shape(0), some.data(), some.shape(0), largest,
-                               out.data());
-}
-
 static void near(bool single_layer, Points targets, Index pair_target, Index pair_panel, Read<double, -1, 6, 3> panels,
                  Line contact, Complex k, Line nodes, Line weights, int largest, int angular, int radial, Write<Complex, -1, 6> out,
                  Write<double, -1> distance, Write<double, -1, 2> foot) {
@@ -380,7 +368,6 @@ NB_MODULE(_kernels, m) {
     m.def("count_near", &count_near);
     m.def("list_near", &list_near);
     m.def("closest_on_panels", &closest);
-    m.def("inscribed_diameter", &thickness);
     m.def("near_integrals", &near);
     m.def("hull_distances", &apart_from_hulls);
     m.def("blended_distance", &blended);

@@ -284,18 +284,3 @@ def test_near_pairs_are_those_within_reach(reach):
     expected = np.nonzero(np.linalg.norm(points[:, None] - centres[None], axis=2) < reach)
     assert np.array_equal(np.repeat(np.arange(50), np.diff(first)), expected[0])
     assert np.array_equal(panel, expected[1])
-
-
-def test_inscribed_diameter_of_a_sphere_and_a_slab():
-    direction = scattered_points(1, 600)
-    direction /= np.linalg.norm(direction, axis=1)[:, None]
-    grid = np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0), [0.0, 1.5]), axis=-1).reshape(-1, 3) * 1e-3
-    faces = np.where(grid[:, 2:] > 0, [[0.0, 0, 1]], [[0.0, 0, -1]])
-    points = np.concatenate([5e-3 * direction, grid])
-    body = np.repeat([0, 1], [600, 800])
-    normals, every, out = np.concatenate([direction, faces]), np.arange(1400), np.empty(1400)
-    _kernels.inscribed_diameter(points, normals, body, every, 8e-3, out)
-    assert np.allclose(out[:600], 8e-3)  # capped
-    assert np.allclose(out[600:], 1.5e-3)
-    _kernels.inscribed_diameter(points, normals, body, every, 1.0, out)
-    assert np.allclose(out[:600], 1e-2)

@@ -1,21 +1,19 @@
-"""What all commands print alike: progress, warnings, plain tables. Rich is loaded only when something is printed."""
+"""What all commands print alike: progress, warnings, plain tables."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
 import click
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
 
-if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
 
-
-def warn(console: "Console", sentences: Sequence[str]) -> None:
+def warn(console: Console, sentences: Sequence[str]) -> None:
     """Print warnings, a line each."""
-    from rich.markup import escape
-
     for sentence in sentences:
         console.print(f"[yellow]Warning:[/yellow] {escape(sentence)}", soft_wrap=True, highlight=False)
 
@@ -23,15 +21,11 @@ def warn(console: "Console", sentences: Sequence[str]) -> None:
 @contextmanager
 def progress() -> Iterator[Callable[[str], None]]:
     """Show steps as they begin: live with the time each takes in a terminal, else one line each."""
-    from rich.console import Console
-
     console = Console(stderr=True)
     if not console.is_terminal:
         begun = time.perf_counter()
         yield lambda step: click.echo(f"{time.perf_counter() - begun:7.1f} s  {step}", err=True)
         return
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
     columns = SpinnerColumn(finished_text="[green]✓"), TimeElapsedColumn(), TextColumn("{task.description}")
     with Progress(*columns, console=console) as steps:
 
@@ -47,11 +41,8 @@ def progress() -> Iterator[Callable[[str], None]]:
         finish()
 
 
-def plain_table(*columns: str) -> "Table":
-    """Begin a table; its head is shown where a column has a name, and all but its first column are numbers then."""
-    from rich.box import SIMPLE
-    from rich.table import Table
-
+def plain_table(*columns: str) -> Table:
+    """Begin a table; it has a head where a column has a name, and all but its first column are numbers then."""
     table = Table(box=SIMPLE, show_header=any(columns))
     for index, column in enumerate(columns):
         table.add_column(column, justify="right" if index and any(columns) else "left")
