@@ -2,10 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float64, Real
+from threadpoolctl import ThreadpoolController
 
 from airtact.conventions import InvalidInput
 from airtact.scene.clouds import AROUND, checked_cloud, thinned
@@ -142,13 +143,20 @@ def fit_hand(
     seen = Seen(thinned(cloud), joints, spread, side, known, eye, None if eye is None else outline(cloud, eye))
     start = _carried(before, joints) if before is not None and before.hand.side == side else None
     followed = start is not None
-    if start is None:
-        bent = evenly_bent(joints, np.exp(known.mean[: len(BONES)]), side)
-        start = solved(nothing, bent, known.mean, hold=known.settled).joints
     sizes = known.mean if person is None else person.mean
-    found = solved(seen, start, sizes, hold=known.settled, near=followed)
-    _refuse_poor(seen, found)
-    return _told(seen, found, side, before, person or known)
+    with _threads().limit(limits=1, user_api="blas"):  # they wait for each other, the matrices being small
+        if start is None:
+            bent = evenly_bent(joints, np.exp(known.mean[: len(BONES)]), side)
+            start = solved(nothing, bent, known.mean, hold=known.settled).joints
+        found = solved(seen, start, sizes, hold=known.settled, near=followed)
+        _refuse_poor(seen, found)
+        return _told(seen, found, side, before, person or known)
+
+
+@cache
+def _threads() -> ThreadpoolController:
+    """Find the libraries whose threads can be limited, once: it takes milliseconds."""
+    return ThreadpoolController()
 
 
 def _told(seen: Seen, found: Solved, side: Side, before: FittedHand | None, person: HandAnatomy) -> FittedHand:
