@@ -19,7 +19,6 @@ from airtact.scene.guards import within
 from airtact.scene.hand import Hand, Side
 from airtact.scene.hand_files import load_hand, load_landmarks
 from airtact.scene.panels import Panels
-from airtact.scene.shape import Shape
 from airtact.scene.six_nodes import smallest_angles
 
 EDGE = 4e-3
@@ -90,7 +89,7 @@ def pose(
     if path.resolve() == file.resolve():
         raise InvalidInput(f"the skin would take the place of {path.name}, the 1 file that it is made from.")
     hand = load_hand(path, gap)
-    panels, picture = _written(hand.shape, file, edge, tell), file.with_suffix(".png")
+    panels, picture = _written(hand, file, edge, tell), file.with_suffix(".png")
     tell(f"drawing {picture.name}")
     write_picture(picture, draw_panels(panels.six_nodes))
     return Posed(hand, panels, file, picture)
@@ -128,18 +127,18 @@ def fit(
     tell(f"fitting a hand to {len(points):,} points")
     eye = None if camera is None else np.array(camera, dtype=np.float64)
     fitted = fit_hand(points, joints, cast("Side | None", side), eye)
-    panels, picture = _written(fitted.surface.shape, file, edge, tell), file.with_suffix(".png")
+    panels, picture = _written(fitted.hand, file, edge, tell), file.with_suffix(".png")
     tell(f"drawing {picture.name}")
     write_picture(picture, draw_cloud(panels.six_nodes, fitted))
     return Fitted(fitted.hand, panels, file, picture, fitted)
 
 
-def _written(shape: Shape, file: Path, edge: float | None, tell: Callable[[str], None]) -> Panels:
+def _written(hand: Hand, file: Path, edge: float | None, tell: Callable[[str], None]) -> Panels:
     slip = "is it in millimetres? Give metres."
     edge = EDGE if edge is None else within(edge, FINEST, COARSEST, "edge", "m", slip)
     writable_folder(file.parent)
     tell(f"making triangles of {1e3 * edge:.3g} mm")
-    six_nodes = shape.panels(edge)
+    six_nodes = hand.shape.panels(edge)
     ones = np.zeros(len(six_nodes))
     panels = Panels(six_nodes, ones.astype(np.int64), ones, np.zeros(1), np.zeros(1))
     tell(f"writing {file.name}")
