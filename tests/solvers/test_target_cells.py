@@ -109,3 +109,38 @@ def test_without_the_direct_solution_a_picture_away_from_the_skin_is_heard_and_n
     assert np.linalg.norm(lean.at(away)[:100] - exact) < 2e-3 * np.linalg.norm(exact)
     with pytest.raises(at.InvalidInput, match="1 of 2 equations"):
         lean.at(points)
+
+
+@pytest.mark.parametrize("error", ORDERS)
+@pytest.mark.parametrize("sides", [(60, 60), (24, 24, 24)])
+def test_a_source_just_beyond_the_corner_of_a_wide_cell_is_no_worse(sides, error):
+    along = [
+        0.99 * share * WAVELENGTH * np.linspace(-0.5, 0.5, side)
+        for side, share in zip(sides, (1, 0.97, 0.94), strict=False)
+    ]
+    points = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1).reshape(-1, len(sides))
+    points = TURNED.apply(np.pad(points, ((0, 0), (0, 3 - len(sides)))))
+    cells = cells_of(points, WAVELENGTH, error)
+    assert cells is not None
+    assert len(cells.centres) == 1
+    corners = np.array([[1, 1, 1], [1, 1, 0], [1, -1, 0], [0, 1, 1], [1, 0, 0], [0, 0, 1]])
+    one = np.ones((1, 1), dtype=np.complex128)
+    for corner in corners / np.linalg.norm(corners, axis=1, keepdims=True):
+        source = (cells.centres[0] + 1.0001 * cells.reach * TURNED.rotate(corner))[None]
+        for normals in (None, 1e-6 * np.ones((1, 3))):
+            exact = plain(points, source, normals, one, 2 * np.pi / WAVELENGTH)
+            found = cells.heard(source, normals, one, 2 * np.pi / WAVELENGTH + 0j)
+            assert np.linalg.norm(found - exact) < error * np.linalg.norm(exact)
+
+
+def test_a_point_of_a_picture_beside_a_source_is_heard_as_by_itself():
+    ball = at.sphere(radius=4e-3, edge=2e-3)
+    side = np.linspace(-12e-3, 12e-3, 60)
+    picture = np.stack(np.meshgrid(side, [0.0], side + 1e-5, indexing="ij"), axis=-1).reshape(-1, 3)
+    beside = int(np.argmin(np.linalg.norm(picture - [0, 0, 8e-3], axis=1)))
+    for off in (2e-9, 1e-6):
+        source = at.Monopoles(picture[beside] + np.array([[0, off, 0]]), np.ones(1))
+        field = at.BoundaryElement(accuracy=0.05).radiate(at.Scene(AIR, [at.sound_hard(ball)], frequency=40e3), source)
+        alone = field.at(picture[beside : beside + 1])[0, 0]
+        assert abs(field.at(picture)[beside, 0] - alone) < 1e-5 * abs(alone)
+        assert abs(alone) > 0.9 / off

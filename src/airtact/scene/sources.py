@@ -84,7 +84,7 @@ def check_off_sources(points: Real[np.ndarray, "points 3"], sources: Monopoles) 
     InvalidInput
         If a point is nearer than ``STANDS_ON`` to a source: which, which source, how near.
     """
-    distance, source = _nearest_source(points, sources)
+    distance, source = nearest_source(points, sources, STANDS_ON)
     near = np.flatnonzero(distance < STANDS_ON)
     if len(near):
         first = int(near[0])
@@ -94,17 +94,20 @@ def check_off_sources(points: Real[np.ndarray, "points 3"], sources: Monopoles) 
         )
 
 
-def _nearest_source(
-    points: Real[np.ndarray, "points 3"], sources: Monopoles
+def nearest_source(
+    points: Real[np.ndarray, "points 3"], sources: Monopoles, within: float
 ) -> tuple[Float64[np.ndarray, "points"], Int64[np.ndarray, "points"]]:
-    """Distance [m] and number of the source nearest to each point, where that is near; a tree pays for many sources."""
-    low, high = points.min(axis=0, initial=np.inf) - STANDS_ON, points.max(axis=0, initial=-np.inf) + STANDS_ON
+    """Distance [m] and number of the source nearest to each point, where it is nearer than ``within`` [m].
+
+    Elsewhere either may be anything farther. A tree pays for many sources.
+    """
+    low, high = points.min(axis=0, initial=np.inf) - within, points.max(axis=0, initial=-np.inf) + within
     some = np.flatnonzero(((sources.positions >= low) & (sources.positions <= high)).all(axis=1))
     if not len(some) or not len(points):
         return np.full(len(points), np.inf), np.zeros(len(points), dtype=np.int64)
     if len(some) <= FEW:
         distances = cdist(points, sources.positions[some])
         return distances.min(axis=1), some[distances.argmin(axis=1)]
-    found = KDTree(sources.positions).query(points, distance_upper_bound=2 * STANDS_ON)  # nothing farther matters
+    found = KDTree(sources.positions).query(points, distance_upper_bound=2 * within)  # nothing farther matters
     distance, source = (np.asarray(part) for part in found)
     return distance, source

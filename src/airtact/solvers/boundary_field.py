@@ -12,7 +12,7 @@ from airtact.scene.guards import points_of
 from airtact.scene.printing import in_short
 from airtact.scene.scene import Scene
 from airtact.scene.six_nodes import cut, points_at
-from airtact.scene.sources import Monopoles, check_off_sources
+from airtact.scene.sources import Monopoles, check_off_sources, nearest_source
 from airtact.solvers.boundary_operator import DualSurface
 from airtact.solvers.boundary_pressure import (
     double_layer_pressure,
@@ -33,6 +33,9 @@ SHARED_ERROR = 0.15
 
 SHARE_OF_CELLS = 0.04
 """Share of the accuracy that hearing many points in cells may cost."""
+
+BESIDE = 1e-4
+"""Points of a picture that are nearer to a source are not heard in single precision [m]."""
 
 LEAST_ROOM = 1.0 / 60.0
 """Height over the skin, in wavelengths, below which differences of the pressure are too noisy."""
@@ -288,7 +291,10 @@ class BoundaryField(RadiatedField):
     ) -> Complex128[np.ndarray, "points sounds"]:
         """Pressure of the sources alone, in float32 where that is the precision and they are a wavelength off."""
         if cells is not None:
-            return cells.heard(self.sources.positions, None, strengths, self.surface.wavenumber)
+            heard = cells.heard(self.sources.positions, None, strengths, self.surface.wavenumber)
+            beside = np.flatnonzero(nearest_source(points, self.sources, BESIDE)[0] < BESIDE)
+            heard[beside] = self._free(points[beside], strengths)
+            return heard
         close = np.ones(len(points), dtype=bool)
         if self.surface.precision == "float32":
             within = self.scene.wavelength

@@ -15,11 +15,9 @@ from airtact.scene.printing import in_short
 WIDTH = 1.0
 """Of a cell, in wavelengths, at most."""
 
-REACH = 0.9
-"""Sources nearer than this to the middle of a cell are summed at each of its points, in wavelengths."""
-
-ORDERS = {1e-3: 8, 2e-5: 10}
-"""Points of the grid along each edge of a cell, by the relative error that they leave."""
+ORDERS = {1e-3: (8, 0.3), 2e-5: (10, 0.6)}
+"""Points of the grid along each edge of a cell, and wavelengths beyond its corners within which sources are summed at
+each point, by the relative error that they leave."""
 
 FLAT = 1e-5
 """Wavelengths over which points may spread along an axis that needs no grid."""
@@ -105,7 +103,7 @@ def cells_of(points: Real[np.ndarray, "points 3"], wavelength: float, error: flo
     wavelength : of what shall be summed [m].
     error : relative error allowed; what is less than any of ``ORDERS`` has no cells.
     """
-    order = min((order for left, order in ORDERS.items() if left <= error), default=0)
+    order, beyond = min((choice for left, choice in ORDERS.items() if left <= error), default=(0, 0.0))
     if not order or len(points) < order**2 / PAYS:
         return None
     middle = points.mean(axis=0)
@@ -141,7 +139,7 @@ def cells_of(points: Real[np.ndarray, "points 3"], wavelength: float, error: flo
         sorting,
         np.searchsorted(number, np.arange(len(used) + 1)),
         middle + centres @ axes.T,
-        REACH * wavelength,
+        0.5 * float(np.linalg.norm(width[deep])) + beyond * wavelength,
         np.ascontiguousarray((middle + (centres[:, None] + grid) @ axes.T).reshape(-1, 3)),
         (a, b, c),
     )
