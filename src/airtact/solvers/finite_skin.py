@@ -24,7 +24,7 @@ from airtact.solvers.finite_symmetry import Mirror
 LARGEST = 1.5
 """Longest edge over the edge of the equilateral triangles wanted."""
 
-BEND = 0.5
+BEND = 0.6
 """Edge along a bend over the one along which it turns by one radian."""
 
 LARGEST_TO_GAP = 1.5

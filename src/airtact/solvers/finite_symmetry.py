@@ -98,7 +98,7 @@ def signs(parity: Sequence[int]) -> Float64[np.ndarray, "images"]:
 
 
 def skin_places(shape: Shape) -> Float64[np.ndarray, "places 3"]:
-    """Points that span the box round a body: of its curved panels, or the ends of a capsule's caps or a hand's balls."""
+    """Points that span the box round a body: of curved panels, or the ends of a capsule's caps or a hand's balls."""
     if isinstance(shape, Capsule):
         reach = shape.radius * np.concatenate([np.eye(3), -np.eye(3)])
         return (shape.axis[:, None] + reach).reshape(-1, 3)
