@@ -55,8 +55,8 @@ keep a promise of a smaller share: points have changed from one part of the hand
 STEPS = 40
 """Steps at most in a first frame."""
 
-LATER = ((4, 9), (2, 5))
-"""In later ones, one point stands for so many, with so many steps at most: first few points, then half of them."""
+LATER = ((6, 8), (3, 4))
+"""In later ones, one point stands for so many, with so many steps at most: few points, then twice as many."""
 
 FIRST, EASIER, HARDER = 1e-3, 5.0, 10.0
 """Damping of the first step, and what it is divided and multiplied by after steps that help and that do not."""
