@@ -102,7 +102,7 @@ ROWS = [
     ("water spheres of 5, 8 and 10 mm, far field", "0.5 %", lambda: _spheres("water")),
     ("two fingers without symmetry against fundamental solutions", "1 %", _fingers),
     ("quarter pinch, both foci as one sound", "1 %, 5 s, 1.5 GB", lambda: _pinch("found")),
-    ("both foci apart", "", lambda: _pinch("found", one_sound=False)),
+    ("quarter pinch, both foci apart", "", lambda: _pinch("found", one_sound=False)),
     ("whole pinch without symmetry", "1 %, 25 s, 4 GB", lambda: _pinch("none")),
     ("Pardiso: quarter pinch", "3 s", lambda: _pinch("found", "pardiso")),
     ("Pardiso: whole pinch", "10 s", lambda: _pinch("none", "pardiso")),
