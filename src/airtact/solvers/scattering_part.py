@@ -15,7 +15,7 @@ from functools import partial
 
 import numpy as np
 import scipy.linalg
-from jaxtyping import Complex, Complex128, Float64, Int64, Num
+from jaxtyping import Complex, Complex128, Float64, Int32, Int64, Num
 from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
@@ -33,7 +33,14 @@ SKETCHED = 12
 left over."""
 
 CHECKED = 64
-"""Proxies between which the kept scattering is checked."""
+"""Proxies, and points beside the skin, from which the kept scattering is checked."""
+
+BESIDE = 0.06
+"""Wavelengths off the skin where the latter stand: half a millimetre at 40 kHz in air."""
+
+FIRST, TIGHTER, TRIES = 0.3, 0.4, 4
+"""Tolerance of the first skeletons as a share of the error wanted, how much less each next one has, and how many there
+may be."""
 
 GROUPS_AT_ONCE = 100
 """Points inside, and three times as many nodes, that hear the proxies at once."""
@@ -53,7 +60,8 @@ class ScatteringPart:
     hears, speaks : (R,) and (Q,) the nodes of both skeletons.
     solved : (R, M) the transposed solution as the skeleton hears it, from the right-hand side.
     scatters : (R, Q) the same from a right-hand side known at the speaking skeleton: the scattering matrix.
-    error : relative error of the scattering between some points as near as the reach, against all nodes.
+    error : relative error of the scattering against all nodes, to points as near as the reach, from there and from
+        beside the skin.
     tree : the nodes, for distances.
     """
 
@@ -81,32 +89,96 @@ class ScatteringPart:
         return nodes.points[self.speaks], nodes.weighted_normals[self.speaks]
 
 
-def scattering_part(surface: DualSurface, reach: float, tolerance: float) -> ScatteringPart:
-    """Invert a body's own matrix and find its skeletons.
+def scattering_part(surface: DualSurface, reach: float, wanted: float) -> ScatteringPart:
+    """Invert a body's own matrix and find its skeletons, larger ones until they are right.
 
     Parameters
     ----------
     surface : the dual-surface equation of the body alone.
     reach : distance beyond which the body is heard through its skeletons [m].
-    tolerance : relative error of the skeletons.
+    wanted : relative error that the skeletons may leave.
     """
     tree = KDTree(surface.nodes.points)
     proxies = _proxies(surface.nodes, tree, reach)
     matrix = assemble(surface, "float64" if surface.precision == "float64" else "float32").dense()
-    kind = matrix.dtype.type
+    factors = scipy.linalg.lu_factor(matrix, overwrite_a=True, check_finite=False)
+    checks = _checks(surface, proxies, factors)
+    tolerance, part = FIRST * wanted, None
+    for _ in range(TRIES):
+        part = _kept(surface, reach, tree, proxies, factors, tolerance, checks)
+        if part.error <= wanted:
+            break
+        tolerance *= TIGHTER
+    assert part is not None
+    return part
+
+
+def _kept(
+    surface: DualSurface,
+    reach: float,
+    tree: KDTree,
+    proxies: Float64[np.ndarray, "proxies 3"],
+    factors: tuple[Complex[np.ndarray, "nodes nodes"], Int32[np.ndarray, "nodes"]],
+    tolerance: float,
+    checks: "_Checks",
+) -> ScatteringPart:
+    """Find skeletons to a tolerance, and what that leaves of the scattering."""
+    kind = factors[0].dtype.type
     area = float(surface.nodes.weights.sum()) * (surface.wavenumber.real / (2 * np.pi)) ** 2
     count = min(math.ceil(SKETCHED * (area + 4)), len(proxies))
     hears, hearing = _skeleton(partial(_heard_by, surface, proxies), len(proxies), count, tolerance, kind)
     speaks, speaking = _skeleton(partial(_spoken_to, surface, proxies), len(proxies), count, tolerance, kind)
-    factors = scipy.linalg.lu_factor(matrix, overwrite_a=True, check_finite=False)
-    solved = np.ascontiguousarray(scipy.linalg.lu_solve(factors, hearing.T.astype(matrix.dtype), check_finite=False).T)
-    scatters = solved @ speaking.T.astype(matrix.dtype)
-    checked = np.arange(0, len(proxies), -(-len(proxies) // CHECKED))
-    exact = scipy.linalg.lu_solve(factors, _spoken_to(surface, proxies[checked], np.eye(len(checked))), trans=1)
-    kept = scatters @ _spoken_to(surface, proxies[checked], np.eye(len(checked)))[speaks]
-    listening = _heard_by(surface, proxies[checked + 1 - len(proxies)], np.eye(len(checked)))
-    error = np.linalg.norm(exact.T @ listening - kept.T @ listening[hears]) / np.linalg.norm(exact.T @ listening)
-    return ScatteringPart(surface, reach, hears, speaks, solved, scatters, float(error), tree)
+    solved = np.ascontiguousarray(scipy.linalg.lu_solve(factors, hearing.T.astype(kind), check_finite=False).T)
+    scatters = solved @ speaking.T.astype(kind)
+    error = checks.error(hears, speaks, solved, scatters)
+    return ScatteringPart(surface, reach, hears, speaks, solved, scatters, error, tree)
+
+
+@dataclass(frozen=True, eq=False)
+class _Checks:
+    """Sound from points as near as the reach and from points beside the skin, scattered to other points at the reach.
+
+    Attributes
+    ----------
+    far, near : (M, C) right-hand sides of the transposed equation for both kinds of points.
+    listening : (M, L) how the nodes are heard.
+    exact_far, exact_near : (C, L) what all nodes together scatter.
+    """
+
+    far: Complex128[np.ndarray, "nodes far"]
+    near: Complex128[np.ndarray, "nodes near"]
+    listening: Complex128[np.ndarray, "nodes listening"]
+    exact_far: Complex128[np.ndarray, "far listening"]
+    exact_near: Complex128[np.ndarray, "near listening"]
+
+    def error(
+        self,
+        hears: Int64[np.ndarray, "hearing"],
+        speaks: Int64[np.ndarray, "speaking"],
+        solved: Complex[np.ndarray, "hearing nodes"],
+        scatters: Complex[np.ndarray, "hearing speaking"],
+    ) -> float:
+        """Relative error that skeletons leave, the larger of both kinds."""
+        heard = self.listening[hears]
+        pairs = (
+            (self.exact_far, (scatters @ self.far[speaks]).T @ heard),
+            (self.exact_near, (solved @ self.near).T @ heard),
+        )
+        return max(float(np.linalg.norm(kept - exact) / np.linalg.norm(exact)) for exact, kept in pairs)
+
+
+def _checks(
+    surface: DualSurface,
+    proxies: Float64[np.ndarray, "proxies 3"],
+    factors: tuple[Complex[np.ndarray, "nodes nodes"], Int32[np.ndarray, "nodes"]],
+) -> _Checks:
+    nodes, wavelength = surface.nodes, 2 * np.pi / surface.wavenumber.real
+    some, beside = (np.arange(0, count, -(-count // CHECKED)) for count in (len(proxies), len(nodes.points)))
+    listening = _heard_by(surface, proxies[some - len(proxies) // 2], np.eye(len(some)))
+    close = nodes.points[beside] + BESIDE * wavelength * nodes.normals[beside]
+    far, near = (_spoken_to(surface, points, np.eye(len(points))) for points in (proxies[some], close))
+    exact = [scipy.linalg.lu_solve(factors, one, trans=1, check_finite=False).T @ listening for one in (far, near)]
+    return _Checks(far, near, listening, *exact)
 
 
 def _proxies(nodes: Nodes, tree: KDTree, reach: float) -> Float64[np.ndarray, "proxies 3"]:
