@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+import trimesh
 
 import airtact as at
 
@@ -94,6 +95,8 @@ def test_bodies_that_come_too_near_are_solved_as_a_whole(kept):
     near = BALLS[1].moved(at.Pose(np.eye(3), np.array([-8e-3, 0, 0])))
     field = kept.radiate(scene_of(BALLS[0], near), beacons(np.array([[0, 0, 9e-3]])))
     assert len(field.skin.points) > 0  # which kept scattering does not know
+    whole = at.BoundaryElement(accuracy=0.002).radiate(field.scene, field.sources).at(AROUND)
+    assert off(field.at(AROUND), whole) < 0.01
 
 
 def test_the_field_is_not_known_near_the_skin_nor_inside(kept):
@@ -129,10 +132,76 @@ def test_other_bodies_are_refused(kept):
             kept.radiate(other, beacons())
 
 
-def test_a_deformed_body_is_refused_with_how_far_its_vertices_are_off(kept):
-    stretched = at.Surface(BALLS[1].vertices * [1, 1, 1.05], BALLS[1].triangles)
-    with pytest.raises(at.InvalidInput, match=r"body 1 .* its vertices are up to 0\.1\d* mm off"):
-        kept.radiate(scene_of(BALLS[0], stretched), beacons())
+def test_a_deformed_body_is_refused_with_how_far_its_vertices_are_off():
+    ball, stretched = (at.Surface(BALLS[1].vertices * [1, 1, z], BALLS[1].triangles) for z in (1, 1.05))
+    kept = at.BoundaryElement(accuracy=0.05).factorised(scene_of(ball))
+    with pytest.raises(at.InvalidInput, match=r"body 0 .* its vertices are up to 0\.1\d* mm off"):
+        kept.radiate(scene_of(stretched), beacons())
+
+
+def slotted() -> at.Surface:
+    """A block of 12 x 7 x 11 mm with a slot of 5 mm."""
+    block = trimesh.creation.box((12e-3, 7e-3, 11e-3))
+    slot = trimesh.creation.box((5e-3, 20e-3, 9e-3)).apply_translation((0, 0, 3e-3))
+    body = trimesh.boolean.difference([block, slot]).subdivide_to_size(4e-3)
+    return at.Surface(np.array(body.vertices), np.array(body.faces))
+
+
+def plate() -> at.Surface:
+    body = trimesh.creation.box((10e-3, 8e-3, 1e-3)).subdivide()
+    return at.Surface(np.array(body.vertices), np.array(body.faces))
+
+
+@pytest.mark.parametrize(
+    ("surface", "focus"), [(slotted(), (0, 0, 0)), (plate(), (0, 0, 1e-3))], ids=["slotted block", "plate"]
+)
+def test_bodies_that_are_not_round_keep_what_was_asked(surface, focus):
+    scene, source = scene_of(surface), beacons(np.array([focus], dtype=np.float64))
+    truth = at.BoundaryElement(accuracy=0.012, estimate=False).radiate(scene, source).at(AROUND)
+    solver = at.BoundaryElement(accuracy=0.05)
+    field = solver.factorised(scene, source.positions).radiate(scene, source)
+    assert off(field.at(AROUND), truth) < 0.05
+    assert field.report.warnings == ()
+    assert field.report.settings["kept_error"] <= 0.025
+
+
+def test_a_focus_by_coarse_panels_is_warned_of():
+    ball, focus = at.sphere(radius=4e-3, edge=2e-3), np.array([[0, 0, 4.05e-3]])
+    solver = at.BoundaryElement(accuracy=0.01)
+    warned = solver.factorised(scene_of(ball)).radiate(scene_of(ball), beacons(focus)).report.warnings
+    assert len(warned) == 1
+    assert re.search(r"source 0 stands 0\.\d+ mm from a node of body 0, where panels are \d\.\d+ mm long", warned[0])
+    assert solver.factorised(scene_of(ball), focus).radiate(scene_of(ball), beacons(focus)).report.warnings == ()
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        at.Surface(BALLS[1].vertices, BALLS[1].triangles, BALLS[1].midpoints),
+        at.Surface(BALLS[1].vertices, BALLS[1].triangles, sharp_degrees=0.0),
+    ],
+    ids=["a mesh for a closed form", "flat triangles"],
+)
+def test_the_same_triangles_curved_otherwise_are_another_body(kept, other):
+    with pytest.raises(at.InvalidInput, match=r"body 1 .* or is curved otherwise"):
+        kept.radiate(scene_of(BALLS[0], other), beacons())
+
+
+def test_other_middles_of_edges_are_another_body():
+    mesh = at.Surface(BALLS[1].vertices, BALLS[1].triangles, BALLS[1].midpoints)
+    corners = mesh.corners
+    flat = at.Surface(BALLS[1].vertices, BALLS[1].triangles, 0.5 * (corners + np.roll(corners, -1, axis=1)))
+    kept = at.BoundaryElement(accuracy=0.05).factorised(scene_of(mesh))
+    with pytest.raises(at.InvalidInput, match=r"its vertices are up to 0\.\d+ mm off"):
+        kept.radiate(scene_of(flat), beacons())
+
+
+def test_places_beside_no_body_are_refused():
+    solver, scene = at.BoundaryElement(accuracy=0.05), scene_of(*BALLS)
+    with pytest.raises(at.InvalidInput, match="beside point 0 stands 5 m from the nearest body"):
+        solver.factorised(scene, np.array([[5.012, 0, 0]]))
+    with pytest.raises(at.InvalidInput, match="is 4 mm deep"):
+        solver.factorised(scene, np.array([[-9e-3, 0, 0]]))
 
 
 def test_a_mirrored_body_is_no_rigid_motion(kept):

@@ -22,6 +22,9 @@ CONTACT = 1e-9
 FARTHEST = 10.0
 """Farthest that a body may stand from the origin [m]."""
 
+FARTHEST_BESIDE = 1.0
+"""Farthest that a point which is to be beside a body may stand from it [m]."""
+
 SMALLEST_SHARE = 1.0 / 50.0
 """Share of a wavelength that at least one body must measure: smaller ones leave the sound as it is."""
 
@@ -230,6 +233,31 @@ def refuse_inside(depth: Float64[np.ndarray, "points"], points: Float64[np.ndarr
             f"{several if len(points) > 1 else f'a {what} lies'} inside a body: {what} {deepest} at "
             f"{place(points[deepest])} is {depth[deepest] * 1e3:.3g} mm deep; move it out or the body away.",
             points[deepest],
+        )
+
+
+def check_near(scene: Scene, points: Real[np.ndarray, "points 3"], what: str) -> None:
+    """Refuse points over a metre from all bodies.
+
+    Parameters
+    ----------
+    scene : the bodies.
+    points : (P, 3) [m].
+    what : what one point is, for the sentence.
+
+    Raises
+    ------
+    InvalidInput
+        With the farthest one and how far it is.
+    """
+    given = points_of(points, f"{what} points")
+    distance = -scene.depth(given)
+    farthest = int(distance.argmax())
+    if distance[farthest] > FARTHEST_BESIDE:
+        raise InvalidInput(
+            f"{what} point {farthest} stands {distance[farthest]:.4g} m from the nearest body, more than "
+            f"{FARTHEST_BESIDE:g} m: is it in millimetres? Give metres.",
+            given[farthest],
         )
 
 

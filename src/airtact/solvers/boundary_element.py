@@ -11,7 +11,7 @@ from jaxtyping import Complex128, Float64, Real
 from airtact.conventions import InvalidInput
 from airtact.scene.guards import number, points_of
 from airtact.scene.panels import Panels, panels_of
-from airtact.scene.scene import Scene, check_sources
+from airtact.scene.scene import Scene, check_near, check_outside, check_sources
 from airtact.scene.shape import BEND
 from airtact.scene.sources import Monopoles
 from airtact.solvers.boundary_field import BoundaryField
@@ -173,7 +173,10 @@ class BoundaryElement(Solver):
             No bodies, a boundary other than sound-hard, or too little memory.
         """
         fine = np.empty((0, 3)) if beside is None else points_of(beside, "points beside the skin", least=0)
-        _refuse_unfit(scene, Monopoles(np.full((1, 3), 1e3), np.ones(1)))
+        _refuse_bodies(scene)
+        if len(fine):
+            check_outside(scene, fine, "beside")
+            check_near(scene, fine, "beside")
         clock = _Clock()
         panels = self._panels(scene, fine)
         parts = tuple(self._part(panels, body, scene) for body in range(len(scene.obstacles)))
@@ -199,13 +202,13 @@ class BoundaryElement(Solver):
             farthest_off_triangles=float(panels.farthest.max()),
             mean_off_triangles=float(panels.mean_distance.max()),
         )
-        return FactorisedBodies(scene, parts, self, report)
+        return FactorisedBodies(scene, parts, self, report, self._smallest(scene))
 
     def _part(self, panels: Panels, body: int, scene: Scene) -> ScatteringPart:
         """Factorise one body."""
         own = np.flatnonzero(panels.body == body)
         nodes = place_nodes(panels.six_nodes[own], np.zeros(len(own), dtype=np.int64), panels.deviation[own])
-        refuse_too_large(len(nodes.points), "float64")  # as much as the matrix and what it is solved for
+        refuse_too_large(len(nodes.points), self.precision, copies=4)  # itself, its factors, what they are solved for
         thinnest = np.array([scene.obstacles[body].surface.shape.thinnest])
         surface = dual_surface(nodes, scene.wavenumber, self._near_rule(), self.precision, thinnest)
         return scattering_part(surface, REACH * scene.wavelength, KEPT * self.accuracy)
@@ -217,10 +220,14 @@ class BoundaryElement(Solver):
         return gmres(lambda vectors: matrix.times(vectors, transposed), sides, self._tolerance())
 
     def _panels(self, scene: Scene, fine: Real[np.ndarray, "points 3"]) -> Panels:
-        edge = scene.wavelength * np.sqrt(6 / self.nodes_per_square_wavelength * 4 / np.sqrt(3))
-        near = fine[scene.depth(fine) > -edge]
+        smallest = self._smallest(scene)
+        near = fine[scene.depth(fine) > -2 * smallest]
         shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
-        return panels_of(shapes, edge, near, smallest=0.5 * edge, bend=self._bend())
+        return panels_of(shapes, 2 * smallest, near, smallest, bend=self._bend())
+
+    def _smallest(self, scene: Scene) -> float:
+        """Edge below which no panel is cut for a source's sake, half of what others have [m]."""
+        return 0.5 * scene.wavelength * float(np.sqrt(6 / self.nodes_per_square_wavelength * 4 / np.sqrt(3)))
 
     def _bend(self) -> float:
         """Angle that a panel of a round skin may turn by [rad]: 10, 8 or 6 of them go round."""
@@ -260,6 +267,10 @@ class _Clock:
 
 def _refuse_unfit(scene: Scene, sources: Monopoles) -> None:
     check_sources(scene, sources)
+    _refuse_bodies(scene)
+
+
+def _refuse_bodies(scene: Scene) -> None:
     if not scene.obstacles:
         raise InvalidInput("the scene has 0 obstacles; use FreeField for open air.")
     for index, obstacle in enumerate(scene.obstacles):

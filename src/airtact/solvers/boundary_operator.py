@@ -115,8 +115,9 @@ class DualMatrix:
     def dense(self) -> Complex[np.ndarray, "nodes nodes"]:
         """Give all of it as one array, from a store that is not of integers."""
         count = len(self.values)
-        planes = [self.values[:, :, part].reshape(count, -1)[:, :count] for part in (0, 1)]
-        return np.ascontiguousarray(planes[0] + 1j * planes[1], dtype=self.precision)
+        out = np.empty((count, count), dtype=self.precision, order="F")  # as LAPACK takes it without a copy
+        out.real, out.imag = (self.values[:, :, part].reshape(count, -1)[:, :count] for part in (0, 1))
+        return out
 
 
 _LAST: list[DualMatrix] = []
@@ -186,9 +187,9 @@ def heard(
     return double_layer_heard(positions, surface.nodes, weights, surface.wavenumber, rule, precision), factors
 
 
-def refuse_too_large(count: int, store: Store) -> None:
-    """Raise where the matrix of ``count`` unknowns does not fit into memory."""
-    size = count**2 * 2 * np.dtype(store).itemsize
+def refuse_too_large(count: int, store: Store, copies: int = 1) -> None:
+    """Raise where the matrix of ``count`` unknowns, or so many like it, does not fit into memory."""
+    size = copies * count**2 * 2 * np.dtype(store).itemsize
     available = _available_memory()
     if size > 0.9 * available:
         raise InvalidInput(

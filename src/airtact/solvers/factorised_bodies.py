@@ -1,7 +1,7 @@
 """Bodies that are factorised one by one, for foci that change and for bodies that move rigidly against each other."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,10 +10,12 @@ from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
 from airtact.scene.guards import counted
+from airtact.scene.panels import LARGEST_TO_POINT, LONGEST_TO_EQUILATERAL
 from airtact.scene.pose import Pose
 from airtact.scene.printing import in_short
 from airtact.scene.rigid_motion import rigid_motion
 from airtact.scene.scene import Obstacle, Scene, check_sources
+from airtact.scene.six_nodes import longest_edges
 from airtact.scene.sources import Monopoles
 from airtact.solvers.boundary_pressure import project_contacts
 from airtact.solvers.gmres import gmres
@@ -35,12 +37,14 @@ class FactorisedBodies(Solver):
     parts : what each of them does to sound, in its own frame.
     whole : the solver that takes over where two bodies come too near for it.
     report : how it was made, before any sound was solved.
+    smallest : edge below which no panel was cut for the sake of points beside it [m].
     """
 
     scene: Scene
     parts: tuple[ScatteringPart, ...]
     whole: Solver
     report: SolveReport
+    smallest: float
 
     __repr__ = in_short
 
@@ -77,8 +81,22 @@ class FactorisedBodies(Solver):
             residual=float(result.residuals.max()),
             iterations=result.iterations,
             seconds={"bodies": time.perf_counter() - began},
+            warnings=(*self.report.warnings, *self._coarse(placed, sources)),
         )
         return PartsField(scene, sources, placed, result.solution.T.astype(np.complex128), factors, report)
+
+    def _coarse(self, placed: Sequence[PlacedPart], sources: Monopoles) -> Iterator[str]:
+        """Warn of sources so near a skin that its panels should be finer than they are."""
+        for body, one in enumerate(placed):
+            distance, node = one.part.tree.query(one.local.apply(sources.positions))
+            panels = one.part.surface.nodes.six_nodes[np.asarray(node) // 6]
+            for source, edge in enumerate(longest_edges(panels)):
+                if edge > 1.001 * max(LONGEST_TO_EQUILATERAL * self.smallest, LARGEST_TO_POINT * distance[source]):
+                    yield (
+                        f"source {source} stands {1e3 * distance[source]:.2g} mm from a node of body {body}, where "
+                        f"panels are {1e3 * edge:.2g} mm long: it may be farther off than the accuracy asked; "
+                        "factorise the bodies with that place in beside"
+                    )
 
     @cached_property
     def _at_rest(self) -> Coupling | None:
@@ -108,7 +126,11 @@ class FactorisedBodies(Solver):
     def _where(self, index: int, before: Obstacle, after: Obstacle, part: ScatteringPart) -> PlacedPart:
         pose, off = rigid_motion(before.surface, after.surface)
         if off > MOVED * self.scene.wavelength or after.boundary != before.boundary:
-            why = f"its vertices are up to {1e3 * off:.3g} mm off" if np.isfinite(off) else "it has other triangles"
+            why = (
+                f"its vertices are up to {1e3 * off:.3g} mm off"
+                if np.isfinite(off)
+                else "it has other triangles, or is curved otherwise"
+            )
             why = why if after.boundary == before.boundary else f"it is {after.boundary}"
             raise InvalidInput(
                 f"body {index} is not the one that was factorised, moved rigidly: {why}; factorise the scene again, or "
