@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import ModuleType
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 
 @runtime_checkable
@@ -90,16 +90,30 @@ def many_threads() -> Iterator[None]:
         yield
 
 
+_LOCK = threading.Lock()
+_INSIDE: list[Any] = []
+"""One for each thread of Python that is inside ``one_thread_each``, all of them the limits that the first one set."""
+
+
 @contextmanager
 def one_thread_each() -> Iterator[None]:
     """Keep the linear algebra of numpy and scipy to one thread for each that calls it.
 
-    Threads of their own would wait for each other in every small product, for long on a busy machine.
+    Threads of their own would wait for each other in every small product, for long on a busy machine. Who comes while
+    another is inside finds them limited already, and the last to leave lets them go.
     """
     from threadpoolctl import threadpool_limits
 
-    with threadpool_limits(limits=1, user_api="blas"):
+    with _LOCK:
+        _INSIDE.append(_INSIDE[0] if _INSIDE else threadpool_limits(limits=1, user_api="blas"))
+    try:
         yield
+    finally:
+        with _LOCK:
+            if len(_INSIDE) > 1:
+                _INSIDE.pop()  # the first one knows how many threads there were
+            else:
+                _INSIDE.pop().restore_original_limits()
 
 
 @contextmanager
