@@ -22,8 +22,10 @@ COMPLEX_SYMMETRIC = 6
 REFINEMENTS = 12
 """Steps of refinement at most that make up for single precision: two or three are enough."""
 
-ENOUGH = 1e-6
-"""What may be left of a load after them, as a share."""
+ENOUGH, ROUGHLY = 1e-6, 1e-3
+"""What may be left of a load after them, as a share; and up to order ``ROUGH``, whose own error is far larger."""
+
+ROUGH = 5
 
 
 class Factor(ABC):
@@ -103,7 +105,7 @@ class Refined(Factor):
     ) -> Complex128[np.ndarray, "unknowns sounds"]:
         """Solve in single precision, and again for what that leaves."""
         left = np.where(self._chosen[:, None], right, 0)
-        size = np.linalg.norm(left, axis=0)
+        enough = (ROUGHLY if self.system.order <= ROUGH else ENOUGH) * np.linalg.norm(left, axis=0)
         solution, found = np.zeros_like(left), []
         for _ in range(REFINEMENTS):
             scale = np.abs(left).max() or 1.0
@@ -118,8 +120,9 @@ class Refined(Factor):
             found.append((step, change))
             share = (change.conj() * left).sum(axis=0)
             solution, left = solution + share * step, left - share * change
-            if (np.linalg.norm(left, axis=0) <= ENOUGH * size).all():
+            if (np.linalg.norm(left, axis=0) <= enough).all():
                 return solution
+        size = np.linalg.norm(right, axis=0)
         return self._not_enough(right, float((np.linalg.norm(left, axis=0) / np.where(size > 0, size, 1.0)).max()))
 
     def _times(self, solution: Complex128[np.ndarray, "unknowns sounds"]) -> Complex128[np.ndarray, "unknowns sounds"]:
