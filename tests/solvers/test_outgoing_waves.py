@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import airtact as at
+from airtact.solvers import outgoing_waves
 from airtact.solvers.outgoing_waves import ball_of, shells_of
 
 AIR = at.Medium(343.1, 1.293)
@@ -109,3 +110,12 @@ def test_a_field_that_is_not_known_all_around_is_refused():
     sampled = at.SampledField(field.scene, field.sources, nodes, np.ones((4, 3), dtype=np.complex128))
     with pytest.raises(at.InvalidInput, match=r"not known at \d+ of \d+ points 10.6 mm"):
         at.outgoing_waves(sampled)
+
+
+def test_waves_that_do_not_fit_into_memory_are_refused(monkeypatch):
+    monkeypatch.setattr(outgoing_waves, "available_memory", lambda: 2.0**18)
+    ball = at.sphere(radius=5e-3, edge=2e-3)
+    scene = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(ball)], frequency=40e3)
+    field = at.SphereSeries().radiate(scene, at.Monopoles(np.array([[0, 0, 8e-3]]), np.ones(1)))
+    with pytest.raises(at.InvalidInput, match=r"orders need 0\.0\d+ GiB for their shells, but 0\.00024 GiB"):
+        at.outgoing_waves(field)

@@ -19,7 +19,7 @@ ROOM = 0.2
 """A focus stands no farther off a place of a hand than this [m]."""
 
 
-def load_hand(path: Path, gap: float | None = None) -> Hand:
+def load_hand(path: str | Path, gap: float | None = None) -> Hand:
     """Read a hand's pose from a JSON file.
 
     Parameters
@@ -33,6 +33,7 @@ def load_hand(path: Path, gap: float | None = None) -> Hand:
     InvalidInput
         The file cannot be read or is no pose, or the hand is refused; beginning with the file's name.
     """
+    path = Path(path)
     with about(path.name):
         pose = _pose_in(path)
         radii = _numbers(pose, "radii_m", ()) if "radii_m" in pose else None

@@ -21,6 +21,7 @@ from airtact.scene.printing import in_short
 from airtact.scene.scene import Scene
 from airtact.scene.sources import Monopoles, check_off_sources
 from airtact.solvers.boundary_pressure import monopole_pressure
+from airtact.solvers.free_memory import available_memory
 from airtact.solvers.problem import RadiatedField, Skin, SolveReport
 from airtact.solvers.spherical_waves import outgoing_shapes
 
@@ -286,6 +287,13 @@ def _table(
     back = parity[:, None, None, None] * half[:, -2:0:-1]  # f(-θ, φ) = f(θ, φ + π)
     series = np.asarray(fft(np.concatenate([half, back], axis=1), axis=1, norm="forward"))
     fine = 2 * around
+    size = 16 * fine**2 * int(np.prod(series.shape[2:]))
+    free = available_memory()
+    if size > 0.5 * free:
+        raise InvalidInput(
+            f"waves of {orders} orders need {size / 2**30:.2g} GiB for their shells, but {free / 2**30:.2g} GiB of "
+            "memory are free; hear the field itself, or fewer sounds."
+        )
     wide = np.zeros((fine, fine, *series.shape[2:]), dtype=np.complex64)
     down, turn = np.fft.fftfreq(around, 1 / around), np.fft.fftfreq(degrees, 1 / degrees)
     scale = 1 / (_transform(down, fine)[:, None] * _transform(turn, fine))
