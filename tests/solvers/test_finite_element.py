@@ -149,6 +149,20 @@ def test_a_meshed_workspace_is_read_off_the_mesh():
         solver.radiate(scene, one_each(np.array([[0.0, 0.0, 0.013]])))
 
 
+@pytest.mark.parametrize(("order", "size"), [(4, 1.0), (3, 1.7)])
+def test_coarse_meshes_and_low_orders_are_not_graded(order, size):
+    """Two fingers were 65 % off where they were."""
+    scene = ball_scene(BODIES["hard"])
+    graded, even = (
+        at.FiniteElement(order=order, elements_per_wavelength=size, symmetry=("x", "y", "z"), graded=one).factorised(
+            scene
+        )
+        for one in (True, False)
+    )
+    assert graded.report.nodes == even.report.nodes
+    assert graded.report.settings["graded"] is False
+
+
 @pytest.mark.parametrize("symmetry", [(), ("x", "z")], ids=["whole", "quarter"])
 def test_fronts_solve_what_netgens_own_factorisation_does(symmetry, monkeypatch):
     monkeypatch.setattr(finite_factor, "ROUGH", 0)

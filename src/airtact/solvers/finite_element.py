@@ -38,6 +38,10 @@ PAPER_BOX = ((-0.07, -0.07, -0.09), (0.07, 0.07, 0.09))
 """The paper's workspace, 14 x 14 x 18 cm [m]."""
 
 
+FINE_ENOUGH = 1.5
+"""Elements in a wavelength from which on orders may be graded."""
+
+
 @dataclass(frozen=True)
 class FiniteElement(Solver):
     """Finite elements for sound-hard, impedance and filled bodies, with absorption.
@@ -57,7 +61,8 @@ class FiniteElement(Solver):
         refined in double; "sparsecholesky", NGSolve's own; "pardiso" where the package ``mkl`` is installed.
     estimate : solve at the next order too, and report how far apart the two are. Costs about four times as much.
     graded : whether tetrahedra that came out larger or smaller than asked for get higher and lower orders, which
-        costs half as much for the same accuracy; else ``order`` everywhere.
+        costs half as much for the same accuracy; else ``order`` everywhere, as below order 4 and 1.5 elements per
+        wavelength, where nothing can be spared.
     progress : called with the name of each step as it begins.
 
     Raises
@@ -163,7 +168,7 @@ class FiniteElement(Solver):
         clock.begin("meshing")
         mesh, skin, tetrahedra = meshed(scene, box, self.elements_per_wavelength)
         clock.begin("assembling")
-        size = 1 / self.elements_per_wavelength if self.graded else None
+        size = 1 / self.elements_per_wavelength if self._grades() else None
         orders = (self.order, self.order + 1) if self.estimate else (self.order,)
         systems = [assembled(scene, box, skin, tetrahedra, mesh, order, size, self.domain == "box") for order in orders]
         clock.end()
@@ -178,7 +183,7 @@ class FiniteElement(Solver):
             estimated_error=float("nan"),
             settings={
                 "order": self.order,
-                "graded": self.graded,
+                "graded": self._grades(),
                 "elements_per_wavelength": self.elements_per_wavelength,
                 "domain": self.domain,
                 "mirrors": "".join(AXES[mirror.axis] for mirror in mirrors) or "none",
@@ -189,6 +194,10 @@ class FiniteElement(Solver):
         )
         ready = [ReadySystem(one, self._method()) for one in systems]
         return FactorisedScene(scene, tuple(ready), report, clock, self.domain == "box")
+
+    def _grades(self) -> bool:
+        """Whether orders may be graded: on coarser meshes and below that order nothing can be spared."""
+        return self.graded and self.order >= 4 and self.elements_per_wavelength >= FINE_ENOUGH
 
     def _method(self) -> str:
         return "multifrontal" if self.factorisation == "found" else self.factorisation
