@@ -21,6 +21,7 @@ from airtact.scene.hand_parts import OWNER, PARTS
 from airtact.scene.hand_relief import in_relief
 from airtact.scene.hand_solving import SIZES, Seen, Solved, skin_spread, solved
 from airtact.scene.joints import BONES, FINGERS, NAMES, evidence_of, joints_of
+from airtact.scene.pose import nearest_motion
 from airtact.scene.printing import in_short
 
 ROUGH = 6e-3
@@ -210,10 +211,8 @@ def _checked_camera(camera: Real[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
 
 def _carried(before: FittedHand, joints: Float64[np.ndarray, "25 3"]) -> Float64[np.ndarray, "25 3"] | None:
     """Move the hand of the frame before rigidly to new landmarks, or None where these have another pose."""
-    old, new = before.hand.joints.mean(axis=0), joints.mean(axis=0)
-    u, _, v = np.linalg.svd((joints - new).T @ (before.hand.joints - old))  # Kabsch
-    turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v
-    moved = new + (before.hand.joints - old) @ turn.T
+    turn, shift = nearest_motion(before.hand.joints, joints)
+    moved = before.hand.joints @ turn.T + shift
     return moved if np.linalg.norm(moved - joints, axis=1).max() < JUMP else None
 
 

@@ -8,6 +8,7 @@ from jaxtyping import Float64
 
 from airtact.scene.hand_hulls import Hulls
 from airtact.scene.hand_meshing import Skin, settled
+from airtact.scene.pose import nearest_motion
 from airtact.scene.printing import in_short
 
 FARTHEST = 12e-3
@@ -94,14 +95,11 @@ def _carried(
 def _rigid(
     old: Float64[np.ndarray, "points 3"], new: Float64[np.ndarray, "points 3"]
 ) -> tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, "3"]]:
-    """Rigid motion that brings points nearest to others (W. Kabsch, Acta Cryst. A32, 922 (1976)); no needless twist."""
-    one, two = old.mean(axis=0), new.mean(axis=0)
-    if len(old) == 2:
-        turn = _shortest_turn(old[1] - old[0], new[1] - new[0])
-    else:
-        u, _, v = np.linalg.svd((new - two).T @ (old - one))
-        turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v
-    return turn, two - turn @ one
+    """Rigid motion that brings points nearest to others, without needless twist where they are two."""
+    if len(old) > 2:
+        return nearest_motion(old, new)
+    turn = _shortest_turn(old[1] - old[0], new[1] - new[0])
+    return turn, new.mean(axis=0) - turn @ old.mean(axis=0)
 
 
 def _shortest_turn(start: Float64[np.ndarray, "3"], end: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"]:

@@ -118,3 +118,13 @@ class Pose:
     def __matmul__(self, other: "Pose") -> "Pose":
         """Chain two motions: ``(self @ other).apply(x) == self.apply(other.apply(x))``."""
         return Pose(self.rotation @ other.rotation, self.apply(other.translation))
+
+
+def nearest_motion(
+    old: Float64[np.ndarray, "points 3"], new: Float64[np.ndarray, "points 3"]
+) -> tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, "3"]]:
+    """Rotation and translation that bring points nearest to others (W. Kabsch, Acta Cryst. A32, 922 (1976))."""
+    one, two = old.mean(axis=0), new.mean(axis=0)
+    left, _, right = np.linalg.svd((new - two).T @ (old - one))
+    turn = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
+    return turn, two - turn @ one

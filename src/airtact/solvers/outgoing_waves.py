@@ -21,6 +21,7 @@ from airtact.scene.printing import in_short
 from airtact.scene.scene import Scene
 from airtact.scene.sources import Monopoles, check_off_sources
 from airtact.solvers.boundary_pressure import monopole_pressure
+from airtact.solvers.chebyshev import chebyshev_weights
 from airtact.solvers.free_memory import available_memory
 from airtact.solvers.problem import RadiatedField, Skin, SolveReport
 from airtact.solvers.spherical_waves import outgoing_shapes
@@ -78,7 +79,7 @@ class Shells:
             steps,
             across,
             along,
-            _radial(self.radius / distance, radii),
+            chebyshev_weights(1 - 2 * self.radius / distance, radii),
             heard,
         )
         return heard * (self.radius / distance * np.exp(1j * wavenumber * (distance - self.radius)))[:, None]
@@ -339,11 +340,3 @@ def _transform(frequencies: Float64[np.ndarray, "frequencies"], fine: int) -> Fl
     nodes, weights = np.polynomial.legendre.leggauss(60)
     off = 0.5 * SPREAD * nodes
     return 0.5 * SPREAD * np.cos(2 * np.pi / fine * frequencies[:, None] * off) @ (weights * _kernel(off))
-
-
-def _radial(shrinkings: Float64[np.ndarray, "points"], count: int) -> Float32[np.ndarray, "points radii"]:
-    """Weights of Chebyshev's points of [0, 1] (J.-P. Berrut, L. N. Trefethen, SIAM Review 46 (2004) 501)."""
-    angles = np.pi * (np.arange(count) + 0.5) / count
-    off = shrinkings[:, None] - (0.5 - 0.5 * np.cos(angles))
-    weights = (-1.0) ** np.arange(count) * np.sin(angles) / np.where(off == 0, 1e-30, off)
-    return (weights / weights.sum(axis=1, keepdims=True)).astype(np.float32)

@@ -11,6 +11,7 @@ from jaxtyping import Complex, Complex128, Float32, Float64, Int64, Real
 
 from airtact import _kernels
 from airtact.scene.printing import in_short
+from airtact.solvers.chebyshev import chebyshev_weights
 
 WIDTH = 1.0
 """Of a cell, in wavelengths, at most."""
@@ -146,11 +147,7 @@ def cells_of(points: Real[np.ndarray, "points 3"], wavelength: float, error: flo
 
 
 def _weights(places: Float64[np.ndarray, "points"], count: int) -> Float32[np.ndarray, "points count"]:
-    """Weights of Chebyshev's points of [-1, 1] (J.-P. Berrut, L. N. Trefethen, SIAM Review 46 (2004) 501)."""
+    """Weights of a cell's grid along one of its axes; one for each point where it has no extent."""
     if count == 1:
         return np.ones((len(places), 1), dtype=np.float32)
-    angles = np.pi * (np.arange(count) + 0.5) / count
-    off = places.astype(np.float32)[:, None] - np.cos(angles).astype(np.float32)
-    off[off == 0] = 1e-30
-    weights = ((-1.0) ** np.arange(count) * np.sin(angles)).astype(np.float32) / off
-    return weights / weights.sum(axis=1, keepdims=True)
+    return chebyshev_weights(places.astype(np.float32), count)
