@@ -160,6 +160,17 @@ def blended_distance(
     facing: np.ndarray,
     nearest: np.ndarray,
 ) -> None: ...
+def hull_gaps(
+    points: np.ndarray,
+    balls: np.ndarray,
+    parts: np.ndarray,
+    blend: np.ndarray,
+    camera: np.ndarray,
+    facing: float,
+    distance: np.ndarray,
+    slopes: np.ndarray,
+    hull: np.ndarray,
+) -> None: ...
 def project_on_hulls(
     points: np.ndarray,
     balls: np.ndarray,

@@ -60,7 +60,7 @@ struct Hull {
     int count;
     bool flat;  // it has two flat faces, each touching all three balls
     Vector corner, u, v, lean, up;
-    double rise, uu, uv, vv, radius[3];
+    double rise, uu = 0, uv = 0, vv = 0, radius[3];
     Vector middle;
     double reach;
 
@@ -111,6 +111,26 @@ struct Hull {
         }
         for (int k = 0; k < count; k++) rods[k].at(x, best);
         return best;
+    }
+    // Shares of its balls in the ball with this centre
+    void shares(Vector centre, double *share) const {
+        const double determinant = uu * vv - uv * uv;
+        if (count == 3 && determinant > 1e-9 * uu * vv) {
+            const double a = dot(centre - corner, u), b = dot(centre - corner, v);
+            share[1] = (a * vv - b * uv) / determinant, share[2] = (b * uu - a * uv) / determinant;
+            share[0] = 1 - share[1] - share[2];
+            return;
+        }
+        double least = std::numeric_limits<double>::infinity();
+        for (int k = 0; k < count; k++) {  // three balls in a row
+            const double along = std::min(std::max(dot(centre - rods[k].start, rods[k].axis), 0.0), rods[k].length);
+            const double off = length(centre - rods[k].start - along * rods[k].axis);
+            if (off >= least) continue;
+            least = off;
+            share[0] = share[1] = share[2] = 0;
+            share[(k + 1) % 3] = rods[k].length > 0 ? along / rods[k].length : 0;
+            share[k] = 1 - share[(k + 1) % 3];
+        }
     }
 };
 
@@ -239,7 +259,103 @@ void narrow_to(Body &body, const double *points, std::int64_t start, std::int64_
     body.narrow(middle, std::sqrt(square));
 }
 
+struct Touched {  // a hull near a point, and where this touches it
+    int hull = -1;
+    double distance = std::numeric_limits<double>::infinity();
+    Vector normal{1, 0, 0};
+    double share[3] = {0, 0, 0};
+};
+
+constexpr int looked_at = 3;  // hulls for each point
+
+// The nearest hulls, the nearest first
+void nearest_hulls(const std::vector<Hull> &hulls, Vector x, Touched *near) {
+    double radius[looked_at];
+    for (int i = 0; i < int(hulls.size()); i++) {
+        if (hulls[i].least(x) >= near[looked_at - 1].distance) continue;
+        const Foot foot = hulls[i].at(x);
+        if (foot.distance >= near[looked_at - 1].distance) continue;
+        int place = looked_at - 1;
+        for (; place > 0 && near[place - 1].distance > foot.distance; place--)
+            near[place] = near[place - 1], radius[place] = radius[place - 1];
+        near[place].hull = i, near[place].distance = foot.distance, near[place].normal = foot.normal;
+        radius[place] = foot.radius;
+    }
+    for (int k = 0; k < looked_at && near[k].hull >= 0; k++)
+        hulls[near[k].hull].shares(x - (near[k].distance + radius[k]) * near[k].normal, near[k].share);
+}
+
+// Hold a point that touches skin facing away from the camera against the front of the same ball, or its rim beside it
+bool hold_before(Vector x, Vector sight, double facing, const double *balls, const std::int64_t *part, Touched &foot) {
+    if (dot(foot.normal, sight) >= facing) return false;
+    Vector centre{0, 0, 0};
+    double radius = 0;
+    for (int k = 0; k < 3 && part[k] >= 0; k++) {
+        centre = centre + foot.share[k] * read(balls + 4 * part[k]);
+        radius += foot.share[k] * balls[4 * part[k] + 3];
+    }
+    const Vector out = x - centre, across = out - dot(out, sight) * sight;
+    const double wide = length(across);
+    if (wide < radius) {
+        foot.normal = 1 / radius * (across + std::sqrt(radius * radius - wide * wide) * sight);
+        foot.distance = dot(foot.normal, out) - radius;
+    } else {
+        foot.normal = wide > 0 ? 1 / wide * across : Vector{1, 0, 0};
+        foot.distance = wide - radius;
+    }
+    return true;
+}
+
+void add_slopes(const Touched &foot, double weight, const std::int64_t *part, double *slopes) {
+    for (int k = 0; k < 3 && part[k] >= 0; k++) {
+        double *own = slopes + 4 * part[k];
+        const double by = -weight * foot.share[k];
+        own[0] += by * foot.normal.x, own[1] += by * foot.normal.y, own[2] += by * foot.normal.z, own[3] += by;
+    }
+}
+
 }  // namespace
+
+void hull_gaps(const double *points, std::int64_t n, const double *balls, std::int64_t some, const std::int64_t *parts,
+               std::int64_t count, const double *blend, const double *camera, double facing, double *distance,
+               double *slopes, std::int64_t *hull) {
+    const std::vector<Hull> hulls = hulls_of(balls, parts, count);
+#pragma omp parallel for schedule(static)
+    for (std::int64_t p = 0; p < n; p++) {
+        const Vector x = read(points + 3 * p);
+        Touched near[looked_at];
+        nearest_hulls(hulls, x, near);
+        std::fill(slopes + 4 * some * p, slopes + 4 * some * (p + 1), 0.0);
+        distance[p] = std::numeric_limits<double>::quiet_NaN(), hull[p] = 0;
+        if (near[0].hull < 0) continue;  // the point is NaN
+        int chosen = 0, other = 0;
+        if (camera) {
+            const Vector away = read(camera) - x, sight = 1 / length(away) * away;
+            bool turned = false;
+            for (int k = 0; k < looked_at && near[k].hull >= 0; k++)
+                if (hold_before(x, sight, facing, balls, parts + 3 * near[k].hull, near[k])) turned |= k == 0;
+            for (int k = 1; turned && k < looked_at; k++)
+                if (std::abs(near[k].distance) < std::abs(near[chosen].distance)) chosen = k;
+        }
+        const Touched &own = near[chosen];
+        double share = 0;
+        distance[p] = own.distance;
+        other = chosen;
+        for (int k = 0; k < looked_at; k++) {
+            if (k == chosen || near[k].hull < 0) continue;
+            const double width = blend[own.hull * count + near[k].hull] * 0.5 * (1 - dot(own.normal, near[k].normal));
+            const double step = near[k].distance - own.distance, over = width - std::abs(step);
+            if (over <= 0) continue;
+            const double joined = std::min(near[k].distance, own.distance) - over * over / (4 * width);
+            if (joined >= distance[p]) continue;
+            distance[p] = joined, other = k;
+            share = step >= 0 ? over / (2 * width) : 1 - over / (2 * width);
+        }
+        add_slopes(own, 1 - share, parts + 3 * own.hull, slopes + 4 * some * p);
+        if (share > 0) add_slopes(near[other], share, parts + 3 * near[other].hull, slopes + 4 * some * p);
+        hull[p] = own.hull;
+    }
+}
 
 void hull_distances(const double *points, std::int64_t n, const double *balls, const std::int64_t *parts,
                     std::int64_t count, double *out) {

@@ -131,6 +131,13 @@ void blended_distance(const double *points, std::int64_t n, const double *balls,
                       double *distance, double *gradient, double *bend, double *facing,
                       std::int64_t *nearest);
 
+// Signed distance to that union, of the three nearest hulls only, its derivatives by centre and radius of each of `some`
+// balls (n, 4 some), and the hull that each point belongs to. A foot on skin whose normal has a cosine to the line to the
+// camera below `facing` is held against the front of the same ball, or its rim; camera is null for none.
+void hull_gaps(const double *points, std::int64_t n, const double *balls, std::int64_t some, const std::int64_t *parts,
+               std::int64_t count, const double *blend, const double *camera, double facing, double *distance,
+               double *slopes, std::int64_t *hull);
+
 // Bring points onto that skin, in place, along the gradient of the distance.
 void project_on_hulls(double *points, std::int64_t n, const double *balls, const std::int64_t *parts,
                       std::int64_t count, const double *blend, const double *apart, double reach, Steps steps);

@@ -50,6 +50,7 @@ struct Variant {
     decltype(&baseline::near_integrals) near_integrals;
     decltype(&baseline::hull_distances) hull_distances;
     decltype(&baseline::blended_distance) blended_distance;
+    decltype(&baseline::hull_gaps) hull_gaps;
     decltype(&baseline::project_on_hulls) project_on_hulls;
     decltype(&baseline::grade_sizes) grade_sizes;
     decltype(&baseline::even_pass) even_pass;
@@ -63,7 +64,7 @@ struct Variant {
     Dual<Store> { &v::dual_matrix<Store>, &v::dual_product<Store> }
 #define AIRTACT_TABLE(v)                                                                                             \
     { #v, {AIRTACT_DUAL(v, std::int16_t), AIRTACT_DUAL(v, float), AIRTACT_DUAL(v, double)}, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::apply_in_cells, &v::interpolate, &v::near_pairs, &v::closest_on_panels,      \
-      &v::near_integrals, &v::hull_distances, &v::blended_distance, &v::project_on_hulls, &v::grade_sizes, \
+      &v::near_integrals, &v::hull_distances, &v::blended_distance, &v::hull_gaps, &v::project_on_hulls, &v::grade_sizes, \
       &v::even_pass, &v::gerchberg_saxton }
 
 static std::vector<Variant> runnable() {  // on this machine, the best last
@@ -303,6 +304,20 @@ static void blended(Points x, Read<double, -1, 4> balls, Hulls parts, Square ble
                              nearest.data());
 }
 
+static void gaps(Points x, Read<double, -1, 4> balls, Hulls parts, Square blend, Read<double, -1> camera, double facing,
+                 Write<double, -1> distance, Write<double, -1, -1> slopes, Write<std::int64_t, -1> hull) {
+    right_balls(balls, parts);
+    same(blend.shape(0), parts.shape(0)), same(blend.shape(1), parts.shape(0));
+    same(distance.shape(0), x.shape(0)), same(slopes.shape(0), x.shape(0)), same(hull.shape(0), x.shape(0));
+    same(slopes.shape(1), 4 * balls.shape(0));
+    if (parts.shape(0) == 0) throw nb::index_error("there is no hull");
+    if (camera.shape(0) > 0) same(camera.shape(0), 3);
+    nb::gil_scoped_release release;
+    active->hull_gaps(x.data(), x.shape(0), balls.data(), balls.shape(0), parts.data(), parts.shape(0), blend.data(),
+                      camera.shape(0) > 0 ? camera.data() : nullptr, facing, distance.data(), slopes.data(),
+                      hull.data());
+}
+
 static void on_hulls(Write<double, -1, 3> x, Read<double, -1, 4> balls, Hulls parts, Square blend, Square apart,
                      double reach, std::int64_t most, double longest, double on_skin, double stride,
                      std::int64_t halvings) {
@@ -371,6 +386,7 @@ NB_MODULE(_kernels, m) {
     m.def("near_integrals", &near);
     m.def("hull_distances", &apart_from_hulls);
     m.def("blended_distance", &blended);
+    m.def("hull_gaps", &gaps);
     m.def("project_on_hulls", &on_hulls);
     m.def("grade_sizes", &graded);
     m.def("even_pass", &even);

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from airtact.scene.clouds import thinned
 from airtact.scene.hand import hand_from_joints
 from airtact.scene.hand_bending import evenly_bent
-from airtact.scene.hand_feet import feet_on, gaps_to
+from airtact.scene.hand_feet import gaps_to
 from airtact.scene.hand_hulls import Hulls
 from airtact.scene.hand_limits import (
     UNKNOWNS,
@@ -55,8 +55,8 @@ def by_differences(function, start: np.ndarray, step: float = STEP) -> np.ndarra
 def test_distances_are_those_of_the_body(hulls: Hulls, points: np.ndarray) -> None:
     each = hulls.each(points)
     for index, part in enumerate(hulls.parts):
-        feet = feet_on(points, hulls.balls, np.tile(part, (len(points), 1)))
-        np.testing.assert_allclose(feet.distance, each[:, index], atol=1e-12)
+        alone = Hulls(hulls.balls, part[None], np.zeros((1, 1)), np.zeros((1, 1)))
+        np.testing.assert_allclose(gaps_to(points, alone).distance, each[:, index], atol=1e-12)
     off = np.abs(gaps_to(points, hulls).distance - hulls.look(points).distance)
     assert np.mean(off < 1e-12) > 0.97  # where three creases meet, only those with the nearest hull are seen
     assert off.max() < 1e-3
