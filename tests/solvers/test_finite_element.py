@@ -71,6 +71,16 @@ def test_one_octant_solves_the_whole_sphere():
     assert relative(skin.pressure, exact).max() < 0.03
 
 
+def test_sounds_on_a_mirror_are_even_about_it():
+    """And sounds that two mirrored monopoles make: no factorisation is spent on what is silent."""
+    ready = at.FiniteElement(order=3).factorised(ball_scene(BODIES["hard"]))
+    contact = at.Monopoles(np.array([[0.005, 0.0, 0.0], [-0.005, 0.0, 0.0]]), np.ones(2))
+    ready.radiate(ready.scene, contact)
+    assert list(ready.ready[0].factors) == [(0, 0, 0)]
+    ready.radiate(ready.scene, at.Monopoles(np.array([[0.0, 0.0, 0.005], [0.0, 0.0, 0.02]]), np.ones(2)))
+    assert list(ready.ready[0].factors) == [(0, 0, 0), (0, 0, 1)]
+
+
 def test_absorption_is_solved_for():
     scene = ball_scene(BODIES["hard"], at.Medium(343.1, 1.293, absorption=20.0))
     assert errors(QUICK, scene, one_each(directions(3, 0) * 0.0055), far_points(20)) < 0.015

@@ -21,8 +21,8 @@ from airtact.scene.printing import in_short
 from airtact.solvers.finite_dissection import Dissection
 from airtact.solvers.finite_netgen import one_thread_each, thread_count
 
-TRIANGLES, BY_TRIANGLES = get_lapack_funcs(("getrf", "getrs"), dtype=np.complex64)
-"""LAPACK's factorisation of a matrix in single precision, and the solution by it."""
+TRIANGLES, INVERSE = get_lapack_funcs(("getrf", "getri"), dtype=np.complex64)
+"""LAPACK's factorisation of a matrix in single precision, and its inverse by that."""
 
 BLOCK = 384
 """Columns that are left to later fronts at once, from the diagonal down: what is above follows by symmetry."""
@@ -71,14 +71,13 @@ class Eliminated:
     Attributes
     ----------
     own, border : (N,) and (M,) unknowns, as in ``Front``.
-    factor, swaps : A as triangles, by LAPACK.
+    inverse : (N, N) A⁻¹.
     solved : (N, M) X.
     """
 
     own: Int64[np.ndarray, "own"]
     border: Int64[np.ndarray, "border"]
-    factor: Complex64[np.ndarray, "own own"]
-    swaps: Int32[np.ndarray, "own"]
+    inverse: Complex64[np.ndarray, "own own"]
     solved: Complex64[np.ndarray, "own border"]
 
     __repr__ = in_short
@@ -114,11 +113,11 @@ def eliminate(entries: Entries, dissection: Dissection) -> list[Eliminated]:
         The matrix is singular.
     """
     work = _Work(entries, dissection)
+    apart = {number for subtree in dissection.subtrees for number in subtree}
+    last = [number for number in range(len(dissection.fronts)) if number not in apart]
     with one_thread_each(), ThreadPoolExecutor(thread_count()) as pool:
-        list(pool.map(work.eliminate, dissection.subtrees))
-        apart = {number for subtree in dissection.subtrees for number in subtree}
-        work.eliminate([number for number in range(len(dissection.fronts)) if number not in apart], pool)
-    return [work.found[number] for number in sorted(work.found)]
+        found = [front for fronts in pool.map(work.eliminate, dissection.subtrees) for front in fronts]
+        return found + work.eliminate(last, pool)
 
 
 class _Work:
@@ -127,11 +126,10 @@ class _Work:
     def __init__(self, entries: Entries, dissection: Dissection) -> None:
         self.entries, self.dissection = entries, dissection
         self.left: dict[int, Any] = {}
-        self.found: dict[int, Eliminated] = {}
 
-    def eliminate(self, numbers: Sequence[int], pool: ThreadPoolExecutor | None = None) -> None:
+    def eliminate(self, numbers: Sequence[int], pool: ThreadPoolExecutor | None = None) -> list[Eliminated]:
         """Eliminate some fronts in turn, sharing the large products among the threads of a pool."""
-        place = np.empty(len(self.dissection.front), dtype=np.int64)
+        place, found = np.empty(len(self.dissection.front), dtype=np.int64), []
         for number in numbers:
             front = self.dissection.fronts[number]
             count = len(front.own)
@@ -148,12 +146,12 @@ class _Work:
                 raise InvalidInput(
                     f"the matrix of finite elements is singular at front {number}; take 'sparsecholesky'."
                 )
+            inverse = INVERSE(factor, swaps, lwork=BLOCK * count, overwrite_lu=True)[0]
             solved = np.empty((count, len(below)), dtype=np.complex64, order="F")
             mapped = map if pool is None else pool.map
-            starts = range(0, len(below), BLOCK)
-            list(mapped(partial(_solve, solved, below, factor, swaps), starts))
-            list(mapped(partial(_update, rest, below, solved), starts))
-            self.found[number] = Eliminated(front.own, front.border, factor, swaps, solved)
+            list(mapped(partial(_update, rest, below, inverse, solved), range(0, len(below), BLOCK)))
+            found.append(Eliminated(front.own, front.border, inverse, solved))
+        return found
 
 
 def _gathered(
@@ -206,36 +204,32 @@ def _runs(rows: Int64[np.ndarray, "rows"]) -> Iterator[tuple[slice, slice]]:
             yield slice(start, end), slice(int(rows[start]), int(rows[end - 1]) + 1)
 
 
-def _solve(
-    solved: Complex64[np.ndarray, "own border"],
-    below: Complex64[np.ndarray, "border own"],
-    factor: Complex64[np.ndarray, "own own"],
-    swaps: Int32[np.ndarray, "own"],
-    start: int,
-) -> None:
-    block = slice(start, start + BLOCK)
-    solved[:, block] = BY_TRIANGLES(factor, np.array(swaps), below[block].T)[0]  # which changes its swaps for a while
-
-
 def _update(
     rest: Complex64[np.ndarray, "border border"],
     below: Complex64[np.ndarray, "border own"],
+    inverse: Complex64[np.ndarray, "own own"],
     solved: Complex64[np.ndarray, "own border"],
     start: int,
 ) -> None:
-    rest[start:, start : start + BLOCK] -= below[start:] @ solved[:, start : start + BLOCK]
+    """Find some columns of X, and what they change of C from the diagonal down."""
+    columns = slice(start, start + BLOCK)
+    solved[:, columns] = inverse @ below[columns].T
+    rest[start:, columns] -= below[start:] @ solved[:, columns]
 
 
 def solve(
     eliminated: list[Eliminated], right: Complex64[np.ndarray, "unknowns sounds"]
 ) -> Complex64[np.ndarray, "unknowns sounds"]:
-    """Solution for each column, good to single precision; unknowns that no front eliminated stay as they are."""
+    """Solution for each column, good to single precision; unknowns that no front eliminated stay as they are.
+
+    In one thread: it takes as long as reading the factors from memory does.
+    """
     found = np.array(right)
     with one_thread_each():
         for front in eliminated:
             mine = found[front.own]
             found[front.border] -= front.solved.T @ mine
-            found[front.own] = BY_TRIANGLES(front.factor, front.swaps, mine)[0]
+            found[front.own] = front.inverse @ mine
         for front in reversed(eliminated):
             found[front.own] -= front.solved @ found[front.border]
     return found

@@ -32,12 +32,7 @@ class Factor(ABC):
     """A factorised matrix of one parity about the mirrors."""
 
     def __init__(self, system: System, odd: Sequence[int]) -> None:
-        self.system = system
-        free = system.space.FreeDofs(True)
-        taken = type(free)(free)
-        for axis in odd:
-            taken &= ~system.space.GetDofs(system.mesh.Boundaries(f"wall{2 * axis}"))
-        self.free = taken
+        self.system, self.free = system, system.free(odd, shared=True)
 
     @abstractmethod
     def solve_shared(

@@ -19,7 +19,7 @@ from airtact.solvers.finite_system import System
 from airtact.solvers.particle_velocity import open_air_slopes
 
 SILENT = 1e-10
-"""A part whose load is below this share of the loudest part's is left out."""
+"""A part whose load is below this share of all is left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,18 +75,21 @@ class ReadySystem:
         inner : the same of monopoles in the box whose total pressure is sought, as point loads.
         """
         loads = self._outer_loads(*outer) + self._inner_loads(*inner)
-        size = np.linalg.norm(loads.reshape(len(loads), -1), axis=1)
-        parts = {}
-        for parity, load, one in zip(parities(self.mirrors), loads, size, strict=True):
-            if one > SILENT * size.max():
+        least, parts = SILENT * np.linalg.norm(loads), {}
+        for parity, load in zip(parities(self.mirrors), loads, strict=True):
+            free = np.array(self.system.free(self._odd(parity), shared=False), dtype=np.bool_)
+            if np.linalg.norm(load[free]) > least:  # monopoles on a mirror make nothing that is odd about it
                 parts[parity] = self._factor(parity).solve(load)
         return Solution(np.asarray(outer[0], dtype=np.float64), outer[1], parts)
 
     def _factor(self, parity: tuple[int, ...]) -> Factor:
         if parity not in self.factors:
-            odd = [mirror.axis for mirror, sign in zip(self.mirrors, parity, strict=True) if sign]
-            self.factors[parity] = factorised(self.system, odd, self.method)
+            self.factors[parity] = factorised(self.system, self._odd(parity), self.method)
         return self.factors[parity]
+
+    def _odd(self, parity: tuple[int, ...]) -> list[int]:
+        """Axes of the mirrors that a parity is odd about."""
+        return [mirror.axis for mirror, sign in zip(self.mirrors, parity, strict=True) if sign]
 
     def _outer_loads(
         self, places: Real[np.ndarray, "sources 3"], strengths: Complex128[np.ndarray, "sources sounds"]

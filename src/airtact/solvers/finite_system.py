@@ -13,7 +13,7 @@ and by the symmetry of the form L_y(p) is also the scattered pressure, times 4π
 (Kirchhoff and Helmholtz): n points out of the body, w_d = 1 − w, w_s = ik/ratio, w_v = −w (k² − k_body²).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -88,6 +88,20 @@ class System:
     def unknowns(self) -> int:
         """Number of unknowns."""
         return int(self.space.ndof)
+
+    def free(self, odd: Sequence[int], shared: bool) -> Any:
+        """NGSolve's set of the unknowns that a sound which is odd about mirrors across some axes may have.
+
+        Parameters
+        ----------
+        odd : axes of those mirrors: the sound is silent on them.
+        shared : leave those out that a single tetrahedron has.
+        """
+        free = self.space.FreeDofs(shared)
+        found = type(free)(free)
+        for axis in odd:
+            found &= ~self.space.GetDofs(self.mesh.Boundaries(f"wall{2 * axis}"))
+        return found
 
     @cached_property
     def dissection(self) -> Dissection:
