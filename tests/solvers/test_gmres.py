@@ -37,3 +37,20 @@ def test_stopping_short_is_refused_with_residual_iterations_and_cause():
     matrix, right = system()
     with pytest.raises(NotConverged, match=r"residual of \d\.\de-\d\d \(wanted 1e-10\) after 3 iterations; likely"):
         gmres(lambda v: v @ matrix.T, right.T, 1e-10, most_iterations=3)
+
+
+@pytest.mark.parametrize("size", [1, 2, 5])
+def test_a_space_that_is_used_up_gives_the_exact_solution(size):
+    pick = np.random.default_rng(1)
+    right = pick.normal(size=(2, size)) + 1j * pick.normal(size=(2, size))
+    diagonal = np.exp(1j * np.arange(size))  # as many different eigenvalues as steps are needed
+    found = gmres(lambda v: v * diagonal, right, 1e-9)
+    assert found.iterations == size
+    assert np.allclose(found.solution, right / diagonal, rtol=1e-8)
+
+
+def test_a_matrix_that_turns_a_side_onto_itself_later_is_solved():
+    shift = np.roll(np.eye(4), 1, axis=0)  # nothing is gained before the last step
+    found = gmres(lambda v: v @ shift.T, np.eye(4, dtype=complex)[:1], 1e-9)
+    assert found.iterations == 4
+    assert np.allclose(shift @ found.solution[0], np.eye(4)[0], atol=1e-9)

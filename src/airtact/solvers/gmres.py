@@ -4,11 +4,13 @@ Each keeps its own Krylov space, as in Saad & Schultz, SIAM J. Sci. Stat. Comput
 solver takes one right-hand side, and reading the matrix is where all the time goes.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex, Float64
+from jaxtyping import Complex, Complex128, Float64
+from scipy.linalg import solve_triangular
 
 from airtact.conventions import NotConverged
 
@@ -58,23 +60,16 @@ def gmres(
     scale = np.where(norms > 0, norms, 1).astype(norms.dtype)[:, None]
     basis = np.empty((sides, most_iterations + 1, unknowns), dtype=right_sides.dtype)
     basis[:, 0] = right_sides / scale
-    hessenberg = np.zeros((sides, most_iterations + 1, most_iterations), dtype=np.complex128)
-    residuals = np.ones(sides)
+    fits, residuals = [_Rotated() for _ in range(sides)], np.ones(sides)
     for step in range(most_iterations):
-        grown, so_far = product(basis[:, step]), basis[:, : step + 1]
-        for _ in range(2):  # a second sweep keeps float32 bases orthogonal
-            # einsum, not matmul: BLAS threads go on spinning and would take a core from the next product
-            overlap = np.einsum("skm,sm->sk", so_far, grown.conj()).conj()
-            grown = grown - np.einsum("sk,skm->sm", overlap, so_far)
-            hessenberg[:, : step + 1, step] += overlap
-        length = np.linalg.norm(grown, axis=1)
-        hessenberg[:, step + 1, step] = length
-        basis[:, step + 1] = grown / np.where(length > 0, length, 1).astype(length.dtype)[:, None]
-        weights, residuals = _least_squares(hessenberg[:, : step + 2, : step + 1])
-        residuals = np.where(norms > 0, residuals, 0)
+        grown = product(basis[:, step])
+        for fit, vector, vectors in zip(fits, grown, basis, strict=True):
+            fit.add(_make_orthogonal(vector, vectors[: step + 1]))
+        basis[:, step + 1] = grown
+        residuals = np.where(norms > 0, [fit.residual for fit in fits], 0)
         if residuals.max(initial=0) < tolerance:
-            solution = np.einsum("sk,skm->sm", weights.astype(right_sides.dtype), so_far)
-            return GmresResult(solution * scale, residuals, step + 1)
+            sums = [_sum(fit.weights(), vectors) for fit, vectors in zip(fits, basis, strict=True)]
+            return GmresResult(np.array(sums).reshape(sides, unknowns) * scale, residuals, step + 1)
     raise NotConverged(
         f"GMRES stopped at a relative residual of {residuals.max():.1e} (wanted {tolerance:.0e}) after "
         f"{most_iterations} iterations; likely a gap or a body is much thinner than a panel: ask for a finer accuracy, "
@@ -82,11 +77,64 @@ def gmres(
     )
 
 
-def _least_squares(
-    hessenberg: Complex[np.ndarray, "sides rows steps"],
-) -> tuple[Complex[np.ndarray, "sides steps"], Float64[np.ndarray, "sides"]]:
-    """Minimise |e₁ − H y| for every side; gives y and the residual."""
-    weights = np.linalg.pinv(hessenberg)[:, :, 0]
-    left = -np.einsum("srk,sk->sr", hessenberg, weights)
-    left[:, 0] += 1
-    return weights, np.linalg.norm(left, axis=1)
+class _Rotated:
+    """Minimises |e₁ − H y| as H grows by a column a step, by Givens rotations (Saad & Schultz, section 3.2)."""
+
+    def __init__(self) -> None:
+        self._rotations: list[tuple[float, complex]] = []
+        self._columns: list[list[complex]] = []
+        self._right: list[complex] = [1.0]
+
+    @property
+    def residual(self) -> float:
+        return abs(self._right[-1])
+
+    def add(self, column: list[complex]) -> None:
+        """Take a column of H, down to the entry below its diagonal."""
+        for row, (cosine, sine) in enumerate(self._rotations):
+            upper, lower = column[row], column[row + 1]
+            column[row] = cosine * upper + sine * lower
+            column[row + 1] = cosine * lower - sine.conjugate() * upper
+        upper, lower = column[-2], column.pop()
+        size = math.hypot(abs(upper), abs(lower))
+        cosine = abs(upper) / size if size else 1.0
+        sine = (upper / abs(upper) if upper else 1.0) * lower.conjugate() / size if size else 0j
+        column[-1] = cosine * upper + sine * lower
+        self._rotations.append((cosine, sine))
+        self._columns.append(column)
+        last = self._right[-1]
+        self._right[-1:] = [cosine * last, -sine.conjugate() * last]
+
+    def weights(self) -> Complex128[np.ndarray, "steps"]:
+        """Solve the triangle that is left; what nothing was heard of gets 0."""
+        steps = len(self._columns)
+        triangle = np.zeros((steps, steps), dtype=np.complex128)
+        for index, column in enumerate(self._columns):
+            triangle[: index + 1, index] = column
+        diagonal = np.diag(triangle)
+        return solve_triangular(triangle + np.diag(diagonal == 0), np.array(self._right[:-1]) * (diagonal != 0))
+
+
+# Vector by vector, not by matrix products: BLAS threads go on spinning and would take a core from the next product.
+def _make_orthogonal(
+    grown: Complex[np.ndarray, "unknowns"], basis: Complex[np.ndarray, "vectors unknowns"]
+) -> list[complex]:
+    """Take from a vector, in place, what lies along the basis, and make it a unit vector; gives what it was made of."""
+    entries = []
+    for vector in basis:
+        overlap = np.vdot(vector, grown)
+        grown -= overlap * vector
+        entries.append(complex(overlap))
+    length = np.linalg.norm(grown)
+    if length > 0:
+        grown /= length
+    return [*entries, complex(length)]
+
+
+def _sum(
+    weights: Complex128[np.ndarray, "steps"], vectors: Complex[np.ndarray, "vectors unknowns"]
+) -> Complex[np.ndarray, "unknowns"]:
+    total = np.zeros_like(vectors[0])
+    for weight, vector in zip(weights.astype(vectors.dtype), vectors, strict=False):
+        total += weight * vector
+    return total
