@@ -15,7 +15,8 @@ from airtact.scene.hand_limits import (
     UNKNOWNS,
     bend_rules,
     bending_axes,
-    landmark_rules,
+    firmness,
+    landmark_cost,
     length_rules,
     usual_last_bones,
 )
@@ -95,11 +96,9 @@ def test_slopes_of_rules_are_exact() -> None:
         place = joints + random.normal(scale=8e-3, size=(25, 3))
         axes, sizes = bending_axes(place, "left"), random.normal(scale=0.1, size=62) - 3.5
         usual = usual_last_bones(place, axes)
-        firm = random.uniform(50.0, 200.0, 25)
         rules = {
             "bends": lambda x, axes=axes, usual=usual: bend_rules(x, axes, usual),
             "lengths": lambda x, sizes=sizes: length_rules(x, sizes),
-            "landmarks": lambda x, firm=firm: landmark_rules(x - joints, firm),
         }
         for rule in rules.values():
             found = rule(place)
@@ -108,6 +107,15 @@ def test_slopes_of_rules_are_exact() -> None:
             np.testing.assert_allclose(found.slopes[:, :75], slopes, atol=1e-6 * np.abs(slopes).max())
         by_size = by_differences(lambda s, place=place: length_rules(place, s).residuals, sizes)
         np.testing.assert_allclose(length_rules(place, sizes).slopes[:, 75:], by_size, atol=1e-4)
+
+
+def test_landmarks_pull_as_their_cost_falls() -> None:
+    random = np.random.default_rng(2)
+    off, spread = random.normal(scale=12e-3, size=(25, 3)), random.uniform(4e-3, 20e-3, 25)
+
+    slopes = by_differences(lambda x: np.array([landmark_cost(x, spread)]), off)[0]
+
+    np.testing.assert_allclose(2.0 * (firmness(off, spread)[:, None] ** 2 * off).ravel(), slopes, rtol=1e-6, atol=1e-2)
 
 
 def test_a_hand_at_rest_breaks_no_rule() -> None:

@@ -18,6 +18,7 @@ BALLS = np.array(
 )
 BALLS = 1e-3 * BALLS
 PARTS = np.array([[0, 1, -1], [0, 1, 2], [1, 3, -1], [4, 3, -1], [0, 5, -1], [5, 0, 2]])
+ANYWHERE = np.zeros(0)
 
 
 pytestmark = pytest.mark.usefixtures("variant")
@@ -60,7 +61,7 @@ def normals(points: np.ndarray, part: np.ndarray, step: float = 1e-6) -> np.ndar
     return ((out[1] - out[0]) / (2 * step))[..., part].T
 
 
-def gaps(points: np.ndarray, balls: np.ndarray, parts: np.ndarray, camera: np.ndarray = np.zeros(0)) -> tuple:
+def gaps(points: np.ndarray, balls: np.ndarray, parts: np.ndarray, camera: np.ndarray = ANYWHERE) -> tuple:
     """Distances, their slopes by the balls, and hulls, without creases."""
     count, none = len(points), np.zeros((len(parts), len(parts)))
     found = np.empty(count), np.empty((count, balls.size)), np.empty(count, dtype=np.int64)

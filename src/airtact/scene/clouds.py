@@ -4,10 +4,10 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float64, Real
-from scipy.spatial import KDTree
 
 from airtact.conventions import InvalidInput
 from airtact.scene.guards import place, points_of
+from airtact.scene.hand_hulls import Hulls
 from airtact.scene.joints import BONES, CHAINS, unit
 
 FEWEST = 200
@@ -28,10 +28,7 @@ CELL, BESIDE = 4e-3, 3e-3
 SPARSE = 0.2
 """Cubes with fewer points than this share of the usual number hold strays."""
 
-STEPS = 8
-"""Places along each bone that distances are taken from."""
-
-_PALM = tuple(pairwise(chain[1] for chain in CHAINS))
+_LINES = np.array([(*ends, -1) for ends in (*BONES, *pairwise(chain[1] for chain in CHAINS))])
 
 
 def checked_cloud(
@@ -100,11 +97,9 @@ def thinned(points: Float64[np.ndarray, "points 3"], cell: float = CELL) -> Floa
 def _apart(
     points: Float64[np.ndarray, "points 3"], joints: Float64[np.ndarray, "25 3"]
 ) -> Float64[np.ndarray, "points"]:
-    """Distance of points from the nearest bone, or line across the palm, taken at steps along it."""
-    ends = joints[np.array([*BONES, *_PALM])]
-    shares = np.linspace(0.0, 1.0, STEPS)[:, None, None]
-    along = (1.0 - shares) * ends[:, 0] + shares * ends[:, 1]
-    return KDTree(along.reshape(-1, 3)).query(points)[0]
+    """Distance of points from the nearest bone, or line across the palm: hulls of balls of no size."""
+    balls, none = np.column_stack([joints, np.zeros(25)]), np.zeros((len(_LINES), len(_LINES)))
+    return Hulls(balls, _LINES, none, none).look(points).distance
 
 
 def _forearm(

@@ -65,6 +65,15 @@ HINGES = np.array([(bone, bone + k) for bone in FIRST for k in (1, 2)])
 
 HINGE_FINGER = np.repeat([1, 2, 3, 4], 2)
 
+AHEAD, BACK = np.array([1, 2, 0]), np.array([2, 0, 1])
+
+SPAN_ENDS = np.array(SPANS)
+
+SPARE_LENGTH = np.r_[np.full(5, CARPUS), np.full(len(SPANS) - 5 - len(TIES), BONE), np.full(len(TIES), PALM)]
+"""Standard deviations of the lengths of ``SPANS`` [m]."""
+
+KNUCKLES = np.array([chain[1] for chain in CHAINS[1:]])
+
 UNKNOWNS = 75 + COUNT
 """Coordinates of 25 joints, then the logarithms of the sizes of the hand."""
 
@@ -82,6 +91,11 @@ class Rules(NamedTuple):
     slopes: Float64[np.ndarray, "rules unknowns"]
 
 
+def crossed(a: Float64[np.ndarray, "rows 3"], b: Float64[np.ndarray, "rows 3"]) -> Float64[np.ndarray, "rows 3"]:
+    """Cross products of short tables, in a fifth of the time of ``np.cross``."""
+    return a[:, AHEAD] * b[:, BACK] - a[:, BACK] * b[:, AHEAD]
+
+
 def length_rules(joints: Float64[np.ndarray, "25 3"], sizes: Float64[np.ndarray, "sizes"]) -> Rules:
     """Hold the lengths of bones and ties to the sizes of the hand.
 
@@ -90,11 +104,9 @@ def length_rules(joints: Float64[np.ndarray, "25 3"], sizes: Float64[np.ndarray,
     joints : (25, 3) [m].
     sizes : (62,) logarithms.
     """
-    ends = np.array(SPANS)
+    ends, spare = SPAN_ENDS, SPARE_LENGTH
     along = joints[ends[:, 1]] - joints[ends[:, 0]]
-    length = np.linalg.norm(along, axis=1)
-    spare = np.full(len(SPANS), BONE)
-    spare[:5], spare[len(SPANS) - len(TIES) :] = CARPUS, PALM
+    length = np.sqrt((along**2).sum(axis=1))
     wanted = np.exp(sizes[: len(SPANS)])
     rows = np.arange(len(SPANS))
     slopes = np.zeros((len(SPANS), UNKNOWNS))
@@ -115,11 +127,9 @@ def bending_axes(joints: Float64[np.ndarray, "25 3"], side: str) -> Float64[np.n
     side : "right" or "left".
     """
     across = unit(joints[6] - joints[21]) * (1.0 if side == "right" else -1.0)
-    axes = [bending_axis(joints, side, 0)]
-    for chain in CHAINS[1:]:
-        palm = unit(joints[chain[1]] - joints[0])
-        axes.append(unit(across - (across @ palm) * palm))
-    return np.array(axes)
+    palm = joints[KNUCKLES] - joints[0]
+    aside = across - (palm @ across / (palm**2).sum(axis=1))[:, None] * palm
+    return np.vstack([bending_axis(joints, side, 0), aside / np.sqrt((aside**2).sum(axis=1))[:, None]])
 
 
 def usual_last_bones(
@@ -133,11 +143,11 @@ def usual_last_bones(
     axes : (5, 3) about which they bend.
     """
     along = joints[ENDS[:, 1]] - joints[ENDS[:, 0]]
-    ways, axis = along / np.linalg.norm(along, axis=1, keepdims=True), axes[1:]
+    ways, axis = along / np.sqrt((along**2).sum(axis=1))[:, None], axes[1:]
     u, v = ways[FIRST], ways[FIRST + 1]
-    bend = np.arctan2(np.einsum("fi,fi->f", np.cross(u, v), axis), np.einsum("fi,fi->f", u, v))
+    bend = np.arctan2(np.einsum("fi,fi->f", crossed(u, v), axis), np.einsum("fi,fi->f", u, v))
     turn = LAST_SHARE * np.clip(bend, *BENT)[:, None]
-    return np.cos(turn) * v + np.sin(turn) * np.cross(axis, v)
+    return np.cos(turn) * v + np.sin(turn) * crossed(axis, v)
 
 
 def bend_rules(
@@ -152,11 +162,11 @@ def bend_rules(
     usual : (4, 3) where last bones usually point, held fixed.
     """
     along = joints[ENDS[:, 1]] - joints[ENDS[:, 0]]
-    length = np.linalg.norm(along, axis=1)
+    length = np.sqrt((along**2).sum(axis=1))
     ways = along / length[:, None]
     axis = axes[BEND_FINGER]
     u, v = ways[BENDS[:, 0]], ways[BENDS[:, 1]]
-    back = np.maximum(LEAST - np.einsum("bi,bi->b", np.cross(u, v), axis), 0.0) / SPARE
+    back = np.maximum(LEAST - np.einsum("bi,bi->b", crossed(u, v), axis), 0.0) / SPARE
     far = np.maximum(LOWEST - np.einsum("bi,bi->b", u, v), 0.0) / SPARE
     hinge = axes[HINGE_FINGER]
     twist = np.einsum("hi,hi->h", ways[HINGES[:, 1]] - ways[HINGES[:, 0]], hinge) / PLANE
@@ -164,7 +174,7 @@ def bend_rules(
     aside = np.sign(turn) * np.maximum(np.abs(turn) - SIDEWAYS, 0.0) / SPARE
     active = [-(rule != 0.0).astype(np.float64)[:, None] / SPARE for rule in (back, far)]
     by_way = (
-        ((BENDS[:, 0], active[0] * np.cross(v, axis)), (BENDS[:, 1], active[0] * np.cross(axis, u))),
+        ((BENDS[:, 0], active[0] * crossed(v, axis)), (BENDS[:, 1], active[0] * crossed(axis, u))),
         ((BENDS[:, 0], active[1] * v), (BENDS[:, 1], active[1] * u)),
         ((HINGES[:, 0], -hinge / PLANE), (HINGES[:, 1], hinge / PLANE)),
         ((FIRST, (aside != 0.0)[:, None] * axes[1:] / SPARE),),
@@ -206,7 +216,7 @@ def firmness(off: Float64[np.ndarray, "25 3"], spread: Float64[np.ndarray, "25"]
 
 
 def landmark_cost(off: Float64[np.ndarray, "25 3"], spread: Float64[np.ndarray, "25"]) -> float:
-    """Twice the cost of landmarks, whose slope ``landmark_rules`` has.
+    """Twice the cost of landmarks, whose slope is twice the square of ``firmness`` times how far they are off.
 
     Parameters
     ----------
@@ -215,16 +225,3 @@ def landmark_cost(off: Float64[np.ndarray, "25 3"], spread: Float64[np.ndarray, 
     """
     far = np.linalg.norm(off, axis=1) / (3.0 * spread)
     return 9.0 * float(np.log1p(far**2).sum())
-
-
-def landmark_rules(off: Float64[np.ndarray, "25 3"], firm: Float64[np.ndarray, "25"]) -> Rules:
-    """Hold joints near the landmarks of a tracker.
-
-    Parameters
-    ----------
-    off : (25, 3) from landmarks to joints [m].
-    firm : (25,) weights of the landmarks, held fixed [1/m].
-    """
-    slopes = np.zeros((75, UNKNOWNS))
-    slopes[np.arange(75), np.arange(75)] = np.repeat(firm, 3)
-    return Rules((off * firm[:, None]).ravel(), slopes)

@@ -144,7 +144,8 @@ def outline(points: Float64[np.ndarray, "points 3"], camera: Float64[np.ndarray,
     frame = np.stack([right, np.cross(sight, right), sight])
     seen = (points - camera) @ frame.T
     flat = far * seen[:, :2] / seen[:, 2:]
-    spacing = float(np.median(KDTree(flat).query(flat[:: max(len(flat) // 500, 1)], k=2)[0][:, 1]))
+    tree = KDTree(flat, balanced_tree=False, compact_nodes=False)  # made in half the time
+    spacing = float(np.median(tree.query(flat[:: max(len(flat) // 500, 1)], k=2)[0][:, 1]))
     pixel = max(PIXEL, SPACING * spacing)
     corner = flat.min(axis=0) - MARGIN
     shape = np.ceil((flat.max(axis=0) + MARGIN - corner) / pixel).astype(np.int64) + 1
@@ -160,8 +161,10 @@ def _closed(hit: Bool[np.ndarray, "width height"], pixel: float) -> Bool[np.ndar
     hit = ndimage.binary_closing(hit & (around > 0.4), np.ones((3, 3)))
     parts, count = cast("tuple[Int32[np.ndarray, 'width height'], int]", ndimage.label(hit))
     if count > 1:
-        sizes = np.bincount(parts.ravel())[1:]
-        hit = np.isin(parts, 1 + np.flatnonzero(sizes >= SPECK * sizes.sum()))
+        sizes = np.bincount(parts.ravel())
+        large = sizes >= SPECK * sizes[1:].sum()
+        large[0] = False
+        hit = large[parts]
     holes, _ = cast("tuple[Int32[np.ndarray, 'width height'], int]", ndimage.label(~hit))
-    small = np.flatnonzero(np.bincount(holes.ravel()) * pixel**2 < HOLE)
-    return hit | np.isin(holes, small)
+    small = np.bincount(holes.ravel()) * pixel**2 < HOLE
+    return hit | small[holes]

@@ -22,7 +22,6 @@ from airtact.scene.hand_limits import (
     bending_axes,
     firmness,
     landmark_cost,
-    landmark_rules,
     length_rules,
     usual_last_bones,
 )
@@ -95,6 +94,8 @@ def _balls() -> Float64[np.ndarray, "104 100"]:
 
 
 BALLS = _balls()
+
+DIAGONAL = np.arange(UNKNOWNS)
 
 Crease = tuple[Float64[np.ndarray, "hulls hulls"], Float64[np.ndarray, "hulls hulls"]]
 """``blend`` and ``apart`` of the hulls of a hand."""
@@ -200,8 +201,8 @@ def _descended(
     here = _system(seen, crease, place, floor)
     while steps < most:
         steps += 1
-        matrix = here.matrix[:free, :free]
-        matrix += damping * np.diag(np.diag(matrix))
+        matrix = here.matrix[:free, :free].copy()
+        matrix[DIAGONAL[:free], DIAGONAL[:free]] *= 1.0 + damping
         move = -cho_solve(cho_factor(matrix), here.slope[:free])
         gain = -0.5 * float(here.slope[:free] @ move)  # what the step promises
         length = float(np.linalg.norm(move[:75].reshape(25, 3), axis=1).max())
@@ -230,7 +231,7 @@ def skin_spread(found: Solved) -> Float64[np.ndarray, "hulls"]:
     found : the hand.
     """
     ways = np.vstack([np.eye(3), -np.eye(3)])
-    own = found.covariance[OF_POINTS]
+    own = found.covariance[np.ix_(OF_POINTS, OF_POINTS)]
     spread = np.zeros(len(PARTS))
     for hull, part in enumerate(PARTS.tolist()):
         balls = [ball for ball in part if ball >= 0]
@@ -257,28 +258,22 @@ def by_unknowns(
     return found
 
 
-OF_POINTS = np.ix_(*2 * [np.r_[np.arange(75), np.arange(RADII.start, RADII.stop)]])
+OF_POINTS = np.r_[np.arange(75), np.arange(RADII.start, RADII.stop)]
 """The unknowns that a point speaks of: joints and radii."""
 
 
 @dataclass(frozen=True, eq=False)
 class _System:
-    """The normal equations of a step, points of fingers and of the palm apart, and what the cost is made of."""
+    """The normal equations of a step, and what the cost is made of."""
 
     place: Float64[np.ndarray, "137"]
-    rules: Float64[np.ndarray, "137 137"]
-    by_kind: Float64[np.ndarray, "2 137 137"]
+    matrix: Float64[np.ndarray, "137 137"]
     slope: Float64[np.ndarray, "137"]
     squares: float
     gaps: Gaps
     weights: Float64[np.ndarray, "points"]
     scale: Float64[np.ndarray, "2"]
     each: int
-
-    @property
-    def matrix(self) -> Float64[np.ndarray, "137 137"]:
-        """That of the normal equations."""
-        return self.rules + self.by_kind[0] / ALIKE[0] + self.by_kind[1] / ALIKE[1]
 
     def cost(self, scale: Float64[np.ndarray, "2"]) -> float:
         """Half the sum of squares of the rules, and of Tukey's function of the points."""
@@ -289,41 +284,64 @@ class _System:
 
 
 def _system(seen: Seen, crease: Crease, place: Float64[np.ndarray, "137"], floor: float) -> _System:
+    matrix, slope, squares = _ruled(seen, place)
+    sizes = place[75:]
+    gaps, weights, scale = _misfit(seen, Hulls(_balls_at(place), PARTS, *crease), floor)
+    kind = KIND[gaps.hull]
+    by_unknown, pull = _weighed(gaps, seen.each * weights / (ALIKE * scale**2)[kind], sizes)
+    _add(matrix, by_unknown)
+    slope[OF_POINTS] += pull
+    return _System(place, matrix, slope, squares, gaps, weights, scale, seen.each)
+
+
+def _ruled(
+    seen: Seen, place: Float64[np.ndarray, "137"]
+) -> tuple[Float64[np.ndarray, "137 137"], Float64[np.ndarray, "137"], float]:
+    """Write down the normal equations without the points: matrix, slope, and twice the cost."""
     joints, sizes = place[:75].reshape(25, 3), place[75:]
-    balls = _balls_at(joints, sizes)
-    matrix, slope = np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS)
-    off, axes = joints - seen.landmarks, bending_axes(joints, seen.side)
-    rules = [
-        landmark_rules(off, firmness(off, seen.spread)),
-        length_rules(joints, sizes),
-        bend_rules(joints, axes, usual_last_bones(joints, axes)),
-    ]
+    axes = bending_axes(joints, seen.side)
+    rules = (length_rules(joints, sizes), bend_rules(joints, axes, usual_last_bones(joints, axes)))
     residuals, slopes = (np.concatenate(part) for part in zip(*rules, strict=True))
     matrix, slope = slopes.T @ slopes, slopes.T @ residuals
-    squares = landmark_cost(off, seen.spread) + sum(float(residuals @ residuals) for residuals, _ in rules[1:])
+    off = joints - seen.landmarks
+    firm = np.repeat(firmness(off, seen.spread) ** 2, 3)
+    matrix[DIAGONAL[:75], DIAGONAL[:75]] += firm
+    slope[:75] += firm * off.ravel()
     from_mean = sizes - seen.anatomy.mean
     matrix[SIZES, SIZES] += seen.known
     slope[SIZES] += seen.known @ from_mean
-    squares += float(from_mean @ seen.known @ from_mean)
+    squares = landmark_cost(off, seen.spread) + float(residuals @ residuals + from_mean @ seen.known @ from_mean)
     if seen.outline is not None:
-        beyond, by_ball, cost = seen.outline.beyond(balls)
-        slopes = by_unknowns(by_ball, sizes)
-        matrix[OF_POINTS] += slopes.T @ slopes
-        slope[OF_POINTS[0].ravel()] += slopes.T @ beyond
+        beyond, by_ball, cost = seen.outline.beyond(_balls_at(place))
+        by_unknown = by_unknowns(by_ball, sizes)
+        _add(matrix, by_unknown.T @ by_unknown)
+        slope[OF_POINTS] += by_unknown.T @ beyond
         squares += cost
-    gaps, weights, scale = _misfit(seen, Hulls(balls, PARTS, *crease), floor)
-    by_kind = np.zeros((2, UNKNOWNS, UNKNOWNS))
-    for kind in range(2):
-        own = np.flatnonzero((KIND[gaps.hull] == kind) & (weights > 0.0))
-        weighted = gaps.slopes[own] * (seen.each * weights[own] / scale[kind] ** 2)[:, None]
-        by_kind[kind][OF_POINTS] = by_unknowns(by_unknowns(gaps.slopes[own].T @ weighted, sizes).T, sizes)
-        pull = by_unknowns((weighted.T @ gaps.distance[own])[None], sizes)[0]
-        slope[OF_POINTS[0].ravel()] += pull / ALIKE[kind]
-    return _System(place, matrix, by_kind, slope, squares, gaps, weights, scale, seen.each)
+    return matrix, slope, squares
 
 
-def _balls_at(joints: Float64[np.ndarray, "25 3"], sizes: Float64[np.ndarray, "62"]) -> Float64[np.ndarray, "26 4"]:
-    return (BALLS @ np.concatenate([joints.ravel(), np.exp(sizes[len(SPANS) :])])).reshape(26, 4)
+def _weighed(
+    gaps: Gaps, weights: Float64[np.ndarray, "points"], sizes: Float64[np.ndarray, "62"]
+) -> tuple[Float64[np.ndarray, "100 100"], Float64[np.ndarray, "100"]]:
+    """Find what points add to the normal equations."""
+    own = np.flatnonzero(weights)
+    root = np.sqrt(weights[own])
+    rows = gaps.slopes[own] * root[:, None]
+    pull = (root * gaps.distance[own]) @ rows
+    both = by_unknowns(np.vstack([rows.T @ rows, pull]), sizes)
+    return by_unknowns(np.ascontiguousarray(both[:-1].T), sizes), both[-1]
+
+
+def _add(matrix: Float64[np.ndarray, "137 137"], part: Float64[np.ndarray, "100 100"]) -> None:
+    """Add what points say to a matrix of all unknowns."""
+    matrix[:75, :75] += part[:75, :75]
+    matrix[:75, RADII] += part[:75, 75:]
+    matrix[RADII, :75] += part[75:, :75]
+    matrix[RADII, RADII] += part[75:, 75:]
+
+
+def _balls_at(place: Float64[np.ndarray, "137"]) -> Float64[np.ndarray, "26 4"]:
+    return (BALLS @ np.concatenate([place[:75], np.exp(place[RADII])])).reshape(26, 4)
 
 
 def _misfit(
@@ -345,11 +363,13 @@ def _misfit(
 
 def _told(seen: Seen, here: _System, steps: int, hold: bool) -> Solved:
     """Say what was found, neighbouring points that are off alike counting as one."""
-    matrix, together = here.rules.copy(), np.zeros(2)
+    sizes, together, alike = here.place[75:], np.zeros(2), np.ones(2)
+    kinds = KIND[here.gaps.hull]
     for kind in range(2):
-        own = np.flatnonzero((here.weights > 0.0) & (KIND[here.gaps.hull] == kind))
-        alike, together[kind] = _alike(seen.points[own], here.gaps.distance[own], here.gaps.hull[own])
-        matrix += here.by_kind[kind] / alike
+        own = np.flatnonzero((here.weights > 0.0) & (kinds == kind))
+        alike[kind], together[kind] = _alike(seen.points[own], here.gaps.distance[own], here.gaps.hull[own])
+    matrix = _ruled(seen, here.place)[0]
+    _add(matrix, _weighed(here.gaps, here.weights / (alike * here.scale**2)[kinds], sizes)[0])
     if hold:  # sizes are as sure as they were, whatever this frame says of them
         follow = np.vstack([-np.linalg.solve(matrix[:75, :75], matrix[:75, SIZES]), np.eye(UNKNOWNS - 75)])
         covariance = follow @ seen.anatomy.covariance @ follow.T
@@ -357,7 +377,7 @@ def _told(seen: Seen, here: _System, steps: int, hold: bool) -> Solved:
     else:
         covariance = cho_solve(cho_factor(matrix), np.eye(UNKNOWNS))
     joints = here.place[:75].reshape(25, 3)
-    return Solved(joints, here.place[75:], covariance, here.gaps, here.weights, together, steps)
+    return Solved(joints, sizes, covariance, here.gaps, here.weights, together, steps)
 
 
 def _alike(
