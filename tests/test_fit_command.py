@@ -2,10 +2,14 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import trimesh
 
+import airtact as at
 from airtact.cli import main
+from airtact.posing import fit
+from airtact.scene.hand_relief import EDGES
 
 HANDS = Path(__file__).parent.parent / "examples/hands"
 CLOUD, LANDMARKS = str(HANDS / "seen_hand.ply"), str(HANDS / "seen_hand.json")
@@ -22,6 +26,25 @@ def test_a_cloud_gives_a_closed_skin_a_picture_and_how_sure_it_is(tmp_path: Path
     skin = trimesh.load(file)
     assert skin.is_watertight  # pyright: ignore[reportAttributeAccessIssue]
     assert file.with_suffix(".png").stat().st_size > 20_000
+
+
+@pytest.mark.parametrize("edge", [None, 0.005])
+def test_the_file_holds_the_skin_that_was_brought_to_the_points(tmp_path: Path, edge: float | None) -> None:
+    done = fit(Path(CLOUD), Path(LANDMARKS), tmp_path / "hand.ply", (0.0, 0.0, 0.0), edge)
+
+    written = at.load_surface(tmp_path / "hand.ply")
+    assert len(written.crossings) == 0
+    points = done.fitted.points[~done.fitted.strays]
+    body = np.abs(done.hand.shape.depth(points))
+    skin = np.abs(written.shape.depth(points))
+    assert np.median(skin) < 0.8 * np.median(body)
+    assert done.usual == pytest.approx(np.median(skin), abs=0.03e-3)
+    for name, point in done.places.items():
+        assert abs(written.shape.depth(point[None])[0]) < 0.1e-3, name
+    middle = np.median(
+        np.linalg.norm(written.vertices[written.triangles[:, 0]] - written.vertices[written.triangles[:, 1]], axis=1)
+    )
+    assert middle == pytest.approx(0.5 * (edge or EDGES[0]), rel=0.25)  # curved panels, cut in four flat ones
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,12 @@
 """From a pose or a cloud to the skin of the hand, its file, its picture and what touches. Prints nothing."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
 import numpy as np
+from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
 from airtact.report.cloud_figure import draw_cloud
@@ -15,11 +16,13 @@ from airtact.report.picture_file import write_picture
 from airtact.report.whole_file import writable_folder
 from airtact.scene.capture import FittedHand, fit_hand
 from airtact.scene.cloud_files import load_cloud
+from airtact.scene.curved_shape import CurvedShape
+from airtact.scene.geometry import Surface
 from airtact.scene.guards import within
 from airtact.scene.hand import Hand, Side
 from airtact.scene.hand_files import load_hand, load_landmarks
 from airtact.scene.panels import Panels
-from airtact.scene.six_nodes import smallest_angles
+from airtact.scene.six_nodes import SixNodes, smallest_angles
 
 EDGE = 4e-3
 """Edge of the triangles unless given [m]."""
@@ -35,14 +38,21 @@ class Posed:
     Attributes
     ----------
     hand : the hand.
-    panels : curved panels on its skin.
+    surface : its skin.
+    panels : curved panels on this.
     file, picture : what was written.
     """
 
     hand: Hand
+    surface: Surface
     panels: Panels
     file: Path
     picture: Path
+
+    @property
+    def places(self) -> Mapping[str, Float64[np.ndarray, "3"]]:
+        """Points of the skin that a target can name (3,) [m]."""
+        return {name: point for name, (point, _) in self.hand.places.items()}
 
     @property
     def smallest_angle(self) -> float:
@@ -57,9 +67,22 @@ class Fitted(Posed):
     Attributes
     ----------
     fitted : what was found.
+    distances : (N,) of its points from the skin, positive outside [m].
     """
 
     fitted: FittedHand
+    distances: Float64[np.ndarray, "points"]
+
+    @property
+    def places(self) -> Mapping[str, Float64[np.ndarray, "3"]]:
+        """Points of the skin that a target can name (3,) [m]."""
+        points = np.array([point for point, _ in self.hand.places.values()])
+        return dict(zip(self.hand.places, self.surface.shape.project(points), strict=True))
+
+    @property
+    def usual(self) -> float:
+        """Half of them, without strays, are nearer than this [m]."""
+        return float(np.median(np.abs(self.distances[~self.fitted.strays])))
 
 
 def pose(
@@ -88,11 +111,15 @@ def pose(
     check_ending(file)
     if path.resolve() == file.resolve():
         raise InvalidInput(f"the skin would take the place of {path.name}, the 1 file that it is made from.")
+    edge = EDGE if edge is None else _checked_edge(edge)
     hand = load_hand(path, gap)
-    panels, picture = _written(hand, file, edge, tell), file.with_suffix(".png")
+    writable_folder(file.parent)
+    tell(f"making triangles of {1e3 * edge:.3g} mm")
+    panels = _written(hand.shape.panels(edge), file, tell)
+    picture = file.with_suffix(".png")
     tell(f"drawing {picture.name}")
     write_picture(picture, draw_panels(panels.six_nodes))
-    return Posed(hand, panels, file, picture)
+    return Posed(hand, hand.surface, panels, file, picture)
 
 
 def fit(
@@ -105,13 +132,15 @@ def fit(
 ) -> Fitted:
     """Read a cloud and rough landmarks, fit a hand to them and write its skin, with a picture beside it.
 
+    The skin is the one that was brought to the points, ``FittedHand.surface``.
+
     Parameters
     ----------
     cloud : see ``load_cloud``.
     landmarks : see ``load_landmarks``.
     file : where the skin goes; its ending says how, see ``write_panels``.
     camera : where all points were seen from [m]; None for from many sides.
-    edge : of the triangles [m]; 4 mm unless given.
+    edge : of the triangles [m]; that of ``FittedHand.surface`` unless given.
     tell : is told each step as it begins.
 
     Raises
@@ -123,22 +152,28 @@ def fit(
     check_ending(file)
     if file.resolve() in (cloud.resolve(), landmarks.resolve()):
         raise InvalidInput(f"the skin would take the place of {file.name}, 1 of the files that it is made from.")
+    edge = None if edge is None else _checked_edge(edge)
     points, (joints, side) = load_cloud(cloud), load_landmarks(landmarks)
+    writable_folder(file.parent)
     tell(f"fitting a hand to {len(points):,} points")
     eye = None if camera is None else np.array(camera, dtype=np.float64)
     fitted = fit_hand(points, joints, cast("Side | None", side), eye)
-    panels, picture = _written(fitted.hand, file, edge, tell), file.with_suffix(".png")
+    tell("bringing its skin to the points")
+    surface = fitted.surface if edge is None else fitted.skin(edge)
+    shape = surface.shape
+    panels = _written(shape.six_nodes if isinstance(shape, CurvedShape) else shape.panels(edge or EDGE), file, tell)
+    picture = file.with_suffix(".png")
     tell(f"drawing {picture.name}")
-    write_picture(picture, draw_cloud(panels.six_nodes, fitted))
-    return Fitted(fitted.hand, panels, file, picture, fitted)
+    distances = -shape.depth(fitted.points)
+    write_picture(picture, draw_cloud(panels.six_nodes, fitted, distances))
+    return Fitted(fitted.hand, surface, panels, file, picture, fitted, distances)
 
 
-def _written(hand: Hand, file: Path, edge: float | None, tell: Callable[[str], None]) -> Panels:
-    slip = "is it in millimetres? Give metres."
-    edge = EDGE if edge is None else within(edge, FINEST, COARSEST, "edge", "m", slip)
-    writable_folder(file.parent)
-    tell(f"making triangles of {1e3 * edge:.3g} mm")
-    six_nodes = hand.shape.panels(edge)
+def _checked_edge(edge: float) -> float:
+    return within(edge, FINEST, COARSEST, "edge", "m", "is it in millimetres? Give metres.")
+
+
+def _written(six_nodes: SixNodes, file: Path, tell: Callable[[str], None]) -> Panels:
     ones = np.zeros(len(six_nodes))
     panels = Panels(six_nodes, ones.astype(np.int64), ones, np.zeros(1), np.zeros(1))
     tell(f"writing {file.name}")

@@ -86,9 +86,8 @@ def _show_cloud(
     console, fitted = Console(), done.fitted
     table = _facts(done)
     used = ~fitted.strays
-    table.add_row(
-        "points used", f"{used.sum():,} of {len(used):,} thinned out; {1e3 * fitted.misfit:.1f} mm from the skin"
-    )
+    near = f"half of them within {1e3 * done.usual:.1f} mm of the skin"
+    table.add_row("points used", f"{used.sum():,} of {len(used):,} thinned out; {near}")
     errors = ", ".join(f"{part} {1e3 * error:.1f}" for part, error in fitted.part_errors.items())
     table.add_row("skin uncertain by", f"{errors} mm")
     console.print(table)
@@ -99,12 +98,12 @@ def _facts(posed: "Posed") -> "Table":
     from rich.box import SIMPLE
     from rich.table import Table
 
-    shape = posed.hand.shape
+    shape = posed.surface.shape
     table = Table(box=SIMPLE, show_header=False)
     table.add_row("hand", f"{posed.hand.side}, {1e3 * shape.extent:.0f} mm across")
     table.add_row("area, volume", f"{1e4 * shape.area:.0f} cm², {1e6 * shape.volume:.0f} cm³")
     table.add_row("panels", f"{len(posed.panels.six_nodes):,}, smallest angle {posed.smallest_angle:.0f}°")
-    for name, (point, _) in posed.hand.places.items():
+    for name, point in posed.places.items():
         depth = float(shape.depth(point[None])[0])
         where = ", ".join(f"{1e3 * number:.1f}" for number in point)
         table.add_row(name, f"({where}) mm" + (f", {1e3 * depth:.1f} mm inside the body" if depth > 1e-6 else ""))

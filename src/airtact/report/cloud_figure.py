@@ -1,6 +1,7 @@
 """The skin of a fitted hand, and over it the points that it was fitted to, coloured by their distance."""
 
 import numpy as np
+from jaxtyping import Float64
 from matplotlib import colormaps
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
@@ -18,13 +19,14 @@ OFF = Normalize(-5.0, 5.0)
 COLOURS, SKIN, STRAY = "RdBu", (0.82, 0.82, 0.80, 1.0), "#9775fa"
 
 
-def draw_cloud(six_nodes: SixNodes, fitted: FittedHand) -> Figure:
+def draw_cloud(six_nodes: SixNodes, fitted: FittedHand, distances: Float64[np.ndarray, "points"]) -> Figure:
     """Draw points over the skin fitted to them: blue outside it, red inside, strays as crosses.
 
     Parameters
     ----------
     six_nodes : (T, 6, 3) panels of the skin [m].
     fitted : the hand and its points.
+    distances : (N,) of these from the skin, positive outside [m].
     """
     figure = wide_figure(6.4)
     pieces, _ = cut(1e3 * six_nodes, np.full(len(six_nodes), 1))
@@ -33,7 +35,7 @@ def draw_cloud(six_nodes: SixNodes, fitted: FittedHand) -> Figure:
     sides = two_sides(figure, broad_view(pieces.reshape(-1, 3)))
     for view, axes in sides:
         axes.add_collection3d(solid(pieces[:, :3], np.tile(SKIN, (len(pieces), 1)), [], view), autolim=False)
-        off = OFF(1e3 * fitted.distances[used])
+        off = OFF(1e3 * distances[used])
         axes.scatter(*points[used].T, s=5, c=colormaps[COLOURS](off), depthshade=False, zorder=4)  # pyright: ignore
         axes.scatter(*points[~used].T, s=8, c=STRAY, marker="x", linewidths=0.6, zorder=4)  # pyright: ignore
         frame(axes, everything)

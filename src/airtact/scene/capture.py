@@ -18,7 +18,7 @@ from airtact.scene.hand_bending import evenly_bent
 from airtact.scene.hand_following import Followed
 from airtact.scene.hand_outline import outline
 from airtact.scene.hand_parts import OWNER, PARTS
-from airtact.scene.hand_relief import in_relief
+from airtact.scene.hand_relief import EDGES, in_relief
 from airtact.scene.hand_solving import SIZES, Seen, Solved, skin_spread, solved
 from airtact.scene.joints import BONES, FINGERS, NAMES, evidence_of, joints_of
 from airtact.scene.pose import nearest_motion
@@ -79,7 +79,19 @@ class FittedHand:
     @cached_property
     def surface(self) -> Surface:
         """The closed skin of the hand, brought to the points where they show it; ``hand.surface`` is without."""
-        moved = in_relief(self.hand.shape.hulls, self.points[~self.strays])
+        return self._in_relief(EDGES)
+
+    def skin(self, edge: float) -> Surface:
+        """Make that skin of triangles of another size; where it would cross itself it is the body's, as ``surface``.
+
+        Parameters
+        ----------
+        edge : of the triangles [m].
+        """
+        return self._in_relief((edge,))
+
+    def _in_relief(self, edges: tuple[float, ...]) -> Surface:
+        moved = in_relief(self.hand.shape.hulls, self.points[~self.strays], edges)
         return self.hand.surface if moved is None else moved
 
     def place(self, name: str) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:

@@ -32,19 +32,22 @@ AROUND, TRIES = 8e-3, 3
 """Skin this near a place where it would cross itself stays where it was [m], and how often that is tried."""
 
 
-def in_relief(hulls: Hulls, points: Float64[np.ndarray, "points 3"]) -> Surface | None:
+def in_relief(
+    hulls: Hulls, points: Float64[np.ndarray, "points 3"], edges: tuple[float, ...] = EDGES
+) -> Surface | None:
     """Bring the skin of a body to the points that show it.
 
     Parameters
     ----------
     hulls : the body of the hand.
     points : (N, 3) of the true skin, strays left out [m].
+    edges : of the triangles that are tried, one after the other [m].
 
     Returns
     -------
     The moved skin, or None where its triangles would cross.
     """
-    for edge in EDGES:
+    for edge in edges:
         skin = even_skin(hulls, edge)
         look = hulls.look(skin.vertices)
         normals = _unit(look.gradient)
