@@ -101,52 +101,49 @@ void hear(const Store *row, const float *scales, std::int64_t blocks, const Real
     for (std::int64_t b = 0; b < blocks; b++) {
         const Store *a_re = row + 2 * lanes * b, *a_im = a_re + lanes;
         const Real scale = scale_of<Store>(scales, b);
-        for (int s = 0; s < N; s++) {
-            const Real *v_re = v + 2 * s * length + lanes * b, *v_im = v_re + length;
-            Real rr = 0, ii = 0, ri = 0, ir = 0;  // four sums: one alone waits for itself
-#pragma omp simd reduction(+ : rr, ii, ri, ir)
-            for (std::int64_t l = 0; l < lanes; l++) {
-                const Real x = Real(a_re[l]), y = Real(a_im[l]);
-                rr += x * v_re[l];
-                ii += y * v_im[l];
-                ri += x * v_im[l];
-                ir += y * v_re[l];
-            }
-            re[s] += scale * (rr - ii);
-            im[s] += scale * (ri + ir);
+        const Real *v_re = v + lanes * b, *v_im = v_re + length, *w_re = v_re + (N > 1 ? 2 * length : 0), *w_im = w_re + length;
+        Real rr = 0, ii = 0, ri = 0, ir = 0, r2 = 0, i2 = 0, x2 = 0, y2 = 0;  // one sum alone waits for itself
+#pragma omp simd reduction(+ : rr, ii, ri, ir, r2, i2, x2, y2)
+        for (std::int64_t l = 0; l < lanes; l++) {
+            const Real x = Real(a_re[l]), y = Real(a_im[l]);
+            rr += x * v_re[l], ii += y * v_im[l], ri += x * v_im[l], ir += y * v_re[l];
+            if (N > 1) r2 += x * w_re[l], i2 += y * w_im[l], x2 += x * w_im[l], y2 += y * w_re[l];
         }
+        re[0] += scale * (rr - ii);
+        im[0] += scale * (ri + ir);
+        if (N > 1) re[N - 1] += scale * (r2 - i2), im[N - 1] += scale * (x2 + y2);
     }
 }
 
 constexpr int rows_at_once = 4;
 
-// Adds to `out` what some rows say, each with its own v
-template <class Store, class Real>
+// Adds to N sounds, planes of `length`, what some rows say in them; both begin with these rows' and block's part
+template <int N, class Store, class Real>
 void speak(const Store *matrix, const float *scales, std::int64_t blocks, std::int64_t b, std::int64_t rows,
-           const Real *v_re, const Real *v_im, Real *re, Real *im) {
+           const Real *said, Real *heard, std::int64_t length) {
     const std::int64_t stride = 2 * lanes * blocks;
-    const Store *a = matrix + 2 * lanes * b;
-    Real c[rows_at_once] = {}, d[rows_at_once] = {};
+    Real c[rows_at_once][2] = {}, d[rows_at_once][2] = {};
     const Store *row[rows_at_once];
     for (int r = 0; r < rows_at_once; r++) {
-        const std::int64_t i = r < rows ? r : 0;
-        row[r] = a + i * stride;
-        if (r < rows) {
-            const Real scale = scale_of<Store>(scales + i * blocks, b);
-            c[r] = scale * v_re[r];
-            d[r] = scale * v_im[r];
+        row[r] = matrix + 2 * lanes * b + (r < rows ? r : 0) * stride;
+        if (r >= rows) continue;
+        const Real scale = scale_of<Store>(scales + r * blocks, b);
+        for (int s = 0; s < N; s++) {
+            c[r][s] = scale * said[2 * s * length + r];
+            d[r][s] = scale * said[(2 * s + 1) * length + r];
         }
     }
+    Real *const re = heard, *const im = re + length, *const re2 = re + (N > 1 ? 2 * length : 0), *const im2 = re2 + length;
 #pragma omp simd
     for (std::int64_t l = 0; l < lanes; l++) {
-        Real x = re[l], y = im[l];
+        Real x = re[l], y = im[l], x2 = re2[l], y2 = im2[l];
         for (int r = 0; r < rows_at_once; r++) {
             const Real p = Real(row[r][l]), q = Real(row[r][lanes + l]);
-            x += p * c[r] - q * d[r];
-            y += p * d[r] + q * c[r];
+            x += p * c[r][0] - q * d[r][0], y += p * d[r][0] + q * c[r][0];
+            if (N > 1) x2 += p * c[r][1] - q * d[r][1], y2 += p * d[r][1] + q * c[r][1];
         }
-        re[l] = x;
-        im[l] = y;
+        if (N > 1) re2[l] = x2, im2[l] = y2;
+        re[l] = x, im[l] = y;
     }
 }
 
@@ -181,12 +178,10 @@ void transposed_product(const Store *matrix, const float *scales, std::int64_t m
         for (std::int64_t group = 0; group < groups; group++) {
             const std::int64_t i = group * rows_at_once, rows = std::min<std::int64_t>(rows_at_once, m - i);
             for (std::int64_t b = 0; b < blocks; b++)
-                for (std::int64_t s = 0; s < sounds; s++) {
-                    const Real *said = v.data.data() + 2 * s * length + i;
-                    Real *heard = part.data() + 2 * s * length + lanes * b;
-                    speak(matrix + 2 * lanes * blocks * i, scales + blocks * i, blocks, b, rows, said, said + length,
-                          heard, heard + length);
-                }
+                for (std::int64_t s = 0; s < sounds; s += 2)
+                    (s + 1 < sounds ? speak<2, Store, Real> : speak<1, Store, Real>)(
+                        matrix + 2 * lanes * blocks * i, scales + blocks * i, blocks, b, rows,
+                        v.data.data() + 2 * s * length + i, part.data() + 2 * s * length + lanes * b, length);
         }
 #pragma omp critical
         for (std::size_t j = 0; j < part.size(); j++) total[j] += part[j];

@@ -68,7 +68,7 @@ struct Boxes {
 void near_pairs(const double *targets, std::int64_t n, const double *centres, const double *reach, std::int64_t panels,
                 std::int64_t *first, std::int64_t *pair_panel) {
     const Boxes boxes(centres, reach, panels);
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for schedule(static) if (n > 256)
     for (std::int64_t i = 0; i < n; i++) {
         std::int64_t count = pair_panel ? first[i] : 0;
         const std::int64_t box = panels ? boxes.holding(targets + 3 * i) : -1;

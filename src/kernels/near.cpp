@@ -170,7 +170,7 @@ void near_integrals(bool single_layer, const double *targets, const std::int64_t
                     const std::int64_t *pair_panel, std::int64_t pairs, const double *six_nodes,
                     const double *contact, Wavenumber k, NearRule rule,
                     std::complex<double> *out, double *distance, double *foot) {
-#pragma omp parallel for schedule(dynamic, 64)
+#pragma omp parallel for schedule(dynamic, 64) if (pairs > 64)
     for (std::int64_t e = 0; e < pairs; e++) {
         const auto one = single_layer ? one_pair<true, double> : one_pair<false, double>;
         const Moments sum = one(six_nodes + 18 * pair_panel[e], targets + 3 * pair_target[e], contact[pair_panel[e]], k,
@@ -184,7 +184,7 @@ void near_excess(const double *targets, std::int64_t n, const std::int64_t *firs
                  const double *six_nodes, const double *contact, const double *sources, const double *normals,
                  const double *nodal, Wavenumber k, double least, NearRule rule, std::complex<double> *out) {
     const Wave<double> wave(k);
-#pragma omp parallel for schedule(dynamic, 16)
+#pragma omp parallel for schedule(dynamic, 16) if (n > 16)
     for (std::int64_t i = 0; i < n; i++)
         for (std::int64_t e = first[i]; e < first[i + 1]; e++) {
             const std::int64_t panel = pair_panel[e];

@@ -74,11 +74,12 @@ def panels_of(
     for index, shape in enumerate(shapes):
         others = [np.empty((0, 3))] + [panels.reshape(-1, 3) for other, panels in enumerate(whole) if other != index]
         bodies.append(_refined(whole[index], shape, near, np.concatenate(others), smallest))
-    distances = [_off_triangles(body, shape) for body, shape in zip(bodies, shapes, strict=True)]
+    probes = [(PROBES @ body).reshape(-1, 3) for body in bodies]
+    distances = [_off_triangles(*one) for one in zip(bodies, shapes, probes, strict=True)]
     return Panels(
         six_nodes=np.concatenate(bodies),
         body=np.repeat(np.arange(len(bodies)), [len(body) for body in bodies]),
-        deviation=np.concatenate([_deviation(body, shape) for body, shape in zip(bodies, shapes, strict=True)]),
+        deviation=np.concatenate([_deviation(*one) for one in zip(bodies, shapes, probes, strict=True)]),
         farthest=np.array([farthest for farthest, _ in distances]),
         mean_distance=np.array([mean for _, mean in distances]),
     )
@@ -92,31 +93,50 @@ def _refined(
     smallest: float,
 ) -> Float64[np.ndarray, "pieces 6 3"]:
     """Cut in four the panels larger than ``smallest`` and than points or other bodies near them allow."""
-    trees = [(KDTree(points), LARGEST_TO_POINT), (KDTree(others), LARGEST_TO_GAP)]
+    asking = (np.asarray(points, dtype=np.float64), LARGEST_TO_POINT), (others, LARGEST_TO_GAP)
+    fresh = np.ones(len(panels), dtype=bool)
     while True:
-        samples = np.concatenate([panels, panels.mean(axis=1, keepdims=True)], axis=1).reshape(-1, 3)
-        edges = longest_edges(panels)
-        most = float(edges.max()) * 1.001  # nothing farther off matters
-        allowed = [factor * tree.query(samples, distance_upper_bound=most / factor)[0] for tree, factor in trees]
-        allowed = np.min(allowed, axis=0).reshape(len(panels), -1).min(axis=1)
+        edges = longest_edges(panels[fresh])
+        allowed = np.min([_allowed(panels[fresh], edges, *some) for some in asking], axis=0)
         # all panels beside a point are fitted to the skin, or those left whole would stand off the others
-        beside = edges > allowed
+        beside = np.flatnonzero(fresh)[edges > allowed]
         panels[beside] = shape.fitted(panels[beside])
-        large = longest_edges(panels) > np.maximum(LONGEST_TO_EQUILATERAL * smallest, allowed)
+        large = np.zeros(len(panels), dtype=bool)
+        large[fresh] = longest_edges(panels[fresh]) > np.maximum(LONGEST_TO_EQUILATERAL * smallest, allowed)
         if not large.any():
             return panels
-        panels, _ = cut(panels, np.where(large, 2, 1))
+        panels, parents = cut(panels, np.where(large, 2, 1))
+        fresh = large[parents]
 
 
-def _deviation(panels: SixNodes, shape: Shape) -> Float64[np.ndarray, "panels"]:
+def _allowed(
+    panels: SixNodes, edges: Float64[np.ndarray, "panels"], points: Float64[np.ndarray, "points 3"], factor: float
+) -> Float64[np.ndarray, "panels"]:
+    """Longest edge that some points allow each panel [m]; infinite where they allow more than any has."""
+    allowed = np.full(len(panels), np.inf)
+    if not len(points):
+        return allowed
+    reach = float(edges.max()) * 1.001 / factor
+    samples = np.concatenate([panels, panels.mean(axis=1, keepdims=True)], axis=1)
+    lower, upper = points.min(axis=0) - reach, points.max(axis=0) + reach
+    x, y, z = ((samples[:, :, axis] > lower[axis]) & (samples[:, :, axis] < upper[axis]) for axis in range(3))
+    within = (x & y & z).any(axis=1)
+    if within.any():
+        distance = KDTree(points).query(samples[within].reshape(-1, 3), distance_upper_bound=reach)[0]
+        allowed[within] = factor * distance.reshape(-1, 7).min(axis=1)
+    return allowed
+
+
+def _deviation(
+    panels: SixNodes, shape: Shape, probes: Float64[np.ndarray, "probes 3"]
+) -> Float64[np.ndarray, "panels"]:
     """How far panels lie from the true skin at their nodes, centre and the middles between them [m]."""
-    depth = shape.depth((PROBES @ panels).reshape(-1, 3))
-    return np.abs(depth).reshape(len(panels), -1).max(axis=1)
+    return np.abs(shape.depth(probes)).reshape(len(panels), -1).max(axis=1)
 
 
-def _off_triangles(panels: SixNodes, shape: Shape) -> tuple[float, float]:
+def _off_triangles(panels: SixNodes, shape: Shape, probes: Float64[np.ndarray, "probes 3"]) -> tuple[float, float]:
     """Largest and mean distance of panels from the triangles that the body was given as [m]."""
-    distance = shape.off_triangles((PROBES @ panels).reshape(-1, 3)).reshape(len(panels), -1)
+    distance = shape.off_triangles(probes).reshape(len(panels), -1)
     if not distance.any():
         return 0.0, 0.0
     areas = panel_areas(panels)

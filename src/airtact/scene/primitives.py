@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from jaxtyping import Float64, Int64, Real
@@ -275,6 +276,7 @@ def _spun(points: Float64[np.ndarray, "points 3"], angle: float) -> Float64[np.n
     return points @ np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
 
+@cache
 def _belt(first: int, bands: int, around: int) -> Int64[np.ndarray, "triangles 3"]:
     """Triangulate between rings of as many points each, the first ring starting at a given vertex."""
     turns = np.arange(around)
@@ -285,6 +287,7 @@ def _belt(first: int, bands: int, around: int) -> Int64[np.ndarray, "triangles 3
     return np.concatenate([down, up]).reshape(-1, 3)
 
 
+@cache
 def _cap(rings: int, sectors: int) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
     """Mesh the upper half of the unit sphere: the pole, then ring i of i points a sector at polar angle (π/2)(i/m)."""
     points, triangles = [np.array([[0.0, 0.0, 1.0]])], []

@@ -81,23 +81,24 @@ def cut(
     pieces, parents = [], []
     for count in np.unique(parts):
         chosen = np.flatnonzero(parts == count)
-        references = _piece_references(int(count))
-        shape = shape_functions(references.reshape(-1, 2)).reshape(-1, 6, 6)
-        pieces.append(np.einsum("sna,tad->tsnd", shape, six_nodes[chosen]).reshape(-1, 6, 3))
-        parents.append(np.repeat(chosen, len(references)))
+        shape = _piece_shapes(int(count))
+        pieces.append((shape.reshape(-1, 6) @ six_nodes[chosen]).reshape(-1, 6, 3))
+        parents.append(np.repeat(chosen, len(shape)))
     order = np.argsort(np.concatenate(parents), kind="stable")
     return np.concatenate(pieces)[order], np.concatenate(parents)[order]
 
 
-def _piece_references(count: int) -> Float64[np.ndarray, "pieces 6 2"]:
-    """Place the six nodes of each of the count² pieces of a triangle, in its reference coordinates."""
+@cache
+def _piece_shapes(count: int) -> Float64[np.ndarray, "pieces 6 6"]:
+    """Shape functions of a triangle at the six nodes of each of its count² pieces."""
     corners = []
     for i in range(count):
         for j in range(count - i):
             corners.append([(i, j), (i + 1, j), (i, j + 1)])
             if i + j < count - 1:
                 corners.append([(i + 1, j + 1), (i, j + 1), (i + 1, j)])
-    return with_middles(np.array(corners, dtype=np.float64) / count)
+    references = with_middles(np.array(corners, dtype=np.float64) / count)
+    return shape_functions(references.reshape(-1, 2)).reshape(-1, 6, 6)
 
 
 @cache
@@ -110,7 +111,7 @@ def gauss_square(points: int) -> tuple[Float64[np.ndarray, "points 2"], Float64[
 
 def enclosed_volume(six_nodes: SixNodes) -> float:
     """Volume inside closed panels [m³], exact for the quadratic surface."""
-    references, weights = gauss_square(4)
+    references, weights = gauss_square(3)
     places = shape_functions(references) @ (six_nodes - six_nodes.mean(axis=(0, 1)))
     return float(weights @ np.einsum("tqd,tqd->q", places, _normals(six_nodes, references)) / 3)
 

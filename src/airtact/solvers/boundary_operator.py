@@ -11,11 +11,13 @@ Sources: A. Mohsen, R. Piscoya and M. Ochmann, "The application of the dual surf
 solving acoustic exterior problems", Acta Acustica united with Acustica 97 (2011) 699.
 """
 
+import math
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Complex, Complex128, Float32, Float64, Real, Shaped
+from jaxtyping import Complex, Complex128, Float32, Float64, Real, Shaped, UInt8
 
 from airtact import _kernels
 from airtact.conventions import InvalidInput
@@ -75,6 +77,16 @@ Store = Literal["int16", "float32", "float64"]
 """What the numbers of a matrix are kept as; 16-bit integers have a scale for every block of a row."""
 
 
+_GIVEN_BACK: list[UInt8[np.ndarray, "bytes"]] = []
+"""Memory of the last matrix that was given back, if any: touching fresh memory takes longer than filling it."""
+
+MOST_KEPT = 2**28
+"""Bytes of a matrix above which its memory is not kept."""
+
+ROOM = 1.25
+"""Memory taken over what is needed: the next pose may have some more unknowns. What is not touched costs nothing."""
+
+
 @dataclass(frozen=True, eq=False)
 class DualMatrix:
     """The matrix of the dual-surface equation, M x M, as the compiled loops keep it.
@@ -92,10 +104,15 @@ class DualMatrix:
 
     @classmethod
     def empty(cls, count: int, store: Store) -> "DualMatrix":
-        """Take memory for M = ``count`` unknowns."""
-        blocks = -(-count // _kernels.lanes)
-        values = np.empty((count, blocks, 2, _kernels.lanes), dtype=store)
-        return cls(values, np.empty(count * blocks if store == "int16" else 0, dtype=np.float32))
+        """Take memory for M = ``count`` unknowns: that of a matrix given back, where there is enough of it."""
+        shape, memory = (count, -(-count // _kernels.lanes), 2, _kernels.lanes), np.empty(0, dtype=np.uint8)
+        size = math.prod(shape) * np.dtype(store).itemsize
+        with suppress(IndexError):
+            memory = _GIVEN_BACK.pop()
+        if len(memory) < size:
+            memory = np.empty(int(ROOM * size) if size < MOST_KEPT else size, dtype=np.uint8)
+        scales = np.empty(count * shape[1] if store == "int16" else 0, dtype=np.float32)
+        return cls(memory[:size].view(store).reshape(shape), scales)
 
     @property
     def precision(self) -> type[np.complexfloating]:
@@ -120,33 +137,17 @@ class DualMatrix:
         return out
 
 
-_LAST: list[DualMatrix] = []
-"""The last matrix that was given back, if any: touching fresh memory takes longer than filling it."""
-
-MOST_KEPT = 2**28
-"""Bytes of a matrix above which its memory is not kept."""
-
-
-def _matrix(count: int, store: Store) -> DualMatrix:
-    """Take the matrix that was given back, where it fits, or else fresh memory."""
-    try:
-        matrix = _LAST.pop()
-    except IndexError:
-        return DualMatrix.empty(count, store)
-    fits = len(matrix.values) == count and matrix.values.dtype == store
-    return matrix if fits else DualMatrix.empty(count, store)
-
-
 def give_back(matrix: DualMatrix) -> None:
-    """Keep the memory of a matrix that is no longer needed for the next one of its size."""
-    if matrix.values.nbytes <= MOST_KEPT:
-        _LAST[:] = [matrix]
+    """Keep the memory of a matrix that is no longer needed for the next one."""
+    memory = matrix.values.base
+    if memory is not None and memory.nbytes <= ROOM * MOST_KEPT:
+        _GIVEN_BACK[:] = [memory]
 
 
 def assemble(surface: DualSurface, store: Store) -> DualMatrix:
     """Fill the matrix of the dual-surface equation, its numbers kept as ``store``."""
     nodes = surface.nodes
-    matrix = _matrix(len(nodes.points), store)
+    matrix = DualMatrix.empty(len(nodes.points), store)
     rule, precision = surface.near_rule, surface.precision
     near = [near_rows(nodes, points, surface.wavenumber, rule, precision) for points in (nodes.points, surface.shifted)]
     fill = getattr(_kernels, f"dual_matrix_{store}")

@@ -42,6 +42,8 @@ def sides_of(scene: Scene, nodes: Nodes, points: Real[np.ndarray, "points 3"], n
     if len(panel):
         touch[near] = np.maximum.reduceat(nodes.contact[panel], first[:-1][near])
     outside, doubtful = np.ones(len(places), dtype=bool), in_box(nodes, places)  # all others are outside
+    if not near.any() and not doubtful.any():
+        return Sides(places, near, contact, outside)
     closed = all(obstacle.surface.primitive is not None for obstacle in scene.obstacles)
     told = np.flatnonzero(near | doubtful) if closed else np.flatnonzero(near)
     depth = scene.depth(places[told])
