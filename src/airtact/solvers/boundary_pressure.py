@@ -139,9 +139,9 @@ def double_layer_pressure(
         least = 0.05 * float(nodes.radii.min())
         out = cells.heard(nodes.points, nodes.weighted_normals, pressure, wavenumber, least)
     near, precise = near_skin(nodes, points, near_rule.reach), "float64" if cells is None else "float32"
-    out[near] += (
-        near_rows(nodes, points[near], wavenumber, near_rule, precise, least).sparse(len(nodes.points)) @ pressure
-    )
+    if near.any():
+        rows = near_rows(nodes, points[near], wavenumber, near_rule, precise, least)
+        out[near] += rows.sparse(len(nodes.points)) @ pressure
     return out
 
 
@@ -163,9 +163,10 @@ def double_layer_heard(
 ) -> Complex128[np.ndarray, "nodes sounds"]:
     """Σ_i s_i D(x_i, y_j): how the pressure at each node is heard by points with weights."""
     near = near_skin(nodes, points, near_rule.reach)
-    total = (
-        near_rows(nodes, points[near], wavenumber, near_rule, "float64").sparse(len(nodes.points)).T @ strengths[near]
-    )
+    total = np.zeros((len(nodes.points), strengths.shape[1]), dtype=np.complex128)
+    if near.any():
+        rows = near_rows(nodes, points[near], wavenumber, near_rule, "float64")
+        total += rows.sparse(len(nodes.points)).T @ strengths[near]
     for chosen, kind in ((near, "float64"), (~near, precision)):
         some = np.ascontiguousarray(points[chosen], dtype=np.float64)
         weights = strengths[chosen]
@@ -175,7 +176,7 @@ def double_layer_heard(
             rows = np.empty(shape, dtype=np.complex64 if kind == "float32" else np.complex128)
             fill = getattr(_kernels, f"double_layer_matrix_{kind}")
             fill(some[part], nodes.points, nodes.weighted_normals, complex(wavenumber), rows)
-            total = total + rows.T @ weights[part].astype(rows.dtype)
+            total += rows.T @ weights[part].astype(rows.dtype)
     return total
 
 

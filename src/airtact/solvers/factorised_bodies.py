@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Complex, Float64
 
 from airtact.conventions import InvalidInput
 from airtact.scene.guards import counted
@@ -18,7 +18,7 @@ from airtact.scene.scene import Obstacle, Scene, check_sources
 from airtact.scene.six_nodes import longest_edges
 from airtact.scene.sources import Monopoles
 from airtact.solvers.boundary_pressure import project_contacts
-from airtact.solvers.gmres import gmres
+from airtact.solvers.gmres import GmresResult, gmres
 from airtact.solvers.placed_part import Coupling, PartsField, PlacedPart
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.solvers.scattering_part import ScatteringPart
@@ -73,9 +73,8 @@ class FactorisedBodies(Solver):
         placed = coupling.placed
         sources, factors = _on_skins(placed, sources)
         spoken = factors[:, None] * sources.strengths
-        alone = np.concatenate([body.alone(sources.positions, spoken) for body in placed])
-        tolerance = float(self.report.settings["gmres_tolerance"])
-        result = gmres(coupling.times, np.ascontiguousarray(alone.T), tolerance)
+        alone = np.ascontiguousarray(np.concatenate([body.alone(sources.positions, spoken) for body in placed]).T)
+        result = self._together(coupling, alone)
         report = replace(
             self.report,
             residual=float(result.residuals.max()),
@@ -97,6 +96,22 @@ class FactorisedBodies(Solver):
                         f"panels are {1e3 * edge:.2g} mm long: it may be farther off than the accuracy asked; "
                         "factorise the bodies with that place in beside"
                     )
+
+    def _together(self, coupling: Coupling, alone: Complex[np.ndarray, "sounds hearing"]) -> GmresResult:
+        """Strengths of all bodies from those that each would have alone: at once where they stand as they did."""
+        if coupling is self._at_rest:
+            inverse, residual = self._inverse
+            return GmresResult(alone @ inverse, np.full(len(alone), residual), 0)
+        return gmres(coupling.times, alone, float(self.report.settings["gmres_tolerance"]))
+
+    @cached_property
+    def _inverse(self) -> tuple[Complex[np.ndarray, "hearing heard"], float]:
+        """Inverse of the coupling of the bodies as they were factorised, and the largest residual that it leaves."""
+        assert self._at_rest is not None
+        count = sum(len(part.hears) for part in self.parts)
+        matrix = self._at_rest.times(np.eye(count, dtype=self.parts[0].solved.dtype))
+        inverse = np.linalg.inv(matrix)
+        return inverse, float(np.linalg.norm(inverse @ matrix - np.eye(count), axis=1).max())
 
     @cached_property
     def _at_rest(self) -> Coupling | None:
