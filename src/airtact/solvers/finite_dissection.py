@@ -123,7 +123,8 @@ def _levels(
     """Level, part, unknowns in their order, and how many are eliminated there: from the smallest parts to the whole."""
     count, holder = len(order), part
     for level in range(halvings, -1, -1):
-        pairs = np.unique(holder * count + ranks)
+        pairs = np.sort(holder * count + ranks)
+        pairs = pairs[np.diff(pairs, prepend=-1) > 0]  # np.unique takes ten times as long
         holder, ranks = pairs // count, pairs % count
         kept = depth[order[ranks]] <= level
         holder, ranks = holder[kept], ranks[kept]

@@ -91,17 +91,20 @@ def sorted_entries(lower: csr_array, dissection: Dissection) -> Entries:
     lower : (U, U) the lower triangle and the diagonal.
     dissection : the fronts; unknowns that none eliminates are 0.
     """
-    front = dissection.front.astype(np.int32)
-    rows = np.repeat(np.arange(len(front), dtype=np.int32), np.diff(lower.indptr))
-    kept = (front[rows] >= 0) & (front[lower.indices] >= 0)
-    rows, columns, values = rows[kept], lower.indices[kept].astype(np.int32), lower.data[kept].astype(np.complex64)
-    first, other = front[rows], front[columns]
-    rows, columns = np.where(first < other, columns, rows), np.where(first < other, rows, columns)
-    first = np.minimum(first, other)
-    values = values - np.where(rows == columns, np.complex64(1j * SHIFT) * np.abs(values), np.complex64(0))
-    order = np.argsort(first.astype(np.int16) if len(dissection.fronts) < 2**15 else first, kind="stable")
+    front = dissection.front.astype(np.int16 if len(dissection.fronts) < 2**15 else np.int32)
+    count = np.diff(lower.indptr)
+    one, other = np.repeat(front, count), front[lower.indices]
+    first, later = np.minimum(one, other), one < other
+    order = np.argsort(first, kind="stable")
     ends = np.searchsorted(first[order], np.arange(len(dissection.fronts) + 1))
-    return Entries(rows[order], columns[order], values[order], ends)
+    order = order[ends[0] :]  # before it are those that no front eliminates
+    later = later[order]
+    rows, columns = np.repeat(np.arange(len(front), dtype=np.int32), count)[order], lower.indices[order]
+    values = lower.data[order].astype(np.complex64)
+    diagonal = np.flatnonzero(rows == columns)
+    values[diagonal] -= np.complex64(1j * SHIFT) * np.abs(values[diagonal])
+    rows, columns = np.where(later, columns, rows), np.where(later, rows, columns)
+    return Entries(rows, columns.astype(np.int32), values, ends - ends[0])
 
 
 def eliminate(entries: Entries, dissection: Dissection) -> list[Eliminated]:

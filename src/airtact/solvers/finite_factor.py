@@ -8,7 +8,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from jaxtyping import Complex64, Complex128
+from jaxtyping import Bool, Complex64, Complex128, Int32
 from scipy.sparse import csr_array
 
 from airtact.conventions import InvalidInput
@@ -162,16 +162,12 @@ class Pardiso(Refined):
 
     def __init__(self, system: System, odd: Sequence[int]) -> None:
         super().__init__(system, odd)
-        lower = system.lower[self._chosen][:, self._chosen]
-        upper = csr_array(lower.T)
-        upper.sort_indices()
         self._library = ctypes.CDLL(str(pardiso_library()))
         self._library.MKL_Set_Num_Threads(thread_count())
         self._handle, self._settings = (ctypes.c_int64 * 64)(), (ctypes.c_int * 64)()
         for place, value in {0: 1, 1: 2, 9: 8, 17: -1, 20: 1, 27: 1, 34: 1}.items():
             self._settings[place] = value
-        self._single = upper.data.astype(np.complex64)
-        self._rows, self._columns = upper.indptr.astype(np.int32), upper.indices.astype(np.int32)
+        self._single, self._columns, self._rows = _backwards(system.lower, self._chosen)
         self._call(12, None, None, 1)
 
     def __del__(self) -> None:
@@ -201,11 +197,27 @@ class Pardiso(Refined):
             raise MemoryError(f"Pardiso stopped in phase {phase} with error {fault.value}.")
 
     def _roughly(self, right: Complex64[np.ndarray, "unknowns sounds"]) -> Complex64[np.ndarray, "unknowns sounds"]:
-        columns = np.asfortranarray(right[self._chosen])
+        columns = np.asfortranarray(right[self._chosen][::-1])
         solved, found = np.zeros_like(columns), np.zeros_like(right)
         self._call(33, columns, solved, right.shape[1])
-        found[self._chosen] = solved
+        found[self._chosen] = solved[::-1]
         return found
+
+
+def _backwards(
+    lower: csr_array, chosen: Bool[np.ndarray, "unknowns"]
+) -> tuple[Complex64[np.ndarray, "entries"], Int32[np.ndarray, "entries"], Int32[np.ndarray, "ends"]]:
+    """Entries, columns and ends of the rows of the upper triangle: the lower one's of some unknowns, last row first."""
+    rows = np.repeat(np.arange(len(chosen)), np.diff(lower.indptr))
+    kept = chosen[rows] & chosen[lower.indices]
+    number = np.cumsum(chosen[::-1])[::-1] - 1  # of the chosen ones, the last is 0
+    ends = np.cumsum(np.bincount(number[rows[kept]], minlength=int(chosen.sum())))
+    columns = number[lower.indices[kept]][::-1]
+    return (
+        lower.data[kept][::-1].astype(np.complex64),
+        columns.astype(np.int32),
+        np.concatenate([[0], ends]).astype(np.int32),
+    )
 
 
 @cache
