@@ -101,7 +101,8 @@ def nearest_source(
 
     Elsewhere either may be anything farther. A tree pays for many sources.
     """
-    low, high = points.min(axis=0, initial=np.inf) - within, points.max(axis=0, initial=-np.inf) + within
+    along = np.ascontiguousarray(points.T)  # many times quicker than a minimum over three columns
+    low, high = along.min(axis=1, initial=np.inf) - within, along.max(axis=1, initial=-np.inf) + within
     some = np.flatnonzero(((sources.positions >= low) & (sources.positions <= high)).all(axis=1))
     if not len(some) or not len(points):
         return np.full(len(points), np.inf), np.zeros(len(points), dtype=np.int64)

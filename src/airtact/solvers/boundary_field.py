@@ -219,11 +219,12 @@ class BoundaryField(RadiatedField):
         points: Float64[np.ndarray, "points 3"],
         contact: Bool[np.ndarray, "points"],
         cells: Cells | None = None,
+        nodal: bool = False,
     ) -> Complex128[np.ndarray, "points sounds"]:
         """Incident pressure plus the double layer of a pressure on the skin; twice that on the skin itself."""
         wavenumber, rule, precision = self.surface.wavenumber, self.surface.near_rule, self.surface.precision
         out = self._free(points, self.sources.strengths, cells)
-        out += double_layer_pressure(points, *on_skin, wavenumber, rule, precision, cells)
+        out += double_layer_pressure(points, *on_skin, wavenumber, rule, precision, cells, nodal)
         return np.where(contact, 2, 1)[:, None] * out
 
     def _heard_near(
@@ -252,7 +253,7 @@ class BoundaryField(RadiatedField):
         contact = nodes.contact[close][parents]
         fine = place_nodes(pieces, np.zeros(len(pieces), dtype=np.int64), contact)
         touching = np.ones(len(fine.points), dtype=bool)
-        fine_pressure = self._heard_from_skin((nodes, self._skin_pressure), fine.points, touching)
+        fine_pressure = self._heard_from_skin((nodes, self._skin_pressure), fine.points, touching, nodal=True)
         mixed = np.concatenate([nodes.six_nodes[~close], pieces])
         contact = np.concatenate([nodes.contact[~close], contact])
         coarse = self._skin_pressure[np.repeat(~close, 6)]

@@ -117,10 +117,12 @@ def double_layer_pressure(
     near_rule: NearRule,
     precision: str,
     cells: Cells | None = None,
+    nodal: bool = False,
 ) -> Complex128[np.ndarray, "points sounds"]:
     """Double layer D[p] of a pressure on the skin, at points off the panels or exactly on them (principal value).
 
-    The points may come with the cells that they are in, and then none of them on a panel.
+    The points may come with the cells that they are in, and then none of them on a panel. ``nodal`` says that they are
+    on panels, inside them like nodes, where the near integrals do with the precision of all else.
     """
     points = np.ascontiguousarray(points, dtype=np.float64)
     if cells is None:
@@ -138,8 +140,9 @@ def double_layer_pressure(
     else:
         least = 0.05 * float(nodes.radii.min())
         out = cells.heard(nodes.points, nodes.weighted_normals, pressure, wavenumber, least)
-    near, precise = near_skin(nodes, points, near_rule.reach), "float64" if cells is None else "float32"
+    near = near_skin(nodes, points, near_rule.reach)
     if near.any():
+        precise = precision if nodal else "float64" if cells is None else "float32"
         rows = near_rows(nodes, points[near], wavenumber, near_rule, precise, least)
         out[near] += rows.sparse(len(nodes.points)) @ pressure
     return out
