@@ -94,7 +94,7 @@ def test_later_frames_are_as_good_and_keep_the_sizes() -> None:
     assert max(off[LEARNED:]) < 2.5e-3
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", [*range(8), 60, 93, 131])  # the last end in wrong minima from one beginning alone
 def test_a_clean_cloud_of_our_own_body_gives_its_own_joints(seed: int) -> None:
     rest, radii = example("relaxed")
     joints = random_pose(seed, rest)

@@ -15,11 +15,12 @@ from airtact.scene.guards import fixed, of_kind, real_numbers, refuse_not_finite
 from airtact.scene.hand import Hand, Side
 from airtact.scene.hand_anatomy import HandAnatomy, anybody
 from airtact.scene.hand_bending import evenly_bent
+from airtact.scene.hand_equations import SIZES, Seen
 from airtact.scene.hand_following import Followed
 from airtact.scene.hand_outline import outline
 from airtact.scene.hand_parts import OWNER, PARTS
 from airtact.scene.hand_relief import EDGES, in_relief
-from airtact.scene.hand_solving import SIZES, Seen, Solved, skin_spread, solved
+from airtact.scene.hand_solving import Solved, followed, skin_spread, solved
 from airtact.scene.joints import BONES, FINGERS, NAMES, evidence_of, joints_of
 from airtact.scene.pose import nearest_motion
 from airtact.scene.printing import in_short
@@ -155,13 +156,14 @@ def fit_hand(
     nothing = Seen(np.zeros((0, 3)), joints, spread, side, known, None, None)
     seen = Seen(thinned(cloud), joints, spread, side, known, eye, None if eye is None else outline(cloud, eye))
     start = _carried(before, joints) if before is not None and before.hand.side == side else None
-    followed = start is not None
     sizes = known.mean if person is None else person.mean
     with _threads().limit(limits=1, user_api="blas"):  # they wait for each other, the matrices being small
         if start is None:
             bent = evenly_bent(joints, np.exp(known.mean[: len(BONES)]), side)
-            start = solved(nothing, bent, known.mean, hold=known.settled).joints
-        found = solved(seen, start, sizes, hold=known.settled, near=followed)
+            starts = (solved(nothing, (bent,), known.mean, hold=known.settled).joints, joints)
+            found = solved(seen, starts, sizes, hold=known.settled)
+        else:
+            found = followed(seen, start, sizes, hold=known.settled)
         _refuse_poor(seen, found)
         return _told(seen, found, side, before, person or known)
 
