@@ -19,6 +19,12 @@ from airtact.solvers.finite_system import System
 COMPLEX_SYMMETRIC = 6
 """Pardiso's number for matrices that equal their transpose."""
 
+PARDISO = {0: 1, 1: 3, 9: 8, 17: -1, 20: 0, 27: 1, 34: 1}
+"""Its settings, by number from 0: METIS in all threads, pivots of 1e-8 at least, single ones, single precision.
+
+Pairs of pivots take a third longer and leave as much of a load.
+"""
+
 REFINEMENTS = 12
 """Steps of refinement at most that make up for single precision: two or three are enough."""
 
@@ -165,7 +171,7 @@ class Pardiso(Refined):
         self._library = ctypes.CDLL(str(pardiso_library()))
         self._library.MKL_Set_Num_Threads(thread_count())
         self._handle, self._settings = (ctypes.c_int64 * 64)(), (ctypes.c_int * 64)()
-        for place, value in {0: 1, 1: 2, 9: 8, 17: -1, 20: 1, 27: 1, 34: 1}.items():
+        for place, value in PARDISO.items():
             self._settings[place] = value
         self._single, self._columns, self._rows = _backwards(system.lower, self._chosen)
         self._call(12, None, None, 1)

@@ -97,13 +97,12 @@ class FiniteField(RadiatedField):
         found = np.full((len(points), self.sources.strengths.shape[1]), np.nan, dtype=np.complex128)
         valid, near = self.valid(points), self.workspace | beside(self.scene, points)
         clear = ~near & (self.scene.depth(points) < -CLEAR * self.scene.wavelength)
-        length, system = self.scene.wavelength, self.ready.system
+        length = self.scene.wavelength
         if (valid & near).any():
             found[valid & near] = self.ready.near(self.from_nearby, points[valid & near] / length) / length
-        for some, spots in ((valid & ~near & ~clear, system.skin), (valid & clear, system.sparse)):
+        for some, apart in ((valid & ~near & ~clear, False), (valid & clear, True)):
             if some.any():
-                away = points[some] / length
-                found[some] = (self.ready.away(self.from_afar, away, spots) + self._open_air(away)) / length
+                found[some] = self._heard_away(points[some], apart)
         return found
 
     def velocity(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
@@ -133,9 +132,11 @@ class FiniteField(RadiatedField):
             slopes[away] = differences(self._heard_away, points[away], step)
         return velocity_of(slopes, self.scene.frequency, density)
 
-    def _heard_away(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
+    def _heard_away(
+        self, points: Real[np.ndarray, "points 3"], clear: bool = False
+    ) -> Complex128[np.ndarray, "points sounds"]:
         away, length = points / self.scene.wavelength, self.scene.wavelength
-        return (self.ready.away(self.from_afar, away, self.ready.system.skin) + self._open_air(away)) / length
+        return (self.ready.away(self.from_afar, away, clear) + self._open_air(away)) / length
 
     def _on_hard(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
         found = np.zeros(len(points), dtype=np.bool_)

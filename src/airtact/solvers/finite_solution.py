@@ -187,13 +187,17 @@ class ReadySystem:
         return found
 
     def away(
-        self, solution: Solution, points: Real[np.ndarray, "points 3"], skin: Spots
+        self, solution: Solution, points: Real[np.ndarray, "points 3"], clear: bool = False
     ) -> Complex128[np.ndarray, "points sounds"]:
-        """Scattered pressure at points (P, 3) [λ] off the bodies, by the surface integral over spots on them."""
+        """Scattered pressure at points (P, 3) [λ] off the bodies, by the surface integral over spots on them.
+
+        Points that are clear of the bodies are heard from fewer spots in single precision.
+        """
+        skin, precision = (self.system.sparse, "float32") if clear else (self.system.skin, "float64")
         found = np.zeros((len(points), solution.strengths.shape[1]), dtype=np.complex128)
         skins, inner = self.on_spots(solution, skin), self.on_spots(solution, self.system.inner)
         for image, outside, inside in zip(images(self.mirrors, points), skins, inner, strict=True):
-            found += self.system.heard(image, skin, outside, inside)
+            found += self.system.heard(image, skin, outside, inside, precision)
         return found
 
     def on_spots(self, solution: Solution, spots: Spots) -> list[Complex128[np.ndarray, "spots sounds"]]:
