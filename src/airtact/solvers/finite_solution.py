@@ -2,9 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
-from jaxtyping import Complex128, Float64, Int64, Real
+from jaxtyping import Bool, Complex128, Float64, Int64, Real
 
 from airtact.conventions import InvalidInput
 from airtact.scene.guards import place
@@ -76,8 +77,7 @@ class ReadySystem:
         """
         loads = self._outer_loads(*outer) + self._inner_loads(*inner)
         least, parts = SILENT * np.linalg.norm(loads), {}
-        for parity, load in zip(parities(self.mirrors), loads, strict=True):
-            free = np.array(self.system.free(self._odd(parity), shared=False), dtype=np.bool_)
+        for (parity, free), load in zip(self._free.items(), loads, strict=True):
             if np.linalg.norm(load[free]) > least:  # monopoles on a mirror make nothing that is odd about it
                 parts[parity] = self._factor(parity).solve(load)
         return Solution(np.asarray(outer[0], dtype=np.float64), outer[1], parts)
@@ -86,6 +86,14 @@ class ReadySystem:
         if parity not in self.factors:
             self.factors[parity] = factorised(self.system, self._odd(parity), self.method)
         return self.factors[parity]
+
+    @cached_property
+    def _free(self) -> dict[tuple[int, ...], Bool[np.ndarray, "unknowns"]]:
+        """Which unknowns a sound of each parity may have."""
+        return {
+            parity: np.array(self.system.free(self._odd(parity), shared=False), dtype=np.bool_)
+            for parity in parities(self.mirrors)
+        }
 
     def _odd(self, parity: tuple[int, ...]) -> list[int]:
         """Axes of the mirrors that a parity is odd about."""
