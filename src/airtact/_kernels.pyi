@@ -9,7 +9,7 @@ def use_variant(name: str) -> None: ...
 lanes: int
 sharing: int
 
-def dual_matrix_int16(
+def dual_matrix_bfloat16(
     points: np.ndarray,
     shifted: np.ndarray,
     normals: np.ndarray,
@@ -21,16 +21,13 @@ def dual_matrix_int16(
     panel_shifted: np.ndarray,
     excess_shifted: np.ndarray,
     out: np.ndarray,
-    scales: np.ndarray,
 ) -> None: ...
-def dual_product_int16(
-    matrix: np.ndarray, scales: np.ndarray, v: np.ndarray, transposed: bool, out: np.ndarray
-) -> None: ...
+def dual_product_bfloat16(matrix: np.ndarray, v: np.ndarray, transposed: bool, out: np.ndarray) -> None: ...
 
-dual_matrix_float32 = dual_matrix_int16
-dual_product_float32 = dual_product_int16
-dual_matrix_float64 = dual_matrix_int16
-dual_product_float64 = dual_product_int16
+dual_matrix_float32 = dual_matrix_bfloat16
+dual_product_float32 = dual_product_bfloat16
+dual_matrix_float64 = dual_matrix_bfloat16
+dual_product_float64 = dual_product_bfloat16
 
 def double_layer_matrix_float32(
     targets: np.ndarray, sources: np.ndarray, normals: np.ndarray, k: complex, out: np.ndarray

@@ -18,7 +18,7 @@ constexpr std::int64_t sharing = 3;  // nodes that share a second collocation po
 template <class Store> struct Arithmetic {  // what a matrix is computed in, by what it is kept as
     using Real = Store;
 };
-template <> struct Arithmetic<std::int16_t> {
+template <> struct Arithmetic<std::uint32_t> {  // two of bfloat16
     using Real = float;
 };
 
@@ -47,18 +47,18 @@ namespace airtact {
 namespace AIRTACT_VARIANT {
 
 // The matrix of the dual-surface equation, M x M, in rows of blocks of `lanes` columns: real parts, then imaginary parts,
-// the last block filled up with zeros. As 16-bit integers each block has a scale of its own.
-// matrix[i, j] = 0.5 [i = j] - D(x_i, y_j) + i D(x'_i, y_j) with what the near panels add to either D, D being the normal
-// derivative at y of e^{ikr}/(4 pi r) times area; x_i = y_i; x'_i = shifted[i / sharing]. scales: (M, blocks), used for 16-bit integers only.
+// the last block filled up with zeros. As bfloat16, the upper half of a float, number l + lanes / 2 of a block stands in
+// the upper 16 bits of word l, and number l in the lower ones.
+// matrix[i, j] = 0.5 [i = j] - D(x_i, y_j) + i D(x'_i, y_j) with what the near panels, in rising order, add to either D, D
+// being the normal derivative at y of e^{ikr}/(4 pi r) times area; x_i = y_i; x'_i = shifted[i / sharing].
 template <class Store>
 void dual_matrix(const double *points, const double *shifted, const double *normals, std::int64_t m, Wavenumber k,
-                 NearRows near, NearRows near_shifted, Store *matrix, float *scales);
+                 NearRows near, NearRows near_shifted, Store *matrix);
 
 // out[s] = A v[s], or A^T v[s], for each of S vectors (S, M)
 template <class Store>
-void dual_product(const Store *matrix, const float *scales, std::int64_t m,
-                  const std::complex<typename Arithmetic<Store>::Real> *v, std::int64_t sounds, bool transposed,
-                  std::complex<typename Arithmetic<Store>::Real> *out);
+void dual_product(const Store *matrix, std::int64_t m, const std::complex<typename Arithmetic<Store>::Real> *v,
+                  std::int64_t sounds, bool transposed, std::complex<typename Arithmetic<Store>::Real> *out);
 
 // out[i, j] = D(x_i, y_j)
 template <class Real>

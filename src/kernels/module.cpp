@@ -5,6 +5,7 @@
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 
+#include <algorithm>
 #include <optional>
 #include <string>
 #include <tuple>
@@ -40,7 +41,7 @@ template <class Store> struct Dual {
 
 struct Variant {
     const char *name;
-    std::tuple<Dual<std::int16_t>, Dual<float>, Dual<double>> dual;
+    std::tuple<Dual<std::uint32_t>, Dual<float>, Dual<double>> dual;
     Far<float> single;
     Far<double> twice;
     decltype(&baseline::apply_in_cells) apply_in_cells;
@@ -63,7 +64,7 @@ struct Variant {
 #define AIRTACT_DUAL(v, Store)                                                                                       \
     Dual<Store> { &v::dual_matrix<Store>, &v::dual_product<Store> }
 #define AIRTACT_TABLE(v)                                                                                             \
-    { #v, {AIRTACT_DUAL(v, std::int16_t), AIRTACT_DUAL(v, float), AIRTACT_DUAL(v, double)}, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::apply_in_cells, &v::interpolate, &v::near_pairs, &v::closest_on_panels,      \
+    { #v, {AIRTACT_DUAL(v, std::uint32_t), AIRTACT_DUAL(v, float), AIRTACT_DUAL(v, double)}, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::apply_in_cells, &v::interpolate, &v::near_pairs, &v::closest_on_panels,      \
       &v::near_integrals, &v::hull_distances, &v::blended_distance, &v::hull_gaps, &v::project_on_hulls, &v::grade_sizes, \
       &v::even_pass, &v::gerchberg_saxton }
 
@@ -116,38 +117,41 @@ static NearRows near_rows(Points x, std::size_t nodes, Index first, Index panel,
     for (std::size_t e = 0; e < panel.shape(0); e++)
         if (panel.data()[e] < 0 || 6 * panel.data()[e] + 6 > std::int64_t(nodes))
             throw nb::index_error("a near panel does not exist");
+    for (std::size_t i = 0; i < x.shape(0); i++)
+        if (first.data()[i] < 0 || first.data()[i] > first.data()[i + 1] || !std::is_sorted(panel.data() + first.data()[i], panel.data() + first.data()[i + 1]))
+            throw nb::value_error("near panels out of order");
     return {first.data(), panel.data(), excess.data()};
 }
 
-template <class Store> using Packed = nb::ndarray<Store, nb::shape<-1, -1, 2, lanes>, nb::c_contig, nb::device::cpu>;
+template <class Store>  // two bfloat16 are one word
+using Packed = nb::ndarray<Store, nb::shape<-1, -1, 2, std::is_same_v<std::remove_const_t<Store>, std::uint32_t> ? lanes / 2 : lanes>,
+                           nb::c_contig, nb::device::cpu>;
 
-template <class Store> void right_size(const Packed<Store> &matrix, std::size_t scales, std::size_t m) {
+template <class Store> void right_size(const Packed<Store> &matrix, std::size_t m) {
     same(matrix.shape(0), m), same(matrix.shape(1), (m + lanes - 1) / lanes);
-    same(scales, std::is_same_v<std::remove_const_t<Store>, std::int16_t> ? m * matrix.shape(1) : 0);
 }
 
 template <class Store>
 void dual(Points x, Points x2, Points a, Complex k, Index first, Index panel, Near excess, Index first_shifted,
-          Index panel_shifted, Near excess_shifted, Packed<Store> out, Write<float, -1> scales) {
+          Index panel_shifted, Near excess_shifted, Packed<Store> out) {
     const std::size_t m = x.shape(0);
     same(m, sharing * x2.shape(0)), same(m, a.shape(0));
-    right_size(out, scales.shape(0), m);
+    right_size<Store>(out, m);
     const NearRows near = near_rows(x, m, first, panel, excess);
     const NearRows near_shifted = near_rows(x2, m, first_shifted, panel_shifted, excess_shifted);
     nb::gil_scoped_release release;
     std::get<Dual<Store>>(active->dual)
-        .matrix(x.data(), x2.data(), a.data(), std::int64_t(m), wave(k), near, near_shifted, out.data(), scales.data());
+        .matrix(x.data(), x2.data(), a.data(), std::int64_t(m), wave(k), near, near_shifted, out.data());
 }
 
 template <class Store>
-void product(Packed<const Store> matrix, Read<float, -1> scales,
-             Read<std::complex<typename Arithmetic<Store>::Real>, -1, -1> v, bool transposed,
-             Write<std::complex<typename Arithmetic<Store>::Real>, -1, -1> out) {
-    right_size(matrix, scales.shape(0), v.shape(1));
+void product(Packed<const Store> matrix, Read<std::complex<typename Arithmetic<Store>::Real>, -1, -1> v,
+             bool transposed, Write<std::complex<typename Arithmetic<Store>::Real>, -1, -1> out) {
+    right_size<const Store>(matrix, v.shape(1));
     same(v.shape(0), out.shape(0)), same(v.shape(1), out.shape(1));
     nb::gil_scoped_release release;
     std::get<Dual<Store>>(active->dual)
-        .product(matrix.data(), scales.data(), v.shape(1), v.data(), v.shape(0), transposed, out.data());
+        .product(matrix.data(), v.shape(1), v.data(), v.shape(0), transposed, out.data());
 }
 
 template <class Real>
@@ -362,10 +366,10 @@ NB_MODULE(_kernels, m) {
     m.def("use_variant", &use);
     m.attr("lanes") = lanes;
     m.attr("sharing") = sharing;
-    m.def("dual_matrix_int16", &dual<std::int16_t>);
+    m.def("dual_matrix_bfloat16", &dual<std::uint32_t>);
     m.def("dual_matrix_float32", &dual<float>);
     m.def("dual_matrix_float64", &dual<double>);
-    m.def("dual_product_int16", &product<std::int16_t>);
+    m.def("dual_product_bfloat16", &product<std::uint32_t>);
     m.def("dual_product_float32", &product<float>);
     m.def("dual_product_float64", &product<double>);
     m.def("double_layer_matrix_float32", &layer_matrix<float>);

@@ -97,9 +97,10 @@ void add_points(const Patch &patch, const double *foot, bool stretched, Points<R
     points.n = 0;
 }
 
-double inverse_sinh(double x) {  // quicker than std::asinh, and no less exact than its use here needs
-    const double size = std::abs(x);
-    const double value = size < 1e-3 ? size * (1 - size * size / 6) : std::log(size + std::sqrt(size * size + 1));
+// Quicker than std::asinh, and no less exact than its use here needs
+template <class Real> Real inverse_sinh(Real x) {
+    const Real size = std::abs(x);
+    const Real value = size < Real(1e-3) ? size * (1 - size * size / 6) : std::log(size + std::sqrt(size * size + 1));
     return x < 0 ? -value : value;
 }
 
@@ -123,21 +124,22 @@ void add_triangle(const Patch &patch, const double *foot, double distance, const
     const double width = std::sqrt(height2 + distance * distance) / length;
     const double t0 = inverse_sinh(-middle / width), t1 = inverse_sinh((1 - middle) / width);
     const GaussRule angular(rule, int(double(rule.angular) * (1 + (t1 - t0) / 6)));
+    const Real begin = Real(t0), all = Real(t1 - t0), centre = Real(middle), wide = Real(width), across = Real(length);
+    const Real area = Real((t1 - t0) * width * jacobian), high2 = Real(height2), away = Real(distance);
     for (int i = 0; i < angular.n; i++) {
-        const double grown = std::exp(t0 + angular.nodes[i] * (t1 - t0));
-        const double h = middle + width * 0.5 * (grown - 1 / grown);
-        const double angular_weight =
-            angular.weights[i] * (t1 - t0) * width * 0.5 * (grown + 1 / grown) * jacobian;
-        const double reach = std::sqrt(height2 + (h - middle) * (h - middle) * length * length);
-        const double scale = stretched ? distance / reach : 1.0, stretch = stretched ? inverse_sinh(1 / scale) : 1.0;
-        const GaussRule radial(rule, int(double(rule.radial) * (stretched ? 1 + 0.5 * stretch : 1.0)));
+        const Real t = begin + Real(angular.nodes[i]) * all, shrunk = decay(std::abs(t)), grown = 1 / shrunk;
+        const Real off = wide * Real(0.5) * (t < 0 ? shrunk - grown : grown - shrunk), h = centre + off;
+        const Real angular_weight = Real(angular.weights[i]) * Real(0.5) * (grown + shrunk) * area;
+        const Real reach = std::sqrt(high2 + off * off * across * across);
+        const Real scale = stretched ? away / reach : Real(1), stretch = stretched ? inverse_sinh(1 / scale) : Real(1);
+        const GaussRule radial(rule, int(double(rule.radial) * (stretched ? 1 + 0.5 * double(stretch) : 1.0)));
         if (points.n + radial.n > most_points) add_points<SingleLayer>(patch, foot, stretched, points, k, sum);
         for (int l = 0; l < radial.n; l++, points.n++) {
-            points.along[points.n] = Real(radial.nodes[l] * stretch);
-            points.ray_u[points.n] = Real(from[0] + h * along[0]);
-            points.ray_v[points.n] = Real(from[1] + h * along[1]);
-            points.scale[points.n] = Real(scale);
-            points.weight[points.n] = Real(angular_weight * radial.weights[l] * stretch);
+            points.along[points.n] = Real(radial.nodes[l]) * stretch;
+            points.ray_u[points.n] = Real(from[0]) + h * Real(along[0]);
+            points.ray_v[points.n] = Real(from[1]) + h * Real(along[1]);
+            points.scale[points.n] = scale;
+            points.weight[points.n] = angular_weight * Real(radial.weights[l]) * stretch;
         }
     }
 }
@@ -183,7 +185,8 @@ template <class Real>
 void near_excess(const double *targets, std::int64_t n, const std::int64_t *first, const std::int64_t *pair_panel,
                  const double *six_nodes, const double *contact, const double *sources, const double *normals,
                  const double *nodal, Wavenumber k, double least, NearRule rule, std::complex<double> *out) {
-    const Wave<double> wave(k);
+    const Wave<Real> wave(k);
+    const Real nearest = Real(least * least);
 #pragma omp parallel for schedule(dynamic, 16) if (n > 16)
     for (std::int64_t i = 0; i < n; i++)
         for (std::int64_t e = first[i]; e < first[i + 1]; e++) {
@@ -191,18 +194,24 @@ void near_excess(const double *targets, std::int64_t n, const std::int64_t *firs
             double distance, foot[2];
             const Moments sum = one_pair<false, Real>(six_nodes + 18 * panel, targets + 3 * i, contact[panel], k, rule,
                                                       &distance, foot);
-            for (int l = 0; l < 6; l++) {
-                const double *y = sources + 3 * (6 * panel + l), *a = normals + 3 * (6 * panel + l), *x = targets + 3 * i;
-                double re, im;
-                double_layer<double, true>(y[0] - x[0], y[1] - x[1], y[2] - x[2], a[0], a[1], a[2], wave,
-                                           least * least, re, im);
-                re = -re;
-                im = -im;
-                for (int m = 0; m < 6; m++) {
-                    re += sum.re[m] * nodal[6 * m + l];
-                    im += sum.im[m] * nodal[6 * m + l];
+            Real re[8], im[8], d[6][8] = {};
+            for (int l = 0; l < 6; l++)
+                for (int axis = 0; axis < 3; axis++) {
+                    const std::int64_t at = 3 * (6 * panel + l) + axis;
+                    d[axis][l] = Real(sources[at] - targets[3 * i + axis]);
+                    d[3 + axis][l] = Real(normals[at]);
                 }
-                out[6 * e + l] = {re, im};
+#pragma omp simd
+            for (int l = 0; l < 8; l++)
+                double_layer<Real, true>(d[0][l], d[1][l], d[2][l], d[3][l], d[4][l], d[5][l], wave, nearest, re[l],
+                                         im[l]);
+            for (int l = 0; l < 6; l++) {
+                double kept_re = -double(re[l]), kept_im = -double(im[l]);
+                for (int m = 0; m < 6; m++) {
+                    kept_re += sum.re[m] * nodal[6 * m + l];
+                    kept_im += sum.im[m] * nodal[6 * m + l];
+                }
+                out[6 * e + l] = {kept_re, kept_im};
             }
         }
 }

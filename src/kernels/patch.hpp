@@ -48,7 +48,7 @@ double closest_on_edge(const Patch &patch, int edge, double *best) {
             straight + 2 * (du * du * dot(x, patch.c[3]) + du * dv * dot(x, patch.c[4]) + dv * dv * dot(x, patch.c[5]));
         const double move = -dot(x, along) / (bent > 0.1 * straight ? bent : straight);
         const double next = std::min(1.0, std::max(0.0, t + move));
-        const bool settled = std::abs(next - t) < 1e-9;  // quadratically: the step just taken is exact
+        const bool settled = std::abs(next - t) < 1e-6;  // quadratically: the step just taken is exact
         t = next;
         if (settled) break;
     }
@@ -77,7 +77,7 @@ double closest_point(const Patch &patch, double *foot) {
         u += du;
         v += dv;
         if (!(std::abs(u) < 4 && std::abs(v) < 4)) break;
-        settled = std::abs(du) + std::abs(dv) < 1e-9;  // quadratically: the step just taken is exact
+        settled = std::abs(du) + std::abs(dv) < 1e-6;  // quadratically: the step just taken is exact
     }
     if (std::abs(u) < 4 && std::abs(v) < 4 && u >= 0 && v >= 0 && u + v <= 1) {
         foot[0] = u;

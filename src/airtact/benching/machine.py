@@ -57,13 +57,11 @@ def _kernel_row(
     variant: str, nodes: Nodes, shifted: Float64[np.ndarray, "groups 3"], wavenumber: complex, runs: int
 ) -> Row:
     count = len(nodes.points)
-    matrix = DualMatrix.empty(count, "int16")
+    matrix = DualMatrix.empty(count, "bfloat16")
     nobody = np.zeros(0, dtype=np.int64), np.zeros((0, 6), dtype=np.complex128)
     first, first_shifted = np.zeros(count + 1, dtype=np.int64), np.zeros(len(shifted) + 1, dtype=np.int64)
     places = nodes.points, shifted, nodes.weighted_normals, wavenumber
-    fill = partial(
-        _kernels.dual_matrix_int16, *places, first, *nobody, first_shifted, *nobody, matrix.values, matrix.scales
-    )
+    fill = partial(_kernels.dual_matrix_bfloat16, *places, first, *nobody, first_shifted, *nobody, matrix.values)
     fill()  # the pages are touched before the clock starts
     left = np.random.default_rng(0).normal(size=(PRODUCT, PRODUCT)).astype(np.float32)
     products, fills = [], []

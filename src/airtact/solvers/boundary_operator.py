@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Complex, Complex128, Float32, Float64, Real, Shaped, UInt8
+from jaxtyping import Complex, Complex128, Float64, Real, Shaped, UInt8
 
 from airtact import _kernels
 from airtact.conventions import InvalidInput
@@ -73,8 +73,15 @@ def dual_surface(
     return DualSurface(nodes, inside.mean(axis=1), wavenumber, near_rule, precision)
 
 
-Store = Literal["int16", "float32", "float64"]
-"""What the numbers of a matrix are kept as; 16-bit integers have a scale for every block of a row."""
+Store = Literal["bfloat16", "float32", "float64"]
+"""What the numbers of a matrix are kept as; bfloat16 is the upper half of a float32, good to 0.2 %."""
+
+KEPT_AS: dict[Store, tuple[type[np.generic], int]] = {
+    "bfloat16": (np.uint32, 2),
+    "float32": (np.float32, 1),
+    "float64": (np.float64, 1),
+}
+"""The words of each, and how many numbers a word holds."""
 
 
 _GIVEN_BACK: list[UInt8[np.ndarray, "bytes"]] = []
@@ -93,31 +100,34 @@ class DualMatrix:
 
     Attributes
     ----------
-    values : (M, B, 2, 128) each row in blocks of columns, real and imaginary parts, filled up with zeros.
-    scales : (M B,) what 16-bit integers of each block are multiplied with; empty for the others.
+    values : (M, B, 2, W) each row in blocks of 128 columns, real and imaginary parts, filled up with zeros, in words.
     """
 
-    values: Shaped[np.ndarray, "nodes blocks 2 lanes"]
-    scales: Float32[np.ndarray, "scales"]
+    values: Shaped[np.ndarray, "nodes blocks 2 words"]
 
     __repr__ = in_short
 
     @classmethod
     def empty(cls, count: int, store: Store) -> "DualMatrix":
         """Take memory for M = ``count`` unknowns: that of a matrix given back, where there is enough of it."""
-        shape, memory = (count, -(-count // _kernels.lanes), 2, _kernels.lanes), np.empty(0, dtype=np.uint8)
-        size = math.prod(shape) * np.dtype(store).itemsize
+        word, numbers = KEPT_AS[store]
+        shape, memory = (count, -(-count // _kernels.lanes), 2, _kernels.lanes // numbers), np.empty(0, dtype=np.uint8)
+        size = math.prod(shape) * np.dtype(word).itemsize
         with suppress(IndexError):
             memory = _GIVEN_BACK.pop()
         if len(memory) < size:
             memory = np.empty(int(ROOM * size) if size < MOST_KEPT else size, dtype=np.uint8)
-        scales = np.empty(count * shape[1] if store == "int16" else 0, dtype=np.float32)
-        return cls(memory[:size].view(store).reshape(shape), scales)
+        return cls(memory[:size].view(word).reshape(shape))
+
+    @property
+    def store(self) -> Store:
+        """What its numbers are kept as."""
+        return next(store for store, (word, _) in KEPT_AS.items() if self.values.dtype == word)
 
     @property
     def precision(self) -> type[np.complexfloating]:
         """What it is multiplied with: complex64 or complex128."""
-        return np.complex128 if self.values.dtype == np.float64 else np.complex64
+        return np.complex128 if self.store == "float64" else np.complex64
 
     def times(
         self, vectors: Complex[np.ndarray, "columns nodes"], transposed: bool = False
@@ -125,12 +135,11 @@ class DualMatrix:
         """Multiply the matrix, or its transpose, by vectors (S, M), which are rows here; in one pass over it."""
         vectors = np.ascontiguousarray(vectors, dtype=self.precision)
         out = np.empty_like(vectors)
-        multiply = getattr(_kernels, f"dual_product_{self.values.dtype}")
-        multiply(self.values, self.scales, vectors, transposed, out)
+        getattr(_kernels, f"dual_product_{self.store}")(self.values, vectors, transposed, out)
         return out
 
     def dense(self) -> Complex[np.ndarray, "nodes nodes"]:
-        """Give all of it as one array, from a store that is not of integers."""
+        """Give all of it as one array, from float32 or float64."""
         count = len(self.values)
         out = np.empty((count, count), dtype=self.precision, order="F")  # as LAPACK takes it without a copy
         out.real, out.imag = (self.values[:, :, part].reshape(count, -1)[:, :count] for part in (0, 1))
@@ -159,7 +168,6 @@ def assemble(surface: DualSurface, store: Store) -> DualMatrix:
         surface.wavenumber,
         *of_rows,
         matrix.values,
-        matrix.scales,
     )
     return matrix
 
@@ -190,7 +198,8 @@ def heard(
 
 def refuse_too_large(count: int, store: Store, copies: int = 1) -> None:
     """Raise where the matrix of ``count`` unknowns, or so many like it, does not fit into memory."""
-    size = copies * count**2 * 2 * np.dtype(store).itemsize
+    word, numbers = KEPT_AS[store]
+    size = copies * count**2 * 2 * np.dtype(word).itemsize // numbers
     available = _available_memory()
     if size > 0.9 * available:
         raise InvalidInput(
