@@ -90,11 +90,28 @@ def test_the_other_sign_of_time_is_refused(tmp_path):
         at.load_samples(path, SCENE, SOURCES, "e^{-iωt}", scale=1e-3)
 
 
+@pytest.mark.parametrize("far", [False, True])
+@pytest.mark.parametrize("stated", [1.0, 2e-3, 0.0254])
+def test_a_wrong_unit_of_length_is_refused(tmp_path, stated, far):
+    """The file is in millimetres."""
+    nodes = nodes_about(0.004, reach=0.02, away=0.09) if far else nodes_about(0.003, away=0.016)
+    nodes = nodes[SCENE.depth(nodes) < 0]
+    path = as_csv(tmp_path / "ball.csv", nodes, EXACT.at(nodes))
+    with pytest.raises(
+        at.InvalidInput,
+        match=rf"ball.csv: the scale is {stated:.4g} metres per unit, but .* as if it were 0\.001 \(a fit of \d\.\d\d",
+    ):
+        at.load_samples(path, SCENE, SOURCES, "e^{-iωt}", scale=stated)
+    assert at.load_samples(path, SCENE, SOURCES, "e^{-iωt}", scale=1e-3).report.warnings == ()
+
+
 def test_samples_that_do_not_tell_the_sign_are_warned_of(tmp_path):
-    far = nodes_about(0.004, away=0.09)
-    path = as_csv(tmp_path / "far.csv", far, EXACT.at(far))
-    sampled = at.load_samples(path, SCENE, SOURCES, "e^{-iωt}", scale=1e-3)
-    assert "do not tell the sign of time (0 against 0)" in sampled.report.warnings[0]
+    """As much sound arrives at the sources as leaves them."""
+    near = nodes_about(0.004, away=0.016)
+    chance = np.random.default_rng(4)
+    noise = chance.normal(size=(len(near), 2)) + 1j * chance.normal(size=(len(near), 2))
+    sampled = at.load_samples(as_csv(tmp_path / "noise.csv", near, noise), SCENE, SOURCES, "e^{-iωt}", scale=1e-3)
+    assert "do not tell the sign of time (a fit of 0." in sampled.report.warnings[0]
 
 
 def test_samples_that_do_not_fit_are_refused():

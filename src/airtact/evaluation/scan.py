@@ -17,6 +17,9 @@ PLACE, PRESSURE, PHASE = ("x", "y", "z"), "pressure", "phase"
 FARTHEST = 2.0
 """Positions farther than this from the origin are taken for millimetres [m]."""
 
+PLAIN = 0.2
+"""Error up to which a scan agrees with its prediction, whatever else does."""
+
 FEWEST = 3
 """Fewer positions than this fit anything."""
 
@@ -108,7 +111,6 @@ class Overlay:
     used : (N,) which positions count: those where it is.
     scale : measured over predicted, the best single number; real and positive where no phase was measured.
     error : root mean square of measured minus scale times predicted, over that of measured.
-    mirrored_error : the same against the conjugate of the prediction, NaN where no phase was measured.
     """
 
     scan: Scan
@@ -116,7 +118,6 @@ class Overlay:
     used: Bool[np.ndarray, "points"]
     scale: complex
     error: float
-    mirrored_error: float
 
     __repr__ = in_short
 
@@ -128,11 +129,6 @@ class Overlay:
         if left:
             found.append(
                 f"{left} of {len(self.used)} positions are left out: a body is in the way of the microphone there."
-            )
-        if self.mirrored_error < 0.5 * self.error:
-            found.append(
-                f"The conjugate of the prediction fits with an error of {self.mirrored_error:.1%}: the scan's phases "
-                "seem to be those of e^(+iωt); negate them."
             )
         return tuple(found)
 
@@ -150,7 +146,8 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
     Raises
     ------
     InvalidInput
-        If the shapes differ, fewer than 3 positions can be compared, or the prediction is 0 at all of them.
+        If the shapes differ, fewer than 3 positions can be compared, the prediction is 0 at all of them, or the phases
+        fit far better when they are negated.
 
     Examples
     --------
@@ -172,8 +169,13 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
     if not model.any():
         raise InvalidInput(f"the prediction is 0 Pa at all {int(used.sum())} positions of the scan.")
     scale, error = _fitted(measured, model)
-    mirrored = _fitted(measured, model.conj())[1] if scan.phased else float("nan")
-    return Overlay(scan, predicted, used, scale, error, mirrored)
+    mirrored = _fitted(measured, model.conj())[1] if scan.phased else error
+    if mirrored < 0.5 * error and error > PLAIN:
+        raise InvalidInput(
+            f"the scan's phases are {error:.1%} off the prediction, and {mirrored:.1%} when they are negated: they "
+            "seem to be those of e^(+iωt); negate the column phase."
+        )
+    return Overlay(scan, predicted, used, scale, error)
 
 
 def _fitted(

@@ -20,11 +20,17 @@ from airtact.solvers.problem import RadiatedField, Skin, SolveReport
 
 TimeSign = Literal["e^{-iωt}", "e^{+jωt}"]
 
-NEARBY = 3.0
-"""Nodes within this many wavelengths of a source tell the sign of time."""
+NEARBY, FEWEST = 3.0, 1000
+"""Nodes within this many wavelengths of a source, and at least so many, tell the sign of time and what lengths are."""
 
-CLEAR = 2.0
-"""How many times better one sign must fit than the other to tell which it is."""
+LOOKED_AT = 20_000
+"""About so many of the nodes are looked at for that."""
+
+CLEAR, LEAST = 1.5, 0.4
+"""How many times better another sign or length must fit than the stated one, and how well, to be believed."""
+
+UNITS = (1.0, 0.01, 1e-3, 1e-6, 0.0254, 0.3048)
+"""Metres in the units that a file may have lengths in."""
 
 REPEATED = 1e-9
 """Nodes nearer than this are one [m]."""
@@ -207,29 +213,59 @@ def load_samples(
             raise InvalidInput(f"all {pressures.size} pressures are 0; export a field that sounds.")
         pressures = np.conj(pressures) if time_sign == "e^{+jωt}" else pressures
         sampled = SampledField(scene, sources, scale * nodes, pressures, cells)
-        warning = _refuse_other_sign(sampled, time_sign)
+        warning = _refuse_contradiction(sampled, time_sign, scale)
         object.__setattr__(sampled, "report", replace(sampled.report, warnings=warning))
     return sampled
 
 
-def _refuse_other_sign(sampled: SampledField, time_sign: str) -> tuple[str, ...]:
-    """Refuse pressures whose phase falls away from the sources; say so where they do not tell."""
-    fits = np.zeros(2)
-    for sound in range(sampled.sources.strengths.shape[1]):
-        for source in np.flatnonzero(sampled.sources.strengths[:, sound]):
-            away = np.linalg.norm(sampled.nodes - sampled.sources.positions[source], axis=1)
-            near = (away < NEARBY * sampled.scene.wavelength) & (away > REPEATED)
-            level = np.asarray(sampled.pressures)[near, sound] * away[near]
-            phase = np.exp(1j * sampled.scene.wavenumber.real * away[near])
-            fits += np.abs([np.vdot(phase, level), np.vdot(phase.conj(), level)])
-    if fits[1] > CLEAR * fits[0]:
+def _refuse_contradiction(sampled: SampledField, time_sign: str, scale: float) -> tuple[str, ...]:
+    """Refuse pressures whose phase falls away from the sources, or turns too fast or slowly; say if it does not tell.
+
+    Round a source in open air all fits are 1 or near 0; round sources on bodies 0.57 to 1 and up to 0.16.
+    """
+    stated, other = _fits(sampled, 1.0)
+    if other > max(CLEAR * stated, LEAST):
         raise InvalidInput(
-            f"time_sign is {time_sign}, but beside the sources the pressures fit the other one {fits[1] / fits[0]:.2g} "
+            f"time_sign is {time_sign}, but round the sources the pressures fit the other one {other / stated:.2g} "
             "times better; state the other sign, or check where the sources stand and what a unit of length is."
         )
-    if fits[0] > CLEAR * fits[1]:
+    if stated > LEAST:
         return ()
-    return (f"the samples do not tell the sign of time ({fits[0]:.2g} against {fits[1]:.2g}); {time_sign} was stated",)
+    lengths = np.concatenate([np.array(UNITS), scale * np.geomspace(0.2, 5.0, 330)])
+    fits = np.array([_fits(sampled, length / scale).max() for length in lengths])
+    best = int(fits.argmax())
+    if fits[best] > max(CLEAR * stated, LEAST):
+        raise InvalidInput(
+            f"the scale is {scale:.4g} metres per unit, but round the sources the pressures turn as if it were "
+            f"{lengths[best]:.3g} (a fit of {fits[best]:.2f} instead of {stated:.2f}); state that scale, or check the "
+            "frequency, the medium and where the sources stand."
+        )
+    return (
+        f"the samples do not tell the sign of time (a fit of {stated:.2g} against {other:.2g}); {time_sign} was stated",
+    )
+
+
+def _fits(sampled: SampledField, longer: float) -> Float64[np.ndarray, "2"]:
+    """How well the phases round the sources are those of waves that leave and of waves that arrive, from 0 to 1.
+
+    Parameters
+    ----------
+    sampled : the field.
+    longer : what the lengths of the nodes are multiplied by.
+    """
+    some = slice(None, None, len(sampled.nodes) // LOOKED_AT + 1)
+    nodes, pressures = longer * sampled.nodes[some], np.asarray(sampled.pressures)[some]
+    fits, most = np.zeros(2), 0.0
+    for sound in range(sampled.sources.strengths.shape[1]):
+        for source in np.flatnonzero(sampled.sources.strengths[:, sound]):
+            away = np.linalg.norm(nodes - sampled.sources.positions[source], axis=1)
+            reach = max(NEARBY * sampled.scene.wavelength, np.sort(away)[: min(FEWEST, len(away))][-1])
+            near = (away <= reach) & (away > REPEATED)
+            level = pressures[near, sound] * away[near]
+            phase = np.exp(1j * sampled.scene.wavenumber.real * away[near])
+            fits += np.abs([np.vdot(phase, level), np.vdot(phase.conj(), level)])
+            most += np.abs(level).sum()
+    return fits / most if most else fits
 
 
 def _refuse_repeated(nodes: Float64[np.ndarray, "nodes 3"]) -> None:
