@@ -47,6 +47,10 @@ KEPT = 0.5
 """Share of the accuracy that the skeletons may lose nearby; far from the bodies they lose less."""
 
 
+DRIVES = 0.05
+"""Accuracy from which on a solution serves for drives only, which bear a residual twice as large."""
+
+
 @dataclass(frozen=True)
 class BoundaryElement(Solver):
     """Boundary elements for sound-hard bodies, safe at interior resonances.
@@ -249,7 +253,9 @@ class BoundaryElement(Solver):
             return min(0.1 * self.accuracy, 1e-8)
         if self._store() != "bfloat16":
             return max(0.1 * self.accuracy, 2e-6)
-        return min(0.3 * self.accuracy, 0.01) if self.estimate else 0.4 * self.accuracy  # heard from afar only
+        if self.estimate:
+            return min(0.3 * self.accuracy, 0.01)
+        return self.accuracy * (0.4 if self.accuracy < DRIVES else 0.8)  # heard from afar only
 
 
 class _Clock:

@@ -123,6 +123,9 @@ LARGEST_RULE = 40
 MAY_FACE_AWAY = 0.5
 """Cosine between the normals of a node and of a panel below which some of the panel may face away from the node."""
 
+COVERED = 0.45
+"""Radii of a panel within which each of its points has a node; 0.38 on the panels of a hand, 0.33 on flat ones."""
+
 SHRINKINGS = 4
 """How often a ball may be shrunk: each time to a quarter of what it is too large, or less."""
 
@@ -248,14 +251,20 @@ def thickness(
 
 
 def _facing(nodes: Nodes, largest: float) -> tuple[Int64[np.ndarray, "pairs"], Int64[np.ndarray, "pairs"]]:
-    """Nodes and panels of their body that their largest ball may reach and that do not face the way they do."""
+    """Nodes and panels of their body that their largest ball may reach and that do not face the way they do.
+
+    No point of a panel is farther than ``COVERED`` of its radii from a node.
+    """
     centres = nodes.points - 0.5 * largest * nodes.normals
     first, panel = near_lists(nodes, centres, 0.5 * largest + nodes.radii)
     node = np.repeat(np.arange(len(centres)), np.diff(first))
     facing = nodes.normals.reshape(-1, 6, 3).mean(axis=1)
     apart = np.einsum("ed,ed->e", facing[panel], nodes.normals[node]) < MAY_FACE_AWAY
     apart &= nodes.body[6 * panel] == nodes.body[node]
-    return node[apart], panel[apart]
+    node, panel = node[apart], panel[apart]
+    off = nodes.points.reshape(-1, 6, 3)[panel] - centres[node, None]
+    reached = np.einsum("ejd,ejd->ej", off, off).min(axis=1) < (0.5 * largest + COVERED * nodes.radii[panel]) ** 2
+    return node[reached], panel[reached]
 
 
 def _meeting_diameters(
