@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 
 from airtact.conventions import InvalidInput
 from airtact.solvers.finite_elimination import eliminate, solve
-from airtact.solvers.finite_netgen import many_threads, thread_count
+from airtact.solvers.finite_netgen import many_threads, ngsolve_library, thread_count
 from airtact.solvers.finite_system import System
 
 COMPLEX_SYMMETRIC = 6
@@ -71,7 +71,8 @@ class SparseCholesky(Factor):
     def __init__(self, system: System, odd: Sequence[int]) -> None:
         super().__init__(system, odd)
         with many_threads():
-            self._inverse = system.form.mat.Inverse(self.free, inverse="sparsecholesky")
+            free = ngsolve_library().BitArray(self.free.tolist())
+            self._inverse = system.form.mat.Inverse(free, inverse="sparsecholesky")
 
     def solve_shared(
         self, right: Complex128[np.ndarray, "unknowns sounds"]
@@ -93,10 +94,6 @@ class Refined(Factor):
     converge also where plain refinement would not.
     """
 
-    def __init__(self, system: System, odd: Sequence[int]) -> None:
-        super().__init__(system, odd)
-        self._chosen = np.array([bool(bit) for bit in self.free])
-
     @abstractmethod
     def _roughly(self, right: Complex64[np.ndarray, "unknowns sounds"]) -> Complex64[np.ndarray, "unknowns sounds"]:
         """Solve in single precision for a load that is 0 where nothing is free."""
@@ -105,7 +102,7 @@ class Refined(Factor):
         self, right: Complex128[np.ndarray, "unknowns sounds"]
     ) -> Complex128[np.ndarray, "unknowns sounds"]:
         """Solve in single precision, and again for what that leaves."""
-        left = np.where(self._chosen[:, None], right, 0)
+        left = np.where(self.free[:, None], right, 0)
         enough = (ROUGHLY if self.system.order <= ROUGH else ENOUGH) * np.linalg.norm(left, axis=0)
         solution, found = np.zeros_like(left), []
         for _ in range(REFINEMENTS):
@@ -132,7 +129,7 @@ class Refined(Factor):
         for sound in range(solution.shape[1]):
             vector.FV().NumPy()[:] = solution[:, sound]
             product.data = self.system.form.mat * vector
-            found[self._chosen, sound] = product.FV().NumPy()[self._chosen]
+            found[self.free, sound] = product.FV().NumPy()[self.free]
         return found
 
     def _not_enough(
@@ -150,8 +147,8 @@ class Multifrontal(Refined):
     def __init__(self, system: System, odd: Sequence[int]) -> None:
         super().__init__(system, odd)
         self._odd, self._spare = odd, None
-        fronts = system.dissection.only(self._chosen)
-        self._eliminated = eliminate(system.entries.only(self._chosen), fronts)
+        fronts = system.dissection.only(self.free)
+        self._eliminated = eliminate(system.entries.only(self.free), fronts)
 
     def _roughly(self, right: Complex64[np.ndarray, "unknowns sounds"]) -> Complex64[np.ndarray, "unknowns sounds"]:
         return solve(self._eliminated, right)
@@ -173,7 +170,7 @@ class Pardiso(Refined):
         self._handle, self._settings = (ctypes.c_int64 * 64)(), (ctypes.c_int * 64)()
         for place, value in PARDISO.items():
             self._settings[place] = value
-        self._single, self._columns, self._rows = _backwards(system.lower, self._chosen)
+        self._single, self._columns, self._rows = _backwards(system.lower, self.free)
         self._call(12, None, None, 1)
 
     def __del__(self) -> None:
@@ -203,10 +200,10 @@ class Pardiso(Refined):
             raise MemoryError(f"Pardiso stopped in phase {phase} with error {fault.value}.")
 
     def _roughly(self, right: Complex64[np.ndarray, "unknowns sounds"]) -> Complex64[np.ndarray, "unknowns sounds"]:
-        columns = np.asfortranarray(right[self._chosen][::-1])
+        columns = np.asfortranarray(right[self.free][::-1])
         solved, found = np.zeros_like(columns), np.zeros_like(right)
         self._call(33, columns, solved, right.shape[1])
-        found[self._chosen] = solved[::-1]
+        found[self.free] = solved[::-1]
         return found
 
 

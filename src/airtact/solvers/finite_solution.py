@@ -90,10 +90,7 @@ class ReadySystem:
     @cached_property
     def _free(self) -> dict[tuple[int, ...], Bool[np.ndarray, "unknowns"]]:
         """Which unknowns a sound of each parity may have."""
-        return {
-            parity: np.array(self.system.free(self._odd(parity), shared=False), dtype=np.bool_)
-            for parity in parities(self.mirrors)
-        }
+        return {parity: self.system.free(self._odd(parity), shared=False) for parity in parities(self.mirrors)}
 
     def _odd(self, parity: tuple[int, ...]) -> list[int]:
         """Axes of the mirrors that a parity is odd about."""

@@ -19,7 +19,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from jaxtyping import Complex128, Float64, Int64, Real
+from jaxtyping import Bool, Complex128, Float64, Int64, Real
 from scipy.sparse import csr_array
 
 from airtact import _kernels
@@ -89,8 +89,8 @@ class System:
         """Number of unknowns."""
         return int(self.space.ndof)
 
-    def free(self, odd: Sequence[int], shared: bool) -> Any:
-        """NGSolve's set of the unknowns that a sound which is odd about mirrors across some axes may have.
+    def free(self, odd: Sequence[int], shared: bool) -> Bool[np.ndarray, "unknowns"]:
+        """Which unknowns a sound that is odd about mirrors across some axes may have.
 
         Parameters
         ----------
@@ -101,13 +101,13 @@ class System:
         found = type(free)(free)
         for axis in odd:
             found &= ~self.space.GetDofs(self.mesh.Boundaries(f"wall{2 * axis}"))
-        return found
+        return np.array(found, dtype=np.bool_)
 
     @cached_property
     def dissection(self) -> Dissection:
         """In which order the unknowns that tetrahedra share are eliminated."""
         ngsolve, space = ngsolve_library(), self.space
-        shared = np.array([bool(bit) for bit in space.FreeDofs(True)])
+        shared = self.free((), shared=True)
         each = [
             space.GetDofNrs(ngsolve.ElementId(ngsolve.VOL, number)) for number in range(len(self.tetrahedra.corners))
         ]
