@@ -121,6 +121,7 @@ def test_a_sender_that_is_killed_loses_the_hand_and_its_heir_is_followed():
                 sender.wait()
             assert stream.health.restarted == turn
             until(lambda: stream.latest("left").lost)
+            until(lambda count=turn + 1: stream.health.broken_off == count)
 
 
 def test_a_slow_reader_gets_the_latest():
@@ -129,6 +130,7 @@ def test_a_slow_reader_gets_the_latest():
             for index in range(100):
                 tracker.send(to_json(still(index)))
         until(lambda: receiver.stream.health.used == 100)
+        assert receiver.stream.health.broken_off == 0  # this one says farewell
         assert receiver.stream.wait(0.0).sequence == 99
         assert receiver.stream.wait(0.0) is None
 

@@ -103,7 +103,7 @@ class WebSocketReceiver(_Listening):
             for message in connection:
                 self.stream.feed_json(message)
         except ConnectionClosed:
-            pass  # a tracker that was killed: its silence tells
+            self.stream.break_off()
         finally:
             with self._lock:
                 self._connections.discard(connection)

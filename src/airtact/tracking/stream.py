@@ -51,6 +51,7 @@ class StreamHealth:
     late : frames that came later than others after their time, but were used.
     skipped : frames missing between those that came.
     restarted : times that a tracker began anew.
+    broken_off : connections that ended without a farewell, as those of a tracker that is killed do.
     """
 
     received: int = 0
@@ -68,6 +69,7 @@ class StreamHealth:
     late: int = 0
     skipped: int = 0
     restarted: int = 0
+    broken_off: int = 0
 
     @property
     def left_out(self) -> int:
@@ -190,6 +192,11 @@ class HandStream:
             self._use(frame, seen, now)
             self._heard(frame)
             return None
+
+    def break_off(self) -> None:
+        """Count a connection that ended without a farewell; the hands it brought are lost when nothing more comes."""
+        with self._changed:
+            self._counts["broken_off"] += 1
 
     def latest(self, side: Side) -> HandFrame | None:
         """Give the newest frame of a hand, a lost one where nothing came for a while, or None where none ever came.
