@@ -52,6 +52,7 @@ def test_the_file_holds_the_skin_that_was_brought_to_the_points(tmp_path: Path, 
     [
         (("--landmarks", LANDMARKS, "--gap", "0.01"), "seen_hand.ply is 1 cloud; leave --gap"),
         (("--camera", "0", "0", "0"), "a camera is for a cloud with --landmarks"),
+        ((), "seen_hand.ply is a cloud of points, and came with 0 landmarks"),
     ],
 )
 def test_options_that_do_not_go_together_are_refused(tmp_path: Path, capsys, options: tuple, sentence: str) -> None:

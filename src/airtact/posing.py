@@ -11,24 +11,17 @@ from jaxtyping import Float64
 from airtact.conventions import InvalidInput
 from airtact.report.cloud_figure import draw_cloud
 from airtact.report.panel_figure import draw_panels
-from airtact.report.panel_files import check_ending, write_panels
+from airtact.report.panel_files import EDGE, check_ending, checked_edge, write_panels
 from airtact.report.picture_file import write_picture
 from airtact.report.whole_file import writable_folder
 from airtact.scene.capture import FittedHand, fit_hand
 from airtact.scene.cloud_files import load_cloud
 from airtact.scene.curved_shape import CurvedShape
 from airtact.scene.geometry import Surface
-from airtact.scene.guards import within
 from airtact.scene.hand import Hand, Side
 from airtact.scene.hand_files import load_hand, load_landmarks
 from airtact.scene.panels import Panels
 from airtact.scene.six_nodes import SixNodes, smallest_angles
-
-EDGE = 4e-3
-"""Edge of the triangles unless given [m]."""
-
-FINEST, COARSEST = 0.8e-3, 20e-3
-"""Edges that are taken [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +104,7 @@ def pose(
     check_ending(file)
     if path.resolve() == file.resolve():
         raise InvalidInput(f"the skin would take the place of {path.name}, the 1 file that it is made from.")
-    edge = EDGE if edge is None else _checked_edge(edge)
+    edge = EDGE if edge is None else checked_edge(edge)
     hand = load_hand(path, gap)
     writable_folder(file.parent)
     tell(f"making triangles of {1e3 * edge:.3g} mm")
@@ -152,7 +145,7 @@ def fit(
     check_ending(file)
     if file.resolve() in (cloud.resolve(), landmarks.resolve()):
         raise InvalidInput(f"the skin would take the place of {file.name}, 1 of the files that it is made from.")
-    edge = None if edge is None else _checked_edge(edge)
+    edge = None if edge is None else checked_edge(edge)
     points, (joints, side) = load_cloud(cloud), load_landmarks(landmarks)
     writable_folder(file.parent)
     tell(f"fitting a hand to {len(points):,} points")
@@ -167,10 +160,6 @@ def fit(
     distances = -shape.depth(fitted.points)
     write_picture(picture, draw_cloud(panels.six_nodes, fitted, distances))
     return Fitted(fitted.hand, surface, panels, file, picture, fitted, distances)
-
-
-def _checked_edge(edge: float) -> float:
-    return within(edge, FINEST, COARSEST, "edge", "m", "is it in millimetres? Give metres.")
 
 
 def _written(six_nodes: SixNodes, file: Path, tell: Callable[[str], None]) -> Panels:

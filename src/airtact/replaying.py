@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from airtact.conventions import InvalidInput, about
-from airtact.report.panel_files import check_ending, write_panels
+from airtact.report.panel_files import EDGE, check_ending, checked_edge, write_panels
 from airtact.report.picture_file import write_picture
 from airtact.report.track_figure import draw_tracks
 from airtact.report.whole_file import writable_folder
@@ -16,9 +16,6 @@ from airtact.scene.panels import Panels
 from airtact.tracking.frame import HandFrame
 from airtact.tracking.pads import PadTrack, pads_over_time
 from airtact.tracking.recordings import Recording, load_recording
-
-EDGE = 4e-3
-"""Edge of the triangles unless given [m]."""
 
 SIDES: tuple[Side, ...] = ("left", "right")
 
@@ -67,6 +64,7 @@ def replay_recording(
         The recording is refused, has no such frame or no landmarks, or nothing can be written there.
     """
     check_ending(file)
+    edge = checked_edge(edge)
     tell(f"reading {path.name}")
     recording = load_recording(path, leave_out)
     with about(path.name):

@@ -254,6 +254,30 @@ def test_two_hands_in_a_cloud_are_refused(cloud: np.ndarray, landmarks: np.ndarr
     assert "a second hand or a background" in refusal(np.vstack([cloud, second]), landmarks, "right", CAMERA)
 
 
+def test_a_second_hand_behind_the_first_is_refused(cloud: np.ndarray, landmarks: np.ndarray) -> None:
+    text = refusal(np.vstack([cloud, cloud + [0.0, 0.0, 0.05]]), landmarks, "right", CAMERA)
+
+    assert "% to 6 mm of the" in text
+    assert "is there a second hand" in text
+
+
+def test_a_camera_among_the_points_is_refused(cloud: np.ndarray, landmarks: np.ndarray) -> None:
+    text = refusal(cloud, landmarks, "right", np.median(cloud, axis=0))
+
+    assert "points lie beside it, behind it or less than 30 mm before it" in text
+
+
+def test_a_camera_that_stands_elsewhere_is_refused(cloud: np.ndarray, landmarks: np.ndarray) -> None:
+    assert "does the camera stand elsewhere" in refusal(cloud, landmarks, "right", np.array([0.0, 0.0, 1.0]))
+
+
+def test_coordinates_that_are_no_places_are_refused(cloud: np.ndarray, landmarks: np.ndarray) -> None:
+    broken = cloud.copy()
+    broken[5, 1] = 1e200
+
+    assert "point 5 of the cloud has a coordinate of 1e+200 m" in refusal(broken, landmarks, "right", CAMERA)
+
+
 def test_a_cloud_that_is_mostly_strays_is_refused(cloud: np.ndarray, landmarks: np.ndarray) -> None:
     random = np.random.default_rng(0)
     fog = landmarks[random.integers(0, 25, 20_000)] + random.normal(scale=22e-3, size=(20_000, 3))
@@ -262,9 +286,12 @@ def test_a_cloud_that_is_mostly_strays_is_refused(cloud: np.ndarray, landmarks: 
 
 
 def test_landmarks_of_another_hand_are_refused(cloud: np.ndarray, landmarks: np.ndarray) -> None:
-    others = [cloud + [0.0, 0.0, 0.03], cloud - [0.0, 0.0, 0.03]]
+    moved = landmarks.copy()
+    moved[[8, 9]] += [0.0, 0.0, 0.045]  # 45 mm off, and no bone shows it
 
-    assert "mm from where the cloud shows that joint" in refusal(np.vstack([cloud, *others]), landmarks, "right")
+    text = refusal(cloud, moved, "right", CAMERA)
+    assert "the landmark index-finger-tip is" in text
+    assert "mm from where the cloud shows that joint" in text
 
 
 def test_a_camera_that_is_no_place_is_refused(

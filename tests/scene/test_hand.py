@@ -203,7 +203,10 @@ def test_a_frame_in_which_fingers_meet_is_meshed_anew(opened):
         (PINCH[:24], "24 joints are given, but a hand has 25"),
         (1e3 * PINCH, r"the joints span 156\.4 m: are they in millimetres\?"),
         (np.where(np.arange(25)[:, None] == 7, np.nan, PINCH), "1 joint is NaN .* joint 7, index-finger-phalanx-inter"),
-        (PINCH[[0, 9, 8, 7, 6, 5, 4, 3, 2, 1, *range(10, 25)]], r"the bone from .* mm long.*: are joints swapped\?"),
+        (
+            PINCH[[0, 9, 8, 7, 6, 5, 4, 3, 2, 1, *range(10, 25)]],
+            r"the bone from .* mm long.* are joints swapped or the same\?",
+        ),
         (changed("ring-finger-tip", 0.06), "the bone from ring-finger-phalanx-distal to ring-finger-tip is 102.9 mm"),
         (0.1 * PINCH, "the bone from wrist to thumb-metacarpal is 5.02.* mm long, but such bones are 10 to 80 mm"),
     ],

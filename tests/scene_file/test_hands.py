@@ -1,5 +1,6 @@
 """Hands in a scene file and from the command line."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,8 @@ import pytest
 from airtact.cli import main
 from airtact.conventions import InvalidInput
 from airtact.posing import pose
+from airtact.replaying import replay_recording
+from airtact.scene.hand_files import load_hand
 from airtact.scene.topology import edge_twins
 from airtact.scene_file.building import read_setup
 
@@ -60,3 +63,37 @@ def test_the_command_refuses_what_it_cannot_do(tmp_path):
     with pytest.raises(InvalidInput, match=r"hand.png ends in '\.png'"):
         pose(PINCH, tmp_path / "hand.png")
     assert main(["hand", str(tmp_path / "none.json"), "--out", str(tmp_path / "hand.ply")]) == 2
+
+
+def test_fingers_that_are_swapped_are_refused(tmp_path):
+    pose_of = json.loads(PINCH.read_text())
+    chains = [list(range(5 + 5 * finger, 10 + 5 * finger)) for finger in range(4)]
+    for order, sentence in (
+        ((3, 1, 2, 0), r"knuckle of the ring finger is 20.7 mm nearer to the index finger's.* are fingers swapped"),
+        ((3, 2, 1, 0), r"thumb is .* mm from the little finger's knuckle.* are fingers swapped"),
+    ):
+        rows = [*range(5), *(joint for finger in order for joint in chains[finger])]
+        swapped = tmp_path / "swapped.json"
+        swapped.write_text(json.dumps({"positions_m": [pose_of["positions_m"][row] for row in rows]}))
+        with pytest.raises(InvalidInput, match=sentence):
+            load_hand(swapped)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("[" * 100_000, "100000 bytes of brackets in brackets"),
+        ('{"positions_m": [[0, 0, 0]], "joints": [["wrist"]]}', r"joint 0 is named \['wrist'\]"),
+        ('{"positions_m": [[0, 0, 0]], "joints": [7]}', "joint 0 is named 7"),
+    ],
+)
+def test_files_that_hold_no_pose_are_refused(tmp_path, text, sentence):
+    file = tmp_path / "pose.json"
+    file.write_text(text)
+    with pytest.raises(InvalidInput, match=sentence):
+        load_hand(file)
+
+
+def test_triangles_of_a_recording_have_sizes_that_can_be(tmp_path):
+    with pytest.raises(InvalidInput, match=r"edge is 5 m, but it must lie between 0\.0008 and 0\.02 m"):
+        replay_recording(EXAMPLES / "hands/pinching.jsonl", tmp_path / "hand.ply", edge=5.0)

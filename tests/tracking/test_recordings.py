@@ -84,8 +84,8 @@ def test_a_fault_is_refused_with_its_line_or_left_out_and_counted(tmp_path, faul
     ("name", "content", "sentence"),
     [
         ("hand.jsonl", b"", "there are 0 frames"),
-        ("hand.npz", b"", "byte 0 onwards"),
-        ("hand.npz", b"rubbish", "byte 0 onwards"),
+        ("hand.npz", b"", "bytes are no whole .npz file"),
+        ("hand.npz", b"rubbish", "bytes are no whole .npz file"),
         ("hand.csv", b"1,2", "the ending '.csv' is not 1 of those"),
     ],
 )
@@ -110,7 +110,7 @@ def test_files_that_are_not_there_are_refused(tmp_path, name):
         ({"sequence": np.zeros(3, dtype=int)}, r"sequence has shape \(3,\)"),
         ({"sequence": np.zeros(4)}, r"sequence has shape \(4,\) and type float64"),
         ({"landmark_counts": np.array([-25, 50, 50, 25])}, "landmark_counts holds a count of -25"),
-        ({"time": np.array([{}] * 4)}, "byte 0 onwards"),
+        ({"time": np.array([{}] * 4)}, "bytes are no whole .npz file"),
     ],
 )
 def test_arrays_that_do_not_fit_are_refused(tmp_path, broken, sentence):

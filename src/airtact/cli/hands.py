@@ -46,6 +46,7 @@ def hand(
     from rich.console import Console
 
     from airtact.cli.tracking import show_recording
+    from airtact.scene.cloud_files import ENDINGS as CLOUDS
     from airtact.tracking.recordings import ENDINGS
 
     if landmarks is not None:
@@ -60,6 +61,8 @@ def hand(
             raise InvalidInput(f"a gap of {gap:g} m is for 1 pose, not for a recording; leave --gap out.")
         show_recording(pose, file, frames, leave_out, edge)
         return
+    if pose.suffix.lower() in CLOUDS:
+        raise InvalidInput(f"{pose.name} is a cloud of points, and came with 0 landmarks; give rough --landmarks.")
     if frames or leave_out:
         raise InvalidInput(f"{pose.name} is 1 pose, no recording; leave --frame and --leave-out out.")
 

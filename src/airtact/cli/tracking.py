@@ -25,7 +25,8 @@ def show_recording(path: Path, file: Path, chosen: tuple[int, ...], leave_out: b
     from rich.console import Console
 
     with progress() as tell:
-        from airtact.replaying import EDGE, replay_recording
+        from airtact.replaying import replay_recording
+        from airtact.report.panel_files import EDGE
 
         replayed = replay_recording(path, file, chosen, leave_out, EDGE if edge is None else edge, tell)
     console = Console()
@@ -81,6 +82,8 @@ def listen(seconds: float, websocket: int, osc: int | None, file: Path) -> None:
         click.echo(f"listening for {seconds:g} s: {', '.join(ports)}", err=True)
         _wait(seconds)
     click.echo(f"Heard: {stream.health}")
+    if not frames:
+        raise InvalidInput(f"0 frames were heard in {seconds:g} s ({', '.join(ports)}): does the tracker send there?")
     save_recording(file, frames)
     click.echo(f"The recording: {file}")
 

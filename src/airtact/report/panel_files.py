@@ -6,12 +6,35 @@ from airtact.conventions import InvalidInput
 from airtact.report.flat_triangles import flat_triangles
 from airtact.report.vtkhdf import write_panels_vtkhdf
 from airtact.report.whole_file import whole_file
+from airtact.scene.guards import within
 from airtact.scene.panels import Panels
 from airtact.scene.topology import edge_twins
 
 CURVED = ".vtkhdf"
 FLAT = (".stl", ".ply", ".glb")
 """File name endings that are written, in metres."""
+
+
+EDGE = 4e-3
+"""Edge of the triangles of a hand's skin unless given [m]."""
+
+FINEST, COARSEST = 0.8e-3, 20e-3
+"""Edges that are taken [m]."""
+
+
+def checked_edge(edge: float) -> float:
+    """Return the edge of the triangles of a hand's skin [m], or refuse it.
+
+    Parameters
+    ----------
+    edge : [m].
+
+    Raises
+    ------
+    InvalidInput
+        It is not from 0.8 to 20 mm.
+    """
+    return within(edge, FINEST, COARSEST, "edge", "m", "is it in millimetres? Give metres.")
 
 
 def check_ending(path: Path) -> None:

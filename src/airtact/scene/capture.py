@@ -11,17 +11,18 @@ from threadpoolctl import ThreadpoolController
 from airtact.conventions import InvalidInput
 from airtact.scene.clouds import AROUND, checked_cloud, thinned
 from airtact.scene.geometry import Surface
-from airtact.scene.guards import fixed, of_kind, real_numbers, refuse_not_finite
+from airtact.scene.guards import fixed, of_kind, place, real_numbers, refuse_not_finite
 from airtact.scene.hand import Hand, Side
 from airtact.scene.hand_anatomy import HandAnatomy, anybody
 from airtact.scene.hand_bending import evenly_bent
 from airtact.scene.hand_equations import SIZES, Seen
+from airtact.scene.hand_feet import gaps_to
 from airtact.scene.hand_following import Followed
 from airtact.scene.hand_outline import outline
 from airtact.scene.hand_parts import OWNER, PARTS
 from airtact.scene.hand_relief import EDGES, in_relief
 from airtact.scene.hand_solving import Solved, followed, skin_spread, solved
-from airtact.scene.joints import BONES, FINGERS, NAMES, evidence_of, joints_of
+from airtact.scene.joints import BONES, FINGERS, NAMES, evidence_of, joints_of, refuse_swapped_fingers
 from airtact.scene.pose import nearest_motion
 from airtact.scene.printing import in_short
 
@@ -43,8 +44,14 @@ SLACK = 20e-3
 CLEAR = 1.5
 """Sum of the sines of bends from which rough landmarks tell a left hand from a right one."""
 
-EXPLAINED, CLOSE = 0.5, 6e-3
+EXPLAINED, CLOSE = 0.8, 6e-3
 """Share of the points around a hand that must be of its skin, nearer than this [m]."""
+
+ASKED = 2000
+"""Of so many of them, about, it is taken."""
+
+BEFORE = 30e-3
+"""A camera stands farther than this before what it sees [m]."""
 
 JUMP = 25e-3
 """A hand that has moved farther since the frame before begins anew from its landmarks [m]."""
@@ -140,14 +147,18 @@ def fit_hand(
     ------
     InvalidInput
         Landmarks missing, NaN, in millimetres, swapped, of the other hand or with impossible bones; a cloud that is
-        tiny, in millimetres, far off, or holds another body; a hand that does not explain the points.
+        tiny, in millimetres, far off, or holds another body; a camera among the points; a hand that does not explain
+        the points.
     """
     joints = joints_of(landmarks, SLACK)
+    refuse_swapped_fingers(joints, SLACK)
     side = _checked_side(joints, side)
     eye = None if camera is None else _checked_camera(camera)
     if before is not None:
         of_kind(before, FittedHand, "the frame before", "what fit_hand gave")
     cloud = checked_cloud(points, joints)
+    if eye is not None:
+        _refuse_camera_inside(eye, cloud)
     person = anatomy or (before.anatomy if before is not None else None)
     known = person if person is not None and person.settled else anybody(joints)
     spread = np.full(25, ROUGH)
@@ -164,8 +175,9 @@ def fit_hand(
             found = solved(seen, starts, sizes, hold=known.settled)
         else:
             found = followed(seen, start, sizes, hold=known.settled)
-        _refuse_poor(seen, found)
-        return _told(seen, found, side, before, person or known)
+        fitted = _told(seen, found, side, before, person or known)
+        _refuse_poor(seen, fitted, cloud)
+        return fitted
 
 
 @cache
@@ -216,11 +228,11 @@ def _checked_side(joints: Float64[np.ndarray, "25 3"], side: Side | None) -> Sid
 
 
 def _checked_camera(camera: Real[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
-    place = real_numbers(camera, "the place of the camera")
-    if place.shape != (3,):
-        raise InvalidInput(f"the place of the camera has shape {place.shape}, but it is 3 numbers, in metres.")
-    refuse_not_finite(place, "the place of the camera")
-    return place
+    eye = real_numbers(camera, "the place of the camera")
+    if eye.shape != (3,):
+        raise InvalidInput(f"the place of the camera has shape {eye.shape}, but it is 3 numbers, in metres.")
+    refuse_not_finite(eye, "the place of the camera")
+    return eye
 
 
 def _carried(before: FittedHand, joints: Float64[np.ndarray, "25 3"]) -> Float64[np.ndarray, "25 3"] | None:
@@ -230,19 +242,32 @@ def _carried(before: FittedHand, joints: Float64[np.ndarray, "25 3"]) -> Float64
     return moved if np.linalg.norm(moved - joints, axis=1).max() < JUMP else None
 
 
-def _refuse_poor(seen: Seen, found: Solved) -> None:
-    used = float((np.abs(found.gaps.distance) < CLOSE).mean())
+def _refuse_poor(seen: Seen, fitted: FittedHand, cloud: Float64[np.ndarray, "near 3"]) -> None:
+    some = cloud[:: max(len(cloud) // ASKED, 1)]
+    used = float((np.abs(gaps_to(some, fitted.hand.shape.hulls, seen.camera).distance) < CLOSE).mean())
+    elsewhere = "" if seen.camera is None else ", or does the camera stand elsewhere"
     if used < EXPLAINED:
         raise InvalidInput(
-            f"the hand explains {100 * used:.0f} % to {1e3 * CLOSE:g} mm of the {len(seen.points)} points within "
+            f"the hand explains {100 * used:.0f} % to {1e3 * CLOSE:g} mm of the {len(cloud)} points within "
             f"{1e3 * AROUND:g} mm of the landmarks: is there a second hand or another body, or are the landmarks of "
-            "another moment?"
+            f"another moment{elsewhere}?"
         )
-    off = np.linalg.norm(found.joints - seen.landmarks, axis=1)
+    off = np.linalg.norm(fitted.hand.joints - seen.landmarks, axis=1)
     worst = int(np.where(seen.spread > ROUGH, 0.0, off).argmax())
     if off[worst] > FAULTY and seen.spread[worst] <= ROUGH:
         raise InvalidInput(
             f"the landmark {NAMES[worst]} is {1e3 * off[worst]:.3g} mm from where the cloud shows that joint, and "
-            f"rough ones are within {1e3 * FAULTY:g} mm: are landmarks swapped?",
+            f"rough ones are within {1e3 * FAULTY:g} mm: are landmarks swapped{elsewhere}?",
             seen.landmarks[worst],
+        )
+
+
+def _refuse_camera_inside(camera: Float64[np.ndarray, "3"], cloud: Float64[np.ndarray, "near 3"]) -> None:
+    sight = np.median(cloud, axis=0) - camera
+    ahead = (cloud - camera) @ sight / max(float(np.linalg.norm(sight)), BEFORE)
+    if ahead.min() < BEFORE:
+        raise InvalidInput(
+            f"the camera stands at {place(camera)}, and {(ahead < BEFORE).sum()} of {len(cloud)} points lie beside it, "
+            f"behind it or less than {1e3 * BEFORE:g} mm before it: give the place they were seen from, in metres.",
+            camera,
         )

@@ -25,7 +25,7 @@ def load_cloud(path: Path) -> Float64[np.ndarray, "points 3"]:
         There is no such file, or it cannot be read or holds no points.
     """
     if path.suffix.lower() not in ENDINGS:
-        raise InvalidInput(f"{path.name} ends in {path.suffix!r}, but clouds are read from 3 kinds: .ply, .xyz, .npy.")
+        raise InvalidInput(f"{path} ends in {path.suffix!r}, but clouds are read from 3 kinds: .ply, .xyz, .npy.")
     if not path.is_file():
         raise InvalidInput(f"there is no file {path}; 0 points were read.")
     try:

@@ -13,6 +13,9 @@ from airtact.scene.joints import BONES, CHAINS, unit
 FEWEST = 200
 """Points that a hand is not told from fewer of."""
 
+LARGEST = 1e6
+"""Coordinates beyond this are no places [m]."""
+
 AROUND = 45e-3
 """Points farther than this from all bones are not of the hand [m]."""
 
@@ -49,6 +52,12 @@ def checked_cloud(
     cloud = points_of(points, "points of a cloud", least=0)
     if len(cloud) < FEWEST:
         raise InvalidInput(f"the cloud has {len(cloud)} points, but a hand takes at least {FEWEST}: give more of it.")
+    widest = int(np.abs(cloud).max(axis=1).argmax())
+    if np.abs(cloud[widest]).max() > LARGEST:
+        raise InvalidInput(
+            f"point {widest} of the cloud has a coordinate of {np.abs(cloud[widest]).max():.3g} m, but hands are seen "
+            f"within {LARGEST:g} m: give metres, and leave out what the camera did not see."
+        )
     apart = _apart(cloud, joints)
     forearm = _forearm(cloud, joints)
     near = (apart < AROUND) & ~forearm

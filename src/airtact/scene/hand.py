@@ -18,7 +18,16 @@ from airtact.scene.hand_hulls import Hulls
 from airtact.scene.hand_meshing import Graded, even_skin, midpoints
 from airtact.scene.hand_parts import Touch, hand_hulls
 from airtact.scene.hand_shape import HandShape
-from airtact.scene.joints import CHAINS, FINGERS, evidence_of, joints_of, radii_of, side_of, unit
+from airtact.scene.joints import (
+    CHAINS,
+    FINGERS,
+    evidence_of,
+    joints_of,
+    radii_of,
+    refuse_swapped_fingers,
+    side_of,
+    unit,
+)
 from airtact.scene.pose import Pose
 from airtact.scene.printing import in_short
 
@@ -214,10 +223,12 @@ def hand_from_joints(
     Raises
     ------
     InvalidInput
-        Joints missing, NaN or in millimetres; a bone of impossible length, which joints that are swapped make; radii
+        Joints missing, NaN or in millimetres; a bone of impossible length, or fingers out of order, as joints that are
+        swapped make; radii
         that no hand has; a side that the bends contradict, or that they leave open and is not given.
     """
     joints = joints_of(positions)
+    refuse_swapped_fingers(joints)
     sizes = radii_of(radii, length, joints)
     seen = side_of(joints)
     if side is not None and side not in ("right", "left"):

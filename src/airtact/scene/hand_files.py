@@ -34,7 +34,7 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
         The file cannot be read or is no pose, or the hand is refused; beginning with the file's name.
     """
     path = Path(path)
-    with about(path.name):
+    with about(path.name or str(path)):
         pose = _pose_in(path)
         radii = _numbers(pose, "radii_m", ()) if "radii_m" in pose else None
         names = pose.get("joints")
@@ -69,7 +69,7 @@ def load_landmarks(path: Path) -> tuple[Float64[np.ndarray, "joints 3"], str | N
     InvalidInput
         The file cannot be read or is no pose; beginning with the file's name.
     """
-    with about(path.name):
+    with about(path.name or str(path)):
         pose = _pose_in(path)
         points, names = _numbers(pose, "positions_m", (3,)), pose.get("joints")
         if names is not None and tuple(names) != NAMES:
@@ -110,6 +110,8 @@ def _pose_in(path: Path) -> dict[str, Any]:
         raise InvalidInput(f"the pose cannot be read: {error.strerror}.") from None
     except UnicodeDecodeError as error:
         raise InvalidInput(f"this is not a text file: byte {error.start} is not UTF-8.") from None
+    except RecursionError:
+        raise InvalidInput(f"this is no pose of a hand: {path.stat().st_size} bytes of brackets in brackets.") from None
     except json.JSONDecodeError as error:
         raise InvalidInput(f"this is not JSON: line {error.lineno} is at fault.") from None
     if not isinstance(pose, dict) or not isinstance(pose.get("positions_m"), list):
@@ -120,4 +122,7 @@ def _pose_in(path: Path) -> dict[str, Any]:
     for key in ("joints", "radii_m"):
         if key in pose and not isinstance(pose[key], list):
             raise InvalidInput(f"{key} is {pose[key]!r}, but it must be a list, one for each of the joints.")
+    for index, name in enumerate(pose.get("joints", ())):
+        if not isinstance(name, str):
+            raise InvalidInput(f"joint {index} is named {name!r}, but names are those of WebXR, such as 'wrist'.")
     return pose

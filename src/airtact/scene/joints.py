@@ -60,6 +60,9 @@ LONGEST = (0.08, 0.11, 0.08, 0.06, 0.05)
 SHORTEST = (0.01, 0.025, 0.018, 0.01, 0.008)
 """Shortest bones there are, a child's [m]."""
 
+ORDERED = 5e-3
+"""By so much may knuckles, or the thumb between its neighbours, be out of order [m]."""
+
 THUMB_BONES = (0, 1, 2, 4)
 """Which of these the thumb's bones are."""
 
@@ -205,6 +208,38 @@ def evidence_of(joints: Float64[np.ndarray, "25 3"]) -> float:
     return evidence
 
 
+def refuse_swapped_fingers(joints: Float64[np.ndarray, "25 3"], rough: float = 0.0) -> None:
+    """Refuse knuckles that do not follow each other across the palm, and a thumb on the little finger's side.
+
+    Parameters
+    ----------
+    joints : (25, 3) [m].
+    rough : they are only known to about this [m].
+
+    Raises
+    ------
+    InvalidInput
+        Which finger is out of order, and by how much.
+    """
+    knuckles = np.array([chain[1] for chain in CHAINS[1:]])
+    across = (joints[knuckles] - joints[knuckles[0]]) @ unit(joints[knuckles[-1]] - joints[knuckles[0]])
+    steps = np.diff(across)
+    worst = int(steps.argmin())
+    if steps[worst] < -ORDERED - 0.5 * rough:
+        raise InvalidInput(
+            f"the knuckle of the {FINGERS[worst + 2]} finger is {-1e3 * steps[worst]:.3g} mm nearer to the index "
+            f"finger's than that of the {FINGERS[worst + 1]} finger: are fingers swapped?",
+            joints[knuckles[worst]],
+        )
+    far = [float(np.linalg.norm(joints[CHAINS[0][1]] - joints[knuckles[end]])) for end in (0, -1)]
+    if far[1] < far[0] - ORDERED - 0.5 * rough:
+        raise InvalidInput(
+            f"the thumb is {1e3 * far[1]:.3g} mm from the little finger's knuckle and {1e3 * far[0]:.3g} mm from the "
+            "index finger's: are fingers swapped?",
+            joints[CHAINS[0][1]],
+        )
+
+
 def unit(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
     """Bring a vector (3,) to length 1."""
     return vector / np.linalg.norm(vector)
@@ -254,9 +289,12 @@ def _refuse_impossible_bones(joints: Float64[np.ndarray, "25 3"], rough: float) 
         return
     first = int(wrong[0])
     one, two = (NAMES[index] for index in ends[first])
-    others = f", and {len(wrong) - 1} more bones are as wrong: are joints swapped?" if len(wrong) > 1 else ""
+    others = (
+        f", and {counted(len(wrong) - 1, 'more bone is', 'more bones are')} as wrong: are joints swapped or the same?"
+    )
+    others = others if len(wrong) > 1 else "; give those joints anew."
     raise InvalidInput(
         f"the bone from {one} to {two} is {1e3 * lengths[first]:.4g} mm long, but such bones are "
-        f"{1e3 * low[first]:g} to {1e3 * high[first]:g} mm{others}; give those joints anew.",
+        f"{1e3 * low[first]:g} to {1e3 * high[first]:g} mm{others}",
         joints[ends[first]].mean(axis=0),
     )

@@ -180,8 +180,8 @@ def _arrays_in(path: Path) -> Mapping[str, Real[np.ndarray, "..."]]:
             arrays = {name: np.asarray(file[name]) for name in ARRAYS if name in file}
     except OSError as error:
         raise InvalidInput(f"the recording cannot be read: {error.strerror or 'it is not of NumPy'}.") from None
-    except (ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
-        raise InvalidInput(f"this is no recording of NumPy, byte 0 onwards: {error}.") from None
+    except (ValueError, EOFError, KeyError, zipfile.BadZipFile):
+        raise InvalidInput(f"these {path.stat().st_size} bytes are no whole .npz file of NumPy: record anew.") from None
     missing = [name for name in ARRAYS if name not in arrays]
     if missing:
         raise InvalidInput(f"{counted(len(missing), 'array is', 'arrays are')} missing, the first is {missing[0]}.")
