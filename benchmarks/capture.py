@@ -1,7 +1,8 @@
 """How well a hand is found in what a depth camera saw of one side of it, and how quickly.
 
-Truth is the GLB hand, and a slender and a stout build of it, bent by their own rig. Run ``PYTHONPATH=.:tests python
-benchmarks/capture.py [views]``, with so many views of each pose.
+Truth is the GLB hand, and a slender and a stout build of it, bent by their own rig; ``child``, another build, was never
+in view while the fit was made. Run ``PYTHONPATH=.:tests python benchmarks/capture.py [views [builds]]``, with so many
+views of each pose.
 """
 
 import sys
@@ -36,10 +37,10 @@ def told(what: str, fitted: FittedHand, true: Rigged, seconds: float) -> float:
     return float(mean)
 
 
-def single_frames(views: int) -> None:
+def single_frames(views: int, builds: list[str]) -> None:
     """Fit single frames of nobody in particular, from chance directions."""
     means = []
-    for build, name, view in product(BUILDS, BENDS, range(views)):
+    for build, name, view in product(builds, BENDS, range(views)):
         true = turned_to_camera(posed(name, build=build), view, palm=view % 2 == 0)
         cloud, landmarks = seen(true, view), rough(true.joints, view)
         began = time.perf_counter()
@@ -70,5 +71,6 @@ def sequence(frames: int = 20) -> None:
 
 if __name__ == "__main__":
     if sys.argv[1:] != ["0"]:
-        single_frames(int(sys.argv[1]) if len(sys.argv) > 1 else 2)
+        builds = sys.argv[2].split(",") if len(sys.argv) > 2 else list(BUILDS)
+        single_frames(int(sys.argv[1]) if len(sys.argv) > 1 else 2, builds)
     sequence()

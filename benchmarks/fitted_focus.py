@@ -6,7 +6,7 @@ aimed 0.5 mm off its skin at the places nearest to these pads. Both are time rev
 and both are heard on the true hand, at the second one's foci, by a finer solution. The hand is fitted to one frame by
 itself, and to the last frame of a sequence in which it closes and turns, so that its sizes are learned. Run
 ``PYTHONPATH=.:tests python benchmarks/fitted_focus.py [views [builds]]``, with so many views of the palm's side of each
-hand and one of its back.
+hand and one of its back. The build ``child`` was never in view while the fit was made.
 """
 
 import sys

@@ -52,6 +52,11 @@ BUILDS = {
 }
 """Three true hands; fits were first tuned on the first of them alone."""
 
+HELD_OUT = {
+    "child": Build((0.8, 0.84, 0.9), (0.82, 0.78, 0.8, 0.77, 0.8), (0.9, 0.93, 0.91, 0.93, 0.9)),
+}
+"""A true hand that no fit was tuned on: small, with short thick fingers."""
+
 
 @dataclass(frozen=True, eq=False)
 class Rigged:
@@ -131,8 +136,8 @@ def bent(hand: Rigged, bends: dict[str, tuple[float, ...]]) -> Rigged:
 
 
 def posed(name: str, share: float = 1.0, build: str = "generic") -> Rigged:
-    """Take one of the poses of ``BENDS``, or a share of the way to it, of one of the hands of ``BUILDS``."""
-    whole = rest() if build == "generic" else reshaped(rest(), BUILDS[build])
+    """Take one of the poses of ``BENDS``, or a share of the way to it, of a hand of ``BUILDS`` or ``HELD_OUT``."""
+    whole = rest() if build == "generic" else reshaped(rest(), (BUILDS | HELD_OUT)[build])
     return rounded(bent(whole, {finger: tuple(share * x for x in angles) for finger, angles in BENDS[name].items()}))
 
 

@@ -43,8 +43,8 @@ keep a promise of a smaller share: points have changed from one part of the hand
 STEPS = 40
 """Steps at most in a first frame."""
 
-LATER = ((6, 8), (3, 4))
-"""In later ones, one point stands for so many, with so many steps at most: few points, then twice as many."""
+LATER = ((6, 8), (1, 4))
+"""In later ones, one point stands for so many, with so many steps at most: few points first, then all."""
 
 AGREED = 0.3
 """Weight of the rules where two ends of the search are compared: a pose that joints and landmarks hardly allow is
