@@ -27,6 +27,11 @@ MOVED = 1e-3
 """Wavelengths that a vertex may be off and its body still counts as rigidly moved."""
 
 
+OFF_SKIN = 2.0
+"""Farther from the skin than so many times what counts as touching its panels no source can touch one: panels lie less
+than 2/3 of that off."""
+
+
 @dataclass(frozen=True, eq=False)
 class FactorisedBodies(Solver):
     """Bodies whose own scattering is kept: a solver for them alone, wherever each of them is moved.
@@ -71,7 +76,7 @@ class FactorisedBodies(Solver):
         if coupling is None:
             return self.whole.radiate(scene, sources)
         placed = coupling.placed
-        sources, factors = _on_skins(placed, sources)
+        sources, factors = _on_skins(scene, placed, sources)
         spoken = factors[:, None] * sources.strengths
         alone = np.ascontiguousarray(np.concatenate([body.alone(sources.positions, spoken) for body in placed]).T)
         result = self._together(coupling, alone)
@@ -161,10 +166,13 @@ def _coupled(placed: Sequence[PlacedPart]) -> Coupling | None:
     return Coupling.of(placed)
 
 
-def _on_skins(placed: Sequence[PlacedPart], sources: Monopoles) -> tuple[Monopoles, Float64[np.ndarray, "sources"]]:
+def _on_skins(
+    scene: Scene, placed: Sequence[PlacedPart], sources: Monopoles
+) -> tuple[Monopoles, Float64[np.ndarray, "sources"]]:
     """Put sources that touch a skin exactly on its panel, and count them twice: they speak with their image."""
     positions, factors = np.array(sources.positions), np.ones(len(sources.positions))
-    for body in placed:
+    close = np.abs(scene.depth(positions)) < OFF_SKIN * max(body.part.surface.nodes.contact.max() for body in placed)
+    for body in placed if close.any() else ():
         local, contact = project_contacts(body.part.surface.nodes, body.local.apply(positions))
         positions[contact] = body.pose.apply(local[contact])
         factors[contact] = 2.0

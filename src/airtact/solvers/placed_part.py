@@ -40,6 +40,18 @@ class PlacedPart:
         """From the scene to the part's own frame."""
         return self.pose.inverse()
 
+    @cached_property
+    def ball(self) -> tuple[Float64[np.ndarray, "3"], float]:
+        """Centre and radius of a ball that holds all nodes [m]."""
+        tree = self.part.tree
+        return self.pose.apply(0.5 * (tree.mins + tree.maxes)), 0.5 * float(np.linalg.norm(tree.maxes - tree.mins))
+
+    def clear_of(self, points: Real[np.ndarray, "points 3"]) -> bool:
+        """Whether all points (P, 3) [m] are so far off that nothing more need be asked."""
+        centre, radius = self.ball
+        off = points - centre
+        return bool(np.einsum("pd,pd->p", off, off).min(initial=np.inf) > (radius + self.part.reach) ** 2)
+
     def reaches(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
         """Which points (P, 3) [m] are too near to be heard from the skeleton."""
         near = self.boxes(points, self.part.reach)
@@ -145,6 +157,8 @@ class PartsField(RadiatedField):
     def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
         """Whether points (P, 3) [m] lie outside the bodies and farther from them than the kept scattering's reach."""
         points = points_of(points, "points", least=0)
+        if all(body.clear_of(points) for body in self.placed):
+            return np.ones(len(points), dtype=bool)
         known = ~np.any([body.reaches(points) for body in self.placed], axis=0)
         within = known & np.any([body.boxes(points) for body in self.placed], axis=0)
         known[within] = self.scene.depth(points[within]) < 0
