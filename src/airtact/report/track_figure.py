@@ -39,7 +39,7 @@ def draw_tracks(tracks: Sequence[PadTrack], said: str = "") -> Figure:
             axes.set_ylabel(f"{axis} [mm]")
         gap = 1e3 * np.linalg.norm(lost[:, 0] - lost[:, 1], axis=1)
         rows[3, column].plot(whole, gap, color="#444444", linewidth=1.2)
-        rows[3, column].set_ylabel("thumb to index pad [mm]")
+        rows[3, column].set_ylabel("thumb to index\npad [mm]")
         rows[3, column].set_ylim(bottom=0.0)
         rows[3, column].set_xlabel("time [s]")
         rows[0, column].set_title(f"{track.side} hand", fontsize=10)
