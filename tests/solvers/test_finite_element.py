@@ -159,6 +159,13 @@ def test_a_meshed_workspace_is_read_off_the_mesh():
         solver.radiate(scene, one_each(np.array([[0.0, 0.0, 0.013]])))
 
 
+@pytest.mark.parametrize(("corner", "off"), [(0.003, "2.86"), (0.005, "0.858")])
+def test_bodies_beyond_the_workspace_are_refused(corner, off):
+    solver = at.FiniteElement(domain="box", box=((-corner, -corner, -corner), (corner, corner, corner)))
+    with pytest.raises(at.InvalidInput, match=rf"body 0 reaches {off} mm too far at .* with 0\.86 mm to spare; take a"):
+        solver.factorised(ball_scene(BODIES["hard"]))
+
+
 @pytest.mark.parametrize(("order", "size"), [(4, 1.0), (3, 1.7)])
 def test_coarse_meshes_and_low_orders_are_not_graded(order, size):
     """Two fingers were 65 % off where they were."""
@@ -282,6 +289,15 @@ def test_symmetry_that_is_not_there_is_refused_with_how_far_it_is_off():
         ({"symmetry": "x"}, r"symmetry is 'x', but it must be 'found' or axes such as \('x', 'y'\)"),
         ({"symmetry": ("w",)}, r"symmetry is \('w',\)"),
         ({"domain": "open"}, "domain is 'open'"),
+        (
+            {"box": ((0.01, 0, 0), (-0.01, 0.1, 0.1))},
+            r"goes from \(10.00, 0.00, 0.00\) mm to \(-10.00, 100.00, 100.00\) mm",
+        ),
+        (
+            {"box": ((0.0, 0.0, 0.0), (0.1, 0.1, 0.0))},
+            r"to \(100.00, 100.00, 0.00\) mm, but its second corner must lie",
+        ),
+        ({"box": ((0.0, 0.0, np.nan), (0.1, 0.1, 0.1))}, r"from \(0.00, 0.00, nan\) mm"),
         ({"factorisation": "lu"}, "factorisation is 'lu'"),
     ],
 )

@@ -129,13 +129,12 @@ def _page(settings: Settings, parts: list[Part], waiting: list[str], clock: Cloc
 
 def _left_out(settings: Settings) -> str:
     return (
-        f"This is the {settings.name} run. Of the full one it has: order {settings.order} in place of {FULL.order}; "
+        f"This is the {settings.name} run. Of the full one it has: "
         f"{len(settings.gaps) * len(settings.radii)} of {len(FULL.gaps) * len(FULL.radii)} gaps and radii, "
         f"{len(settings.tilts)} tilts at {len(settings.tilt_gaps)} of {len(FULL.tilt_gaps)} gaps; microphone steps of "
         f"{1e3 * settings.scan_step:g} mm in place of {1e3 * FULL.scan_step:g} mm; in the study of meshes only what is "
         f"predicted under {settings.study_seconds:g} s in place of {FULL.study_seconds:g} s; {settings.poses} of "
-        f"{FULL.poses} poses; a judge at {100 * settings.judging:g} % in place of {100 * FULL.judging:g} %; water "
-        f"against rigid at order {settings.water_order} in place of {FULL.water_order}."
+        f"{FULL.poses} poses; a truth at {100 * settings.truth:g} % in place of {100 * FULL.truth:g} %."
     )
 
 

@@ -82,10 +82,10 @@ FULL = Settings(  # gaps in steps well below half a wavelength: sound stands bet
 
 QUICK = Settings(
     name="quick",
-    order=4,
+    order=5,
     elements_per_wavelength=1.7,
     plane_step=1.4e-3,
-    judging=0.02,
+    judging=0.005,
     truth=0.01,
     sweep_drive=0.05,
     sweep_judge=0.03,
@@ -103,5 +103,5 @@ QUICK = Settings(
     study_budget=40.0,
     poses=10,
     node_spacings=(6.0,),
-    water_order=4,
+    water_order=5,
 )

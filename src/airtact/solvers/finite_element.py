@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput, Vector
 from airtact.scene.guards import counted, number, of_kind, place
@@ -33,6 +34,9 @@ MARGIN = 0.3
 
 LAYER = 0.55
 """Thickness of the matched layer, in wavelengths."""
+
+ROOM = 0.1
+"""Air at least between the bodies and the faces of a workspace that is meshed, in wavelengths."""
 
 PAPER_BOX = ((-0.07, -0.07, -0.09), (0.07, 0.07, 0.09))
 """The paper's workspace, 14 x 14 x 18 cm [m]."""
@@ -104,6 +108,12 @@ class FiniteElement(Solver):
             raise InvalidInput(f"symmetry is {self.symmetry!r}, but it must be 'found' or axes such as ('x', 'y').")
         if self.domain not in ("tight", "box"):
             raise InvalidInput(f"domain is {self.domain!r}, but it must be 'tight' or 'box'.")
+        low, high = (np.array(corner, dtype=np.float64) for corner in self.box)
+        if not (np.isfinite(low).all() and np.isfinite(high).all() and (high > low).all()):
+            raise InvalidInput(
+                f"the workspace goes from {place(low)} to {place(high)}, but its second corner must lie above the "
+                "first along x, y and z."
+            )
         if self.factorisation not in ("found", "multifrontal", "sparsecholesky", "pardiso"):
             raise InvalidInput(
                 f"factorisation is {self.factorisation!r}, but it must be 'found', 'multifrontal', 'sparsecholesky' or "
@@ -205,6 +215,7 @@ class FiniteElement(Solver):
     def _box(self, scene: Scene, mirrors: tuple[Mirror, ...]) -> Box:
         if self.domain == "box":
             low, high = (np.array(corner, dtype=np.float64) for corner in self.box)
+            _refuse_beyond(scene, low, high)
         else:
             places = np.concatenate([skin_places(obstacle.surface.shape) for obstacle in scene.obstacles])
             low, high = places.min(axis=0) - MARGIN * scene.wavelength, places.max(axis=0) + MARGIN * scene.wavelength
@@ -281,6 +292,21 @@ class FactorisedScene(Solver):
         size = np.linalg.norm(pressures[1], axis=0)
         error = float((np.linalg.norm(pressures[0] - pressures[1], axis=0) / np.where(size > 0, size, 1)).max())
         return replace(fields[0], report=replace(report, estimated_error=error))
+
+
+def _refuse_beyond(scene: Scene, low: Float64[np.ndarray, "3"], high: Float64[np.ndarray, "3"]) -> None:
+    """Refuse bodies that reach beyond the workspace, or nearly so."""
+    for body, obstacle in enumerate(scene.obstacles):
+        places = skin_places(obstacle.surface.shape)
+        beyond = np.maximum(low - places, places - high).max(axis=1) + ROOM * scene.wavelength
+        worst = int(beyond.argmax())
+        if beyond[worst] > 0:
+            raise InvalidInput(
+                f"body {body} reaches {1e3 * beyond[worst]:.3g} mm too far at {place(places[worst])} for the workspace "
+                f"from {place(low)} to {place(high)}, which must hold all bodies with "
+                f"{1e3 * ROOM * scene.wavelength:.2g} mm to spare; take a larger box.",
+                places[worst],
+            )
 
 
 def _refuse_in_layer(box: Box, sources: Monopoles) -> None:

@@ -24,7 +24,7 @@ EASE = 3.0
 FAR = 0.5
 """Distance from the skins that is far [λ]."""
 
-HIGHER, LEAST = 4, 2
+HIGHER, LEAST = 4, 3
 """Orders are at most this much above the one asked for, and at least this high where that one is."""
 
 ON_BOX = 1e-9
