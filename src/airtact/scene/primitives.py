@@ -125,7 +125,7 @@ class Capsule:
             (rings, sectors): _count(rings, sectors, length) for rings in range(2, most + 1) for sectors in (3, 4, 5)
         }
         least = 2.0 * math.pi / (1.001 * bend)
-        enough = {way: count for way, count in counts.items() if count >= 0.9 * wanted and way[0] * way[1] >= least}
+        enough = {way: count for way, count in counts.items() if count >= wanted and way[0] * way[1] >= least}
         vertices, triangles = _mesh(*min(enough, key=enough.__getitem__), length)
         panels = self.pose.apply(with_middles(self.radius * vertices[triangles]))
         panels = self.fitted(panels)
