@@ -1,5 +1,6 @@
 """A hand fitted to a cloud from the command line."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import airtact as at
 from airtact.cli import main
 from airtact.posing import fit
 from airtact.scene.hand_relief import EDGES
+from scene.rigged_hand import posed, rough, seen, turned_to_camera
 
 HANDS = Path(__file__).parent.parent / "examples/hands"
 CLOUD, LANDMARKS = str(HANDS / "seen_hand.ply"), str(HANDS / "seen_hand.json")
@@ -23,6 +25,7 @@ def test_a_cloud_gives_a_closed_skin_a_picture_and_how_sure_it_is(tmp_path: Path
     said = capsys.readouterr().out
     assert "skin uncertain by" in said
     assert "points used" in said
+    assert "mm, off by some" in said
     skin = trimesh.load(file)
     assert skin.is_watertight  # pyright: ignore[reportAttributeAccessIssue]
     assert file.with_suffix(".png").stat().st_size > 20_000
@@ -45,6 +48,22 @@ def test_the_file_holds_the_skin_that_was_brought_to_the_points(tmp_path: Path, 
         np.linalg.norm(written.vertices[written.triangles[:, 0]] - written.vertices[written.triangles[:, 1]], axis=1)
     )
     assert middle == pytest.approx(0.5 * (edge or EDGES[0]), rel=0.25)  # curved panels, cut in four flat ones
+
+
+def test_pads_that_the_camera_did_not_see_are_said_to_be_less_sure(tmp_path: Path) -> None:
+    errors = []
+    for palm in (True, False):
+        true = turned_to_camera(posed("pinch"), 0, palm=palm)
+        np.save(tmp_path / "cloud.npy", seen(true, 8))
+        (tmp_path / "joints.json").write_text(
+            json.dumps({"positions_m": rough(true.joints, 8).tolist(), "side": "right"})
+        )
+        done = fit(tmp_path / "cloud.npy", tmp_path / "joints.json", tmp_path / "hand.ply", (0.0, 0.0, 0.0))
+        errors.append(done.errors["index.pad"])
+        off = np.linalg.norm(done.hand.joints[[8, 9]] - true.joints[[8, 9]], axis=1)
+        assert np.sqrt(np.mean(off**2)) < 2.5 * done.errors["index.pad"]
+
+    assert errors[1] > 1.2 * errors[0]
 
 
 @pytest.mark.parametrize(

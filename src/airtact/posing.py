@@ -20,6 +20,7 @@ from airtact.scene.curved_shape import CurvedShape
 from airtact.scene.geometry import Surface
 from airtact.scene.hand import Hand, Side
 from airtact.scene.hand_files import load_hand, load_landmarks
+from airtact.scene.joints import CHAINS, FINGERS
 from airtact.scene.panels import Panels
 from airtact.scene.six_nodes import SixNodes, smallest_angles
 
@@ -71,6 +72,13 @@ class Fitted(Posed):
         """Points of the skin that a target can name (3,) [m]."""
         points = np.array([point for point, _ in self.hand.places.values()])
         return dict(zip(self.hand.places, self.surface.shape.project(points), strict=True))
+
+    @property
+    def errors(self) -> Mapping[str, float]:
+        """Standard deviation of the position of each place, by that of the joints beside it [m]."""
+        beside = {f"{finger}.pad": list(chain[-2:]) for finger, chain in zip(FINGERS, CHAINS, strict=True)}
+        beside["palm"] = [joint for chain in CHAINS[1:] for joint in chain[:2]]
+        return {name: float(np.sqrt(np.mean(self.fitted.joint_errors[own] ** 2))) for name, own in beside.items()}
 
     @property
     def usual(self) -> float:

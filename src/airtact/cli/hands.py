@@ -9,6 +9,8 @@ from airtact.cli.console import progress
 from airtact.conventions import InvalidInput
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from rich.table import Table
 
     from airtact.posing import Posed
@@ -87,7 +89,7 @@ def _show_cloud(
 
         done = fit(cloud, landmarks, file, camera, edge, tell)
     console, fitted = Console(), done.fitted
-    table = _facts(done)
+    table = _facts(done, done.errors)
     used = ~fitted.strays
     near = f"half of them within {1e3 * done.usual:.1f} mm of the skin"
     table.add_row("points used", f"{used.sum():,} of {len(used):,} thinned out; {near}")
@@ -97,7 +99,7 @@ def _show_cloud(
     console.print(f"The skin: {done.file}, its picture: {done.picture}", soft_wrap=True, highlight=False)
 
 
-def _facts(posed: "Posed") -> "Table":
+def _facts(posed: "Posed", errors: "Mapping[str, float] | None" = None) -> "Table":
     from rich.box import SIMPLE
     from rich.table import Table
 
@@ -109,5 +111,6 @@ def _facts(posed: "Posed") -> "Table":
     for name, point in posed.places.items():
         depth = float(shape.depth(point[None])[0])
         where = ", ".join(f"{1e3 * number:.1f}" for number in point)
-        table.add_row(name, f"({where}) mm" + (f", {1e3 * depth:.1f} mm inside the body" if depth > 1e-6 else ""))
+        sure = "" if errors is None else f", off by some {1e3 * errors[name]:.0f} mm"
+        table.add_row(name, f"({where}) mm{sure}" + (f", {1e3 * depth:.1f} mm inside the body" if depth > 1e-6 else ""))
     return table
