@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64
 
-from airtact.conventions import InvalidInput
+from airtact.conventions import InvalidInput, about
 from airtact.scene.guards import complex_numbers, counted, place, points_of, refuse_not_finite
 from airtact.scene.printing import in_short
 from airtact.scene.text_table import read_text_table
@@ -97,7 +97,8 @@ def load_scan(path: str | Path) -> Scan:
     points = np.stack([table.numbers(name) for name in PLACE], axis=1)
     phased = PHASE in table.names
     phases = table.numbers(PHASE) if phased else np.zeros(len(points))
-    return Scan(points, table.numbers(PRESSURE) * np.exp(1j * phases), phased)
+    with about(Path(path).name):
+        return Scan(points, table.numbers(PRESSURE) * np.exp(1j * phases), phased)
 
 
 @dataclass(frozen=True, eq=False)
