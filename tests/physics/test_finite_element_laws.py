@@ -76,6 +76,17 @@ def test_far_away_boundary_elements_hear_the_same(case):
     assert relative(found, other).max() < 0.01
 
 
+def test_contact_where_panels_stand_off_each_other_is_heard_as_by_finite_elements():
+    """Two vertices beside panels that lie 1 and 11 micrometres off the one that is touched."""
+    tip = fingertip()
+    scene, points = at.Scene(PAPER_AIR, [at.sound_hard(at.Surface(tip.vertices, tip.triangles))]), far_points(30)
+    ready = at.FiniteElement(symmetry=()).factorised(scene)
+    for vertex in tip.vertices[[70, 110]]:
+        sources = one_each(vertex[None])
+        found = at.BoundaryElement().radiate(scene, sources).at(points)
+        assert relative(found, ready.radiate(scene, sources).at(points)).max() < 0.03
+
+
 @pytest.mark.slow
 def test_contact_on_a_capsule_is_heard_as_by_boundary_elements():
     case = Case(capsule())

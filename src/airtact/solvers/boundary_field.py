@@ -224,7 +224,8 @@ class BoundaryField(RadiatedField):
         """Incident pressure plus the double layer of a pressure on the skin; twice that on the skin itself."""
         wavenumber, rule, precision = self.surface.wavenumber, self.surface.near_rule, self.surface.precision
         out = self._free(points, self.sources.strengths, cells)
-        out += double_layer_pressure(points, *on_skin, wavenumber, rule, precision, cells, nodal)
+        touching = None if nodal else contact
+        out += double_layer_pressure(points, *on_skin, wavenumber, rule, precision, cells, nodal, touching)
         return np.where(contact, 2, 1)[:, None] * out
 
     def _heard_near(

@@ -193,7 +193,7 @@ def heard(
     factors = np.where(contact, 2.0, 1.0)
     weights = factors[:, None] * strengths
     rule, precision = surface.near_rule, surface.precision
-    return double_layer_heard(positions, surface.nodes, weights, surface.wavenumber, rule, precision), factors
+    return double_layer_heard(positions, surface.nodes, weights, surface.wavenumber, rule, precision, contact), factors
 
 
 def refuse_too_large(count: int, store: Store, copies: int = 1) -> None:

@@ -1,6 +1,7 @@
 """Layers of sound on curved panels, heard anywhere: far panels by their nodes, near ones by near integrals."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Complex, Complex128, Float64, Int64, Real
@@ -118,11 +119,13 @@ def double_layer_pressure(
     precision: str,
     cells: Cells | None = None,
     nodal: bool = False,
+    contact: Bool[np.ndarray, "points"] | None = None,
 ) -> Complex128[np.ndarray, "points sounds"]:
     """Double layer D[p] of a pressure on the skin, at points off the panels or exactly on them (principal value).
 
     The points may come with the cells that they are in, and then none of them on a panel. ``nodal`` says that they are
-    on panels, inside them like nodes, where the near integrals do with the precision of all else.
+    on panels, inside them like nodes, where the near integrals do with the precision of all else. ``contact`` says
+    which of them were put on a panel.
     """
     points = np.ascontiguousarray(points, dtype=np.float64)
     if cells is None:
@@ -141,11 +144,31 @@ def double_layer_pressure(
         least = 0.05 * float(nodes.radii.min())
         out = cells.heard(nodes.points, nodes.weighted_normals, pressure, wavenumber, least)
     near = near_skin(nodes, points, near_rule.reach)
-    if near.any():
-        precise = precision if nodal else "float64" if cells is None else "float32"
-        rows = near_rows(nodes, points[near], wavenumber, near_rule, precise, least)
-        out[near] += rows.sparse(len(nodes.points)) @ pressure
+    precise = precision if nodal else "float64" if cells is None else "float32"
+    for some, there in _by_contact(nodes, points, near, contact):
+        rows = near_rows(there, points[some], wavenumber, near_rule, precise, least)
+        out[some] += rows.sparse(len(nodes.points)) @ pressure
     return out
+
+
+def _by_contact(
+    nodes: Nodes,
+    points: Real[np.ndarray, "points 3"],
+    near: Bool[np.ndarray, "points"],
+    contact: Bool[np.ndarray, "points"] | None,
+) -> Iterator[tuple[Bool[np.ndarray, "points"], Nodes]]:
+    """Near points, those on a panel apart, each with the nodes as they shall see them.
+
+    Panels beside each other stand off the skin by different lengths. To a point on one of them the next one must not
+    seem to be above or below it, or half of what its corner fills of the sky would be lost or counted twice: it is
+    touched too where it is no farther than both of them together count as touching.
+    """
+    on = near & contact if contact is not None else np.zeros(len(points), dtype=bool)
+    if (near & ~on).any():
+        yield near & ~on, nodes
+    if on.any():
+        own = nodes.contact[find_contacts(nodes, points[on]).panel].max(initial=0.0)
+        yield on, replace(nodes, contact=nodes.contact + own)
 
 
 def _least_distance(nodes: Nodes, near_rule: NearRule, precision: str) -> tuple[float, str]:
@@ -163,13 +186,17 @@ def double_layer_heard(
     wavenumber: complex,
     near_rule: NearRule,
     precision: str,
+    contact: Bool[np.ndarray, "points"] | None = None,
 ) -> Complex128[np.ndarray, "nodes sounds"]:
-    """Σ_i s_i D(x_i, y_j): how the pressure at each node is heard by points with weights."""
+    """Σ_i s_i D(x_i, y_j): how the pressure at each node is heard by points with weights.
+
+    ``contact`` says which of the points were put on a panel.
+    """
     near = near_skin(nodes, points, near_rule.reach)
     total = np.zeros((len(nodes.points), strengths.shape[1]), dtype=np.complex128)
-    if near.any():
-        rows = near_rows(nodes, points[near], wavenumber, near_rule, "float64")
-        total += rows.sparse(len(nodes.points)).T @ strengths[near]
+    for some, there in _by_contact(nodes, points, near, contact):
+        rows = near_rows(there, points[some], wavenumber, near_rule, "float64")
+        total += rows.sparse(len(nodes.points)).T @ strengths[some]
     for chosen, kind in ((near, "float64"), (~near, precision)):
         some = np.ascontiguousarray(points[chosen], dtype=np.float64)
         weights = strengths[chosen]

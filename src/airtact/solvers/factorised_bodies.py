@@ -78,7 +78,9 @@ class FactorisedBodies(Solver):
         placed = coupling.placed
         sources, factors = _on_skins(scene, placed, sources)
         spoken = factors[:, None] * sources.strengths
-        alone = np.ascontiguousarray(np.concatenate([body.alone(sources.positions, spoken) for body in placed]).T)
+        alone = np.ascontiguousarray(
+            np.concatenate([body.alone(sources.positions, spoken, factors > 1) for body in placed]).T
+        )
         result = self._together(coupling, alone)
         report = replace(
             self.report,

@@ -70,12 +70,15 @@ class PlacedPart:
         return bool(self.reaches(other.pose.apply(other.part.surface.nodes.points)).any())
 
     def alone(
-        self, positions: Real[np.ndarray, "sources 3"], spoken: Complex128[np.ndarray, "sources sounds"]
+        self,
+        positions: Real[np.ndarray, "sources 3"],
+        spoken: Complex128[np.ndarray, "sources sounds"],
+        contact: Bool[np.ndarray, "sources"],
     ) -> Complex[np.ndarray, "hearing sounds"]:
-        """Strengths of the hearing skeleton for some monopoles, were no other body there."""
+        """Strengths of the hearing skeleton for monopoles, some of which touch a skin, were no other body there."""
         part, surface = self.part, self.part.surface
         local, rule = self.local.apply(positions), surface.near_rule
-        heard = double_layer_heard(local, surface.nodes, spoken, surface.wavenumber, rule, surface.precision)
+        heard = double_layer_heard(local, surface.nodes, spoken, surface.wavenumber, rule, surface.precision, contact)
         return part.solved @ heard.astype(part.solved.dtype)
 
     def hears(self, other: "PlacedPart") -> Complex[np.ndarray, "hearing speaking"]:
