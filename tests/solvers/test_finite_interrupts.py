@@ -12,11 +12,12 @@ import os, signal, sys, time
 import numpy as np
 import airtact as at
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell's background job would ignore
 scene = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(at.sphere(2e-3, 1e-3))], frequency=40e3)
 at.FiniteElement(order=1).factorised(scene)
 try:
     os.kill(os.getpid(), signal.SIGINT)
-    time.sleep(20)  # another thread may get it first and tell this one later
+    time.sleep(20)  # another thread may get it first
     sys.exit("nothing was heard")
 except KeyboardInterrupt:
     print("heard")
