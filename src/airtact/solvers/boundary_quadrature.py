@@ -35,6 +35,10 @@ def _degree_four_rule() -> tuple[Float64[np.ndarray, "6 2"], Float64[np.ndarray,
 CONTACT = 1e-3
 """A point nearer to a panel than this share of the panel's radius is taken to lie on it."""
 
+OFF_SKIN = 2.0
+"""Farther from the true skin than so many times a panel's contact nothing touches the panel, which is less than 2/3 of
+its contact off the skin."""
+
 RULE_POINTS, RULE_WEIGHTS = _degree_four_rule()
 
 

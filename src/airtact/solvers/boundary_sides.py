@@ -8,7 +8,7 @@ from jaxtyping import Bool, Complex128, Float64, Real
 from airtact import _kernels
 from airtact.scene.scene import Scene
 from airtact.solvers.boundary_pressure import NearRule, double_layer_pressure, in_box, project_contacts
-from airtact.solvers.boundary_quadrature import Nodes, near_lists
+from airtact.solvers.boundary_quadrature import OFF_SKIN, Nodes, near_lists
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ def sides_of(scene: Scene, nodes: Nodes, points: Real[np.ndarray, "points 3"], n
     places, contact = np.array(points, dtype=np.float64), np.zeros(len(points), dtype=bool)
     first, panel = near_lists(nodes, places, near_rule.reach * nodes.radii)
     near = np.diff(first) > 0
-    touch = np.zeros(len(places))  # panels are less than 2/3 of that off the skins
+    touch = np.zeros(len(places))
     if len(panel):
         touch[near] = np.maximum.reduceat(nodes.contact[panel], first[:-1][near])
     outside, doubtful = np.ones(len(places), dtype=bool), in_box(nodes, places)  # all others are outside
@@ -50,7 +50,7 @@ def sides_of(scene: Scene, nodes: Nodes, points: Real[np.ndarray, "points 3"], n
     outside[told] = depth < 0
     doubtful[told] = False
     outside[doubtful] = _unfilled(nodes, places[doubtful])
-    some = told[np.abs(depth) < 2 * touch[told]]
+    some = told[np.abs(depth) < OFF_SKIN * touch[told]]
     places[some], contact[some] = project_contacts(nodes, places[some])
     outside[contact] = True
     some = told[(np.abs(depth) < touch[told]) & ~contact[told]]

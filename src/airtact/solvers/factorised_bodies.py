@@ -18,6 +18,7 @@ from airtact.scene.scene import Obstacle, Scene, check_sources
 from airtact.scene.six_nodes import longest_edges
 from airtact.scene.sources import Monopoles
 from airtact.solvers.boundary_pressure import project_contacts
+from airtact.solvers.boundary_quadrature import OFF_SKIN
 from airtact.solvers.gmres import GmresResult, gmres
 from airtact.solvers.placed_part import Coupling, PartsField, PlacedPart
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport
@@ -25,11 +26,6 @@ from airtact.solvers.scattering_part import ScatteringPart
 
 MOVED = 1e-3
 """Wavelengths that a vertex may be off and its body still counts as rigidly moved."""
-
-
-OFF_SKIN = 2.0
-"""Farther from the skin than so many times what counts as touching its panels no source can touch one: panels lie less
-than 2/3 of that off."""
 
 
 @dataclass(frozen=True, eq=False)
