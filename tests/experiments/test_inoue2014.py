@@ -35,7 +35,6 @@ TINY = dataclasses.replace(
     study_budget=1.0,
     poses=2,
     node_spacings=(1.0,),
-    water_order=3,
 )
 
 TABLES = {

@@ -36,17 +36,15 @@ def differences(made: Solved, settings: Settings, folder: Path, clock: Clock) ->
     plane = plane_through(fingers.foci, vertices, made.scene.wavelength).points[::7]
     plane = plane[made.scene.depth(plane) < -OFF_SKIN * made.scene.wavelength]
     points = np.concatenate([elements, plane])
-    rough = FiniteElement(settings.water_order, settings.elements_per_wavelength)
+    finite = f"finite elements of order {settings.order}"
     ways: dict[str, tuple[Scene, Solver]] = {
         "boundary elements, rigid": (made.scene, BoundaryElement(accuracy=settings.truth)),
-        f"finite elements of order {settings.water_order}, rigid": (made.scene, rough),
-        f"finite elements of order {settings.water_order}, water": (fingers.watery, rough),
+        f"{finite}, water": (fingers.watery, FiniteElement(settings.order, settings.elements_per_wavelength)),
     }
-    heard = {f"finite elements of order {settings.order}, rigid": made.field.at(points)[:, 0]}
+    heard = {f"{finite}, rigid": made.field.at(points)[:, 0]}
     for name, (scene, solver) in ways.items():
-        if name not in heard:
-            with clock.step(name, f"solving for the beacons by {name}"):
-                heard[name] = solver.radiate(scene, fingers.beacon).at(points)[:, 0]
+        with clock.step(name, f"solving for the beacons by {name}"):
+            heard[name] = solver.radiate(scene, fingers.beacon).at(points)[:, 0]
     count = len(elements)
     pairs = [(one, other) for index, one in enumerate(heard) for other in list(heard)[index + 1 :]]
     rows = [(one, other, *_apart(heard[one], heard[other], count)) for one, other in pairs]

@@ -26,7 +26,6 @@ class Settings:
     study_seconds, study_bytes : a combination that is predicted to take more is not run.
     study_budget : no further combination is begun after so many seconds.
     poses, node_spacings : random poses, and wavelengths over the distance of nodes, of the study of interpolation.
-    water_order : order of the finite elements that compare water with rigid fingers.
     """
 
     name: str
@@ -51,7 +50,6 @@ class Settings:
     study_budget: float
     poses: int
     node_spacings: tuple[float, ...]
-    water_order: int
 
 
 FULL = Settings(  # gaps in steps well below half a wavelength: sound stands between the fingers
@@ -77,7 +75,6 @@ FULL = Settings(  # gaps in steps well below half a wavelength: sound stands bet
     study_budget=640.0,
     poses=200,
     node_spacings=(6.0, 10.0),
-    water_order=5,
 )
 
 QUICK = Settings(
@@ -103,5 +100,4 @@ QUICK = Settings(
     study_budget=40.0,
     poses=10,
     node_spacings=(6.0,),
-    water_order=5,
 )
