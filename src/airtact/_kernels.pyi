@@ -9,7 +9,7 @@ def use_variant(name: str) -> None: ...
 lanes: int
 sharing: int
 
-def dual_matrix_bfloat16(
+def dual_tiles_bfloat16(
     points: np.ndarray,
     shifted: np.ndarray,
     normals: np.ndarray,
@@ -20,13 +20,41 @@ def dual_matrix_bfloat16(
     first_shifted: np.ndarray,
     panel_shifted: np.ndarray,
     excess_shifted: np.ndarray,
+    whole_first: np.ndarray,
+    whole_column: np.ndarray,
     out: np.ndarray,
 ) -> None: ...
-def dual_product_bfloat16(matrix: np.ndarray, v: np.ndarray, transposed: bool, out: np.ndarray) -> None: ...
+def dual_crosses_bfloat16(
+    points: np.ndarray,
+    shifted: np.ndarray,
+    normals: np.ndarray,
+    k: complex,
+    far_first: np.ndarray,
+    far_column: np.ndarray,
+    tolerance: float,
+    count: np.ndarray,
+    begin: np.ndarray,
+    out: np.ndarray,
+) -> int: ...
+def dual_product_bfloat16(
+    whole_first: np.ndarray,
+    whole_column: np.ndarray,
+    tiles: np.ndarray,
+    far_first: np.ndarray,
+    far_column: np.ndarray,
+    count: np.ndarray,
+    begin: np.ndarray,
+    crosses: np.ndarray,
+    v: np.ndarray,
+    transposed: bool,
+    out: np.ndarray,
+) -> None: ...
 
-dual_matrix_float32 = dual_matrix_bfloat16
+dual_tiles_float32 = dual_tiles_bfloat16
+dual_crosses_float32 = dual_crosses_bfloat16
 dual_product_float32 = dual_product_bfloat16
-dual_matrix_float64 = dual_matrix_bfloat16
+dual_tiles_float64 = dual_tiles_bfloat16
+dual_crosses_float64 = dual_crosses_bfloat16
 dual_product_float64 = dual_product_bfloat16
 
 def double_layer_matrix_float32(

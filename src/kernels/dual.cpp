@@ -1,59 +1,32 @@
-// The matrix of the dual-surface equation: its rows, filled one at a time, and its products with a few vectors at once.
-#include "rows.hpp"
-
-#ifdef _OPENMP
-#include <omp.h>
-#endif
+// The matrix of the dual-surface equation: its tiles, filled a row at a time, and its products with a few vectors at once.
+#include "tiles.hpp"
 
 namespace airtact {
 namespace AIRTACT_VARIANT {
 namespace {
 
-std::int64_t blocks_of(std::int64_t m) { return (m + lanes - 1) / lanes; }
+static_assert(lanes % 6 == 0 && lanes % sharing == 0, "a panel is in one tile");
 
-// Calls add(column, real, imaginary) for what the near panels of target i add to the columns of a block. `next` is the
-// first of them that may reach into it or a later one: panels come in order.
+// Calls add(column, real, imaginary) for what the near panels of target i add to the columns of a tile. `next` is the
+// first of them that may be in it or a later one: panels come in order.
 template <class Add>
 void add_near(const NearRows &near, std::int64_t i, std::int64_t begin, std::int64_t n, std::int64_t &next,
               const Add &add) {
-    for (std::int64_t e = next; e < near.first[i + 1] && 6 * near.panel[e] < begin + n; e++) {
-        for (int l = 0; l < 6; l++) {
-            const std::int64_t at = 6 * near.panel[e] + l - begin;
-            if (at >= 0 && at < n) add(at, near.excess[6 * e + l].real(), near.excess[6 * e + l].imag());
-        }
-        if (6 * near.panel[e] + 6 <= begin + n) next = e + 1;
-    }
+    for (; next < near.first[i + 1] && 6 * near.panel[next] < begin + n; next++)
+        for (int l = 0; l < 6; l++)
+            add(6 * near.panel[next] + l - begin, near.excess[6 * next + l].real(), near.excess[6 * next + l].imag());
 }
-
-constexpr std::int64_t half = lanes / 2;
-
-// A block's two halves, each number as it is, or of two numbers the upper 16 bits each
-template <class Real> void store(const Real *block, Real *out) { std::copy(block, block + lanes, out); }
-void store(const float *block, std::uint32_t *out) {
-    constexpr std::uint32_t rounded = 0x8000, upper = 0xffff0000;
-#pragma omp simd
-    for (std::int64_t l = 0; l < half; l++)
-        out[l] = (bits<std::uint32_t>(block[l]) + rounded) >> 16 | ((bits<std::uint32_t>(block[half + l]) + rounded) & upper);
-}
-
-template <class Real> Real first(const Real *stored, std::int64_t l) { return stored[l]; }
-template <class Real> Real second(const Real *stored, std::int64_t l) { return stored[half + l]; }
-float first(const std::uint32_t *stored, std::int64_t l) { return bits<float>(stored[l] << 16); }
-float second(const std::uint32_t *stored, std::int64_t l) { return bits<float>(stored[l] & 0xffff0000); }
-
-template <class Store> constexpr std::int64_t stored = lanes;
-template <> constexpr std::int64_t stored<std::uint32_t> = half;
 
 template <class Store, bool Lossy>
 void fill(const double *points, const double *shifted, const double *normals, std::int64_t m, Wavenumber wavenumber,
-          const NearRows &near, const NearRows &near_shifted, Store *matrix) {
+          const NearRows &near, const NearRows &near_shifted, const Pairs &whole, Store *tiles) {
     using Real = typename Arithmetic<Store>::Real;
     const double zero[3] = {0, 0, 0};
     const Origin origin(points, m);
     const Planes<Real> y(points, m, origin.at), x2(shifted, m / sharing, origin.at), a(normals, m, zero);
     const Wave<Real> k(wavenumber);
-    const std::int64_t blocks = blocks_of(m);
-#pragma omp parallel for schedule(static)
+    constexpr std::int64_t row_words = 2 * stored<Store>;
+#pragma omp parallel for schedule(dynamic, 8)
     for (std::int64_t group = 0; group < m / sharing; group++) {
         Real rows[sharing][2 * lanes], t[sharing][3], t2[3];
         std::int64_t next_inside = near_shifted.first[group], next[sharing];
@@ -62,8 +35,9 @@ void fill(const double *points, const double *shifted, const double *normals, st
             t2[d] = x2[d][group];
             for (std::int64_t r = 0; r < sharing; r++) t[r][d] = y[d][sharing * group + r];
         }
-        for (std::int64_t b = 0; b < blocks; b++) {
-            const std::int64_t begin = lanes * b, n = std::min(lanes, m - begin);
+        const std::int64_t tile = sharing * group / lanes, top = sharing * group % lanes;
+        for (std::int64_t e = whole.first[tile]; e < whole.first[tile + 1]; e++) {
+            const std::int64_t begin = lanes * whole.column[e], n = std::min(lanes, m - begin);
             if (n < lanes) std::fill(rows[0], rows[0] + sharing * 2 * lanes, Real(0));
             const Real *sx = y[0] + begin, *sy = y[1] + begin, *sz = y[2] + begin;
             const Real *nx = a[0] + begin, *ny = a[1] + begin, *nz = a[2] + begin;
@@ -88,7 +62,7 @@ void fill(const double *points, const double *shifted, const double *normals, st
                     rows[r][l] -= Real(re), rows[r][l + lanes] -= Real(im);
                 });
                 if (begin <= i && i < begin + n) rows[r][i - begin] += Real(0.5);
-                Store *out = matrix + 2 * stored<Store> * (blocks * i + b);
+                Store *out = tiles + row_words * (lanes * e + top + r);
                 store(rows[r], out);
                 store(rows[r] + lanes, out + stored<Store>);
             }
@@ -99,8 +73,8 @@ void fill(const double *points, const double *shifted, const double *normals, st
 template <class Real> struct Sounds {  // vectors as planes that are filled up with zeros: real parts, imaginary parts
     std::int64_t length;
     std::vector<Real> data;
-    Sounds(const std::complex<Real> *v, std::int64_t sounds, std::int64_t m)
-        : length(blocks_of(m) * lanes), data(2 * sounds * length) {
+    Sounds(std::int64_t sounds, std::int64_t m) : length((m + lanes - 1) / lanes * lanes), data(2 * sounds * length) {}
+    Sounds(const std::complex<Real> *v, std::int64_t sounds, std::int64_t m) : Sounds(sounds, m) {
         for (std::int64_t s = 0; s < sounds; s++)
             for (std::int64_t j = 0; j < m; j++) {
                 data[2 * s * length + j] = v[s * m + j].real();
@@ -109,43 +83,39 @@ template <class Real> struct Sounds {  // vectors as planes that are filled up w
     }
 };
 
-// N of the sounds that row i hears
+// Adds to N sounds what a row hears in them, planes of `length` that begin with its tile's part
 template <int N, class Store, class Real>
-void hear(const Store *row, std::int64_t blocks, const Real *v, std::int64_t length, Real *re, Real *im) {
-    for (int s = 0; s < N; s++) re[s] = im[s] = 0;
-    for (std::int64_t b = 0; b < blocks; b++) {
-        const Store *a_re = row + 2 * stored<Store> * b, *a_im = a_re + stored<Store>;
-        const Real *v_re = v + lanes * b, *v_im = v_re + length;
-        const Real *w_re = v_re + (N > 1 ? 2 * length : 0), *w_im = w_re + length;
-        Real rr = 0, ii = 0, ri = 0, ir = 0, r2 = 0, i2 = 0, x2 = 0, y2 = 0;  // one sum alone waits for itself
+void hear(const Store *row, const Real *v_re, std::int64_t length, Real *re, Real *im) {
+    const Store *a_re = row, *a_im = row + stored<Store>;
+    const Real *v_im = v_re + length, *w_re = v_re + (N > 1 ? 2 * length : 0), *w_im = w_re + length;
+    Real rr = 0, ii = 0, ri = 0, ir = 0, r2 = 0, i2 = 0, x2 = 0, y2 = 0;  // one sum alone waits for itself
 #pragma omp simd reduction(+ : rr, ii, ri, ir, r2, i2, x2, y2)
-        for (std::int64_t l = 0; l < half; l++) {
-            const std::int64_t h = half + l;
-            const Real x = first(a_re, l), y = first(a_im, l), o = second(a_re, l), w = second(a_im, l);
-            rr += x * v_re[l] + o * v_re[h], ii += y * v_im[l] + w * v_im[h];
-            ri += x * v_im[l] + o * v_im[h], ir += y * v_re[l] + w * v_re[h];
-            if (N == 1) continue;
-            r2 += x * w_re[l] + o * w_re[h], i2 += y * w_im[l] + w * w_im[h];
-            x2 += x * w_im[l] + o * w_im[h], y2 += y * w_re[l] + w * w_re[h];
-        }
-        re[0] += rr - ii, im[0] += ri + ir;
-        if (N > 1) re[N - 1] += r2 - i2, im[N - 1] += x2 + y2;
+    for (std::int64_t l = 0; l < half; l++) {
+        const std::int64_t h = half + l;
+        const Real x = first(a_re, l), y = first(a_im, l), o = second(a_re, l), w = second(a_im, l);
+        rr += x * v_re[l] + o * v_re[h], ii += y * v_im[l] + w * v_im[h];
+        ri += x * v_im[l] + o * v_im[h], ir += y * v_re[l] + w * v_re[h];
+        if (N == 1) continue;
+        r2 += x * w_re[l] + o * w_re[h], i2 += y * w_im[l] + w * w_im[h];
+        x2 += x * w_im[l] + o * w_im[h], y2 += y * w_re[l] + w * w_re[h];
     }
+    re[0] += rr - ii, im[0] += ri + ir;
+    if (N > 1) re[N - 1] += r2 - i2, im[N - 1] += x2 + y2;
 }
 
 constexpr int rows_at_once = 4;
 
-// Adds to N sounds, planes of `length`, what some rows say in them; both begin with these rows' and block's part
+// Adds to N sounds, planes of `length` that begin with the tile's part, what some rows say in them, planes of `saying`
 template <int N, class Store, class Real>
-void speak(const Store *matrix, std::int64_t blocks, std::int64_t b, std::int64_t rows, const Real *said, Real *heard,
+void speak(const Store *rows, std::int64_t count, const Real *said, std::int64_t saying, Real *heard,
            std::int64_t length) {
     Real c[rows_at_once][2] = {}, d[rows_at_once][2] = {};
     const Store *row[rows_at_once];
     for (std::int64_t r = 0; r < rows_at_once; r++) {
-        row[r] = matrix + 2 * stored<Store> * (blocks * (r < rows ? r : 0) + b);
-        for (int s = 0; r < rows && s < N; s++) {
-            c[r][s] = said[2 * s * length + r];
-            d[r][s] = said[(2 * s + 1) * length + r];
+        row[r] = rows + 2 * stored<Store> * (r < count ? r : 0);
+        for (int s = 0; r < count && s < N; s++) {
+            c[r][s] = said[2 * s * saying + r];
+            d[r][s] = said[(2 * s + 1) * saying + r];
         }
     }
     Real *const re = heard, *const im = re + length;
@@ -168,71 +138,99 @@ void speak(const Store *matrix, std::int64_t blocks, std::int64_t b, std::int64_
     }
 }
 
-template <class Store, class Real>
-void plain_product(const Store *matrix, std::int64_t m, const Sounds<Real> &v, std::int64_t sounds,
-                   std::complex<Real> *out) {
-    const std::int64_t blocks = blocks_of(m);
-#pragma omp parallel for schedule(static)
-    for (std::int64_t i = 0; i < m; i++)
-        for (std::int64_t s = 0; s < sounds; s += 2) {
-            Real re[2], im[2];
-            const bool two = s + 1 < sounds;
-            (two ? hear<2, Store, Real> : hear<1, Store, Real>)(matrix + 2 * stored<Store> * blocks * i, blocks,
-                                                                v.data.data() + 2 * s * v.length, v.length, re, im);
-            out[s * m + i] = {re[0], im[0]};
-            if (two) out[(s + 1) * m + i] = {re[1], im[1]};
-        }
+// hears: adds to `said`, planes of `saying`, what each of some rows hears; speaks: adds to `heard` what they say
+template <int N, class Store, class Real>
+void rows_hear(const Store *rows, std::int64_t count, const Real *v, std::int64_t length, Real *said,
+               std::int64_t saying) {
+    for (std::int64_t r = 0; r < count; r++) {
+        Real re[2] = {}, im[2] = {};
+        hear<N, Store, Real>(rows + 2 * stored<Store> * r, v, length, re, im);
+        for (int s = 0; s < N; s++) said[2 * s * saying + r] += re[s], said[(2 * s + 1) * saying + r] += im[s];
+    }
+}
+template <int N, class Store, class Real>
+void rows_speak(const Store *rows, std::int64_t count, const Real *said, std::int64_t saying, Real *heard,
+                std::int64_t length) {
+    for (std::int64_t r = 0; r < count; r += rows_at_once)
+        speak<N, Store, Real>(rows + 2 * stored<Store> * r, std::min<std::int64_t>(rows_at_once, count - r), said + r,
+                              saying, heard, length);
 }
 
-template <class Store, class Real>
-void transposed_product(const Store *matrix, std::int64_t m, const Sounds<Real> &v, std::int64_t sounds,
-                        std::complex<Real> *out) {
-    const std::int64_t blocks = blocks_of(m), length = v.length, groups = (m + rows_at_once - 1) / rows_at_once;
-    std::vector<Real> total(2 * sounds * length);
-#pragma omp parallel
-    {
-        std::vector<Real> part(2 * sounds * length);
-#pragma omp for schedule(static)
-        for (std::int64_t group = 0; group < groups; group++) {
-            const std::int64_t i = group * rows_at_once, rows = std::min<std::int64_t>(rows_at_once, m - i);
-            for (std::int64_t b = 0; b < blocks; b++)
-                for (std::int64_t s = 0; s < sounds; s += 2)
-                    (s + 1 < sounds ? speak<2, Store, Real> : speak<1, Store, Real>)(
-                        matrix + 2 * stored<Store> * blocks * i, blocks, b, rows, v.data.data() + 2 * s * length + i,
-                        part.data() + 2 * s * length + lanes * b, length);
+struct Met {  // one tile meets another: the number of their pair
+    std::int64_t tile, pair;
+};
+
+std::vector<std::vector<Met>> met(const Pairs &pairs, bool transposed) {  // by the tile that the product is wanted at
+    std::vector<std::vector<Met>> out(pairs.tiles);
+    for (std::int64_t t = 0; t < pairs.tiles; t++)
+        for (std::int64_t e = pairs.first[t]; e < pairs.first[t + 1]; e++) {
+            const std::int64_t c = pairs.column[e];
+            transposed ? out[c].push_back({t, e}) : out[t].push_back({c, e});
         }
-#pragma omp critical
-        for (std::size_t j = 0; j < part.size(); j++) total[j] += part[j];
+    return out;
+}
+
+// What one or two sounds, planes of `length`, become at one tile
+template <int N, class Store, class Real>
+void product_at(std::int64_t tile, const std::vector<Met> &whole, const Store *tiles, const std::vector<Met> &far,
+                const Crosses<Store> &crosses, std::int64_t m, const Real *v, std::int64_t length, bool transposed,
+                Real *out) {
+    constexpr std::int64_t row_words = 2 * stored<Store>;
+    for (const Met &one : whole) {
+        const Store *rows = tiles + row_words * lanes * one.pair;
+        if (transposed)
+            rows_speak<N, Store, Real>(rows, std::min(lanes, m - lanes * one.tile), v + lanes * one.tile, length,
+                                       out + lanes * tile, length);
+        else
+            rows_hear<N, Store, Real>(rows, std::min(lanes, m - lanes * tile), v + lanes * one.tile, length,
+                                      out + lanes * tile, length);
     }
-    for (std::int64_t s = 0; s < sounds; s++)
-        for (std::int64_t j = 0; j < m; j++)
-            out[s * m + j] = {total[2 * s * length + j], total[(2 * s + 1) * length + j]};
+    for (const Met &one : far) {
+        const std::int64_t count = crosses.count[one.pair];
+        const Store *of_columns = crosses.rows + row_words * crosses.begin[one.pair];
+        const Store *of_rows = of_columns + row_words * count;
+        if (transposed) std::swap(of_columns, of_rows);
+        Real said[2 * N * lanes] = {};
+        rows_hear<N, Store, Real>(of_columns, count, v + lanes * one.tile, length, said, lanes);
+        rows_speak<N, Store, Real>(of_rows, count, said, lanes, out + lanes * tile, length);
+    }
 }
 
 }  // namespace
 
 template <class Store>
-void dual_matrix(const double *points, const double *shifted, const double *normals, std::int64_t m, Wavenumber k,
-                 NearRows near, NearRows near_shifted, Store *matrix) {
-    (k.imag > 0 ? fill<Store, true> : fill<Store, false>)(points, shifted, normals, m, k, near, near_shifted, matrix);
+void dual_tiles(const double *points, const double *shifted, const double *normals, std::int64_t m, Wavenumber k,
+                NearRows near, NearRows near_shifted, Pairs whole, Store *tiles) {
+    (k.imag > 0 ? fill<Store, true> : fill<Store, false>)(points, shifted, normals, m, k, near, near_shifted, whole,
+                                                          tiles);
 }
 
 template <class Store>
-void dual_product(const Store *matrix, std::int64_t m,
+void dual_product(Pairs whole, const Store *tiles, Pairs far, Crosses<Store> crosses, std::int64_t m,
                   const std::complex<typename Arithmetic<Store>::Real> *v, std::int64_t sounds, bool transposed,
                   std::complex<typename Arithmetic<Store>::Real> *out) {
-    const Sounds<typename Arithmetic<Store>::Real> planes(v, sounds, m);
-    if (transposed)
-        transposed_product(matrix, m, planes, sounds, out);
-    else
-        plain_product(matrix, m, planes, sounds, out);
+    using Real = typename Arithmetic<Store>::Real;
+    const Sounds<Real> given(v, sounds, m);
+    Sounds<Real> made(sounds, m);
+    const auto whole_met = met(whole, transposed), far_met = met(far, transposed);
+    const std::int64_t length = given.length;
+#pragma omp parallel for schedule(dynamic, 1)
+    for (std::int64_t tile = 0; tile < whole.tiles; tile++)
+        for (std::int64_t s = 0; s < sounds; s += 2)
+            (s + 1 < sounds ? product_at<2, Store, Real> : product_at<1, Store, Real>)(
+                tile, whole_met[tile], tiles, far_met[tile], crosses, m, given.data.data() + 2 * s * length, length,
+                transposed, made.data.data() + 2 * s * length);
+    for (std::int64_t s = 0; s < sounds; s++)
+        for (std::int64_t j = 0; j < m; j++)
+            out[s * m + j] = {made.data[2 * s * length + j], made.data[(2 * s + 1) * length + j]};
 }
 
 #define AIRTACT_DUAL(Store)                                                                                           \
-    template void dual_matrix<Store>(const double *, const double *, const double *, std::int64_t, Wavenumber,        \
-                                     NearRows, NearRows, Store *);                                                    \
-    template void dual_product<Store>(const Store *, std::int64_t, const std::complex<Arithmetic<Store>::Real> *,     \
-                                      std::int64_t, bool, std::complex<Arithmetic<Store>::Real> *);
+    template void dual_tiles<Store>(const double *, const double *, const double *, std::int64_t, Wavenumber,         \
+                                    NearRows, NearRows, Pairs, Store *);                                              \
+    template void dual_product<Store>(Pairs, const Store *, Pairs, Crosses<Store>, std::int64_t,                      \
+                                      const std::complex<Arithmetic<Store>::Real> *, std::int64_t, bool,              \
+                                      std::complex<Arithmetic<Store>::Real> *);
 AIRTACT_DUAL(std::uint32_t)
 AIRTACT_DUAL(float)
 AIRTACT_DUAL(double)

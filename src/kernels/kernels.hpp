@@ -12,7 +12,7 @@ struct Wavenumber {
     double real, imag;
 };
 
-constexpr std::int64_t lanes = 128;  // columns of a block of the dual-surface matrix
+constexpr std::int64_t lanes = 192;  // nodes of a tile, those of 32 panels
 constexpr std::int64_t sharing = 3;  // nodes that share a second collocation point
 
 template <class Store> struct Arithmetic {  // what a matrix is computed in, by what it is kept as
@@ -25,6 +25,18 @@ template <> struct Arithmetic<std::uint32_t> {  // two of bfloat16
 struct NearRows {  // for each target its near panels, and what to add to the entries of their six nodes
     const std::int64_t *first, *panel;
     const std::complex<double> *excess;
+};
+
+struct Pairs {  // of tiles: tile t of the rows with tiles column[first[t]] ... column[first[t + 1] - 1], in rising order
+    std::int64_t tiles;
+    const std::int64_t *first, *column;
+};
+
+// For each far pair the number of its crosses, and where in them its rows begin: those of the columns' tile first, then
+// those of the rows' tile. A row is `lanes` real parts, then as many imaginary parts, as `Store` keeps them.
+template <class Store> struct Crosses {
+    const std::int64_t *count, *begin;
+    const Store *rows;
 };
 
 struct NearRule {
@@ -46,19 +58,30 @@ struct Steps {  // that bring points onto a skin
 namespace airtact {
 namespace AIRTACT_VARIANT {
 
-// The matrix of the dual-surface equation, M x M, in rows of blocks of `lanes` columns: real parts, then imaginary parts,
-// the last block filled up with zeros. As bfloat16, the upper half of a float, number l + lanes / 2 of a block stands in
-// the upper 16 bits of word l, and number l in the lower ones.
-// matrix[i, j] = 0.5 [i = j] - D(x_i, y_j) + i D(x'_i, y_j) with what the near panels, in rising order, add to either D, D
-// being the normal derivative at y of e^{ikr}/(4 pi r) times area; x_i = y_i; x'_i = shifted[i / sharing].
+// The matrix of the dual-surface equation, M x M, in tiles of `lanes` rows and columns, the last columns filled up with zeros:
+//   0.5 [i = j] - D(x_i, y_j) + i D(x'_i, y_j) with what the near panels, in rising order, add to either D,
+// D being the normal derivative at y of e^{ikr}/(4 pi r) times area; x_i = y_i; x'_i = shifted[i / sharing]. A tile is
+// `lanes` rows, each of `lanes` real parts, then imaginary parts. As bfloat16, the upper half of a float, number
+// l + lanes / 2 stands in the upper 16 bits of word l, and number l in the lower ones.
+
+// The tiles that are kept whole, one after another. All near panels must be in one of them.
 template <class Store>
-void dual_matrix(const double *points, const double *shifted, const double *normals, std::int64_t m, Wavenumber k,
-                 NearRows near, NearRows near_shifted, Store *matrix);
+void dual_tiles(const double *points, const double *shifted, const double *normals, std::int64_t m, Wavenumber k,
+                NearRows near, NearRows near_shifted, Pairs whole, Store *tiles);
+
+// The other tiles as sums of crosses: of few of their own columns times few of their own rows, chosen as they are needed
+// (adaptive cross approximation), until three rows in turn differ from the tile's by so little that all of it would by
+// `tolerance`, in the Frobenius norm. Returns how many rows they take; where `room` is less, those beyond are left out.
+template <class Store>
+std::int64_t dual_crosses(const double *points, const double *shifted, const double *normals, std::int64_t m,
+                          Wavenumber k, Pairs far, double tolerance, std::int64_t room, std::int64_t *count,
+                          std::int64_t *begin, Store *rows);
 
 // out[s] = A v[s], or A^T v[s], for each of S vectors (S, M)
 template <class Store>
-void dual_product(const Store *matrix, std::int64_t m, const std::complex<typename Arithmetic<Store>::Real> *v,
-                  std::int64_t sounds, bool transposed, std::complex<typename Arithmetic<Store>::Real> *out);
+void dual_product(Pairs whole, const Store *tiles, Pairs far, Crosses<Store> crosses, std::int64_t m,
+                  const std::complex<typename Arithmetic<Store>::Real> *v, std::int64_t sounds, bool transposed,
+                  std::complex<typename Arithmetic<Store>::Real> *out);
 
 // out[i, j] = D(x_i, y_j)
 template <class Real>

@@ -35,7 +35,8 @@ template <class Real> struct Far {
 };
 
 template <class Store> struct Dual {
-    decltype(&baseline::dual_matrix<Store>) matrix;
+    decltype(&baseline::dual_tiles<Store>) tiles;
+    decltype(&baseline::dual_crosses<Store>) crosses;
     decltype(&baseline::dual_product<Store>) product;
 };
 
@@ -62,7 +63,7 @@ struct Variant {
     { &v::double_layer_matrix<Real>, &v::apply_double_layer<Real>, &v::apply_monopoles<Real>,           \
       &v::near_excess<Real> }
 #define AIRTACT_DUAL(v, Store)                                                                                       \
-    Dual<Store> { &v::dual_matrix<Store>, &v::dual_product<Store> }
+    Dual<Store> { &v::dual_tiles<Store>, &v::dual_crosses<Store>, &v::dual_product<Store> }
 #define AIRTACT_TABLE(v)                                                                                             \
     { #v, {AIRTACT_DUAL(v, std::uint32_t), AIRTACT_DUAL(v, float), AIRTACT_DUAL(v, double)}, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::apply_in_cells, &v::interpolate, &v::near_pairs, &v::closest_on_panels,      \
       &v::near_integrals, &v::hull_distances, &v::blended_distance, &v::hull_gaps, &v::project_on_hulls, &v::grade_sizes, \
@@ -124,34 +125,80 @@ static NearRows near_rows(Points x, std::size_t nodes, Index first, Index panel,
 }
 
 template <class Store>  // two bfloat16 are one word
-using Packed = nb::ndarray<Store, nb::shape<-1, -1, 2, std::is_same_v<std::remove_const_t<Store>, std::uint32_t> ? lanes / 2 : lanes>,
-                           nb::c_contig, nb::device::cpu>;
+constexpr int words = std::is_same_v<std::remove_const_t<Store>, std::uint32_t> ? lanes / 2 : lanes;
+template <class Store>
+using Tiles = nb::ndarray<Store, nb::shape<-1, lanes, 2, words<Store>>, nb::c_contig, nb::device::cpu>;
+template <class Store> using Rows = nb::ndarray<Store, nb::shape<-1, 2, words<Store>>, nb::c_contig, nb::device::cpu>;
 
-template <class Store> void right_size(const Packed<Store> &matrix, std::size_t m) {
-    same(matrix.shape(0), m), same(matrix.shape(1), (m + lanes - 1) / lanes);
+static Pairs pairs(Index first, Index column, std::size_t m) {
+    const std::size_t tiles = (m + lanes - 1) / lanes;
+    same(first.shape(0), tiles + 1);
+    const std::int64_t *from = first.data();
+    same(column.shape(0), std::size_t(from[tiles]));
+    for (std::size_t t = 0; t < tiles; t++)
+        if (from[t] < 0 || from[t] > from[t + 1] || !std::is_sorted(column.data() + from[t], column.data() + from[t + 1]))
+            throw nb::value_error("tiles out of order");
+    for (std::size_t e = 0; e < column.shape(0); e++)
+        if (column.data()[e] < 0 || column.data()[e] >= std::int64_t(tiles)) throw nb::index_error("a tile does not exist");
+    return {std::int64_t(tiles), from, column.data()};
+}
+
+static void all_in(const NearRows &near, std::size_t targets, std::int64_t each, const Pairs &whole) {
+    for (std::size_t i = 0; i < targets; i++) {
+        const std::int64_t tile = std::int64_t(i) * each / lanes;
+        const std::int64_t *begin = whole.column + whole.first[tile], *end = whole.column + whole.first[tile + 1];
+        for (std::int64_t e = near.first[i]; e < near.first[i + 1]; e++)
+            if (!std::binary_search(begin, end, 6 * near.panel[e] / lanes))
+                throw nb::value_error("a near panel is in a tile that is not whole");
+    }
 }
 
 template <class Store>
-void dual(Points x, Points x2, Points a, Complex k, Index first, Index panel, Near excess, Index first_shifted,
-          Index panel_shifted, Near excess_shifted, Packed<Store> out) {
+void dual_tiles(Points x, Points x2, Points a, Complex k, Index first, Index panel, Near excess, Index first_shifted,
+                Index panel_shifted, Near excess_shifted, Index whole_first, Index whole_column, Tiles<Store> out) {
     const std::size_t m = x.shape(0);
     same(m, sharing * x2.shape(0)), same(m, a.shape(0));
-    right_size<Store>(out, m);
+    const Pairs whole = pairs(whole_first, whole_column, m);
+    same(out.shape(0), whole_column.shape(0));
     const NearRows near = near_rows(x, m, first, panel, excess);
     const NearRows near_shifted = near_rows(x2, m, first_shifted, panel_shifted, excess_shifted);
+    all_in(near, m, 1, whole), all_in(near_shifted, m / sharing, sharing, whole);
     nb::gil_scoped_release release;
     std::get<Dual<Store>>(active->dual)
-        .matrix(x.data(), x2.data(), a.data(), std::int64_t(m), wave(k), near, near_shifted, out.data());
+        .tiles(x.data(), x2.data(), a.data(), std::int64_t(m), wave(k), near, near_shifted, whole, out.data());
 }
 
 template <class Store>
-void product(Packed<const Store> matrix, Read<std::complex<typename Arithmetic<Store>::Real>, -1, -1> v,
-             bool transposed, Write<std::complex<typename Arithmetic<Store>::Real>, -1, -1> out) {
-    right_size<const Store>(matrix, v.shape(1));
-    same(v.shape(0), out.shape(0)), same(v.shape(1), out.shape(1));
+std::int64_t dual_crosses(Points x, Points x2, Points a, Complex k, Index far_first, Index far_column, double tolerance,
+                          Write<std::int64_t, -1> count, Write<std::int64_t, -1> begin, Rows<Store> out) {
+    const std::size_t m = x.shape(0);
+    same(m, sharing * x2.shape(0)), same(m, a.shape(0));
+    const Pairs far = pairs(far_first, far_column, m);
+    same(count.shape(0), far_column.shape(0)), same(begin.shape(0), far_column.shape(0));
+    nb::gil_scoped_release release;
+    return std::get<Dual<Store>>(active->dual)
+        .crosses(x.data(), x2.data(), a.data(), std::int64_t(m), wave(k), far, tolerance, std::int64_t(out.shape(0)),
+                 count.data(), begin.data(), out.data());
+}
+
+template <class Store>
+void product(Index whole_first, Index whole_column, Tiles<const Store> tiles, Index far_first, Index far_column,
+             Index count, Index begin, Rows<const Store> crosses,
+             Read<std::complex<typename Arithmetic<Store>::Real>, -1, -1> v, bool transposed,
+             Write<std::complex<typename Arithmetic<Store>::Real>, -1, -1> out) {
+    const std::size_t m = v.shape(1);
+    const Pairs whole = pairs(whole_first, whole_column, m), far = pairs(far_first, far_column, m);
+    same(tiles.shape(0), whole_column.shape(0));
+    same(count.shape(0), far_column.shape(0)), same(begin.shape(0), far_column.shape(0));
+    for (std::size_t e = 0; e < count.shape(0); e++)
+        if (count.data()[e] < 0 || count.data()[e] > lanes || begin.data()[e] < 0 ||
+            begin.data()[e] + 2 * count.data()[e] > std::int64_t(crosses.shape(0)))
+            throw nb::index_error("a cross does not exist");
+    same(v.shape(0), out.shape(0)), same(m, out.shape(1));
     nb::gil_scoped_release release;
     std::get<Dual<Store>>(active->dual)
-        .product(matrix.data(), v.shape(1), v.data(), v.shape(0), transposed, out.data());
+        .product(whole, tiles.data(), far, {count.data(), begin.data(), crosses.data()}, std::int64_t(m), v.data(),
+                 v.shape(0), transposed, out.data());
 }
 
 template <class Real>
@@ -366,9 +413,12 @@ NB_MODULE(_kernels, m) {
     m.def("use_variant", &use);
     m.attr("lanes") = lanes;
     m.attr("sharing") = sharing;
-    m.def("dual_matrix_bfloat16", &dual<std::uint32_t>);
-    m.def("dual_matrix_float32", &dual<float>);
-    m.def("dual_matrix_float64", &dual<double>);
+    m.def("dual_tiles_bfloat16", &dual_tiles<std::uint32_t>);
+    m.def("dual_crosses_bfloat16", &dual_crosses<std::uint32_t>);
+    m.def("dual_tiles_float32", &dual_tiles<float>);
+    m.def("dual_crosses_float32", &dual_crosses<float>);
+    m.def("dual_tiles_float64", &dual_tiles<double>);
+    m.def("dual_crosses_float64", &dual_crosses<double>);
     m.def("dual_product_bfloat16", &product<std::uint32_t>);
     m.def("dual_product_float32", &product<float>);
     m.def("dual_product_float64", &product<double>);

@@ -70,10 +70,32 @@ def added(rows: tuple[np.ndarray, np.ndarray, np.ndarray], count: int) -> np.nda
 STORES = [("bfloat16", np.complex64, 2.5e-3), ("float32", np.complex64, 2e-5), ("float64", np.complex128, 1e-13)]
 
 
+def all_pairs(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Every tile with every tile."""
+    tiles = -(-count // _kernels.lanes)
+    return tiles * np.arange(tiles + 1), np.tile(np.arange(tiles), tiles)
+
+
+NO_NEAR = np.zeros(0, int), np.zeros((0, 6), complex)
+
+
+def blank(shape: tuple[int, ...], store: str) -> np.ndarray:
+    """Rows of so many numbers, as a store keeps them."""
+    halves = store == "bfloat16"
+    return np.zeros((*shape[:-1], shape[-1] // (1 + halves)), np.uint32 if halves else store)
+
+
+def numbers(rows: np.ndarray, store: str) -> np.ndarray:
+    """What rows hold (..., 2, W), as complex numbers."""
+    halves = store == "bfloat16"
+    parts = np.concatenate([rows << 16, rows & 0xFFFF0000], axis=-1).view(np.float32) if halves else rows
+    return parts[..., 0, :] + 1j * parts[..., 1, :]
+
+
 @pytest.mark.parametrize("wavenumber", WAVENUMBERS)
 @pytest.mark.parametrize(("store", "kind", "tolerance"), STORES)
 def test_the_dual_surface_matrix_and_its_products_equal_numpy(store, kind, tolerance, wavenumber):
-    count = 6 * 47  # not a whole number of blocks
+    count, lanes = 6 * 47, _kernels.lanes  # not a whole number of tiles
     points, shifted, normals = (
         scattered_points(seed, many) for seed, many in ((1, count), (2, count // 3), (3, count))
     )
@@ -83,39 +105,103 @@ def test_the_dual_surface_matrix_and_its_products_equal_numpy(store, kind, toler
     np.fill_diagonal(first, 0)
     inside = np.repeat(second + added(near_shifted, count), 3, axis=0)
     exact = -first - added(near, count) + 1j * inside + 0.5 * np.eye(count)
-    blocks = -(-count // _kernels.lanes)
-    halves = store == "bfloat16"
-    values = np.empty((count, blocks, 2, _kernels.lanes // (1 + halves)), np.uint32 if halves else store)
-    fill, multiply = getattr(_kernels, f"dual_matrix_{store}"), getattr(_kernels, f"dual_product_{store}")
-    fill(points, shifted, normals, wavenumber, *near, *near_shifted, values)
-    parts = np.concatenate([values << 16, values & 0xFFFF0000], axis=3).view(np.float32) if halves else values
-    found = (parts[:, :, 0] + 1j * parts[:, :, 1]).reshape(count, -1)
-    assert not found[:, count:].any()
-    assert relative(found[:, :count], exact) < tolerance
+    whole, nothing = all_pairs(count), (np.zeros(3, int), np.zeros(0, int))
+    tiles = blank((4, lanes, 2, lanes), store)
+    fill, multiply = getattr(_kernels, f"dual_tiles_{store}"), getattr(_kernels, f"dual_product_{store}")
+    fill(points, shifted, normals, wavenumber, *near, *near_shifted, *whole, tiles)
+    found = np.block([[numbers(tiles[2 * row + column], store) for column in (0, 1)] for row in (0, 1)])
+    assert not found[:count, count:].any()
+    assert relative(found[:count, :count], exact) < tolerance
     pick = np.random.default_rng(6)
     vectors = (pick.normal(size=(3, count)) + 1j * pick.normal(size=(3, count))).astype(kind)
+    no_crosses = np.zeros(0, int), np.zeros(0, int), blank((0, 2, lanes), store)
     for transposed, matrix in ((False, exact), (True, exact.T)):
         out = np.empty_like(vectors)
-        multiply(values, vectors, transposed, out)
+        multiply(*whole, tiles, *nothing, *no_crosses, vectors, transposed, out)
         assert relative(out, vectors @ matrix.T) < 2 * tolerance
+
+
+@pytest.mark.parametrize("wavenumber", WAVENUMBERS)
+@pytest.mark.parametrize(("store", "kind", "tolerance"), STORES)
+def test_crosses_stand_for_tiles_as_well_as_is_asked(store, kind, tolerance, wavenumber):
+    """Two clouds of nodes stand 12 mm apart; the second one is not a whole tile."""
+    count, lanes = 6 * 51, _kernels.lanes
+    points, shifted, normals = (
+        scattered_points(seed, many) for seed, many in ((1, count), (2, count // 3), (3, count))
+    )
+    aside = np.array([0.012 + 2 * np.abs(points).max(), 0, 0])
+    points[lanes:] += aside
+    shifted[lanes // 3 :] += aside
+    first, second = (
+        double_layer(p, points[lanes:], normals[lanes:], wavenumber) for p in (points[:lanes], shifted[: lanes // 3])
+    )
+    exact = -first + 1j * np.repeat(second, 3, axis=0)
+    far = np.array([0, 1, 1]), np.array([1])
+    cross, multiply = getattr(_kernels, f"dual_crosses_{store}"), getattr(_kernels, f"dual_product_{store}")
+    found, size = [], np.linalg.norm(exact)
+    for asked in (0.1, 0.01):
+        crosses, begin, rows = np.zeros(1, int), np.zeros(1, int), blank((2 * lanes, 2, lanes), store)
+        skin = points, shifted, normals, wavenumber
+        needed = cross(*skin, *far, asked * size, crosses, begin, rows)
+        assert needed == 2 * crosses[0] < lanes
+        assert cross(*skin, *far, asked * size, crosses, begin, rows[:1]) == needed  # told though there is no room
+        columns, of_rows = numbers(rows[: crosses[0]], store), numbers(rows[crosses[0] : needed], store)
+        kept = of_rows.T @ columns
+        assert not kept[:, count - lanes :].any()
+        assert relative(kept[:, : count - lanes], exact) < asked + tolerance
+        found.append(crosses[0])
+        nothing = np.zeros(3, int), np.zeros(0, int), blank((0, lanes, 2, lanes), store)
+        pick = np.random.default_rng(6)
+        vectors = (pick.normal(size=(3, count)) + 1j * pick.normal(size=(3, count))).astype(kind)
+        for transposed in (False, True):
+            out, said = np.empty_like(vectors), np.zeros((3, count), complex)
+            multiply(*nothing, *far, crosses, begin, rows, vectors, transposed, out)
+            if transposed:
+                said[:, lanes:] = vectors[:, :lanes] @ kept[:, : count - lanes]
+            else:
+                said[:, :lanes] = vectors[:, lanes:] @ kept[:, : count - lanes].T
+            assert relative(out, said) < 2e-5
+    assert found[0] < found[1]
 
 
 def test_near_panels_that_do_not_exist_are_refused():
     points = scattered_points(1, 12)
     rows = np.arange(13), np.full(12, 2), np.zeros((12, 6), complex)
-    none = np.zeros(5, int), np.zeros(0, int), np.zeros((0, 6), complex)
-    values = np.empty((12, 1, 2, _kernels.lanes), np.float32)
     with pytest.raises(IndexError, match="a near panel does not exist"):
-        _kernels.dual_matrix_float32(points, points[:4], points, 700.0 + 0j, *rows, *none, values)
+        fill_one_tile(points, rows)
 
 
 def test_near_panels_out_of_order_are_refused():
     points = scattered_points(1, 12)
     rows = np.arange(0, 25, 2), np.tile([1, 0], 12), np.zeros((24, 6), complex)
-    none = np.zeros(5, int), np.zeros(0, int), np.zeros((0, 6), complex)
-    values = np.empty((12, 1, 2, _kernels.lanes), np.float32)
     with pytest.raises(ValueError, match="near panels out of order"):
-        _kernels.dual_matrix_float32(points, points[:4], points, 700.0 + 0j, *rows, *none, values)
+        fill_one_tile(points, rows)
+
+
+def test_near_panels_in_tiles_that_are_not_whole_are_refused():
+    points = scattered_points(1, 12)
+    rows = np.arange(13), np.ones(12, int), np.zeros((12, 6), complex)
+    with pytest.raises(ValueError, match="a near panel is in a tile that is not whole"):
+        fill_one_tile(points, rows, (np.zeros(2, int), np.zeros(0, int)))
+
+
+def test_tiles_and_crosses_that_do_not_exist_are_refused():
+    points = scattered_points(1, 12)
+    rows = np.zeros(13, int), *NO_NEAR
+    with pytest.raises(IndexError, match="a tile does not exist"):
+        fill_one_tile(points, rows, (np.array([0, 1]), np.array([1])))
+    none = np.zeros(2, int), np.zeros(0, int), blank((0, _kernels.lanes, 2, _kernels.lanes), "float32")
+    crosses = np.ones(1, int), np.zeros(1, int), blank((1, 2, _kernels.lanes), "float32")
+    vectors = np.zeros((1, 12), np.complex64)
+    with pytest.raises(IndexError, match="a cross does not exist"):
+        _kernels.dual_product_float32(*none, np.array([0, 1]), np.zeros(1, int), *crosses, vectors, False, vectors)
+
+
+def fill_one_tile(points, rows, whole=None) -> None:
+    whole = whole or all_pairs(len(points))
+    none = np.zeros(len(points) // 3 + 1, int), *NO_NEAR
+    tiles = blank((len(whole[1]), _kernels.lanes, 2, _kernels.lanes), "float32")
+    _kernels.dual_tiles_float32(points, points[: len(points) // 3], points, 700.0 + 0j, *rows, *none, *whole, tiles)
 
 
 @pytest.mark.parametrize("wavenumber", WAVENUMBERS)

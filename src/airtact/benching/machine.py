@@ -17,6 +17,7 @@ from airtact.solvers.boundary_element import BoundaryElement
 from airtact.solvers.boundary_operator import DualMatrix, dual_surface
 from airtact.solvers.boundary_pressure import NearRule
 from airtact.solvers.boundary_quadrature import Nodes, place_nodes
+from airtact.solvers.tiles import tiles_of
 
 FLOPS = 56
 """Operations that one kernel evaluation, the gradient of a Green's function along a normal, is counted as."""
@@ -57,11 +58,14 @@ def _kernel_row(
     variant: str, nodes: Nodes, shifted: Float64[np.ndarray, "groups 3"], wavenumber: complex, runs: int
 ) -> Row:
     count = len(nodes.points)
-    matrix = DualMatrix.empty(count, "bfloat16")
+    tiles = tiles_of(count)
+    matrix = DualMatrix.empty(count, "bfloat16", np.ones((tiles, tiles), dtype=bool))
     nobody = np.zeros(0, dtype=np.int64), np.zeros((0, 6), dtype=np.complex128)
     first, first_shifted = np.zeros(count + 1, dtype=np.int64), np.zeros(len(shifted) + 1, dtype=np.int64)
     places = nodes.points, shifted, nodes.weighted_normals, wavenumber
-    fill = partial(_kernels.dual_matrix_bfloat16, *places, first, *nobody, first_shifted, *nobody, matrix.values)
+    near = first, *nobody, first_shifted, *nobody
+    whole = matrix.whole.first, matrix.whole.column
+    fill = partial(_kernels.dual_tiles_bfloat16, *places, *near, *whole, matrix.tiles)
     fill()  # the pages are touched before the clock starts
     left = np.random.default_rng(0).normal(size=(PRODUCT, PRODUCT)).astype(np.float32)
     products, fills = [], []

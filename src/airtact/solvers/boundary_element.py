@@ -6,13 +6,14 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Complex128, Float64, Real
+from jaxtyping import Complex128, Float64, Int64, Real
 
 from airtact.conventions import InvalidInput
 from airtact.scene.guards import number, points_of
 from airtact.scene.panels import Panels, panels_of
 from airtact.scene.scene import Scene, check_near, check_outside, check_sources
 from airtact.scene.shape import BEND
+from airtact.scene.six_nodes import SixNodes
 from airtact.scene.sources import Monopoles
 from airtact.solvers.boundary_field import BoundaryField
 from airtact.solvers.boundary_operator import (
@@ -31,6 +32,7 @@ from airtact.solvers.factorised_bodies import FactorisedBodies
 from airtact.solvers.gmres import GmresResult, gmres
 from airtact.solvers.problem import Solver, SolveReport
 from airtact.solvers.scattering_part import ScatteringPart, scattering_part
+from airtact.solvers.tiles import in_tiles, tiles_of
 
 CITATIONS = (
     "A. Mohsen, R. Piscoya, M. Ochmann, Acta Acustica united with Acustica 97 (2011) 699: dual-surface equation",
@@ -46,6 +48,9 @@ REACH = 0.7
 KEPT = 0.5
 """Share of the accuracy that the skeletons may lose nearby; far from the bodies they lose less."""
 
+
+CROSSED = 0.2
+"""Share of the accuracy that the matrix may be off where tiles of it are far from each other."""
 
 DRIVES = 0.05
 """Accuracy from which on a solution serves for drives only, which bear a residual twice as large."""
@@ -120,12 +125,11 @@ class BoundaryElement(Solver):
         _refuse_unfit(scene, sources)
         clock = _Clock()
         panels = self._panels(scene, sources.heard_finely)
-        nodes = place_nodes(panels.six_nodes, panels.body, panels.deviation)
-        refuse_too_large(len(nodes.points), self._store())
+        nodes = place_nodes(*_in_tiles(panels))
         clock.lap("panels")
         thinnest = np.array([obstacle.surface.shape.thinnest for obstacle in scene.obstacles])
         surface = dual_surface(nodes, scene.wavenumber, self._near_rule(), self.precision, thinnest)
-        matrix = assemble(surface, self._store())
+        matrix = assemble(surface, self._store(), self._crossed())
         clock.lap("matrix")
         rows, factors = heard(surface, sources.positions, sources.strengths)
         transposed = self._solved(matrix, rows, transposed=True)
@@ -212,7 +216,10 @@ class BoundaryElement(Solver):
         """Factorise one body."""
         own = np.flatnonzero(panels.body == body)
         nodes = place_nodes(panels.six_nodes[own], np.zeros(len(own), dtype=np.int64), panels.deviation[own])
-        refuse_too_large(len(nodes.points), self.precision, copies=4)  # itself, its factors, what they are solved for
+        tiles = tiles_of(len(nodes.points)) ** 2
+        refuse_too_large(
+            len(nodes.points), self.precision, 4 * tiles, 0
+        )  # itself, its factors, what they are solved for
         thinnest = np.array([scene.obstacles[body].surface.shape.thinnest])
         surface = dual_surface(nodes, scene.wavenumber, self._near_rule(), self.precision, thinnest)
         return scattering_part(surface, REACH * scene.wavelength, KEPT * self.accuracy)
@@ -248,6 +255,10 @@ class BoundaryElement(Solver):
         """Keep the matrix to 0.2 % where sums of it are far better than wanted: half the memory, half the traffic."""
         return "bfloat16" if self.precision == "float32" and self.accuracy >= 0.02 else self.precision
 
+    def _crossed(self) -> float | None:
+        """Share that the matrix may be off where its tiles are far from each other; None in double precision."""
+        return None if self.precision == "float64" else CROSSED * self.accuracy
+
     def _tolerance(self) -> float:
         if self.precision == "float64":
             return min(0.1 * self.accuracy, 1e-8)
@@ -256,6 +267,14 @@ class BoundaryElement(Solver):
         if self.estimate:
             return min(0.3 * self.accuracy, 0.01)
         return self.accuracy * (0.4 if self.accuracy < DRIVES else 0.8)  # heard from afar only
+
+
+def _in_tiles(
+    panels: Panels,
+) -> tuple[SixNodes, Int64[np.ndarray, "panels"], Float64[np.ndarray, "panels"]]:
+    """Sort panels, their bodies and deviations so that those of a tile of the matrix lie together."""
+    order = in_tiles(panels.six_nodes[:, :3].mean(axis=1))
+    return panels.six_nodes[order], panels.body[order], panels.deviation[order]
 
 
 class _Clock:

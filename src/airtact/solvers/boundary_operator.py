@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Complex, Complex128, Float64, Real, Shaped, UInt8
+from jaxtyping import Bool, Complex, Complex128, Float64, Int64, Real, Shaped, UInt8
 
 from airtact import _kernels
 from airtact.conventions import InvalidInput
@@ -29,8 +29,9 @@ from airtact.solvers.boundary_pressure import (
     near_rows,
     project_contacts,
 )
-from airtact.solvers.boundary_quadrature import Nodes, thickness
+from airtact.solvers.boundary_quadrature import Nodes, near_lists, thickness
 from airtact.solvers.free_memory import available_memory as _available_memory
+from airtact.solvers.tiles import Pairs, near_tiles, tiles_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,33 +97,50 @@ ROOM = 1.25
 
 @dataclass(frozen=True, eq=False)
 class DualMatrix:
-    """The matrix of the dual-surface equation, M x M, as the compiled loops keep it.
+    """The matrix of the dual-surface equation, M x M, in tiles of ``_kernels.lanes`` rows and columns.
 
     Attributes
     ----------
-    values : (M, B, 2, W) each row in blocks of 128 columns, real and imaginary parts, filled up with zeros, in words.
+    count : M.
+    whole : the pairs of tiles of which all entries are kept.
+    tiles : (N, L, 2, W) those entries, row by row, real and imaginary parts, filled up with zeros, in words.
+    far : the other pairs, which are sums of crosses.
+    crosses : (F,) how many crosses each of them has.
+    begin : (F,) where the rows of each begin.
+    rows : (R, 2, W) of the crosses, those of the columns' tile first, then those of the rows' tile.
+    memory : that all of it is kept in.
     """
 
-    values: Shaped[np.ndarray, "nodes blocks 2 words"]
+    count: int
+    whole: Pairs
+    tiles: Shaped[np.ndarray, "pairs lanes 2 words"]
+    far: Pairs
+    crosses: Int64[np.ndarray, "far"]
+    begin: Int64[np.ndarray, "far"]
+    rows: Shaped[np.ndarray, "rows 2 words"]
+    memory: UInt8[np.ndarray, "bytes"]
 
     __repr__ = in_short
 
     @classmethod
-    def empty(cls, count: int, store: Store) -> "DualMatrix":
-        """Take memory for M = ``count`` unknowns: that of a matrix given back, where there is enough of it."""
+    def empty(cls, count: int, store: Store, near: Bool[np.ndarray, "tiles tiles"], room: int = 0) -> "DualMatrix":
+        """Take memory for M = ``count`` unknowns and ``room`` rows of crosses, of one given back if it does."""
         word, numbers = KEPT_AS[store]
-        shape, memory = (count, -(-count // _kernels.lanes), 2, _kernels.lanes // numbers), np.empty(0, dtype=np.uint8)
-        size = math.prod(shape) * np.dtype(word).itemsize
-        with suppress(IndexError):
-            memory = _GIVEN_BACK.pop()
-        if len(memory) < size:
-            memory = np.empty(int(ROOM * size) if size < MOST_KEPT else size, dtype=np.uint8)
-        return cls(memory[:size].view(word).reshape(shape))
+        row = (2, _kernels.lanes // numbers)
+        whole, far = Pairs.of(near), Pairs.of(~near)
+        lines = len(whole.column) * _kernels.lanes
+        line = math.prod(row) * np.dtype(word).itemsize
+        memory = _memory((lines + room) * line)
+        words = memory[: (lines + room) * line].view(word)
+        tiles = words[: lines * math.prod(row)].reshape(-1, _kernels.lanes, *row)
+        rows = words[lines * math.prod(row) :].reshape(-1, *row)
+        crosses, begin = np.zeros((2, len(far.column)), dtype=np.int64)
+        return cls(count, whole, tiles, far, crosses, begin, rows, memory)
 
     @property
     def store(self) -> Store:
         """What its numbers are kept as."""
-        return next(store for store, (word, _) in KEPT_AS.items() if self.values.dtype == word)
+        return next(store for store, (word, _) in KEPT_AS.items() if self.tiles.dtype == word)
 
     @property
     def precision(self) -> type[np.complexfloating]:
@@ -135,41 +153,90 @@ class DualMatrix:
         """Multiply the matrix, or its transpose, by vectors (S, M), which are rows here; in one pass over it."""
         vectors = np.ascontiguousarray(vectors, dtype=self.precision)
         out = np.empty_like(vectors)
-        getattr(_kernels, f"dual_product_{self.store}")(self.values, vectors, transposed, out)
+        whole, far = (self.whole.first, self.whole.column), (self.far.first, self.far.column)
+        crosses = self.crosses, self.begin, self.rows
+        getattr(_kernels, f"dual_product_{self.store}")(*whole, self.tiles, *far, *crosses, vectors, transposed, out)
         return out
 
     def dense(self) -> Complex[np.ndarray, "nodes nodes"]:
-        """Give all of it as one array, from float32 or float64."""
-        count = len(self.values)
-        out = np.empty((count, count), dtype=self.precision, order="F")  # as LAPACK takes it without a copy
-        out.real, out.imag = (self.values[:, :, part].reshape(count, -1)[:, :count] for part in (0, 1))
+        """Give all of a whole matrix as one array, from float32 or float64."""
+        lanes = _kernels.lanes
+        out = np.empty((self.count, self.count), dtype=self.precision, order="F")  # as LAPACK takes it without a copy
+        for tile, row, column in zip(self.tiles, lanes * self.whole.row, lanes * self.whole.column, strict=True):
+            part = out[row : row + lanes, column : column + lanes]
+            part.real, part.imag = (tile[: len(part), of, : part.shape[1]] for of in (0, 1))
         return out
+
+
+def _memory(size: int) -> UInt8[np.ndarray, "bytes"]:
+    """Memory of at least ``size`` bytes."""
+    memory = np.empty(0, dtype=np.uint8)
+    with suppress(IndexError):
+        memory = _GIVEN_BACK.pop()
+    return memory if len(memory) >= size else np.empty(int(ROOM * size) if size < MOST_KEPT else size, dtype=np.uint8)
 
 
 def give_back(matrix: DualMatrix) -> None:
     """Keep the memory of a matrix that is no longer needed for the next one."""
-    memory = matrix.values.base
-    if memory is not None and memory.nbytes <= ROOM * MOST_KEPT:
-        _GIVEN_BACK[:] = [memory]
+    if matrix.memory.nbytes <= ROOM * MOST_KEPT:
+        _GIVEN_BACK[:] = [matrix.memory]
 
 
-def assemble(surface: DualSurface, store: Store) -> DualMatrix:
-    """Fill the matrix of the dual-surface equation, its numbers kept as ``store``."""
-    nodes = surface.nodes
-    matrix = DualMatrix.empty(len(nodes.points), store)
-    rule, precision = surface.near_rule, surface.precision
+APART = 0.2
+"""Wavelengths between the edges of panels beyond which tiles are sums of crosses."""
+
+EXPECTED = 24
+"""Crosses that pairs of tiles have in the mean, at most, or they are made again with more room."""
+
+
+def assemble(surface: DualSurface, store: Store, error: float | None = None) -> DualMatrix:
+    """Fill the matrix of the dual-surface equation, its numbers kept as ``store``.
+
+    Tiles apart are sums of crosses where an ``error`` is allowed, as a share of the half that stands on the diagonal;
+    without it all of the matrix is whole.
+
+    Raises
+    ------
+    InvalidInput
+        It does not fit into memory.
+    """
+    nodes, rule, precision = surface.nodes, surface.near_rule, surface.precision
     near = [near_rows(nodes, points, surface.wavenumber, rule, precision) for points in (nodes.points, surface.shifted)]
-    fill = getattr(_kernels, f"dual_matrix_{store}")
+    tiles = tiles_of(len(nodes.points))
+    whole = np.ones((tiles, tiles), dtype=bool)
+    if error is not None:
+        beside = near_lists(nodes, nodes.centres, 2 * nodes.radii + APART * 2 * np.pi / surface.wavenumber.real)
+        met = [beside, *((rows.first, rows.panel) for rows in near)]
+        whole = np.any([near_tiles(len(nodes.centres), *one) for one in met], axis=0)
+    matrix = _crossed(surface, store, whole, error or 0.0)
     of_rows = [part for rows in near for part in (rows.first, rows.panel, rows.excess)]
-    fill(
-        nodes.points,
-        surface.shifted,
-        nodes.weighted_normals,
-        surface.wavenumber,
-        *of_rows,
-        matrix.values,
-    )
+    fill = getattr(_kernels, f"dual_tiles_{store}")
+    fill(*_skin(surface), *of_rows, matrix.whole.first, matrix.whole.column, matrix.tiles)
     return matrix
+
+
+def _crossed(surface: DualSurface, store: Store, whole: Bool[np.ndarray, "tiles tiles"], error: float) -> DualMatrix:
+    """Take memory for a matrix, and make the crosses of the tiles that are not whole."""
+    count, kept = len(surface.nodes.points), int(np.count_nonzero(whole))
+    tolerance = 0.5 * error * math.sqrt(_kernels.lanes / len(whole))
+    needed = 2 * EXPECTED * (whole.size - kept)
+    while True:
+        room = needed
+        refuse_too_large(count, store, kept, room)
+        matrix = DualMatrix.empty(count, store, whole, room)
+        if not room:
+            return matrix
+        far, crosses = (matrix.far.first, matrix.far.column), (matrix.crosses, matrix.begin, matrix.rows)
+        needed = getattr(_kernels, f"dual_crosses_{store}")(*_skin(surface), *far, tolerance, *crosses)
+        if needed <= room:
+            return matrix
+
+
+def _skin(
+    surface: DualSurface,
+) -> tuple[Float64[np.ndarray, "nodes 3"], Float64[np.ndarray, "groups 3"], Float64[np.ndarray, "nodes 3"], complex]:
+    nodes = surface.nodes
+    return nodes.points, surface.shifted, nodes.weighted_normals, surface.wavenumber
 
 
 def incident(
@@ -196,13 +263,13 @@ def heard(
     return double_layer_heard(positions, surface.nodes, weights, surface.wavenumber, rule, precision, contact), factors
 
 
-def refuse_too_large(count: int, store: Store, copies: int = 1) -> None:
-    """Raise where the matrix of ``count`` unknowns, or so many like it, does not fit into memory."""
+def refuse_too_large(count: int, store: Store, tiles: int, rows: int) -> None:
+    """Raise where the matrix of ``count`` unknowns, in whole tiles and rows of crosses, does not fit into memory."""
     word, numbers = KEPT_AS[store]
-    size = copies * count**2 * 2 * np.dtype(word).itemsize // numbers
+    size = (tiles * _kernels.lanes + rows) * _kernels.lanes * 2 * np.dtype(word).itemsize // numbers
     available = _available_memory()
     if size > 0.9 * available:
         raise InvalidInput(
             f"{count} unknowns need {size / 2**30:.1f} GiB for the matrix, but {available / 2**30:.1f} GiB of memory "
-            "are free; ask for less accuracy (0.03 needs a quarter of the matrix of 0.01) or leave out distant bodies."
+            "are free; ask for less accuracy or leave out distant bodies."
         )
