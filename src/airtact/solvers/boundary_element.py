@@ -52,6 +52,12 @@ KEPT = 0.5
 CROSSED = 0.2
 """Share of the accuracy that the matrix may be off where tiles of it are far from each other."""
 
+PREVIEWS = 0.02
+"""Accuracy from which on panels are integrated coarsely."""
+
+ROUNDED = 0.003
+"""Accuracy from which on the matrix may be rounded: that takes a thousandth from the field."""
+
 DRIVES = 0.05
 """Accuracy from which on a solution serves for drives only, which bear a residual twice as large."""
 
@@ -242,18 +248,18 @@ class BoundaryElement(Solver):
 
     def _bend(self) -> float:
         """Angle that a panel of a round skin may turn by [rad]: 10, 8 or 6 of them go round."""
-        if self.accuracy < 0.02:
+        if self.accuracy < PREVIEWS:
             return BEND
         return np.pi / 4 if self.accuracy < 0.05 or self.estimate else np.pi / 3  # too coarse to hear the skin on
 
     def _near_rule(self) -> NearRule:
         if self.precision == "float64":
             return NearRule(2.5, (6, 6))
-        return NearRule(1.1, (3, 3)) if self._store() == "bfloat16" else NearRule(1.6, (4, 4))
+        return NearRule(1.1, (3, 3)) if self.accuracy >= PREVIEWS else NearRule(1.6, (4, 4))
 
     def _store(self) -> Store:
         """Keep the matrix to 0.2 % where sums of it are far better than wanted: half the memory, half the traffic."""
-        return "bfloat16" if self.precision == "float32" and self.accuracy >= 0.02 else self.precision
+        return "bfloat16" if self.precision == "float32" and self.accuracy >= ROUNDED else self.precision
 
     def _crossed(self) -> float | None:
         """Share that the matrix may be off where its tiles are far from each other; None in double precision."""
@@ -262,11 +268,9 @@ class BoundaryElement(Solver):
     def _tolerance(self) -> float:
         if self.precision == "float64":
             return min(0.1 * self.accuracy, 1e-8)
-        if self._store() != "bfloat16":
-            return max(0.1 * self.accuracy, 2e-6)
-        if self.estimate:
-            return min(0.3 * self.accuracy, 0.01)
-        return self.accuracy * (0.4 if self.accuracy < DRIVES else 0.8)  # heard from afar only
+        if not self.estimate:  # heard from afar only
+            return self.accuracy * (0.4 if self.accuracy < DRIVES else 0.8)
+        return min(0.3 * self.accuracy, 0.01) if self.accuracy >= PREVIEWS else max(0.1 * self.accuracy, 2e-6)
 
 
 def _in_tiles(
