@@ -11,12 +11,12 @@ template <class Real> struct Traits;
 template <> struct Traits<float> {
     using Bits = std::int32_t;
     static constexpr float round_magic = 12582912.0f;  // 1.5 * 2^23: adding it rounds to an integer
-    static constexpr int sign_shift = 31, mantissa = 23, terms = 7;
+    static constexpr int sign_shift = 31, mantissa = 23, terms = 7, logarithms = 5;
 };
 template <> struct Traits<double> {
     using Bits = std::int64_t;
     static constexpr double round_magic = 6755399441055744.0;  // 1.5 * 2^52
-    static constexpr int sign_shift = 63, mantissa = 52, terms = 12;
+    static constexpr int sign_shift = 63, mantissa = 52, terms = 12, logarithms = 11;
 };
 
 template <class To, class From> inline To bits(From value) {
@@ -75,6 +75,20 @@ template <class Real> inline Real decay(Real y) {
     for (int i = T::terms; i >= 1; i--) e = Real(1) + e * f * Real(1.0 / i);
     const auto n = bits<typename T::Bits>(magic) - bits<typename T::Bits>(T::round_magic);
     return bits<Real>(static_cast<typename T::Bits>(bits<typename T::Bits>(e) + n * (typename T::Bits(1) << T::mantissa)));
+}
+
+// log(y), y > 0 and no subnormal number
+template <class Real> inline Real logarithm(Real y) {
+    using T = Traits<Real>;
+    constexpr typename T::Bits ones = (typename T::Bits(1) << T::mantissa) - 1;
+    const auto whole = bits<typename T::Bits>(y);
+    const auto middle = whole + (typename T::Bits(1) << (T::mantissa - 1));  // its exponent is that of the nearer power
+    const auto power = (middle & ~ones) - bits<typename T::Bits>(Real(1));
+    const Real m = bits<Real>(static_cast<typename T::Bits>(whole - power));  // 3/4 to 3/2
+    const Real s = (m - 1) / (m + 1), z = s * s;
+    Real series = Real(1.0 / (2 * T::logarithms + 1));
+    for (int i = T::logarithms - 1; i >= 0; i--) series = series * z + Real(1.0 / (2 * i + 1));
+    return 2 * s * series + Real(power >> T::mantissa) * Real(0.69314718055994530942);
 }
 
 }  // namespace AIRTACT_VARIANT

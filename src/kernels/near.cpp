@@ -97,17 +97,25 @@ void add_points(const Patch &patch, const double *foot, bool stretched, Points<R
     points.n = 0;
 }
 
-// Quicker than std::asinh, and no less exact than its use here needs
+// asinh, no more exact than its use here needs
 template <class Real> Real inverse_sinh(Real x) {
-    const Real size = std::abs(x);
-    const Real value = size < Real(1e-3) ? size * (1 - size * size / 6) : std::log(size + std::sqrt(size * size + 1));
-    return x < 0 ? -value : value;
+    const Real size = std::abs(x), value = logarithm(size + std::sqrt(size * size + 1));
+    const Real exact = size < Real(1e-3) ? size * (1 - size * size / 6) : value;
+    return x < 0 ? -exact : exact;
 }
 
-// One of the three triangles between the foot and an edge
-template <bool SingleLayer, class Real>
-void add_triangle(const Patch &patch, const double *foot, double distance, const double *a, const double *b, int edge,
-                  Wave<Real> k, const NearRule &rule, bool stretched, Points<Real> &points, Moments &sum) {
+// Rays from the foot to the edges, before and after the stretching of their angle
+template <class Real> struct Rays {
+    static constexpr int most = 128;  // three rules of at most 40 points, in whole vectors
+    Real t[most], weight[most], centre[most], wide[most], length2[most], high2[most], along_u[most], along_v[most];
+    Real u[most], v[most], scale[most], stretch[most];
+    int n = 0;
+};
+
+// Those of one of the three triangles between the foot and an edge
+template <class Real>
+void add_triangle(const double *foot, double distance, const double *a, const double *b, int edge, const NearRule &rule,
+                  Rays<Real> &rays) {
     const double from[2] = {corner[edge][0] - foot[0], corner[edge][1] - foot[1]};
     const double along[2] = {corner[edge + 1][0] - corner[edge][0], corner[edge + 1][1] - corner[edge][1]};
     const double jacobian = from[0] * along[1] - from[1] * along[0];
@@ -117,31 +125,47 @@ void add_triangle(const Patch &patch, const double *foot, double distance, const
         start[d] = a[d] * from[0] + b[d] * from[1];
         run[d] = a[d] * along[0] + b[d] * along[1];
     }
-    const double length = std::sqrt(dot(run, run)), middle = -dot(start, run) / (length * length);
+    const double length2 = dot(run, run), middle = -dot(start, run) / length2;
     const double cross[3] = {start[1] * run[2] - start[2] * run[1], start[2] * run[0] - start[0] * run[2],
                              start[0] * run[1] - start[1] * run[0]};
-    const double height2 = dot(cross, cross) / (length * length);  // no difference of squares: it may be tiny
-    const double width = std::sqrt(height2 + distance * distance) / length;
-    const double t0 = inverse_sinh(-middle / width), t1 = inverse_sinh((1 - middle) / width);
-    const GaussRule angular(rule, int(double(rule.angular) * (1 + (t1 - t0) / 6)));
-    const Real begin = Real(t0), all = Real(t1 - t0), centre = Real(middle), wide = Real(width), across = Real(length);
-    const Real area = Real((t1 - t0) * width * jacobian), high2 = Real(height2), away = Real(distance);
-    for (int i = 0; i < angular.n; i++) {
-        const Real t = begin + Real(angular.nodes[i]) * all, shrunk = decay(std::abs(t)), grown = 1 / shrunk;
-        const Real off = wide * Real(0.5) * (t < 0 ? shrunk - grown : grown - shrunk), h = centre + off;
-        const Real angular_weight = Real(angular.weights[i]) * Real(0.5) * (grown + shrunk) * area;
-        const Real reach = std::sqrt(high2 + off * off * across * across);
-        const Real scale = stretched ? away / reach : Real(1), stretch = stretched ? inverse_sinh(1 / scale) : Real(1);
-        const GaussRule radial(rule, int(double(rule.radial) * (stretched ? 1 + 0.5 * double(stretch) : 1.0)));
-        if (points.n + radial.n > most_points) add_points<SingleLayer>(patch, foot, stretched, points, k, sum);
-        for (int l = 0; l < radial.n; l++, points.n++) {
-            points.along[points.n] = Real(radial.nodes[l]) * stretch;
-            points.ray_u[points.n] = Real(from[0]) + h * Real(along[0]);
-            points.ray_v[points.n] = Real(from[1]) + h * Real(along[1]);
-            points.scale[points.n] = scale;
-            points.weight[points.n] = angular_weight * Real(radial.weights[l]) * stretch;
-        }
+    const double height2 = dot(cross, cross) / length2;  // no difference of squares: it may be tiny
+    const double width = std::sqrt((height2 + distance * distance) / length2);
+    const Real t0 = inverse_sinh(Real(-middle / width)), t1 = inverse_sinh(Real((1 - middle) / width));
+    const GaussRule angular(rule, int(Real(rule.angular) * (1 + (t1 - t0) / 6)));
+    const Real centre = Real(middle), wide = Real(width), area = (t1 - t0) * Real(width * jacobian);
+    for (int i = 0; i < angular.n; i++, rays.n++) {
+        rays.t[rays.n] = t0 + Real(angular.nodes[i]) * (t1 - t0);
+        rays.weight[rays.n] = Real(angular.weights[i]) * area;
+        rays.centre[rays.n] = centre, rays.wide[rays.n] = wide;
+        rays.length2[rays.n] = Real(length2), rays.high2[rays.n] = Real(height2);
+        rays.u[rays.n] = Real(from[0]), rays.v[rays.n] = Real(from[1]);
+        rays.along_u[rays.n] = Real(along[0]), rays.along_v[rays.n] = Real(along[1]);
     }
+}
+
+template <bool Stretched, class Real> void stretch(Rays<Real> &rays, Real distance) {
+    constexpr int vector = 16;  // whole ones: what is left over is slow
+    for (int n = rays.n; n % vector; n++) {
+        rays.t[n] = rays.weight[n] = rays.centre[n] = rays.u[n] = rays.v[n] = rays.along_u[n] = rays.along_v[n] = 0;
+        rays.wide[n] = rays.length2[n] = rays.high2[n] = 1;
+    }
+    const int n = (rays.n + vector - 1) / vector * vector;
+    const Real *const t = rays.t, *const wide = rays.wide, *const centre = rays.centre, *const length2 = rays.length2;
+    const Real *const high2 = rays.high2, *const along_u = rays.along_u, *const along_v = rays.along_v;
+    Real *const u = rays.u, *const v = rays.v, *const weight = rays.weight;
+    Real *const scales = rays.scale, *const stretches = rays.stretch;
+#pragma omp simd
+    for (int i = 0; i < n; i++) {
+        const Real shrunk = decay(std::abs(t[i])), grown = 1 / shrunk, half = Real(0.5) * wide[i];
+        const Real off = std::copysign(half * (grown - shrunk), t[i]), h = centre[i] + off;
+        weight[i] *= Real(0.5) * (grown + shrunk);
+        u[i] += h * along_u[i], v[i] += h * along_v[i];
+        if (!Stretched) continue;
+        const Real inverse = std::sqrt(high2[i] + off * off * length2[i]) / distance;
+        const Real by = logarithm(inverse + std::sqrt(inverse * inverse + 1));  // its asinh, of 1 or more
+        weight[i] *= by, scales[i] = 1 / inverse, stretches[i] = by;
+    }
+    if (!Stretched) std::fill(scales, scales + n, Real(1)), std::fill(stretches, stretches + n, Real(1));
 }
 
 template <bool SingleLayer, class Real>
@@ -160,8 +184,19 @@ Moments one_pair(const double *six_nodes, const double *target, double contact, 
     const Wave<Real> k(wavenumber);
     Moments sum;
     Points<Real> points;
-    for (int edge = 0; edge < 3; edge++)
-        add_triangle<SingleLayer>(patch, foot, height, a, b, edge, k, rule, stretched, points, sum);
+    Rays<Real> rays;
+    for (int edge = 0; edge < 3; edge++) add_triangle(foot, height, a, b, edge, rule, rays);
+    (stretched ? stretch<true, Real> : stretch<false, Real>)(rays, Real(height));
+    for (int i = 0; i < rays.n; i++) {
+        const GaussRule radial(rule, int(Real(rule.radial) * (stretched ? 1 + Real(0.5) * rays.stretch[i] : Real(1))));
+        if (points.n + radial.n > most_points) add_points<SingleLayer>(patch, foot, stretched, points, k, sum);
+        for (int l = 0; l < radial.n; l++, points.n++) {
+            points.along[points.n] = Real(radial.nodes[l]) * rays.stretch[i];
+            points.ray_u[points.n] = rays.u[i], points.ray_v[points.n] = rays.v[i];
+            points.scale[points.n] = rays.scale[i];
+            points.weight[points.n] = rays.weight[i] * Real(radial.weights[l]);
+        }
+    }
     add_points<SingleLayer>(patch, foot, stretched, points, k, sum);
     return sum;
 }

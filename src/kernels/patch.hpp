@@ -60,14 +60,15 @@ double closest_on_edge(const Patch &patch, int edge, double *best) {
 // Reference coordinates of the panel's point nearest the target (the origin); returns the squared distance
 double closest_point(const Patch &patch, double *foot) {
     double u = 1.0 / 3, v = 1.0 / 3, x[3], a[3], b[3];
-    bool settled = false;
+    bool settled = false, convex = true;
     for (int step = 0; step < 20 && !settled; step++) {
         patch.at(u, v, x, a, b);
         double aa = dot(a, a), ab = dot(a, b), bb = dot(b, b), det = aa * bb - ab * ab;
         const double ra = -dot(x, a), rb = -dot(x, b);
         const double aa_bent = aa + 2 * dot(x, patch.c[3]), ab_bent = ab + dot(x, patch.c[4]);
         const double bb_bent = bb + 2 * dot(x, patch.c[5]), det_bent = aa_bent * bb_bent - ab_bent * ab_bent;
-        if (aa_bent > 0 && det_bent > 0.1 * det) {  // Newton where the distance is convex, else Gauss-Newton
+        convex = aa_bent > 0 && det_bent > 0.1 * det;
+        if (convex) {  // Newton there, else Gauss-Newton
             aa = aa_bent;
             ab = ab_bent;
             bb = bb_bent;
@@ -84,8 +85,11 @@ double closest_point(const Patch &patch, double *foot) {
         foot[1] = v;
         return patch.squared_distance(u, v);
     }
-    double best = closest_on_edge(patch, 0, foot);
-    for (int edge = 1; edge < 3; edge++) {
+    const bool beyond[3] = {v < 0, u + v > 1, u < 0};  // a line to the lowest point leaves the panel there, if convex
+    const bool beside = u > -0.1 && v > -0.1 && u + v < 1.1;  // farther off it bends
+    double best = std::numeric_limits<double>::infinity();
+    for (int edge = 0; edge < 3; edge++) {
+        if (settled && convex && beside && !beyond[edge]) continue;
         double candidate[2];
         const double distance = closest_on_edge(patch, edge, candidate);
         if (distance < best) {
