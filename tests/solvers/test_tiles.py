@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial.distance import pdist
 
 import airtact as at
@@ -45,6 +46,45 @@ def test_tiles_are_near_where_any_panel_is():
     assert met.tolist() == [[False, True], [True, False]]
     pairs = Pairs.of(met)
     assert (pairs.row.tolist(), pairs.column.tolist()) == ([0, 1], [1, 0])
+
+
+def boxes(*places: float, size: tuple[float, float, float]) -> np.ndarray:
+    """Panels of boxes over each other."""
+    panels = []
+    for place in places:
+        mesh = trimesh.creation.box(size).subdivide().apply_translation((0, 0, place))
+        panels.append(at.Surface(np.array(mesh.vertices), np.array(mesh.faces)).shape.panels(3.4e-3, np.pi / 4))
+    return np.concatenate(panels)
+
+
+@pytest.mark.parametrize(
+    "panels",
+    [
+        pytest.param(lambda: boxes(0.0, size=(0.03, 0.025, 0.02)), id="flat faces that do not hear themselves"),
+        pytest.param(lambda: boxes(0.0, size=(0.035, 0.025, 0.002)), id="a thin plate"),
+        pytest.param(
+            lambda: boxes(-0.008, 0.0, 0.4, size=(0.02, 0.02, 0.003)), id="plates beside each other and far off"
+        ),
+    ],
+)
+def test_crosses_miss_nothing(panels):
+    """Each far tile is held against its entries: rows may hide a part of it that others show."""
+    centres = panels()[:, :3].mean(axis=1)
+    order, nothing = in_tiles(centres), np.zeros(len(centres))
+    nodes = place_nodes(panels()[order], nothing.astype(np.int64), nothing)
+    surface = dual_surface(nodes, WAVENUMBER, NearRule(1.6, (4, 4)), "float32")
+    dense, lanes, error = assemble(surface, "float32").dense(), 6 * PANELS, 5e-3
+    matrix = assemble(surface, "float32", error)
+    assert len(matrix.crosses) > 5
+    left = []
+    for row, column, count, begin in zip(matrix.far.row, matrix.far.column, matrix.crosses, matrix.begin, strict=True):
+        exact = dense[lanes * row : lanes * (row + 1), lanes * column : lanes * (column + 1)]
+        lines = matrix.rows[begin : begin + 2 * count, 0] + 1j * matrix.rows[begin : begin + 2 * count, 1]
+        kept = lines[count:, : len(exact)].T @ lines[:count, : exact.shape[1]]
+        left.append(np.linalg.norm(kept - exact))
+    half = 0.5 * np.sqrt(matrix.count)
+    assert np.linalg.norm(left) < error * half
+    assert max(left) < 10 * error * half / len(matrix.whole.first)
 
 
 @pytest.mark.parametrize("store", ["bfloat16", "float32", "float64"])

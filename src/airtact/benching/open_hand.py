@@ -21,7 +21,7 @@ AREA = 325e-4
 
 DRIVE_ACCURACY, ACCURACY = 0.06, 0.03
 
-FINE, COARSER = 0.007, 0.014
+FINE, COARSER = 0.0015, 0.003
 """Accuracies of the two solutions that are the truth and its own error."""
 
 

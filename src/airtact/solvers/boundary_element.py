@@ -40,6 +40,10 @@ CITATIONS = (
     "Y. Saad, M. H. Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856: GMRES",
 )
 
+CROSSES_SOURCE = (
+    "M. Bebendorf, S. Rjasanow, Computing 70 (2003) 1: adaptive cross approximation of collocation matrices"
+)
+
 KEPT_SOURCE = "P. G. Martinsson, V. Rokhlin, Journal of Computational Physics 205 (2005) 1: skeletons of kept bodies"
 
 REACH = 0.7
@@ -110,7 +114,7 @@ class BoundaryElement(Solver):
         return 34.0 * (0.01 / self.accuracy) ** (2 / 3)
 
     def unknowns(self, scene: Scene, sources: Monopoles) -> int:
-        """Count the nodes that a solve would have; its matrix takes 8 or 16 bytes for each pair of them."""
+        """Count the nodes that a solve would have."""
         return 6 * len(self._panels(scene, sources.heard_finely).six_nodes)
 
     def radiate(self, scene: Scene, sources: Monopoles) -> BoundaryField:
@@ -154,7 +158,7 @@ class BoundaryElement(Solver):
             estimated_error=float("nan"),
             seconds=clock.laps,
             settings={"accuracy": self.accuracy, "precision": self.precision, "gmres_tolerance": self._tolerance()},
-            citations=CITATIONS,
+            citations=CITATIONS + ((CROSSES_SOURCE,) if matrix.far.column.size else ()),
             warnings=tuple(_off_triangles(panels, scene.wavelength)),
             farthest_off_triangles=float(panels.farthest.max()),
             mean_off_triangles=float(panels.mean_distance.max()),

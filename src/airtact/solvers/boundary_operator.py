@@ -186,7 +186,7 @@ APART = 0.2
 """Wavelengths between the edges of panels beyond which tiles are sums of crosses."""
 
 EXPECTED = 24
-"""Crosses that pairs of tiles have in the mean, at most, or they are made again with more room."""
+"""Crosses that pairs of tiles have in the mean, at most, or they are made again with more room; often half as many."""
 
 
 def assemble(surface: DualSurface, store: Store, error: float | None = None) -> DualMatrix:
@@ -222,7 +222,7 @@ def _crossed(surface: DualSurface, store: Store, whole: Bool[np.ndarray, "tiles 
     needed = 2 * EXPECTED * (whole.size - kept)
     while True:
         room = needed
-        refuse_too_large(count, store, kept, room)
+        refuse_too_large(count, store, kept, room // 2)
         matrix = DualMatrix.empty(count, store, whole, room)
         if not room:
             return matrix
