@@ -115,7 +115,7 @@ def cells_of(points: Real[np.ndarray, "points 3"], wavelength: float, error: flo
     extent = local.max(axis=1) - low
     deep = extent > FLAT * wavelength
     size, count = np.where(deep, order, 1), np.where(deep, np.ceil(extent / (WIDTH * wavelength)), 1).astype(np.int64)
-    if count.prod() > MOST:
+    if count.prod() > MOST or size.prod() > PAYS * len(points):
         return None
     width = np.where(deep, extent, wavelength) / count
     number = np.zeros(len(points), dtype=np.int64)
