@@ -62,7 +62,7 @@ PREVIEWS = 0.02
 ROUNDED = 0.003
 """Accuracy from which on the matrix may be rounded: that takes a thousandth from the field."""
 
-DRIVES = 0.05
+DRIVES = 0.06
 """Accuracy from which on a solution serves for drives only, which bear a residual twice as large."""
 
 
@@ -254,7 +254,7 @@ class BoundaryElement(Solver):
         """Angle that a panel of a round skin may turn by [rad]: 10, 8 or 6 of them go round."""
         if self.accuracy < PREVIEWS:
             return BEND
-        return np.pi / 4 if self.accuracy < 0.05 or self.estimate else np.pi / 3  # too coarse to hear the skin on
+        return np.pi / 4 if self.accuracy < DRIVES or self.estimate else np.pi / 3  # too coarse to hear the skin on
 
     def _near_rule(self) -> NearRule:
         if self.precision == "float64":
