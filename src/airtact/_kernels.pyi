@@ -138,9 +138,6 @@ def closest_on_panels(
     foot: np.ndarray,
     distance: np.ndarray,
 ) -> None: ...
-def inscribed_diameter(
-    points: np.ndarray, normals: np.ndarray, body: np.ndarray, some: np.ndarray, largest: float, diameter: np.ndarray
-) -> None: ...
 def gerchberg_saxton(
     real: np.ndarray,
     imag: np.ndarray,

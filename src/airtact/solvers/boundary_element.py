@@ -139,7 +139,7 @@ class BoundaryElement(Solver):
         clock.lap("panels")
         thinnest = np.array([obstacle.surface.shape.thinnest for obstacle in scene.obstacles])
         surface = dual_surface(nodes, scene.wavenumber, self._near_rule(), self.precision, thinnest)
-        matrix = assemble(surface, self._store(), self._crossed())
+        matrix = assemble(surface, self._store(), self._cross_error())
         clock.lap("matrix")
         rows, factors = heard(surface, sources.positions, sources.strengths)
         transposed = self._solved(matrix, rows, transposed=True)
@@ -265,7 +265,7 @@ class BoundaryElement(Solver):
         """Keep the matrix to 0.2 % where sums of it are far better than wanted: half the memory, half the traffic."""
         return "bfloat16" if self.precision == "float32" and self.accuracy >= ROUNDED else self.precision
 
-    def _crossed(self) -> float | None:
+    def _cross_error(self) -> float | None:
         """Share that the matrix may be off where its tiles are far from each other; None in double precision."""
         return None if self.precision == "float64" else CROSSED * self.accuracy
 
