@@ -20,7 +20,7 @@ from airtact.synthesis.time_reversal import time_reversal
 from airtact.transducers.layout import flat_boards
 from airtact.transfer import transfer_matrix
 
-UNKNOWNS = (1000, 2000, 4000, 8000, 16000, 32000)
+UNKNOWNS = (1000, 2000, 4000, 8000, 16000)
 BOARDS = (1, 2, 4, 8)
 """Boards along each side of the array: 249, 996, 3984 and 15936 elements."""
 
