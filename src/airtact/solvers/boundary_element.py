@@ -226,10 +226,9 @@ class BoundaryElement(Solver):
         """Factorise one body."""
         own = np.flatnonzero(panels.body == body)
         nodes = place_nodes(panels.six_nodes[own], np.zeros(len(own), dtype=np.int64), panels.deviation[own])
-        tiles = tiles_of(len(nodes.points)) ** 2
-        refuse_too_large(
-            len(nodes.points), self.precision, 4 * tiles, 0
-        )  # itself, its factors, what they are solved for
+        whole = tiles_of(len(nodes.points)) ** 2
+        copies = 4  # itself, its factors, what they are solved for
+        refuse_too_large(len(nodes.points), self.precision, copies * whole, rows=0)
         thinnest = np.array([scene.obstacles[body].surface.shape.thinnest])
         surface = dual_surface(nodes, scene.wavenumber, self._near_rule(), self.precision, thinnest)
         return scattering_part(surface, REACH * scene.wavelength, KEPT * self.accuracy)

@@ -124,7 +124,10 @@ class DualMatrix:
 
     @classmethod
     def empty(cls, count: int, store: Store, near: Bool[np.ndarray, "tiles tiles"], room: int = 0) -> "DualMatrix":
-        """Take memory for M = ``count`` unknowns and ``room`` rows of crosses, of one given back if it does."""
+        """Take memory for M = ``count`` unknowns, ``near`` tiles of which are whole, and ``room`` rows of crosses.
+
+        It is that of a matrix given back where there is enough of it.
+        """
         word, numbers = KEPT_AS[store]
         row = (2, _kernels.lanes // numbers)
         whole, far = Pairs.of(near), Pairs.of(~near)
