@@ -21,34 +21,34 @@ std::vector<double> spread(const double *shifted, std::int64_t m) {  // x' of ea
     return out;
 }
 
-// Entries of node i with the nodes of a tile, each i D(x') - D(x): those of the rows' node, or of the columns' one
+template <class Real> struct Place {
+    Real x, y, z;
+    Place(const Planes<Real> &of, std::int64_t i) : x(of[0][i]), y(of[1][i]), z(of[2][i]) {}
+};
+
+// i D(x') - D(x) of a node at y with normal n
+template <class Real, bool Lossy>
+inline void entry(Place<Real> x, Place<Real> inside, Place<Real> y, Place<Real> n, Wave<Real> k, Real &re, Real &im) {
+    Real a, b, c, d;
+    double_layer<Real, Lossy>(y.x - inside.x, y.y - inside.y, y.z - inside.z, n.x, n.y, n.z, k, Real(0), a, b);
+    double_layer<Real, Lossy>(y.x - x.x, y.y - x.y, y.z - x.z, n.x, n.y, n.z, k, Real(0), c, d);
+    re = -c - b, im = a - d;
+}
+
+// Entries of the rows' node i with the columns' nodes from `begin` on, or of the columns' node j with those of the rows
 template <class Real, bool Lossy>
 void row_of(const Skin<Real> &skin, std::int64_t i, std::int64_t begin, std::int64_t n, Real *re, Real *im) {
-    const Real x[3] = {skin.place[0][i], skin.place[1][i], skin.place[2][i]};
-    const Real t[3] = {skin.inside[0][i], skin.inside[1][i], skin.inside[2][i]};
-    const Real *sx = skin.place[0] + begin, *sy = skin.place[1] + begin, *sz = skin.place[2] + begin;
-    const Real *nx = skin.normal[0] + begin, *ny = skin.normal[1] + begin, *nz = skin.normal[2] + begin;
+    const Place<Real> x(skin.place, i), inside(skin.inside, i);
 #pragma omp simd
-    for (std::int64_t l = 0; l < n; l++) {
-        Real a, b, c, d;
-        double_layer<Real, Lossy>(sx[l] - t[0], sy[l] - t[1], sz[l] - t[2], nx[l], ny[l], nz[l], skin.k, Real(0), a, b);
-        double_layer<Real, Lossy>(sx[l] - x[0], sy[l] - x[1], sz[l] - x[2], nx[l], ny[l], nz[l], skin.k, Real(0), c, d);
-        re[l] = -c - b, im[l] = a - d;
-    }
+    for (std::int64_t l = 0; l < n; l++)
+        entry<Real, Lossy>(x, inside, {skin.place, begin + l}, {skin.normal, begin + l}, skin.k, re[l], im[l]);
 }
 template <class Real, bool Lossy>
 void column_of(const Skin<Real> &skin, std::int64_t j, std::int64_t begin, std::int64_t n, Real *re, Real *im) {
-    const Real y[3] = {skin.place[0][j], skin.place[1][j], skin.place[2][j]};
-    const Real v[3] = {skin.normal[0][j], skin.normal[1][j], skin.normal[2][j]};
-    const Real *sx = skin.place[0] + begin, *sy = skin.place[1] + begin, *sz = skin.place[2] + begin;
-    const Real *tx = skin.inside[0] + begin, *ty = skin.inside[1] + begin, *tz = skin.inside[2] + begin;
+    const Place<Real> y(skin.place, j), normal(skin.normal, j);
 #pragma omp simd
-    for (std::int64_t l = 0; l < n; l++) {
-        Real a, b, c, d;
-        double_layer<Real, Lossy>(y[0] - tx[l], y[1] - ty[l], y[2] - tz[l], v[0], v[1], v[2], skin.k, Real(0), a, b);
-        double_layer<Real, Lossy>(y[0] - sx[l], y[1] - sy[l], y[2] - sz[l], v[0], v[1], v[2], skin.k, Real(0), c, d);
-        re[l] = -c - b, im[l] = a - d;
-    }
+    for (std::int64_t l = 0; l < n; l++)
+        entry<Real, Lossy>({skin.place, begin + l}, {skin.inside, begin + l}, y, normal, skin.k, re[l], im[l]);
 }
 
 template <class Real> struct Cross {  // a column and a row of what the crosses before it leave: real, then imaginary parts
