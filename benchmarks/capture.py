@@ -11,9 +11,9 @@ from itertools import product
 
 import numpy as np
 
-from airtact.scene.capture import FittedHand, fit_hand
-from airtact.scene.joints import FINGERS
-from scene.rigged_hand import BENDS, BUILDS, Rigged, off_each_other, posed, rough, seen, turned_to_camera
+from airtact.hand.fitting.fit import FittedHand, fit_hand
+from airtact.hand.joints import FINGERS
+from hand.rigged_hand import BENDS, BUILDS, Rigged, off_each_other, posed, rough, seen, turned_to_camera
 
 CAMERA = np.zeros(3)
 NAMES = (*FINGERS, "palm")

@@ -13,7 +13,7 @@ import numpy as np
 
 import airtact as at
 from airtact.benching.peers.peak_memory import forget_peak, peak
-from airtact.solvers.finite_factor import pardiso_library
+from airtact.solvers.fem.factorisation import pardiso_library
 from benchmarks.accuracy import PAPER_AIR, directions, far_points, finger_error, one_each, relative, table
 
 WATER = at.Medium(1481.0, 999.7)

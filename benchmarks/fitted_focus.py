@@ -14,8 +14,8 @@ import sys
 import numpy as np
 
 import airtact as at
-from airtact.scene.hand_anatomy import LEARNED
-from scene.rigged_hand import BUILDS, Rigged, posed, rough, seen, turned_to_camera
+from airtact.hand.fitting.size_prior import LEARNED
+from hand.rigged_hand import BUILDS, Rigged, posed, rough, seen, turned_to_camera
 
 OFF = 0.5e-3
 WIDER = 1.6

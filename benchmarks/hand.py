@@ -12,15 +12,15 @@ from pathlib import Path
 
 import numpy as np
 
-from airtact.scene.hand import hand_from_joints
-from airtact.scene.hand_following import Followed
-from airtact.scene.hand_hulls import Hulls
-from airtact.scene.hand_meshing import Skin, even_skin
-from airtact.scene.hand_parts import hand_hulls
-from airtact.scene.joints import joints_of
-from airtact.scene.topology import cone_volumes, edge_twins, shells
-from airtact.solvers.boundary_element import BoundaryElement
-from scene.hand_poses import example, random_pose
+from airtact.hand.anatomy_parts import hand_hulls
+from airtact.hand.hand import hand_from_joints
+from airtact.hand.joints import joints_of
+from airtact.hand.mesh_tracking import Followed
+from airtact.hand.skin_mesh import Skin, even_skin
+from airtact.hand.sphere_mesh import Hulls
+from airtact.mesh.topology import cone_volumes, edge_twins, shells
+from airtact.solvers.bem.solver import BoundaryElement
+from hand.hand_poses import example, random_pose
 
 WAVELENGTH = 343.1 / 40e3
 

@@ -12,7 +12,7 @@ import time
 from dataclasses import asdict, fields
 from pathlib import Path
 
-from airtact.experiments.hand_mesh_quality import Outcome, Study, cases, studies
+from benchmarks.hand_mesh_quality import Outcome, Study, cases, studies
 
 ROOT = Path(__file__).parent.parent
 KEPT = ROOT / "out/hand_quality"
@@ -68,7 +68,7 @@ def main() -> None:
         if asked.scene in (None, study.name):
             found += judged(study, asked.seeds)
     if asked.scene is None:
-        from airtact.experiments.hand_mesh_figure import answers, draw_quality
+        from benchmarks.hand_mesh_figure import answers, draw_quality
 
         write(ROOT / "docs/hand-mesh-quality.csv", found)
         draw_quality(found).savefig(ROOT / "docs/hand-mesh-quality.png", dpi=110)

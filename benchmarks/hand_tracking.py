@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from airtact.scene.hand import hand_from_joints
+from airtact.hand.hand import hand_from_joints
 from airtact.tracking.frame import FaultyFrame, HandFrame
 from airtact.tracking.messages import from_json, from_osc, to_json, to_osc
 from airtact.tracking.prediction import Predictor

@@ -18,7 +18,7 @@ from airtact import _kernels
 from airtact.benching.machine import kernels_against_product, memory_over_matrix
 from airtact.benching.open_hand import OpenHand
 from airtact.benching.real_time import RealTime, Row
-from airtact.scene.hand_files import load_hand
+from airtact.hand.files import load_hand
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = ROOT / "examples"

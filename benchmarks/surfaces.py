@@ -14,11 +14,11 @@ import trimesh
 
 import airtact as at
 from airtact.benching.peers.peak_memory import forget_peak, peak
-from airtact.scene.six_nodes import enclosed_volume, longest_edges, smallest_angles
-from assorted_meshes import assorted
+from airtact.mesh.quadratic_triangles import enclosed_volume, longest_edges, smallest_angles
 from benchmarks.accuracy import FREQUENCY, PAPER_AIR, directions, far_points, one_each, relative
-from damage import damaged
+from mesh.repair.damage import damaged
 from references import ellipsoid
+from surfaces.assorted_meshes import assorted
 
 HAND = Path(__file__).parent.parent / "examples/hands/generic-hand-right.glb"
 OPEN_HAND = Path(__file__).parent.parent / "examples/open_hand.toml"
@@ -165,7 +165,7 @@ def damaged_figures(count: int = 500) -> Iterator[str]:
 
 
 def _mended(mesh: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    from airtact.scene.mending import mended
+    from airtact.mesh.repair.pipeline import mended
 
     found = mended(*mesh)
     return found.vertices, found.triangles

@@ -1,11 +1,18 @@
 """Every shape in a signature is checked while the tests run."""
 
+from collections.abc import Callable
 from importlib import import_module
+from pathlib import Path
+from typing import Any
 
+import jaxtyping
 import matplotlib as mpl
+import numpy as np
 import pytest
 from hypothesis import settings
 from jaxtyping import install_import_hook
+
+from paths import GENERIC_HAND
 
 mpl.use("Agg")
 install_import_hook("airtact", "checked_types.check")
@@ -22,3 +29,27 @@ def variant(request):
     _kernels.use_variant(request.param)
     yield request.param
     _kernels.use_variant(best)
+
+
+@pytest.fixture
+def box() -> Callable[..., Any]:
+    import airtact as at
+    from mesh.meshes import box_mesh
+
+    return lambda *corners: at.Surface(*box_mesh(*corners))
+
+
+@pytest.fixture
+def as_outside_the_tests(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Shapes are checked by annotations while testing only, so the guards that users meet need them switched off."""
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+
+
+@pytest.fixture
+def hand_file() -> Path:
+    return GENERIC_HAND
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(20140624)

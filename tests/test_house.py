@@ -21,8 +21,8 @@ from jaxtyping import AbstractArray
 import airtact as at
 from airtact.cli import commands
 from airtact.scene_file import tables
+from paths import ROOT
 
-ROOT = Path(__file__).parent.parent
 MODULES = sorted((ROOT / "src/airtact").rglob("*.py"))
 SOURCES = sorted(path for folder in ("src", "tests", "benchmarks") for path in (ROOT / folder).rglob("*.py"))
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -135,9 +135,9 @@ def test_the_search_for_missing_shapes_finds_them() -> None:
 
 
 ANY_ARRAY = {
-    "airtact.scene.guards.of_kind",
-    "airtact.scene.guards.refuse_not_finite",
-    "airtact.scene.printing.in_short",
+    "airtact.validation.of_kind",
+    "airtact.validation.refuse_not_finite",
+    "airtact.printing.in_short",
     "airtact.solvers.gmres.gmres",
 }
 """Inner functions that take arrays of any shape and type, or a product that does."""

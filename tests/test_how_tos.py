@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parent.parent
+from paths import ROOT
+
 PAGES = [*sorted((ROOT / "docs").glob("how-to-*.md")), ROOT / "docs/architecture.md"]
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 BESIDE = os.pathsep.join([sysconfig.get_path("scripts"), os.environ.get("PATH", "")])

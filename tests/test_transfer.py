@@ -8,15 +8,15 @@ from hypothesis import strategies as st
 
 from airtact.conventions import InvalidInput
 from airtact.evaluation.field import field_map
+from airtact.pose import Pose
 from airtact.scene.medium import Medium, air
-from airtact.scene.pose import Pose
-from airtact.scene.primitives import sphere
 from airtact.scene.scene import Scene, filled, impedance, sound_hard
 from airtact.scene.sources import Monopoles
 from airtact.scene.target import Target
-from airtact.solvers.boundary_element import BoundaryElement
+from airtact.solvers.bem.solver import BoundaryElement
 from airtact.solvers.free_field import FreeField
-from airtact.solvers.sphere_series import SphereSeries
+from airtact.solvers.spherical.sphere_series import SphereSeries
+from airtact.surfaces.primitives import sphere
 from airtact.transducers.element import Element, monopole, piston
 from airtact.transducers.layout import PhasedArray, autd3_board, flat_boards, surrounding_box
 from airtact.transfer import (

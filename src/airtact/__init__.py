@@ -14,37 +14,37 @@ from airtact.evaluation.microphone import Microphone
 from airtact.evaluation.radiation import Pad, SkinMap, radiation_pressure, skin_map
 from airtact.evaluation.scan import Overlay, Scan, load_scan, overlay_scan
 from airtact.evaluation.thresholds import sound_pressure_level
+from airtact.hand.anatomy_parts import Touch
+from airtact.hand.files import load_hand
+from airtact.hand.fitting.fit import FittedHand, fit_hand
+from airtact.hand.fitting.size_prior import HandAnatomy
+from airtact.hand.hand import Hand, hand_from_joints
+from airtact.hand.pinch import Pinch, pinch
 from airtact.hardware.autd3_link import AUTD3Link
 from airtact.hardware.emission import Emission, Played
 from airtact.hardware.file_link import FileLink
 from airtact.hardware.link import Link, LinkFailed, RecordingLink
 from airtact.hardware.serial_link import SerialLink
-from airtact.scene.capture import FittedHand, fit_hand
+from airtact.pose import Pose
 from airtact.scene.drawings import picture, svg_path, text
-from airtact.scene.files import load_surface
-from airtact.scene.geometry import Surface
-from airtact.scene.hand import Hand, hand_from_joints
-from airtact.scene.hand_anatomy import HandAnatomy
-from airtact.scene.hand_files import load_hand
-from airtact.scene.hand_parts import Touch
 from airtact.scene.medium import Medium, air
-from airtact.scene.merging import merged
-from airtact.scene.panels import Panels
-from airtact.scene.pinch import Pinch, pinch
-from airtact.scene.pose import Pose
-from airtact.scene.primitives import capsule, sphere
 from airtact.scene.scene import Obstacle, Scene, filled, impedance, sound_hard
-from airtact.scene.shapes import circle, onto_skin, polyline, segment, skin_points, sphere_shell
 from airtact.scene.sources import Monopoles
 from airtact.scene.target import Target
-from airtact.solvers.boundary_element import BoundaryElement
-from airtact.solvers.finite_element import FiniteElement
+from airtact.scene.target_points import circle, onto_skin, polyline, segment, skin_points, sphere_shell
+from airtact.solvers.bem.solver import BoundaryElement
+from airtact.solvers.fem.solver import FiniteElement
 from airtact.solvers.free_field import FreeField
-from airtact.solvers.outgoing_waves import outgoing_waves
 from airtact.solvers.problem import RadiatedField, Skin, Solver, SolveReport
 from airtact.solvers.sampled_field import SampledField, load_samples
-from airtact.solvers.sphere_series import SphereSeries
+from airtact.solvers.spherical.multipole_field import outgoing_waves
+from airtact.solvers.spherical.sphere_series import SphereSeries
 from airtact.store.stored import Stored
+from airtact.surfaces.files import load_surface
+from airtact.surfaces.panels import Panels
+from airtact.surfaces.primitives import capsule, sphere
+from airtact.surfaces.surface import Surface
+from airtact.surfaces.union import merged
 from airtact.synthesis.constraint import Constraint
 from airtact.synthesis.eigenvector import eigenvector
 from airtact.synthesis.gerchberg_saxton import (

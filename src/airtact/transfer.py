@@ -6,14 +6,14 @@ import numpy as np
 from jaxtyping import Complex128, Float64
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import check_frequency, complex_numbers, counted, of_kind, place, refuse_not_finite
+from airtact.printing import in_short
 from airtact.scene.medium import Medium
-from airtact.scene.printing import in_short
 from airtact.scene.target import Target
 from airtact.solvers.problem import RadiatedField
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement, check_reach
+from airtact.validation import check_frequency, complex_numbers, counted, of_kind, place, refuse_not_finite
 
 FULL_SCALE = 1.0 + 1e-9
 """Largest magnitude of a drive: full scale, and what rounding adds to it."""

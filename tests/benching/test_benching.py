@@ -16,8 +16,8 @@ from airtact.benching.real_time import RealTime, Row, to_drive
 from airtact.benching.scenes import Bodies, deformed, moved_each, moved_foci, two_fingers, whole_motion
 from airtact.benching.timing import Timed, correlation, relative_error, timed
 from airtact.benching.truth import true_pressure
-from airtact.scene.topology import cone_volumes, edge_twins
-from airtact.solvers.sphere_series import SphereSeries
+from airtact.mesh.topology import cone_volumes, edge_twins
+from airtact.solvers.spherical.sphere_series import SphereSeries
 
 BALL = Bodies((at.sphere(4e-3, 2e-3),), np.array([[0.0, 0.0, 6e-3], [0.0, 7e-3, 0.0]]))
 FAR = at.flat_boards(1, 1).seen_from(at.Pose(np.eye(3), np.array([0.0, 0.0, 0.15]))).positions[::8]

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parent.parent.parent
+from paths import ROOT
+
 ASV = Path(sys.executable).parent / "asv"
 
 

@@ -5,12 +5,12 @@ import pytest
 
 from airtact.conventions import InvalidInput
 from airtact.evaluation.field import drive_sources, field_map
+from airtact.pose import Pose
 from airtact.scene.medium import Medium
-from airtact.scene.pose import Pose
-from airtact.scene.primitives import sphere
 from airtact.scene.scene import Scene, sound_hard
 from airtact.solvers.free_field import FreeField
-from airtact.solvers.sphere_series import SphereSeries
+from airtact.solvers.spherical.sphere_series import SphereSeries
+from airtact.surfaces.primitives import sphere
 from airtact.transducers.element import piston
 from airtact.transducers.layout import PhasedArray, autd3_board
 from airtact.transfer import Drive

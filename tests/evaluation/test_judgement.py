@@ -10,12 +10,12 @@ from airtact.evaluation.attainable import attainable
 from airtact.evaluation.judgement import Judgement, judge
 from airtact.evaluation.thresholds import THRESHOLDS, sound_pressure_level, thresholds_of
 from airtact.scene.medium import Medium
-from airtact.scene.primitives import sphere
 from airtact.scene.scene import Scene, sound_hard
 from airtact.scene.target import Target
-from airtact.solvers.boundary_element import BoundaryElement
+from airtact.solvers.bem.solver import BoundaryElement
 from airtact.solvers.free_field import FreeField
-from airtact.solvers.sphere_series import SphereSeries
+from airtact.solvers.spherical.sphere_series import SphereSeries
+from airtact.surfaces.primitives import sphere
 from airtact.synthesis.quantise import quantise
 from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
 from airtact.transducers.element import monopole

@@ -8,12 +8,12 @@ import pytest
 from airtact.conventions import InvalidInput
 from airtact.evaluation.metrics import Evaluation, evaluate
 from airtact.scene.medium import Medium
-from airtact.scene.primitives import sphere
 from airtact.scene.scene import Scene, sound_hard
 from airtact.scene.target import Target
 from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import SolveReport
-from airtact.solvers.sphere_series import SphereSeries
+from airtact.solvers.spherical.sphere_series import SphereSeries
+from airtact.surfaces.primitives import sphere
 from airtact.synthesis.reach import share_reached
 from airtact.synthesis.time_reversal import time_reversal
 from airtact.transducers.element import piston

@@ -6,14 +6,14 @@ from scipy.special import spherical_jn, spherical_yn
 
 from airtact.conventions import InvalidInput
 from airtact.evaluation.radiation import PAD_REACH, radiation_pressure, skin_map, skin_of
+from airtact.hand.pinch import pinch
 from airtact.scene.medium import Medium
-from airtact.scene.pinch import pinch
-from airtact.scene.primitives import sphere
 from airtact.scene.scene import Scene, impedance, sound_hard
 from airtact.scene.sources import Monopoles
-from airtact.solvers.boundary_element import BoundaryElement
+from airtact.solvers.bem.solver import BoundaryElement
 from airtact.solvers.problem import RadiatedField, Solver
-from airtact.solvers.sphere_series import SphereSeries
+from airtact.solvers.spherical.sphere_series import SphereSeries
+from airtact.surfaces.primitives import sphere
 from airtact.transducers.layout import surrounding_box
 from airtact.transfer import Drive
 

@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial import KDTree
 
 import airtact as at
+from airtact.evaluation.windows import AXES, Window
 from airtact.experiments.dummies import dummies
 from airtact.experiments.measurement import peak_ratios, readings
 from airtact.experiments.mesh_run import Combination, Ran, run_apart
@@ -17,8 +18,7 @@ from airtact.experiments.part import write_columns
 from airtact.experiments.plane_figure import carried
 from airtact.experiments.rigid_motion import Nodes, nodes_beside, random_poses
 from airtact.experiments.settings import FULL
-from airtact.judging import Clock
-from airtact.report.windows import AXES, Window
+from airtact.steps import Clock
 
 K = 2 * np.pi * 40e3 / 343.1
 

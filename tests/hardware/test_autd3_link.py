@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from airtact.conventions import InvalidInput
 from airtact.hardware.autd3_link import AUTD3Link, _custom_gain, _gain_of
 from airtact.hardware.link import LinkFailed
-from airtact.scene.pose import Pose
+from airtact.pose import Pose
 from airtact.synthesis.quantise import Frame
 from airtact.transducers.boards import board_named, poses_of_boards
 from airtact.transducers.layout import board_array, surrounding_box

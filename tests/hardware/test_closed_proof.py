@@ -3,13 +3,13 @@
 import numpy as np
 
 from airtact.evaluation.field import drive_sources
+from airtact.hand.pinch import pinch
 from airtact.hardware.autd3_link import AUTD3Link
 from airtact.hardware.emission import Emission
 from airtact.scene.medium import Medium
-from airtact.scene.pinch import pinch
 from airtact.scene.scene import Scene, sound_hard
 from airtact.scene.target import Target
-from airtact.solvers.boundary_element import BoundaryElement
+from airtact.solvers.bem.solver import BoundaryElement
 from airtact.synthesis.time_reversal import time_reversal
 from airtact.transducers.boards import board_named, poses_of_boards
 from airtact.transducers.layout import surrounding_box

@@ -13,7 +13,7 @@ from airtact.hardware.autd3_link import AUTD3Link
 from airtact.hardware.emission import Emission
 from airtact.hardware.link import LinkFailed, RecordingLink
 from airtact.hardware.serial_link import SerialLink
-from airtact.scene.pose import Pose
+from airtact.pose import Pose
 from airtact.synthesis.sequence import Sequence
 from hardware.receivers import Nano16, SonicSurface, wired
 from hardware.sounds import ended, moving, playing, tone

@@ -12,7 +12,7 @@ from airtact.hardware.codecs import codec_of
 from airtact.hardware.emission import Emission
 from airtact.hardware.link import RecordingLink
 from airtact.hardware.loudness import faded
-from airtact.scene.pose import Pose
+from airtact.pose import Pose
 from airtact.synthesis.sequence import Sequence, amplitude_modulation
 from airtact.transfer import Drive
 from hardware.sounds import moving, tone

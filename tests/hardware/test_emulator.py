@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from airtact.evaluation.field import field_map
 from airtact.hardware import autd3_link
 from airtact.hardware.autd3_link import AUTD3Link
+from airtact.pose import Pose
 from airtact.scene.medium import Medium
-from airtact.scene.pose import Pose
 from airtact.scene.scene import Scene
 from airtact.scene.target import Target
 from airtact.solvers.free_field import FreeField

@@ -5,12 +5,12 @@ import pytest
 from scipy.special import roots_legendre
 
 import airtact as at
-from airtact.scene.hand_hulls import Hulls
-from airtact.scene.hand_meshing import even_skin, midpoints
-from airtact.scene.hand_parts import hand_hulls, part_name
-from airtact.scene.hand_shape import HandShape
+from airtact.hand.anatomy_parts import hand_hulls, part_name
+from airtact.hand.shape import HandShape
+from airtact.hand.skin_mesh import even_skin, midpoints
+from airtact.hand.sphere_mesh import Hulls
 from benchmarks.accuracy import PAPER_AIR, directions, far_points, one_each, relative
-from scene.hand_poses import example
+from hand.hand_poses import example
 
 WATER = at.Medium(1481.0, 999.7)
 

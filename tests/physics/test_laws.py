@@ -5,10 +5,11 @@ import pytest
 from scipy.special import roots_legendre
 
 import airtact as at
-from airtact.solvers.boundary_operator import assemble, dual_surface
-from airtact.solvers.boundary_pressure import NearRule, double_layer_pressure, monopole_pressure
-from airtact.solvers.boundary_quadrature import Nodes, find_near, integrate_near, place_nodes
+from airtact.solvers.bem.layer_potentials import NearRule, double_layer_pressure
+from airtact.solvers.bem.operator import assemble, dual_surface
+from airtact.solvers.bem.quadrature import Nodes, find_near, integrate_near, place_nodes
 from airtact.solvers.gmres import gmres
+from airtact.solvers.monopoles import monopole_pressure
 from benchmarks.accuracy import PAPER_AIR, directions, far_points, motion, one_each, reciprocity, relative
 
 SOLVERS = [at.SphereSeries(), at.BoundaryElement(), at.FiniteElement(order=4, symmetry=())]

@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 
 from airtact.evaluation.field import drive_sources
+from airtact.hand.pinch import pinch
 from airtact.scene.medium import Medium
-from airtact.scene.panels import panels_of
-from airtact.scene.pinch import pinch
-from airtact.scene.primitives import sphere
 from airtact.scene.scene import Scene, sound_hard
-from airtact.scene.shapes import skin_points
 from airtact.scene.target import Target
-from airtact.solvers.boundary_element import BoundaryElement
-from airtact.solvers.boundary_quadrature import place_nodes
+from airtact.scene.target_points import skin_points
+from airtact.solvers.bem.quadrature import place_nodes
+from airtact.solvers.bem.solver import BoundaryElement
 from airtact.solvers.problem import Solver
-from airtact.solvers.sphere_series import SphereSeries
+from airtact.solvers.spherical.sphere_series import SphereSeries
+from airtact.surfaces.panels import panels_of
+from airtact.surfaces.primitives import sphere
 from airtact.synthesis.gradient import gradient
 from airtact.synthesis.max_min import max_min
 from airtact.transducers.layout import surrounding_box

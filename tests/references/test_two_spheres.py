@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from airtact.pose import Pose
 from airtact.scene.medium import Medium
-from airtact.scene.pose import Pose
-from airtact.scene.primitives import Capsule
 from airtact.scene.scene import Scene, sound_hard
 from airtact.scene.sources import Monopoles
-from airtact.solvers.sphere_series import SphereSeries
+from airtact.solvers.spherical.sphere_series import SphereSeries
+from airtact.surfaces.primitives import Capsule
 from references.two_spheres import fitted, pressure_at
 
 AIR = Medium(sound_speed=343.1, density=1.293)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import sph_legendre_p_all, spherical_jn, spherical_yn
 
-from airtact.scene.primitives import Capsule
+from airtact.surfaces.primitives import Capsule
 
 MOST_ORDERS = 110
 

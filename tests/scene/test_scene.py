@@ -3,17 +3,17 @@ import re
 
 import numpy as np
 import pytest
-from meshes import box_mesh, torus_mesh
 
 from airtact.conventions import InvalidInput
-from airtact.scene.geometry import Surface
+from airtact.hand.pinch import pinch
+from airtact.pose import Pose
 from airtact.scene.medium import Medium, air
-from airtact.scene.pinch import pinch
-from airtact.scene.pose import Pose
-from airtact.scene.primitives import sphere
 from airtact.scene.scene import Obstacle, Scene, check_outside, check_sources, filled, impedance, sound_hard
 from airtact.scene.sources import Monopoles
 from airtact.scene.target import Target
+from airtact.surfaces.primitives import sphere
+from airtact.surfaces.surface import Surface
+from mesh.meshes import box_mesh, torus_mesh
 
 AIR = Medium(sound_speed=343.1, density=1.293)
 WATER = Medium(sound_speed=1481.0, density=999.7)

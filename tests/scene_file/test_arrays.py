@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from airtact.conventions import InvalidInput
-from airtact.scene.pose import Pose
+from airtact.pose import Pose
 from airtact.scene_file.building import read_setup
 from airtact.transducers.layout import board_array, surrounding_box
 

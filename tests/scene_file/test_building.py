@@ -1,20 +1,18 @@
 """A scene file becomes bodies, transducers and foci where it says; what cannot be is refused with a number."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from airtact.conventions import InvalidInput
-from airtact.report.body_figure import sharp_edges
+from airtact.figures.body_figure import sharp_edges
 from airtact.scene.medium import air
-from airtact.scene.primitives import capsule
 from airtact.scene_file.building import drawable_bodies, read_setup
 from airtact.solvers.free_field import FreeField
+from airtact.surfaces.primitives import capsule
 from airtact.synthesis.methods import METHODS
 from airtact.synthesis.time_reversal import phase_conjugate
+from paths import EXAMPLES
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
 MEDIUM = "[medium]\nsound_speed = 343.1\ndensity = 1.293\n"
 ARRAY = '[array]\nlayout = "surrounding_box"\n'
 BALL = "[[obstacles]]\nsphere = { radius = 5e-3 }\n"

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.judging import finer
 from airtact.scene_file.building import read_setup
+from airtact.steps import finer
 
 TEXT = """
 frequency = 40e3

@@ -8,13 +8,13 @@ import pytest
 
 from airtact.cli import main
 from airtact.conventions import InvalidInput
-from airtact.posing import pose
-from airtact.replaying import replay_recording
-from airtact.scene.hand_files import load_hand
-from airtact.scene.topology import edge_twins
+from airtact.hand.files import load_hand
+from airtact.mesh.topology import edge_twins
 from airtact.scene_file.building import read_setup
+from airtact.workflows.hand import pose
+from airtact.workflows.recording import replay_recording
+from paths import EXAMPLES
 
-EXAMPLES = Path(__file__).parent.parent.parent / "examples"
 PINCH = EXAMPLES / "hands/pinch.json"
 
 

@@ -5,10 +5,10 @@ import pytest
 from PIL import Image
 
 from airtact.conventions import InvalidInput
+from airtact.hand.pinch import pinch
 from airtact.scene.drawings import svg_path, text
-from airtact.scene.pinch import pinch
-from airtact.scene.shapes import circle, polyline, segment, skin_points, sphere_shell
 from airtact.scene.target import Target
+from airtact.scene.target_points import circle, polyline, segment, skin_points, sphere_shell
 from airtact.scene_file.building import Setup, read_setup
 
 HEAD = '[medium]\nsound_speed = 343.1\ndensity = 1.293\n[array]\nlayout = "surrounding_box"\n'

@@ -5,10 +5,10 @@ import pytest
 
 from airtact.conventions import InvalidInput
 from airtact.scene.medium import Medium
-from airtact.scene.primitives import sphere
 from airtact.scene.scene import Scene, sound_hard
 from airtact.scene.sources import Monopoles
 from airtact.solvers.free_field import FreeField
+from airtact.surfaces.primitives import sphere
 
 AIR = Medium(sound_speed=343.1, density=1.293, absorption=0.15)
 

@@ -5,14 +5,14 @@ import pytest
 
 from airtact.conventions import InvalidInput, NotConverged
 from airtact.scene.medium import Medium
-from airtact.scene.primitives import sphere
 from airtact.scene.scene import Scene, filled, impedance, sound_hard
 from airtact.scene.sources import Monopoles
-from airtact.solvers.boundary_element import BoundaryElement
+from airtact.solvers.bem.solver import BoundaryElement
 from airtact.solvers.free_field import FreeField
-from airtact.solvers.particle_velocity import differences
 from airtact.solvers.problem import RadiatedField
-from airtact.solvers.sphere_series import SphereSeries
+from airtact.solvers.spherical.sphere_series import SphereSeries
+from airtact.solvers.velocity import differences
+from airtact.surfaces.primitives import sphere
 
 AIR = Medium(343.1, 1.293, absorption=0.1)
 BALL = sphere(0.01, edge=4e-3, centre=(1e-3, 2e-3, -1e-3))

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from airtact.conventions import InvalidInput
+from airtact.pose import Pose
 from airtact.scene.medium import Medium
-from airtact.scene.pose import Pose
 from airtact.scene.scene import Scene
-from airtact.scene.shapes import circle, segment
 from airtact.scene.target import Target
+from airtact.scene.target_points import circle, segment
 from airtact.solvers.free_field import FreeField
 from airtact.synthesis.sequence import (
     Sequence,

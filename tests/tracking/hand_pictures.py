@@ -6,8 +6,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
-from airtact.scene.hand import Hand
-from airtact.scene.pose import Pose
+from airtact.hand.hand import Hand
+from airtact.pose import Pose
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 600.0
 """Size of the pictures and focal length [pixels]."""

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from airtact.scene.hand import Hand, hand_from_joints
-from airtact.scene.joints import CHAINS
-from airtact.scene.pose import Pose
-from scene.hand_poses import example, turned
+from airtact.hand.hand import Hand, hand_from_joints
+from airtact.hand.joints import CHAINS
+from airtact.pose import Pose
+from hand.hand_poses import example, turned
 from tracking.hand_pictures import facing
 
 BENDS = ((-15, 35), (0, 35), (0, 20))

@@ -4,9 +4,9 @@ import functools
 
 import numpy as np
 
-from airtact.scene.hand import hand_from_joints
+from airtact.hand.hand import hand_from_joints
 from airtact.tracking.frame import HandFrame
-from scene.hand_poses import example
+from hand.hand_poses import example
 
 SPEED = 0.5
 """Fastest that the whole hand moves in ``Pinching`` [m/s]."""

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.image import imsave
 from scipy.spatial.transform import Rotation
 
-from airtact.scene.joints import hand_length
+from airtact.hand.joints import hand_length
 from airtact.tracking.adapters import mediapipe_camera
 from airtact.tracking.receivers import WebSocketReceiver
 from airtact.tracking.stream import HandStream, StreamHealth

@@ -17,7 +17,7 @@ from airtact.tracking.frame import HandFrame
 from airtact.tracking.messages import from_json
 from airtact.tracking.receivers import WebSocketReceiver
 from airtact.tracking.stream import HandStream
-from scene.hand_poses import example
+from hand.hand_poses import example
 from tracking.hand_pictures import facing, pictured
 from tracking.motions import still
 from tracking.seen_by_mediapipe import MEDIAPIPE, seen_by_mediapipe

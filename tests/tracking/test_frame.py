@@ -11,7 +11,7 @@ from pythonosc.osc_message_builder import OscMessageBuilder
 import airtact as at
 from airtact.tracking.frame import FaultyFrame, HandFrame
 from airtact.tracking.messages import ADDRESS, from_json, from_osc, to_json, to_osc
-from scene.hand_poses import example
+from hand.hand_poses import example
 from tracking.motions import still
 
 JOINTS, RADII = example("pinch")

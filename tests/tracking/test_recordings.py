@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import airtact as at
 from airtact.tracking.messages import to_json
 from airtact.tracking.recordings import load_recording, replay, save_recording
-from scene.hand_poses import example
+from hand.hand_poses import example
 from tracking.motions import still
 
 JOINTS, _ = example("pinch")

@@ -11,7 +11,7 @@ import airtact as at
 from airtact.tracking.frame import HandFrame
 from airtact.tracking.messages import to_json, to_osc
 from airtact.tracking.stream import FARTHEST, RESTART, HandStream
-from scene.hand_poses import example
+from hand.hand_poses import example
 from tracking.motions import still
 
 JOINTS, _ = example("pinch")

@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from airtact.conventions import InvalidInput
-from airtact.scene.pose import Pose
+from airtact.pose import Pose
 from airtact.transducers.boards import BOARDS, board_named, boards_needed, known_boards, poses_of_boards
 from airtact.transducers.layout import board_array, surrounding_box
 

@@ -6,8 +6,8 @@ import pytest
 
 from airtact.conventions import InvalidInput
 from airtact.evaluation.field import field_map
+from airtact.pose import Pose
 from airtact.scene.medium import Medium
-from airtact.scene.pose import Pose
 from airtact.scene.scene import Scene
 from airtact.scene.target import Target
 from airtact.solvers.free_field import FreeField

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from airtact.conventions import InvalidInput
-from airtact.scene.pose import Pose
+from airtact.pose import Pose
 from airtact.transducers.element import Element, monopole, piston
 from airtact.transducers.layout import PhasedArray, autd3_board, flat_boards, join, surrounding_box
 

@@ -20,8 +20,8 @@ from airtact.benching.real_time import RealTime, Row
 from airtact.benching.scenes import Bodies, two_fingers
 from airtact.benching.truth import Truth, true_pressure
 from airtact.conventions import InvalidInput
-from airtact.report.whole_file import whole_file, writable_folder
-from airtact.scene.hand_files import load_hand
+from airtact.files.atomic import whole_file, writable_folder
+from airtact.hand.files import load_hand
 from airtact.transducers.layout import surrounding_box
 
 FILES = ("bench.csv", "bench.json", "performance.md", "error_against_time.png", "error_against_time.svg", "growth.png")

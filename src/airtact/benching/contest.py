@@ -15,7 +15,7 @@ from airtact.benching.flat_mesh import flat_triangles, points_inside
 from airtact.benching.scenes import Bodies
 from airtact.benching.timing import Timed, relative_error
 from airtact.conventions import InvalidInput
-from airtact.scene.printing import in_short
+from airtact.printing import in_short
 
 SCRIPTS = Path(__file__).parent / "peers"
 

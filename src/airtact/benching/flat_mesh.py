@@ -4,10 +4,10 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from airtact.benching.scenes import Bodies
-from airtact.scene.hand_hulls import Hulls
-from airtact.scene.hand_meshing import even_skin
-from airtact.scene.primitives import Capsule
-from airtact.scene.topology import cone_volumes
+from airtact.hand.skin_mesh import even_skin
+from airtact.hand.sphere_mesh import Hulls
+from airtact.mesh.topology import cone_volumes
+from airtact.surfaces.primitives import Capsule
 
 INSIDE = 0.25, 0.8
 """How deep the points inside stand, as shares of the radius."""

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex128, Float64, Int64, Real
 
-from airtact.scene.primitives import Capsule
-from airtact.scene.printing import in_short
+from airtact.printing import in_short
+from airtact.surfaces.primitives import Capsule
 
 DEPTH_OF_IMAGES = 0.75  # share of the images' depth at which the monopoles stand
 KEPT_DIGITS = 2.5  # decimal digits that the highest azimuthal order that matters may lose on its way to the skin

@@ -8,14 +8,14 @@ import numpy as np
 
 from airtact.benching.scenes import Bodies, two_fingers
 from airtact.benching.timing import Timed, timed
-from airtact.scene.geometry import Surface
-from airtact.scene.hand_hulls import Hulls
-from airtact.scene.hand_meshing import midpoints
-from airtact.scene.hand_shape import HandShape
-from airtact.scene.pose import Pose
+from airtact.hand.shape import HandShape
+from airtact.hand.skin_mesh import midpoints
+from airtact.hand.sphere_mesh import Hulls
+from airtact.pose import Pose
 from airtact.scene.scene import Scene
 from airtact.scene.target import Target
-from airtact.solvers.boundary_element import BoundaryElement
+from airtact.solvers.bem.solver import BoundaryElement
+from airtact.surfaces.surface import Surface
 from airtact.synthesis.time_reversal import time_reversal
 from airtact.transducers.layout import flat_boards
 from airtact.transfer import transfer_matrix

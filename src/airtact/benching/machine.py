@@ -13,11 +13,11 @@ from airtact.benching.peers.peak_memory import forget_peak, peak
 from airtact.benching.real_time import Row
 from airtact.benching.scenes import two_fingers
 from airtact.benching.timing import Timed, timed
-from airtact.solvers.boundary_element import BoundaryElement
-from airtact.solvers.boundary_operator import DualMatrix, dual_surface
-from airtact.solvers.boundary_pressure import NearRule
-from airtact.solvers.boundary_quadrature import Nodes, place_nodes
-from airtact.solvers.tiles import tiles_of
+from airtact.solvers.bem.blocks import tiles_of
+from airtact.solvers.bem.layer_potentials import NearRule
+from airtact.solvers.bem.operator import DualMatrix, dual_surface
+from airtact.solvers.bem.quadrature import Nodes, place_nodes
+from airtact.solvers.bem.solver import BoundaryElement
 
 FLOPS = 56
 """Operations that one kernel evaluation, the gradient of a Green's function along a normal, is counted as."""

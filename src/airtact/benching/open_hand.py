@@ -11,8 +11,8 @@ from airtact.benching.real_time import Row, judged, to_drive, told
 from airtact.benching.scenes import Bodies
 from airtact.benching.timing import relative_error, timed
 from airtact.benching.truth import Truth
-from airtact.scene.hand import Hand, hand_from_joints
-from airtact.solvers.boundary_element import BoundaryElement
+from airtact.hand.hand import Hand, hand_from_joints
+from airtact.solvers.bem.solver import BoundaryElement
 from airtact.transducers.layout import PhasedArray, surrounding_box
 from airtact.transfer import transfer_matrix
 

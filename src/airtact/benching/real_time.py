@@ -15,10 +15,10 @@ from airtact.benching.scenes import Bodies, deformed, moved_each, moved_foci, tw
 from airtact.benching.timing import Timed, correlation, relative_error, timed
 from airtact.benching.truth import true_pressure
 from airtact.evaluation.field import drive_sources
-from airtact.scene.printing import in_short
-from airtact.solvers.boundary_element import BoundaryElement
-from airtact.solvers.outgoing_waves import outgoing_waves
+from airtact.printing import in_short
+from airtact.solvers.bem.solver import BoundaryElement
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport
+from airtact.solvers.spherical.multipole_field import outgoing_waves
 from airtact.synthesis.time_reversal import time_reversal
 from airtact.transducers.layout import PhasedArray, surrounding_box
 from airtact.transfer import Drive, TransferMatrix, transfer_matrix

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Real
 
-from airtact.scene.geometry import Surface
+from airtact.pose import Pose
+from airtact.printing import in_short
 from airtact.scene.medium import Medium
-from airtact.scene.pose import Pose
-from airtact.scene.primitives import Capsule, capsule
-from airtact.scene.printing import in_short
 from airtact.scene.scene import Scene, sound_hard
 from airtact.scene.target import Target
+from airtact.surfaces.primitives import Capsule, capsule
+from airtact.surfaces.surface import Surface
 
 AIR = Medium(sound_speed=343.1, density=1.293)
 """The paper's air."""

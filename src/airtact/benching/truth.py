@@ -9,7 +9,7 @@ from jaxtyping import Complex128, Real
 
 from airtact.benching.fundamental_solutions import fitted, pressure_at
 from airtact.benching.scenes import Bodies
-from airtact.scene.printing import in_short
+from airtact.printing import in_short
 
 FINENESS = 3.0
 """Monopoles per depth of the fit: three are 0.1 % off beside the two fingers."""

@@ -99,9 +99,9 @@ def check(scene: Path, folder: Path | None, **settings: float | None) -> None:
     """
     from rich.console import Console
 
-    from airtact.checking import check_scene, check_surface_file
     from airtact.cli.tables import scene_tables, surface_tables
-    from airtact.scene.files import SUFFIXES
+    from airtact.surfaces.files import SUFFIXES
+    from airtact.workflows.check import check_scene, check_surface_file
 
     given = _given(**settings)
     console = Console()
@@ -139,7 +139,7 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None
 
     with progress() as tell:
         from airtact.cli.tables import quality_tables
-        from airtact.meshing import mesh as run_mesh
+        from airtact.workflows.mesh import mesh as run_mesh
 
         meshed = run_mesh(surface, file, edge, tell, **_given(**settings))
     console = Console()
@@ -163,7 +163,7 @@ def render(scene: Path, folder: Path, store: Path | None) -> None:
     with progress() as tell:
         tell("starting")
         from airtact.cli.tables import run_table
-        from airtact.render import render as run_render
+        from airtact.workflows.render import render as run_render
 
         run = run_render(scene, folder, tell, store)
     console = Console()
@@ -189,7 +189,7 @@ def compare(scene: Path, folder: Path, store: Path | None) -> None:
     with progress() as tell:
         tell("starting")
         from airtact.cli.tables import methods_table
-        from airtact.comparing import compare_methods
+        from airtact.workflows.compare import compare_methods
 
         contest = compare_methods(scene, folder, tell, store)
     console = Console()
@@ -223,7 +223,7 @@ def compare_scan(
         tell("starting")
         from airtact.cli.tables import scan_table
         from airtact.evaluation.microphone import Microphone
-        from airtact.scanning import compare_scan as run_compare_scan
+        from airtact.workflows.compare_scan import compare_scan as run_compare_scan
 
         given = {name: value for name, value in microphone.items() if value is not None}
         compared = run_compare_scan(scan, scene, folder, Microphone(**given), tell)  # pyright: ignore[reportArgumentType]

@@ -13,7 +13,7 @@ from airtact.conventions import InvalidInput
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from airtact.emitting import Plan
+    from airtact.workflows.emit import Plan
 
 BOARD_NAMES = ("autd3", "sonicsurface", "nano16", "openmpd")
 LINK_NAMES = ("audit", "ethercrab", "twincat", "remote", "simulator", "serial", "file")
@@ -24,8 +24,8 @@ def boards() -> None:
     """List the boards that can be spoken to: their transducers, levels and links, and the serial ports there are."""
     from rich.console import Console
 
-    from airtact.emitting import LINKS_OF
     from airtact.transducers.boards import known_boards
+    from airtact.workflows.emit import LINKS_OF
 
     console = Console()
     table = plain_table("board", "elements", "levels", "a link")
@@ -82,9 +82,9 @@ def emit(drive: Path, board: str, link: str, cap: float, seconds: float, yes: bo
     """
     from rich.console import Console
 
-    from airtact.emitting import emit as run
-    from airtact.emitting import link_for, plan
-    from airtact.scene.guards import positive
+    from airtact.validation import positive
+    from airtact.workflows.emit import emit as run
+    from airtact.workflows.emit import link_for, plan
 
     positive(seconds, "how long to emit", "s")
     made = plan(drive, board, cap)
@@ -117,8 +117,8 @@ def export(drive: Path, board: str, cap: float, kind: str | None, out: Path) -> 
     """Write DRIVE.h5 as the frames of a board: .npz, .csv, .h5, or .bin, the very bytes that it is sent."""
     from rich.console import Console
 
-    from airtact.emitting import export as run
-    from airtact.emitting import plan
+    from airtact.workflows.emit import export as run
+    from airtact.workflows.emit import plan
 
     if kind is not None and out.suffix.lower() != f".{kind}":
         out = out.with_name(f"{out.name}.{kind}")

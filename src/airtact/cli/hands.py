@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
-    from airtact.posing import Posed
+    from airtact.workflows.hand import Posed
 
 
 @click.command(
@@ -48,7 +48,7 @@ def hand(
     from rich.console import Console
 
     from airtact.cli.tracking import show_recording
-    from airtact.scene.cloud_files import ENDINGS as CLOUDS
+    from airtact.hand.fitting.cloud_files import ENDINGS as CLOUDS
     from airtact.tracking.recordings import ENDINGS
 
     if landmarks is not None:
@@ -69,7 +69,7 @@ def hand(
         raise InvalidInput(f"{pose.name} is 1 pose, no recording; leave --frame and --leave-out out.")
 
     with progress() as tell:
-        from airtact.posing import pose as run_pose
+        from airtact.workflows.hand import pose as run_pose
 
         posed = run_pose(pose, file, gap, edge, tell)
     console = Console()
@@ -85,7 +85,7 @@ def _show_cloud(
     from rich.console import Console
 
     with progress() as tell:
-        from airtact.posing import fit
+        from airtact.workflows.hand import fit
 
         done = fit(cloud, landmarks, file, camera, edge, tell)
     console, fitted = Console(), done.fitted

@@ -7,18 +7,18 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from airtact.checking import unknowns_by_accuracy
 from airtact.cli.console import plain_table
-from airtact.meshing import Meshed
-from airtact.report.body_figure import sharp_edges
-from airtact.report.methods_page import Contest
-from airtact.report.run_page import Run
-from airtact.scanning import Compared
-from airtact.scene.geometry import Surface
+from airtact.figures.body_figure import sharp_edges
+from airtact.mesh.topology import shells
+from airtact.pages.methods_page import Contest
+from airtact.pages.run_page import Run
 from airtact.scene.scene import Scene
-from airtact.scene.topology import shells
 from airtact.scene_file.building import Setup
-from airtact.solvers.boundary_element import BoundaryElement
+from airtact.solvers.bem.solver import BoundaryElement
+from airtact.surfaces.surface import Surface
+from airtact.workflows.check import unknowns_by_accuracy
+from airtact.workflows.compare_scan import Compared
+from airtact.workflows.mesh import Meshed
 
 
 def scene_tables(setup: Setup) -> Iterator[Table]:

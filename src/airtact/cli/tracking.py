@@ -11,7 +11,7 @@ from airtact.cli.console import progress
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from airtact.replaying import Replayed
+    from airtact.workflows.recording import Replayed
 
 
 def show_recording(path: Path, file: Path, chosen: tuple[int, ...], leave_out: bool, edge: float | None) -> None:
@@ -25,8 +25,8 @@ def show_recording(path: Path, file: Path, chosen: tuple[int, ...], leave_out: b
     from rich.console import Console
 
     with progress() as tell:
-        from airtact.replaying import replay_recording
-        from airtact.report.panel_files import EDGE
+        from airtact.files.panels import EDGE
+        from airtact.workflows.recording import replay_recording
 
         replayed = replay_recording(path, file, chosen, leave_out, EDGE if edge is None else edge, tell)
     console = Console()
@@ -64,11 +64,11 @@ def listen(seconds: float, websocket: int, osc: int | None, file: Path) -> None:
     from contextlib import ExitStack
 
     from airtact.conventions import InvalidInput
-    from airtact.scene.guards import positive
     from airtact.tracking.frame import HandFrame
     from airtact.tracking.receivers import OscReceiver, WebSocketReceiver
     from airtact.tracking.recordings import ENDINGS, save_recording
     from airtact.tracking.stream import HandStream
+    from airtact.validation import positive
 
     positive(seconds, "the time to listen", "s")
     if file.suffix not in ENDINGS:

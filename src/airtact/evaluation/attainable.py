@@ -4,8 +4,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import of_kind
 from airtact.transfer import TransferMatrix
+from airtact.validation import of_kind
 
 
 def attainable(transfer: TransferMatrix, energy: float | None = None) -> Float64[np.ndarray, "foci"]:

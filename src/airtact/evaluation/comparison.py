@@ -8,13 +8,13 @@ from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
 from airtact.evaluation.metrics import NOT_MODELLED, pressures_at_foci
-from airtact.scene.guards import of_kind
-from airtact.scene.printing import in_short
+from airtact.printing import in_short
 from airtact.scene.scene import Scene
 from airtact.scene.target import Target
 from airtact.solvers.problem import Solver, SolveReport
 from airtact.transducers.layout import PhasedArray
 from airtact.transfer import Drive, check_drive
+from airtact.validation import of_kind
 
 HELD_EQUAL = {
     "equal peak": "the loudest element of every drive is at full scale",

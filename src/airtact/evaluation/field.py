@@ -6,13 +6,13 @@ import numpy as np
 from jaxtyping import Complex128, Real
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import counted, of_kind, points_of
 from airtact.scene.scene import Scene
 from airtact.scene.sources import Monopoles, check_off_sources
 from airtact.solvers.problem import Solver
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
 from airtact.transfer import Drive, check_drive
+from airtact.validation import counted, of_kind, points_of
 
 
 def check_solver(solver: Solver) -> None:

@@ -12,8 +12,7 @@ from airtact.evaluation.field import check_solver, drive_sources
 from airtact.evaluation.metrics import Evaluation
 from airtact.evaluation.radiation import PAD_RADIUS, Pad, SkinMap, skin_of
 from airtact.evaluation.thresholds import NO_SAFETY_ASSESSMENT, Threshold, sound_pressure_level, thresholds_of
-from airtact.scene.guards import of_kind, place, points_of
-from airtact.scene.printing import in_short
+from airtact.printing import in_short
 from airtact.scene.scene import Scene, check_outside
 from airtact.scene.sources import check_off_sources
 from airtact.scene.target import Target
@@ -22,6 +21,7 @@ from airtact.synthesis.quantise import quantise
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
 from airtact.transfer import Drive, TransferMatrix, transfer_matrix
+from airtact.validation import of_kind, place, points_of
 
 OWN = 1.0
 """Within this many wavelengths of a focus sound counts as the focus's own, farther away as stray."""

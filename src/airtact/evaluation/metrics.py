@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Complex128, Float64
 
 from airtact.evaluation.field import check_solver, drive_sources
-from airtact.scene.guards import of_kind
-from airtact.scene.printing import in_short
+from airtact.printing import in_short
 from airtact.scene.scene import Scene, check_outside
 from airtact.scene.sources import check_off_sources
 from airtact.scene.target import Target
@@ -16,6 +15,7 @@ from airtact.synthesis.reach import share
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
 from airtact.transfer import Drive
+from airtact.validation import of_kind
 
 NOT_MODELLED = (
     "The array's own boards, the table and the walls do not reflect, and the elements' loudness is not calibrated."

@@ -6,11 +6,11 @@ import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Real
 
 from airtact.conventions import InvalidInput, Vector
-from airtact.scene.guards import number, points_of, positive, real_numbers
-from airtact.scene.primitives import turn_from_z
 from airtact.scene.scene import Scene
 from airtact.solvers.problem import RadiatedField
+from airtact.surfaces.primitives import turn_from_z
 from airtact.transducers.element import piston
+from airtact.validation import number, points_of, positive, real_numbers
 
 QUARTER_INCH = 6.35e-3
 """Diameter of the paper's microphone [m]."""

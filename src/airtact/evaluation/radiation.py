@@ -7,17 +7,17 @@ from jaxtyping import Bool, Complex128, Float64, Int64, Real
 
 from airtact.conventions import InvalidInput
 from airtact.evaluation.field import check_solver, drive_sources
-from airtact.scene.guards import place, positive
+from airtact.mesh.quadratic_triangles import SixNodes
+from airtact.printing import in_short
 from airtact.scene.medium import Medium
-from airtact.scene.panels import panels_of
-from airtact.scene.printing import in_short
 from airtact.scene.scene import Scene
-from airtact.scene.six_nodes import SixNodes
-from airtact.solvers.boundary_quadrature import place_nodes
+from airtact.solvers.bem.quadrature import place_nodes
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport
+from airtact.surfaces.panels import panels_of
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
 from airtact.transfer import Drive
+from airtact.validation import place, positive
 
 EDGE = 1.0 / 3.0
 """Edge of the panels on which the skin is heard, in wavelengths: radiation pressure varies over half a wavelength."""

@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Bool, Complex128, Float64
 
 from airtact.conventions import InvalidInput, about
-from airtact.scene.guards import complex_numbers, counted, place, points_of, refuse_not_finite
-from airtact.scene.printing import in_short
-from airtact.scene.text_table import read_text_table
+from airtact.printing import in_short
+from airtact.text_table import read_text_table
+from airtact.validation import complex_numbers, counted, place, points_of, refuse_not_finite
 
 PLACE, PRESSURE, PHASE = ("x", "y", "z"), "pressure", "phase"
 """Columns of a scan: metres, the pressure in any unit, and, where it was measured, its phase [rad]."""

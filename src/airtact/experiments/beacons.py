@@ -7,19 +7,19 @@ from jaxtyping import Bool, Complex128, Float64
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
+from airtact.evaluation.windows import AXES, Window
 from airtact.experiments.part import Part, places, write_columns
 from airtact.experiments.plane_figure import carried, draw_planes
 from airtact.experiments.settings import Settings
 from airtact.experiments.solved import CONSIDERED, Solved
-from airtact.judging import Clock
-from airtact.report.field_figure import cut_bodies
-from airtact.report.page import paragraph, picture
-from airtact.report.panel_figure import draw_panels
-from airtact.report.phase_figure import draw_phases
-from airtact.report.windows import AXES, Window
-from airtact.scene.six_nodes import SixNodes
-from airtact.solvers.finite_system import System
+from airtact.figures.field_figure import cut_bodies
+from airtact.figures.panel_figure import draw_panels
+from airtact.figures.phase_figure import draw_phases
+from airtact.mesh.quadratic_triangles import SixNodes
+from airtact.pages.page import paragraph, picture
+from airtact.solvers.fem.system import System
 from airtact.solvers.problem import SolveReport
+from airtact.steps import Clock
 
 ON_PLANE = 1e-6
 """Corners nearer to a symmetry plane than this lie on it [λ]."""

@@ -5,17 +5,17 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Complex128
 
+from airtact.evaluation.windows import plane_through
 from airtact.experiments.mesh_sizes import relative_error
 from airtact.experiments.part import Part, write_columns
 from airtact.experiments.settings import Settings
 from airtact.experiments.solved import Solved
-from airtact.judging import Clock
-from airtact.report.page import paragraph, table
-from airtact.report.windows import plane_through
+from airtact.pages.page import paragraph, table
 from airtact.scene.scene import Scene
-from airtact.solvers.boundary_element import BoundaryElement
-from airtact.solvers.finite_element import FiniteElement
+from airtact.solvers.bem.solver import BoundaryElement
+from airtact.solvers.fem.solver import FiniteElement
 from airtact.solvers.problem import Solver
+from airtact.steps import Clock
 
 OFF_SKIN = 0.5
 """Points of the plane nearer to a finger than so many wavelengths are left out."""

@@ -11,13 +11,13 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
-from airtact.scene.geometry import Surface
+from airtact.printing import in_short
 from airtact.scene.medium import Medium
-from airtact.scene.primitives import capsule
-from airtact.scene.printing import in_short
 from airtact.scene.scene import Scene, filled, sound_hard
 from airtact.scene.sources import Monopoles
 from airtact.scene.target import Target
+from airtact.surfaces.primitives import capsule
+from airtact.surfaces.surface import Surface
 
 AIR = Medium(sound_speed=343.1, density=1.293)
 """Of the paper's Table 1."""

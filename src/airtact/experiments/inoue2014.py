@@ -16,9 +16,9 @@ from airtact.experiments.ratios import ratios
 from airtact.experiments.rigid_motion import rigid_motion
 from airtact.experiments.settings import FULL, QUICK, Settings
 from airtact.experiments.solved import solved
-from airtact.judging import Clock
-from airtact.report.page import document, folded, paragraph, section, table, tiles
-from airtact.report.whole_file import whole_file, writable_folder
+from airtact.files.atomic import whole_file, writable_folder
+from airtact.pages.page import document, folded, paragraph, section, table, tiles
+from airtact.steps import Clock
 
 PAGE = "index.html"
 """The page, which needs no other file."""

@@ -7,15 +7,15 @@ from jaxtyping import Complex128, Float64
 
 from airtact.evaluation.comparison import HELD_EQUAL
 from airtact.evaluation.microphone import Microphone
+from airtact.evaluation.windows import AXES, Window
 from airtact.experiments.part import Part, places, write_columns
 from airtact.experiments.plane_figure import draw_planes
 from airtact.experiments.pressures import HELD, loudness
 from airtact.experiments.settings import Settings
 from airtact.experiments.solved import CONSIDERED, IGNORED, Solved
-from airtact.judging import Clock
-from airtact.report.field_figure import COLOURS, cut_bodies
-from airtact.report.page import paragraph, picture, table
-from airtact.report.windows import AXES, Window
+from airtact.figures.field_figure import COLOURS, cut_bodies
+from airtact.pages.page import paragraph, picture, table
+from airtact.steps import Clock
 
 NOISE = 0.01
 """Noise of each reading, over the largest of all (rms)."""

@@ -9,7 +9,7 @@ from scipy.optimize import nnls
 
 from airtact.experiments.dummies import AIR, dummies
 from airtact.experiments.mesh_run import BOX, Combination, Row
-from airtact.solvers.finite_element import LAYER, MARGIN
+from airtact.solvers.fem.solver import LAYER, MARGIN
 
 TETRAHEDRA = 8.0
 """Tetrahedra in a cube whose edge is theirs, until a run has told."""

@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Complex128
 
 from airtact.experiments.dummies import dummies
-from airtact.scene.printing import in_short
-from airtact.solvers.finite_element import FiniteElement
-from airtact.solvers.finite_netgen import netgen_libraries, ngsolve_library
+from airtact.printing import in_short
+from airtact.solvers.fem.meshing.netgen import netgen_libraries, ngsolve_library
+from airtact.solvers.fem.solver import FiniteElement
 from airtact.transducers.layout import surrounding_box
 
 ROOM = 0.5e-3

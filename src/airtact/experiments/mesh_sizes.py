@@ -15,9 +15,9 @@ from airtact.experiments.mesh_figure import draw_costs
 from airtact.experiments.mesh_run import Combination, Ran, Row, run_apart
 from airtact.experiments.part import Part, write_columns
 from airtact.experiments.settings import Settings
-from airtact.judging import Clock
-from airtact.report.page import paragraph, picture, table
-from airtact.solvers.boundary_element import BoundaryElement
+from airtact.pages.page import paragraph, picture, table
+from airtact.solvers.bem.solver import BoundaryElement
+from airtact.steps import Clock
 from airtact.transducers.layout import surrounding_box
 
 GOOD = 0.02

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
-from airtact.report.field_figure import BODY
-from airtact.report.windows import Window
+from airtact.evaluation.windows import Window
+from airtact.figures.field_figure import BODY
 
 BLANK = "0.9"
 """Grey of places without a value."""

@@ -6,13 +6,13 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.evaluation.comparison import HELD_EQUAL
+from airtact.evaluation.windows import plane_through
 from airtact.experiments.part import Part, places, write_columns
 from airtact.experiments.plane_figure import carried, draw_planes
 from airtact.experiments.solved import CONSIDERED, IGNORED, Solved
-from airtact.judging import Clock
-from airtact.report.field_figure import COLOURS, cut_bodies
-from airtact.report.page import paragraph, picture, table
-from airtact.report.windows import plane_through
+from airtact.figures.field_figure import COLOURS, cut_bodies
+from airtact.pages.page import paragraph, picture, table
+from airtact.steps import Clock
 
 HELD = "equal energy"
 """What is held equal in the pictures."""

@@ -17,9 +17,9 @@ from airtact.experiments.dummies import Dummies, Entering, dummies
 from airtact.experiments.part import Part, write_columns
 from airtact.experiments.pressures import HELD
 from airtact.experiments.settings import Settings
-from airtact.judging import Clock
-from airtact.report.page import paragraph, picture, table
-from airtact.solvers.boundary_element import BoundaryElement
+from airtact.pages.page import paragraph, picture, table
+from airtact.solvers.bem.solver import BoundaryElement
+from airtact.steps import Clock
 from airtact.synthesis.quantise import quantise
 from airtact.synthesis.time_reversal import time_reversal
 from airtact.transducers.layout import PhasedArray, surrounding_box

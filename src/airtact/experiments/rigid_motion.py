@@ -15,15 +15,15 @@ from scipy.spatial import KDTree
 from airtact.experiments.dummies import dummies
 from airtact.experiments.part import Part, write_columns
 from airtact.experiments.settings import Settings
-from airtact.judging import Clock
-from airtact.report.page import paragraph, picture, table
-from airtact.scene.pose import Pose
-from airtact.scene.printing import in_short
+from airtact.pages.page import paragraph, picture, table
+from airtact.pose import Pose
+from airtact.printing import in_short
 from airtact.scene.scene import Scene
 from airtact.scene.sources import Monopoles
-from airtact.solvers.boundary_element import BoundaryElement
+from airtact.solvers.bem.solver import BoundaryElement
 from airtact.solvers.problem import RadiatedField
 from airtact.solvers.sampled_field import SampledField
+from airtact.steps import Clock
 from airtact.transducers.layout import surrounding_box
 
 FARTHEST, WIDEST = 5e-3, 10.0

@@ -8,13 +8,13 @@ from jaxtyping import Complex128
 from airtact.evaluation.comparison import Comparison, compare
 from airtact.experiments.dummies import Dummies, dummies
 from airtact.experiments.settings import Settings
-from airtact.judging import Clock, Keeping
-from airtact.scene.printing import in_short
+from airtact.printing import in_short
 from airtact.scene.scene import Scene
-from airtact.solvers.boundary_element import BoundaryElement
-from airtact.solvers.finite_element import FactorisedScene, FiniteElement
-from airtact.solvers.finite_field import FiniteField
+from airtact.solvers.bem.solver import BoundaryElement
+from airtact.solvers.fem.field import FiniteField
+from airtact.solvers.fem.solver import FactorisedScene, FiniteElement
 from airtact.solvers.problem import RadiatedField
+from airtact.steps import Clock, Keeping
 from airtact.synthesis.quantise import quantise
 from airtact.transducers.layout import PhasedArray, surrounding_box
 from airtact.transfer import Drive, focus_by_distance

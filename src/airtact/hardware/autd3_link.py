@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from airtact.conventions import InvalidInput
 from airtact.hardware.link import Link, LinkFailed
-from airtact.scene.guards import of_kind
-from airtact.scene.pose import Pose
+from airtact.pose import Pose
 from airtact.synthesis.quantise import EIGHT_BITS, Frame
+from airtact.validation import of_kind
 
 KNOWN_VERSIONS = ("36.0.2",)
 """Versions of pyautd3 that the tests are run with."""

@@ -14,10 +14,10 @@ import numpy as np
 from airtact.conventions import InvalidInput
 from airtact.hardware.link import Link, LinkFailed
 from airtact.hardware.loudness import faded, share_under_cap
-from airtact.scene.guards import number, of_kind, positive
 from airtact.synthesis.quantise import Frame
 from airtact.synthesis.sequence import Sequence
 from airtact.transfer import Drive, check_drive
+from airtact.validation import number, of_kind, positive
 
 RAMP = 0.2
 """How long the amplitude rises when sound begins [s]."""

@@ -13,8 +13,8 @@ from jaxtyping import Float64
 from airtact.conventions import InvalidInput
 from airtact.hardware.codecs import codec_of
 from airtact.hardware.link import Link
-from airtact.scene.guards import of_kind
 from airtact.synthesis.quantise import Frame
+from airtact.validation import of_kind
 
 SUFFIXES = (".npz", ".csv", ".h5", ".bin")
 """Kinds of files: arrays of NumPy, a table, HDF5, and the very bytes that the boards are sent."""

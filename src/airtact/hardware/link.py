@@ -9,8 +9,8 @@ import numpy as np
 
 from airtact.conventions import InvalidInput
 from airtact.hardware.codecs import Codec, codec_of
-from airtact.scene.guards import counted, of_kind, positive
 from airtact.synthesis.quantise import Frame, Levels
+from airtact.validation import counted, of_kind, positive
 
 
 class LinkFailed(RuntimeError):  # noqa: N818 (reads as what it is in a traceback)

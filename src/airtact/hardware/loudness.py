@@ -4,9 +4,9 @@ import numpy as np
 from jaxtyping import Complex, Float64, Real
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import number
 from airtact.synthesis.quantise import Frame, Levels, quantise
 from airtact.transfer import Drive
+from airtact.validation import number
 
 GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 """Multiples of the golden ratio's fraction spread evenly over 0 to 1, however many are taken."""

@@ -9,8 +9,8 @@ import numpy as np
 
 from airtact.conventions import InvalidInput
 from airtact.hardware.link import Link
-from airtact.scene.guards import of_kind
 from airtact.synthesis.quantise import Frame
+from airtact.validation import of_kind
 
 PATIENCE = 0.5
 """How long a board may take to take a frame or to answer [s]."""

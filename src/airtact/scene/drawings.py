@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float64, Real
 
 from airtact.conventions import InvalidInput, Vector
-from airtact.scene.guards import positive, real_numbers, refuse_not_finite
-from airtact.scene.shapes import Points, frame_of, segment, thinned
+from airtact.scene.target_points import Points, frame_of, segment, thinned
+from airtact.validation import positive, real_numbers, refuse_not_finite
 
 FONT = "futural"
 """The Hershey font of single strokes without serifs: what is felt is the stroke, not the outline of a letter."""

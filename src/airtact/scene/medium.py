@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import number, positive, within
+from airtact.validation import number, positive, within
 
 _PASCAL = 101325.0  # one standard atmosphere, the reference pressure of ISO 9613-1
 _CARBON_DIOXIDE = 0.0004  # mole fraction, as in CIPM-2007

@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import Float64, Real
 
 from airtact.conventions import InvalidInput
-from airtact.scene.geometry import Surface, extent_of
-from airtact.scene.guards import check_frequency, of_kind, place, points_of
 from airtact.scene.medium import Medium
 from airtact.scene.sources import Monopoles
-from airtact.scene.surface_checks import check_apart, check_surface
 from airtact.scene.target import Beacons, Target
+from airtact.surfaces.checks import check_apart, check_surface
+from airtact.surfaces.surface import Surface, extent_of
+from airtact.validation import check_frequency, of_kind, place, points_of
 
 CONTACT = 1e-9
 """Points up to this deep in a body stand on its skin [m]."""

@@ -8,8 +8,8 @@ from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import complex_numbers, points_of, refuse_not_finite
-from airtact.scene.printing import in_short
+from airtact.printing import in_short
+from airtact.validation import complex_numbers, points_of, refuse_not_finite
 
 STANDS_ON = 1e-9
 """A point nearer to a source than this stands on it [m]."""

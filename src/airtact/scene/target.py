@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Complex128, Float64, Num, Real
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import complex_numbers, counted, fixed, place, points_of, real_numbers, refuse_not_finite
-from airtact.scene.printing import in_short
+from airtact.printing import in_short
 from airtact.scene.sources import Monopoles
+from airtact.validation import complex_numbers, counted, fixed, place, points_of, real_numbers, refuse_not_finite
 
 FARTHEST = 2.0
 """Farthest that a focus may be from the origin of the obstacles' frame [m], the largest extent of a body."""

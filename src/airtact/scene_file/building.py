@@ -8,17 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from airtact.conventions import InvalidInput, about
-from airtact.scene.files import load_surface
-from airtact.scene.geometry import Surface
-from airtact.scene.guards import counted
-from airtact.scene.hand_files import ROOM, load_hand
+from airtact.hand.files import ROOM, load_hand
+from airtact.hand.pinch import pinch
+from airtact.pose import Pose
 from airtact.scene.medium import Medium, air
-from airtact.scene.pinch import pinch
-from airtact.scene.pose import Pose
-from airtact.scene.primitives import capsule, sphere
 from airtact.scene.scene import Obstacle, Scene, check_outside, filled, impedance, sound_hard
 from airtact.scene.target import Target
-from airtact.scene.text_table import read_text_table
 from airtact.scene_file.bare_triangles import Triangles, bare_triangles
 from airtact.scene_file.keys import goes_with, one_of
 from airtact.scene_file.merging import with_merged_bodies
@@ -32,16 +27,21 @@ from airtact.scene_file.tables import (
     parse_scene,
 )
 from airtact.scene_file.targets import Places, target_of
-from airtact.solvers.boundary_element import BoundaryElement
-from airtact.solvers.finite_element import FiniteElement
+from airtact.solvers.bem.solver import BoundaryElement
+from airtact.solvers.fem.solver import FiniteElement
 from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import Solver
+from airtact.surfaces.files import load_surface
+from airtact.surfaces.primitives import capsule, sphere
+from airtact.surfaces.surface import Surface
 from airtact.synthesis.methods import METHODS
+from airtact.text_table import read_text_table
 from airtact.transducers.calibration import load_calibration
 from airtact.transducers.element import Element, monopole, piston
 from airtact.transducers.layout import PhasedArray, board_array, flat_boards, surrounding_box
 from airtact.transducers.placement import check_placement
 from airtact.transfer import Drive, TransferMatrix
+from airtact.validation import counted
 
 SOLVERS = ("boundary_element", "finite_element", "free_field")
 """The solvers that a file can name."""

@@ -7,9 +7,9 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from airtact.scene.merging import merged
 from airtact.scene.scene import Obstacle, sound_hard
-from airtact.scene.surface_checks import NEAREST, approach
+from airtact.surfaces.checks import NEAREST, approach
+from airtact.surfaces.union import merged
 
 
 def with_merged_bodies(names: Sequence[str], obstacles: Sequence[Obstacle]) -> tuple[list[str], list[Obstacle]]:

@@ -11,11 +11,11 @@ from jaxtyping import Float64, Num
 
 from airtact.conventions import InvalidInput, about
 from airtact.scene.drawings import picture, svg_path, text
-from airtact.scene.geometry import Surface
-from airtact.scene.shapes import Points, circle, onto_skin, polyline, segment, skin_points, sphere_shell
 from airtact.scene.target import Target
+from airtact.scene.target_points import Points, circle, onto_skin, polyline, segment, skin_points, sphere_shell
 from airtact.scene_file.keys import goes_with, one_of
 from airtact.scene_file.tables import FocusTable, QuietTable, SvgTable, Table, nearest
+from airtact.surfaces.surface import Surface
 
 Places = dict[str, tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"], float]]
 """Named points of bodies, the outward normals there, and how far off the next body is [m]."""

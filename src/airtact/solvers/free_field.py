@@ -6,12 +6,12 @@ import numpy as np
 from jaxtyping import Bool, Complex128, Real
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import counted, points_of
-from airtact.scene.printing import in_short
+from airtact.printing import in_short
 from airtact.scene.scene import Scene, check_sources
 from airtact.scene.sources import Monopoles, check_off_sources
-from airtact.solvers.particle_velocity import open_air_slopes, velocity_of
 from airtact.solvers.problem import RadiatedField, Skin, Solver, SolveReport
+from airtact.solvers.velocity import open_air_slopes, velocity_of
+from airtact.validation import counted, points_of
 
 _PAIRS_AT_ONCE = 1 << 20
 

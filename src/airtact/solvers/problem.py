@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Real
 
-from airtact.scene.guards import points_of
-from airtact.scene.printing import in_short
+from airtact.printing import in_short
 from airtact.scene.scene import Scene
 from airtact.scene.sources import Monopoles
-from airtact.solvers.particle_velocity import differences, velocity_of
+from airtact.solvers.velocity import differences, velocity_of
+from airtact.validation import points_of
 
 DIFFERENCE = 1.0 / 40.0
 """Step over which a field without a closed form is differentiated, in wavelengths."""

@@ -10,13 +10,13 @@ from jaxtyping import Bool, Complex128, Float64, Int64, Num, Real
 from scipy.spatial import Delaunay, KDTree, QhullError
 
 from airtact.conventions import InvalidInput, about
-from airtact.scene.guards import place, points_of, positive, refuse_not_finite
-from airtact.scene.printing import in_short
+from airtact.printing import in_short
 from airtact.scene.scene import Scene, check_sources
 from airtact.scene.sources import Monopoles, check_off_sources
-from airtact.scene.text_table import read_text_table
-from airtact.solvers.finite_tetrahedra import Tetrahedra
 from airtact.solvers.problem import RadiatedField, Skin, SolveReport
+from airtact.solvers.tetrahedra import Tetrahedra
+from airtact.text_table import read_text_table
+from airtact.validation import place, points_of, positive, refuse_not_finite
 
 TimeSign = Literal["e^{-iωt}", "e^{+jωt}"]
 

@@ -9,12 +9,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import number, of_kind
 from airtact.scene.scene import Scene
 from airtact.scene.sources import Monopoles
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.store.entry import DamagedError, read, save, written
 from airtact.store.fingerprint import fingerprint
+from airtact.validation import number, of_kind
 
 SUFFIX = ".field.h5"
 

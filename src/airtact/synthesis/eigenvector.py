@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from airtact.scene.guards import number
 from airtact.scene.target import Target
 from airtact.synthesis.reach import check_solvable, foci_rows, scaled_to_target
 from airtact.transfer import Drive, TransferMatrix
+from airtact.validation import number
 
 
 def eigenvector(transfer: TransferMatrix, target: Target, *, evenness: float = 1.0) -> Drive:

@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Complex128, Float64
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import counted
 from airtact.scene.target import Target
 from airtact.synthesis.constraint import AT_MOST_ONE, Constraint
 from airtact.synthesis.gerchberg_saxton import check_iterations, phase
@@ -14,6 +13,7 @@ from airtact.synthesis.max_min import strongest_sources
 from airtact.synthesis.reach import asked_rows, quiet_rows, scaled_to_target
 from airtact.synthesis.stalling import warn_stalled, worst_share
 from airtact.transfer import Drive, TransferMatrix
+from airtact.validation import counted
 
 SOFTNESS = 200.0
 """Power of the mean that stands for the smallest share: 16 equal shares count 1.4 % less than one."""

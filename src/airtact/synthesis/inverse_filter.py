@@ -4,10 +4,10 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import positive
 from airtact.scene.target import Target
 from airtact.synthesis.reach import check_solvable, foci_rows, quiet_rows, scaled_to_target
 from airtact.transfer import Drive, TransferMatrix
+from airtact.validation import positive
 
 
 def inverse_filter(transfer: TransferMatrix, target: Target, *, weight: float | None = None) -> Drive:

@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Float64, Int64, Real, UInt8
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import counted, of_kind, real_numbers
-from airtact.scene.printing import in_short
+from airtact.printing import in_short
 from airtact.transfer import Drive, TransferMatrix, check_drive
+from airtact.validation import counted, of_kind, real_numbers
 
 MOST_LEVELS = 256
 """Levels are kept in bytes."""

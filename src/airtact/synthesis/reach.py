@@ -4,10 +4,10 @@ import numpy as np
 from jaxtyping import Complex, Complex128, Float64
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import counted, of_kind, place
 from airtact.scene.target import Target
 from airtact.synthesis.constraint import AT_MOST_ONE, Constraint
 from airtact.transfer import Drive, TransferMatrix
+from airtact.validation import counted, of_kind, place
 
 SAME_PLACE = 1e-6
 """Foci nearer than this to each other are the same [m]."""

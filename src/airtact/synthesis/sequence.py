@@ -12,12 +12,12 @@ import numpy as np
 from jaxtyping import Complex128, Float64, Int64
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import complex_numbers, counted, of_kind, positive, refuse_not_finite
-from airtact.scene.printing import in_short
+from airtact.printing import in_short
 from airtact.scene.target import Target
 from airtact.synthesis.reach import foci_rows
 from airtact.synthesis.time_reversal import phase_conjugate
 from airtact.transfer import FULL_SCALE, Drive, TransferMatrix, check_drive
+from airtact.validation import complex_numbers, counted, of_kind, positive, refuse_not_finite
 
 FEWEST = 4
 """Frames that one period of a modulation takes at least."""

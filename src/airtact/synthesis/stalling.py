@@ -5,8 +5,8 @@ import warnings
 import numpy as np
 from jaxtyping import Complex128
 
-from airtact.scene.guards import counted
 from airtact.synthesis.upper_bound import relaxed_bound
+from airtact.validation import counted
 
 OPEN = 0.03
 """A larger part of the pressure that more turns would still bring means that a method stalled."""

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex128, Float64
 
-from airtact.scene.guards import positive
-from airtact.scene.printing import in_short
+from airtact.printing import in_short
 from airtact.scene.target import Target
 from airtact.synthesis.reach import asked_rows
 from airtact.synthesis.relaxation import Slots, first_slots, turned
 from airtact.transfer import Drive, TransferMatrix
+from airtact.validation import positive
 
 MOST_TURNS = 1000
 BETWEEN_CHECKS = 10

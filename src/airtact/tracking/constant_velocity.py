@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float64, Real
 
-from airtact.scene.printing import in_short
+from airtact.printing import in_short
 
 USUAL = 0.5
 """Standard deviation of the velocity of a hand of which nothing else is known [m/s]."""

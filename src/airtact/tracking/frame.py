@@ -12,11 +12,11 @@ import numpy as np
 from jaxtyping import Float64, Real
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import counted, fixed, number
-from airtact.scene.hand import Hand, Side, hand_from_joints
-from airtact.scene.joints import LARGEST, evidence_of, joints_of, side_of
-from airtact.scene.pose import Pose
-from airtact.scene.printing import in_short
+from airtact.hand.hand import Hand, Side, hand_from_joints
+from airtact.hand.joints import LARGEST, evidence_of, joints_of, side_of
+from airtact.pose import Pose
+from airtact.printing import in_short
+from airtact.validation import counted, fixed, number
 
 Fault = Literal[
     "nonsense",

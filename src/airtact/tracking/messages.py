@@ -15,8 +15,8 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
-from airtact.scene.guards import counted
 from airtact.tracking.frame import LAST_SEQUENCE, FaultyFrame, HandFrame
+from airtact.validation import counted
 
 ADDRESS = "/airtact/hand"
 """Address of a hand's frame in OSC."""

@@ -7,10 +7,10 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import fixed
-from airtact.scene.hand import Side
-from airtact.scene.printing import in_short
+from airtact.hand.hand import Side
+from airtact.printing import in_short
 from airtact.tracking.frame import HandFrame
+from airtact.validation import fixed
 
 
 @dataclass(frozen=True, eq=False)

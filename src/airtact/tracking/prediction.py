@@ -6,10 +6,10 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import number, positive
-from airtact.scene.joints import CHAINS
+from airtact.hand.joints import CHAINS
 from airtact.tracking.constant_velocity import Motion, first_seen, measured
 from airtact.tracking.frame import FaultyFrame, HandFrame
+from airtact.validation import number, positive
 
 NOISE = 1e-3
 """Standard deviation of each coordinate of a landmark unless given [m]."""

@@ -11,11 +11,11 @@ import numpy as np
 from jaxtyping import Float64, Int64, Real
 
 from airtact.conventions import InvalidInput, about
-from airtact.scene.guards import counted, positive
-from airtact.scene.printing import in_short
+from airtact.printing import in_short
 from airtact.tracking.frame import FaultyFrame, HandFrame
 from airtact.tracking.messages import from_json, to_json
 from airtact.tracking.stream import HandStream, StreamHealth
+from airtact.validation import counted, positive
 
 ENDINGS = (".jsonl", ".npz")
 """Endings of recordings."""

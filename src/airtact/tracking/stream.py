@@ -11,10 +11,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from threading import Condition
 
-from airtact.scene.guards import positive
-from airtact.scene.hand import Side
+from airtact.hand.hand import Side
 from airtact.tracking.frame import FaultyFrame, HandFrame
 from airtact.tracking.messages import from_json, from_osc
+from airtact.validation import positive
 
 RESTART = 20
 """So many frames in a row that follow each other, but not the newest one, are a tracker that began anew; after

@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float64, Int64, Real
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import counted, fixed
-from airtact.scene.pose import Pose
-from airtact.scene.printing import in_short
+from airtact.pose import Pose
+from airtact.printing import in_short
+from airtact.validation import counted, fixed
 
 LOOSEST = 1e-4
 """Farthest that an element may stand from its place on a board that it is said to be of [m]."""

@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Complex128
 
 from airtact.conventions import InvalidInput, about
-from airtact.scene.guards import counted, of_kind
-from airtact.scene.text_table import read_text_table
+from airtact.text_table import read_text_table
+from airtact.validation import counted, of_kind
 
 COLUMNS = ("element", "gain", "phase")
 """Columns of the table: index from 0, amplitude over the wanted one, phase by which it lags [rad]."""

@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Complex, Float64, Real
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import counted, number, points_of, positive, real_numbers
-from airtact.scene.printing import in_short
+from airtact.printing import in_short
+from airtact.validation import counted, number, points_of, positive, real_numbers
 
 DEFAULT_SENSITIVITY = 4.38
 """Peak pressure of one transducer at full scale, 1 m away on its axis [Pa·m].

@@ -7,11 +7,11 @@ import numpy as np
 from jaxtyping import Complex128, Float64, Num, Real
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import complex_numbers, counted, fixed, of_kind, points_of, real_numbers, refuse_not_finite
-from airtact.scene.pose import Pose
-from airtact.scene.printing import in_short
+from airtact.pose import Pose
+from airtact.printing import in_short
 from airtact.transducers.boards import Board, board_named
 from airtact.transducers.element import Element, monopole
+from airtact.validation import complex_numbers, counted, fixed, of_kind, points_of, real_numbers, refuse_not_finite
 
 WIDEST = 10.0
 """Largest extent of an array [m]."""

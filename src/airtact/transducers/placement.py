@@ -5,10 +5,10 @@ from jaxtyping import Float64, Real
 from scipy.spatial import ConvexHull
 
 from airtact.conventions import InvalidInput
-from airtact.scene.guards import counted, of_kind, place
 from airtact.scene.scene import CONTACT, Scene, refuse_inside
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
+from airtact.validation import counted, of_kind, place
 
 FARTHEST = 10.0
 """Farthest that an element may stand from a focus or the nearest body [m]."""

@@ -1,0 +1,311 @@
+"""How good a hand's mesh must be: what wrong poses, shapes, panels and delays cost at the true hand.
+
+Every drive is made with a hand that is wrong in one way, aimed at the pads where that hand has them, and judged on the
+true hand by a finer solution: beacons at the true foci and at points all over the true skin are solved once for each
+scene, so that any number of drives can be judged. All drives have the same energy. Pressures are told over those of the
+drive that is made with the right hand on panels of the same size; how coarse those may be is told over a drive that is
+made on panels finer than the judge's.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property, partial
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Complex128, Float64
+from scipy.spatial import KDTree
+
+from airtact.hand.files import load_hand
+from airtact.hand.hand import Hand
+from airtact.pose import Pose
+from airtact.scene.medium import air
+from airtact.scene.scene import Scene, sound_hard
+from airtact.scene.target import Target
+from airtact.scene.target_points import skin_points
+from airtact.solvers.bem.solver import BoundaryElement
+from airtact.solvers.problem import RadiatedField
+from airtact.surfaces.surface import Surface
+from airtact.synthesis.time_reversal import time_reversal
+from airtact.transducers.layout import PhasedArray, flat_boards, surrounding_box
+from airtact.transfer import focus_by_distance, transfer_matrix
+from benchmarks.wrong_hands import bent, hand_of_triangles, random_direction, random_radii, scaled_radii
+
+FREQUENCY = 40e3
+"""Of the sound [Hz]."""
+
+SPEED = 0.5
+"""Of a hand that has moved on by the time that its drive is played [m/s]."""
+
+OFF = 0.5e-3
+"""Foci stand so far off the pads [m]."""
+
+CLEAR = 0.2e-3
+"""At least so far off a mesh of triangles [m]."""
+
+BOX = 1.6
+"""How many times as far off as in the paper's box the boards stand: a whole hand is to fit wherever it is believed."""
+
+POSES = (0.5e-3, 1e-3, 2e-3, 3e-3, 5e-3)
+"""Errors of the pose [m]."""
+
+SHIFTS = (*POSES, 7.5e-3, 10e-3, 15e-3, 20e-3)
+"""How far a whole hand is elsewhere [m]: by error, or by delay times ``SPEED``."""
+
+SHARES = (0.05, 0.1, 0.15, 0.2)
+"""Errors of radii over the radii."""
+
+ACCURACIES = (0.02, 0.05, 0.1, 0.2, 0.3)
+"""Of the solver, whose panels grow with them."""
+
+TRIANGLES = (4e-3, 6e-3, 8e-3, 10e-3, 11e-3)
+"""Edges of the triangles of a mesh that stands for the hand [m]; meshes of longer ones cross themselves."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one drive gives at the true hand.
+
+    Attributes
+    ----------
+    scene : "pinch" or "open hand".
+    error : what is wrong.
+    size : by how much, in the unit that the error's name tells.
+    seed : of the random choice.
+    focus : pressure in the foci, their mean, over that of the drive with the right hand.
+    worst : the same of the focus that loses most.
+    stray : root mean square of the pressure on the skin away from the foci, over that of the right drive.
+    loudest : the loudest of it over the mean of the foci, both of this drive.
+    """
+
+    scene: str
+    error: str
+    size: float
+    seed: int
+    focus: float
+    worst: float
+    stray: float
+    loudest: float
+
+
+@dataclass(frozen=True)
+class Case:
+    """A drive that is wrong in one way.
+
+    Attributes
+    ----------
+    error, size, seed : as in ``Outcome``.
+    drive : makes it, of energy 1.
+    panels : whether it is held against the drive on the finest panels, not against that on panels as large as its own.
+    """
+
+    error: str
+    size: float
+    seed: int
+    drive: Callable[[], Complex128[np.ndarray, "elements"]]
+    panels: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A hand, its array and its foci.
+
+    Attributes
+    ----------
+    name : of the scene.
+    hand : the true one.
+    array : the transducers in the hand's frame.
+    pads : names of the places that get a focus.
+    folder : where the judge's matrix is kept.
+    judging, right, driving : accuracies of the judge, of the drive on the finest panels, and of all drives that are not
+        about panels.
+    spacing : of the points of the skin where stray sound is heard [m], but within a wavelength of a focus.
+    """
+
+    name: str
+    hand: Hand
+    array: PhasedArray
+    pads: tuple[str, ...]
+    folder: Path
+    judging: float = 0.03
+    right: float = 0.02
+    driving: float = 0.2
+    spacing: float = 20e-3
+
+    @cached_property
+    def stray_points(self) -> Float64[np.ndarray, "stray 3"]:
+        """Where stray sound is heard [m]."""
+        points = skin_points(self.hand.surface, self.spacing)
+        scene = _scene(self.hand.surface)
+        far = np.asarray(KDTree(foci(self.hand, self.pads)).query(points)[0]) > scene.wavelength
+        return points[far]
+
+    @cached_property
+    def judge(self) -> Complex128[np.ndarray, "heard elements"]:
+        """Pressure at the foci, and then at the stray points, of each element [Pa], by a solution of its own."""
+        kept = self.folder / f"judge-{self.name.replace(' ', '-')}.npz"
+        points = np.concatenate([foci(self.hand, self.pads), self.stray_points])
+        if kept.exists():
+            found = np.load(kept)
+            if np.array_equal(found["points"], points) and np.array_equal(found["array"], self.array.positions):
+                return found["matrix"]
+        target = Target(foci(self.hand, self.pads), quiet=self.stray_points)
+        field = BoundaryElement(self.judging).radiate(_scene(self.hand.surface), target.beacons(quiet=True))
+        matrix = transfer_matrix(field, self.array).matrix
+        self.folder.mkdir(parents=True, exist_ok=True)
+        np.savez(kept, points=points, array=self.array.positions, matrix=matrix)
+        return matrix
+
+    @cached_property
+    def right_heard(self) -> Float64[np.ndarray, "panels heard"]:
+        """What is heard of the drives of energy 1 for the right hand [Pa]: on usual panels, and on the finest."""
+        return np.abs(np.stack([self.judge @ self.drive(field) for field in (self.believed, self.finest)]))
+
+    @cached_property
+    def finest(self) -> RadiatedField:
+        """Field of the beacons at the right hand on the finest panels."""
+        return beacons(self.hand, self.pads, self.right)
+
+    @cached_property
+    def believed(self) -> RadiatedField:
+        """Field of the beacons at the right hand, from which the drives of hands that are elsewhere are made."""
+        return beacons(self.hand, self.pads, self.driving)
+
+    def blind(self) -> Complex128[np.ndarray, "elements"]:
+        """Make the drive of energy 1 that knows no hand but its pads."""
+        target = Target(foci(self.hand, self.pads))
+        medium = _scene(self.hand.surface).medium
+        amplitudes = focus_by_distance(self.array, target, medium, FREQUENCY).amplitudes
+        return amplitudes / np.linalg.norm(amplitudes)
+
+    def drive(
+        self, field: RadiatedField, shift: Float64[np.ndarray, "3"] | None = None
+    ) -> Complex128[np.ndarray, "elements"]:
+        """Make the drive of energy 1 by time reversal.
+
+        Parameters
+        ----------
+        field : of beacons at a hand.
+        shift : (3,) by which that hand is believed to be elsewhere [m], or None.
+        """
+        array = self.array if shift is None else self.array.moved(Pose(np.eye(3), -shift))
+        amplitudes = time_reversal(transfer_matrix(field, array), Target(field.sources.positions)).amplitudes
+        return amplitudes / np.linalg.norm(amplitudes)
+
+    def outcome(self, case: Case) -> Outcome:
+        """Make the drive of a case and judge it."""
+        heard, right, count = np.abs(self.judge @ case.drive()), self.right_heard[int(case.panels)], len(self.pads)
+        focus = float(heard[:count].mean())
+        return Outcome(
+            scene=self.name,
+            error=case.error,
+            size=case.size,
+            seed=case.seed,
+            focus=focus / float(right[:count].mean()),
+            worst=float((heard[:count] / right[:count]).min()),
+            stray=float(np.sqrt(np.mean(heard[count:] ** 2) / np.mean(right[count:] ** 2))),
+            loudest=float(heard[count:].max()) / focus,
+        )
+
+
+def foci(hand: Hand, pads: tuple[str, ...]) -> Float64[np.ndarray, "foci 3"]:
+    """Points before named places of a hand [m].
+
+    Parameters
+    ----------
+    hand : any.
+    pads : names of its places.
+    """
+    return np.array([point + OFF * normal for point, normal in (hand.place(name) for name in pads)])
+
+
+def beacons(hand: Hand, pads: tuple[str, ...], accuracy: float) -> RadiatedField:
+    """Field of beacons in front of the pads of a hand.
+
+    Parameters
+    ----------
+    hand : right or wrong.
+    pads : names of its places.
+    accuracy : of the solver.
+    """
+    return BoundaryElement(accuracy).radiate(_scene(hand.surface), Target(foci(hand, pads)).beacons())
+
+
+def _scene(surface: Surface) -> Scene:
+    return Scene(air(celsius=20.0, humidity=0.5), [sound_hard(surface)], FREQUENCY)
+
+
+def studies(hands: Path, folder: Path) -> tuple[Study, Study]:
+    """Set up a pinch in a box of four boards, wider than the paper's, and an open hand before four flat ones.
+
+    Parameters
+    ----------
+    hands : folder with pinch.json and relaxed.json.
+    folder : where the judges' matrices are kept.
+    """
+    pinch = load_hand(hands / "pinch.json").open_to(0.012)
+    middle = 0.5 * (pinch.joints.min(axis=0) + pinch.joints.max(axis=0))
+    box = surrounding_box()
+    box = PhasedArray(BOX * box.positions + middle, box.normals, box.element)
+    opened = load_hand(hands / "relaxed.json")
+    point, normal = opened.place("palm")
+    side = np.cross(normal, [0.0, 0.0, 1.0])
+    side /= np.linalg.norm(side)
+    facing = np.stack([side, np.cross(-normal, side), -normal], axis=1)
+    boards = flat_boards(2, 2).moved(Pose(facing, point + 0.2 * normal))
+    return (
+        Study("pinch", pinch, box, ("thumb.pad", "index.pad"), folder),
+        Study("open hand", opened, boards, ("thumb.pad", "middle.pad", "palm"), folder),
+    )
+
+
+def cases(study: Study, seeds: int) -> Iterator[Case]:
+    """List every error that is tried.
+
+    Parameters
+    ----------
+    study : the scene.
+    seeds : random choices of each size of the errors that need a solution each; there are four times as many where one
+        solution serves all.
+    """
+    yield Case("no hand at all", 0.0, 0, study.blind, panels=True)
+    for seed, size in product(range(4 * seeds), SHIFTS):
+        shift = size * random_direction(seed)
+        yield Case("whole hand elsewhere [mm]", 1e3 * size, seed, partial(_elsewhere, study, shift))
+    for accuracy in ACCURACIES:
+        yield Case("panels [accuracy]", accuracy, 0, partial(_coarse, study, accuracy), panels=True)
+    for share in (*(-share for share in SHARES), *SHARES):
+        wrong = partial(scaled_radii, study.hand, share)
+        yield Case("all radii wrong [%]", 100 * share, 0, partial(_wrong, study, wrong))
+    for seed in range(seeds):
+        for size in POSES:
+            wrong = partial(bent, study.hand, size, seed)
+            yield Case("fingers bent wrongly [mm]", 1e3 * size, seed, partial(_wrong, study, wrong))
+        for share in SHARES:
+            wrong = partial(random_radii, study.hand, share, seed)
+            yield Case("each radius wrong [%]", 100 * share, seed, partial(_wrong, study, wrong))
+    for edge in TRIANGLES:
+        yield Case("triangles [mm]", 1e3 * edge, 0, partial(_triangles, study, edge), panels=True)
+
+
+def _wrong(study: Study, hand: Callable[[], Hand]) -> Complex128[np.ndarray, "elements"]:
+    return study.drive(beacons(hand(), study.pads, study.driving))
+
+
+def _coarse(study: Study, accuracy: float) -> Complex128[np.ndarray, "elements"]:
+    known = {study.right: study.finest, study.driving: study.believed}
+    return study.drive(known.get(accuracy) or beacons(study.hand, study.pads, accuracy))
+
+
+def _elsewhere(study: Study, shift: Float64[np.ndarray, "3"]) -> Complex128[np.ndarray, "elements"]:
+    return study.drive(study.believed, shift)
+
+
+def _triangles(study: Study, edge: float) -> Complex128[np.ndarray, "elements"]:
+    """Drive of a mesh of triangles; a focus that they hide is brought out along the pad's normal."""
+    scene = _scene(hand_of_triangles(study.hand, edge))
+    points = foci(study.hand, study.pads)
+    normals = np.array([study.hand.place(name)[1] for name in study.pads])
+    points = points + np.maximum(scene.depth(points) + CLEAR, 0.0)[:, None] * normals
+    return study.drive(BoundaryElement(study.driving).radiate(scene, Target(points).beacons()))

@@ -1,0 +1,85 @@
+"""Panels as files: curved ones for ParaView, flat triangles for everything else."""
+
+from pathlib import Path
+
+from airtact.conventions import InvalidInput
+from airtact.files.atomic import whole_file
+from airtact.files.flat_triangles import flat_triangles
+from airtact.files.vtkhdf import write_panels_vtkhdf
+from airtact.mesh.topology import edge_twins
+from airtact.surfaces.panels import Panels
+from airtact.validation import within
+
+CURVED = ".vtkhdf"
+FLAT = (".stl", ".ply", ".glb")
+"""File name endings that are written, in metres."""
+
+
+EDGE = 4e-3
+"""Edge of the triangles of a hand's skin unless given [m]."""
+
+FINEST, COARSEST = 0.8e-3, 20e-3
+"""Edges that are taken [m]."""
+
+
+def checked_edge(edge: float) -> float:
+    """Return the edge of the triangles of a hand's skin [m], or refuse it.
+
+    Parameters
+    ----------
+    edge : [m].
+
+    Raises
+    ------
+    InvalidInput
+        It is not from 0.8 to 20 mm.
+    """
+    return within(edge, FINEST, COARSEST, "edge", "m", "is it in millimetres? Give metres.")
+
+
+def check_ending(path: Path) -> None:
+    """Refuse a file name that does not say which format to write.
+
+    Parameters
+    ----------
+    path : the file that shall be written.
+
+    Raises
+    ------
+    InvalidInput
+        With the ending and those that are written.
+    """
+    if path.suffix.lower() not in (CURVED, *FLAT):
+        raise InvalidInput(
+            f"{path.name} ends in {path.suffix!r}, but panels are written to {', '.join((CURVED, *FLAT))}."
+        )
+
+
+def write_panels(path: Path, panels: Panels) -> int:
+    """Write panels in the format that the ending of the file's name says.
+
+    Parameters
+    ----------
+    path : the file to write; it appears only once it is whole.
+    panels : what to write.
+
+    Returns
+    -------
+    How many edges of the flat triangles have no neighbour; 0 for curved panels, which need not meet.
+
+    Raises
+    ------
+    InvalidInput
+        See ``check_ending``.
+    """
+    check_ending(path)
+    if path.suffix.lower() == CURVED:
+        write_panels_vtkhdf(path, panels)
+        return 0
+    import trimesh  # takes as long to import as all the rest of airtact
+
+    vertices, triangles = flat_triangles(panels.six_nodes)
+    content = trimesh.Trimesh(vertices, triangles, process=False).export(file_type=path.suffix.lower()[1:])
+    with whole_file(path) as partial:
+        partial.write_bytes(content if isinstance(content, bytes) else str(content).encode())
+    return int((edge_twins(triangles) < 0).sum())

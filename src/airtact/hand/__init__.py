@@ -1,0 +1,1 @@
+"""A hand from its joints: its shape, its skin, how it moves."""

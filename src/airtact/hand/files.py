@@ -1,0 +1,128 @@
+"""Hands from files: a pose as JSON."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64
+
+from airtact.conventions import InvalidInput, about
+from airtact.hand.hand import Hand, hand_from_joints
+from airtact.hand.joints import NAMES, named_joints
+from airtact.validation import counted
+
+KEYS = ("joints", "positions_m", "radii_m", "side")
+"""What a pose may hold: names of joints, their positions and radii [m], "left" or "right"."""
+
+ROOM = 0.2
+"""A focus stands no farther off a place of a hand than this [m]."""
+
+
+def load_hand(path: str | Path, gap: float | None = None) -> Hand:
+    """Read a hand's pose from a JSON file.
+
+    Parameters
+    ----------
+    path : a file with ``positions_m``, 25 or 21 points [m]; ``joints``, the names of WebXR, where they are in another
+        order; ``radii_m``, a number for each point, and ``side``, if known.
+    gap : opens thumb and index finger until their last phalanges are so far apart [m]; None leaves the pose.
+
+    Raises
+    ------
+    InvalidInput
+        The file cannot be read or is no pose, or the hand is refused; beginning with the file's name.
+    """
+    path = Path(path)
+    with about(path.name or str(path)):
+        pose = _pose_in(path)
+        radii = _numbers(pose, "radii_m", ()) if "radii_m" in pose else None
+        names = pose.get("joints")
+        points = _numbers(pose, "positions_m", (3,))
+        if names is not None and tuple(names) != NAMES:
+            if len(names) != len(points):
+                raise InvalidInput(
+                    f"{len(names)} joints have names and {len(points)} have positions; give one for one."
+                )
+            order = {name: index for index, name in enumerate(names)}
+            if len(order) < len(names):
+                raise InvalidInput(f"{counted(len(names) - len(order), 'joint stands', 'joints stand')} twice.")
+            points = named_joints({name: points[index] for name, index in order.items()})
+            radii = None if radii is None else radii[[order[name] for name in NAMES]]
+        hand = hand_from_joints(points, radii, side=pose.get("side"))
+        return hand if gap is None else hand.open_to(gap)
+
+
+def load_landmarks(path: Path) -> tuple[Float64[np.ndarray, "joints 3"], str | None]:
+    """Read the rough joints of a tracker.
+
+    Parameters
+    ----------
+    path : a JSON file of a pose, as ``load_hand`` reads; radii are left out.
+
+    Returns
+    -------
+    (25, 3) or (21, 3) joints [m], and ``"right"``, ``"left"`` or None.
+
+    Raises
+    ------
+    InvalidInput
+        The file cannot be read or is no pose; beginning with the file's name.
+    """
+    with about(path.name or str(path)):
+        pose = _pose_in(path)
+        points, names = _numbers(pose, "positions_m", (3,)), pose.get("joints")
+        if names is not None and tuple(names) != NAMES:
+            raise InvalidInput(f"the {len(names)} joints are not named in the order of WebXR: give them in that order.")
+        return points, pose.get("side")
+
+
+def _numbers(pose: dict[str, Any], key: str, each: tuple[int, ...]) -> Float64[np.ndarray, "joints *each"]:
+    """Return the numbers under a key, so many for each joint.
+
+    Parameters
+    ----------
+    pose : what ``_pose_in`` gave.
+    key : one of ``KEYS``.
+    each : shape of what each joint has.
+    """
+    count = len(pose[key])
+    try:
+        numbers = np.array(pose[key], dtype=np.float64)
+    except (TypeError, ValueError):
+        numbers = np.zeros(0)
+    if numbers.shape != (count, *each):
+        what = "3 numbers" if each else "number"
+        raise InvalidInput(f"{key} holds no {what} for each of its {count} joints; give [x, y, z] in metres.")
+    return numbers
+
+
+def _pose_in(path: Path) -> dict[str, Any]:
+    """Read what a file says of a pose, or refuse what is none.
+
+    Parameters
+    ----------
+    path : a JSON file.
+    """
+    try:
+        pose = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InvalidInput(f"the pose cannot be read: {error.strerror}.") from None
+    except UnicodeDecodeError as error:
+        raise InvalidInput(f"this is not a text file: byte {error.start} is not UTF-8.") from None
+    except RecursionError:
+        raise InvalidInput(f"this is no pose of a hand: {path.stat().st_size} bytes of brackets in brackets.") from None
+    except json.JSONDecodeError as error:
+        raise InvalidInput(f"this is not JSON: line {error.lineno} is at fault.") from None
+    if not isinstance(pose, dict) or not isinstance(pose.get("positions_m"), list):
+        raise InvalidInput("this is no pose of a hand: it has 0 points under positions_m.")
+    unknown = [key for key in pose if key not in KEYS]
+    if unknown:
+        raise InvalidInput(f"{unknown[0]} is not 1 of the keys of a pose: {', '.join(KEYS)}.")
+    for key in ("joints", "radii_m"):
+        if key in pose and not isinstance(pose[key], list):
+            raise InvalidInput(f"{key} is {pose[key]!r}, but it must be a list, one for each of the joints.")
+    for index, name in enumerate(pose.get("joints", ())):
+        if not isinstance(name, str):
+            raise InvalidInput(f"joint {index} is named {name!r}, but names are those of WebXR, such as 'wrist'.")
+    return pose

@@ -1,0 +1,1 @@
+"""A hand fitted to a cloud of points."""

@@ -1,0 +1,300 @@
+"""Joints of a hand as trackers give them, checked: 25 of WebXR, or 21 of MediaPipe and Leap.
+
+Sources
+-------
+- *WebXR Hand Input Module* (W3C): names and order of the 25 joints.
+- Meta Platforms, iwer 2.5.0 (MIT): skin radii of a generic hand, ``examples/hands/README.md``.
+- A. Buryanov, V. Kotiuk, "Proportions of hand segments", Int. J. Morphol. 28, 755 (2010): lengths of phalanges.
+"""
+
+from collections.abc import Mapping
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float64, Int64, Real
+
+from airtact.conventions import InvalidInput
+from airtact.validation import counted, fixed, number, points_of, real_numbers, refuse_not_finite
+
+FINGERS = ("thumb", "index", "middle", "ring", "pinky")
+
+NAMES = (
+    "wrist",
+    *(f"thumb-{bone}" for bone in ("metacarpal", "phalanx-proximal", "phalanx-distal", "tip")),
+    *(
+        f"{finger}-finger-{bone}"
+        for finger in FINGERS[1:]
+        for bone in ("metacarpal", "phalanx-proximal", "phalanx-intermediate", "phalanx-distal", "tip")
+    ),
+)
+"""The 25 joints of WebXR, in its order."""
+
+CHAINS = ((1, 2, 3, 4), (5, 6, 7, 8, 9), (10, 11, 12, 13, 14), (15, 16, 17, 18, 19), (20, 21, 22, 23, 24))
+"""Joints of each finger, from the wrist to the tip."""
+
+BONES = tuple((0, chain[0]) for chain in CHAINS) + tuple(pair for chain in CHAINS for pair in pairwise(chain))
+"""Joints at both ends of every bone."""
+
+RADII = fixed(
+    1e-3
+    * np.array(
+        [21.461, 19.383, 12.283, 9.769, 8.769, 21.228, 10.295, 8.538, 7.636, 6.636]
+        + [21.232, 11.174, 8.031, 7.629, 6.629, 19.088, 9.922, 7.612, 7.231, 6.231]
+        + [18.088, 8.483, 6.764, 6.426, 5.426]
+    )
+)
+"""Radius of the skin round each joint of a hand of ``LENGTH`` [m]."""
+
+LENGTH = 0.1942
+"""Length of that hand: wrist to middle tip along the bones [m], without the tip's own radius."""
+
+KNUCKLE = 0.41
+"""Share of the way from wrist to knuckle at which the base of the metacarpal lies, where it is not tracked."""
+
+LARGEST = 1.0
+"""Joints farther apart than this cannot be metres [m]."""
+
+LONGEST = (0.08, 0.11, 0.08, 0.06, 0.05)
+"""Longest bones there are: wrist to metacarpal, metacarpal, proximal, intermediate and last phalanx [m]."""
+
+SHORTEST = (0.01, 0.025, 0.018, 0.01, 0.008)
+"""Shortest bones there are, a child's [m]."""
+
+ORDERED = 5e-3
+"""By so much may knuckles, or the thumb between its neighbours, be out of order [m]."""
+
+THUMB_BONES = (0, 1, 2, 4)
+"""Which of these the thumb's bones are."""
+
+STRAIGHT = 0.2
+"""Sum of the sines of all bends below which left and right cannot be told."""
+
+RADIUS = (0.003, 0.035)
+"""Radii that the skin round a joint may have [m]."""
+
+
+def joints_of(given: Real[np.ndarray, "joints 3"], rough: float = 0.0) -> Float64[np.ndarray, "25 3"]:
+    """Return the 25 joints of WebXR, or refuse what cannot be those of a hand.
+
+    Parameters
+    ----------
+    given : (25, 3) in WebXR's order, or (21, 3) in that of MediaPipe and Leap, without four metacarpal bases [m].
+    rough : by so much may bones be longer or shorter than any are, where the joints are only roughly known [m].
+
+    Raises
+    ------
+    InvalidInput
+        Another number of joints, NaN, millimetres, or a bone longer or shorter than any: which and how long.
+    """
+    given = np.asarray(given)
+    rows = given.reshape(-1, 3) if given.dtype.kind == "f" and given.ndim == 2 and given.shape[1] == 3 else None
+    if rows is not None and len(rows) in (21, 25) and not np.isfinite(rows).all():
+        bad = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
+        what = _name(bad, len(rows))
+        count = int((~np.isfinite(rows).all(axis=1)).sum())
+        raise InvalidInput(
+            f"{counted(count, 'joint is', 'joints are')} NaN or infinite, the first is joint {bad}, {what}: the "
+            "tracker lost it; leave this frame out."
+        )
+    joints = points_of(given, "joints of a hand")
+    if len(joints) not in (21, 25):
+        raise InvalidInput(
+            f"{counted(len(joints), 'joint is', 'joints are')} given, but a hand has 25 (WebXR) or 21 (MediaPipe, "
+            "Leap)."
+        )
+    spread = float(np.ptp(joints, axis=0).max())
+    if spread > LARGEST:
+        raise InvalidInput(f"the joints span {spread:.4g} m: are they in millimetres? Give metres.")
+    joints = joints if len(joints) == 25 else _with_bases(joints)
+    _refuse_impossible_bones(joints, rough)
+    return fixed(joints)
+
+
+def named_joints(given: Mapping[str, Real[np.ndarray, "3"]]) -> Float64[np.ndarray, "25 3"]:
+    """Put joints that are given by WebXR's names into its order.
+
+    Parameters
+    ----------
+    given : three coordinates [m] by name.
+
+    Raises
+    ------
+    InvalidInput
+        When joints are missing or unknown, naming the first, or as ``joints_of``.
+    """
+    missing = [name for name in NAMES if name not in given]
+    if missing:
+        raise InvalidInput(f"{counted(len(missing), 'joint is', 'joints are')} missing, the first is {missing[0]}.")
+    unknown = [name for name in given if name not in NAMES]
+    if unknown:
+        raise InvalidInput(f"{unknown[0]} is not 1 of the 25 joints of WebXR.")
+    return joints_of(real_numbers(np.array([given[name] for name in NAMES]), "joints of a hand"))
+
+
+def radii_of(
+    given: Real[np.ndarray, "joints"] | None, length: float | None, joints: Float64[np.ndarray, "25 3"]
+) -> Float64[np.ndarray, "25"]:
+    """Return the radius of the skin round each of the 25 joints [m].
+
+    Parameters
+    ----------
+    given : (25,) or (21,) radii [m], or None to take those of a generic hand.
+    length : the hand's length, wrist to the tip of the middle finger [m], which scales the generic hand; None to take
+        it from the joints.
+    joints : (25, 3) [m].
+
+    Raises
+    ------
+    InvalidInput
+        When radii are not finite, too small or too large, or their number is not that of the joints.
+    """
+    if given is None:
+        scale = (hand_length(joints) if length is None else _checked_length(length)) / LENGTH
+        return fixed(scale * RADII)
+    radii = real_numbers(given, "radii of a hand")
+    if radii.shape not in ((25,), (21,)):
+        raise InvalidInput(f"radii of a hand have shape {radii.shape}, but there are 25, or 21, one for each joint.")
+    refuse_not_finite(radii, "radii of a hand")
+    if len(radii) == 21:
+        scale = hand_length(joints) / LENGTH
+        full = scale * RADII
+        full[_TRACKED] = radii
+        radii = fixed(full)
+    wrong = np.flatnonzero((radii < RADIUS[0]) | (radii > RADIUS[1]))
+    if len(wrong):
+        raise InvalidInput(
+            f"the radius at {NAMES[wrong[0]]} is {1e3 * radii[wrong[0]]:.4g} mm, but skin lies {1e3 * RADIUS[0]:g} to "
+            f"{1e3 * RADIUS[1]:g} mm from a joint: are the radii in metres?"
+        )
+    return radii
+
+
+def hand_length(joints: Float64[np.ndarray, "25 3"]) -> float:
+    """Length of a hand along its bones, wrist to the tip of the middle finger [m]."""
+    chain = joints[[0, 11, 12, 13, 14]]
+    return float(np.linalg.norm(np.diff(chain, axis=0), axis=1).sum())
+
+
+def side_of(joints: Float64[np.ndarray, "25 3"]) -> str:
+    """Tell whether the joints are those of a left or a right hand: which way fingers bend and the thumb points says so.
+
+    Parameters
+    ----------
+    joints : (25, 3) [m].
+
+    Returns
+    -------
+    ``"right"``, ``"left"``, or ``"unknown"`` where the fingers are so straight that it cannot be told.
+    """
+    evidence = evidence_of(joints)
+    if abs(evidence) < STRAIGHT:
+        return "unknown"
+    return "right" if evidence > 0.0 else "left"
+
+
+def evidence_of(joints: Float64[np.ndarray, "25 3"]) -> float:
+    """Sum the sines of all bends of the fingers, positive for those of a right hand, and that of the thumb's lean.
+
+    Parameters
+    ----------
+    joints : (25, 3) [m].
+    """
+    across = unit(joints[6] - joints[21])
+    back = unit(np.cross(joints[11] - joints[0], across))
+    evidence = -float(unit(joints[4] - joints[1]) @ back)
+    for chain in CHAINS[1:]:
+        bones = [unit(joints[end] - joints[start]) for start, end in pairwise(chain)]
+        evidence += sum(float(np.cross(one, two) @ across) for one, two in pairwise(bones))
+    return evidence
+
+
+def refuse_swapped_fingers(joints: Float64[np.ndarray, "25 3"], rough: float = 0.0) -> None:
+    """Refuse knuckles that do not follow each other across the palm, and a thumb on the little finger's side.
+
+    Parameters
+    ----------
+    joints : (25, 3) [m].
+    rough : they are only known to about this [m].
+
+    Raises
+    ------
+    InvalidInput
+        Which finger is out of order, and by how much.
+    """
+    knuckles = np.array([chain[1] for chain in CHAINS[1:]])
+    across = (joints[knuckles] - joints[knuckles[0]]) @ unit(joints[knuckles[-1]] - joints[knuckles[0]])
+    steps = np.diff(across)
+    worst = int(steps.argmin())
+    if steps[worst] < -ORDERED - 0.5 * rough:
+        raise InvalidInput(
+            f"the knuckle of the {FINGERS[worst + 2]} finger is {-1e3 * steps[worst]:.3g} mm nearer to the index "
+            f"finger's than that of the {FINGERS[worst + 1]} finger: are fingers swapped?",
+            joints[knuckles[worst]],
+        )
+    far = [float(np.linalg.norm(joints[CHAINS[0][1]] - joints[knuckles[end]])) for end in (0, -1)]
+    if far[1] < far[0] - ORDERED - 0.5 * rough:
+        raise InvalidInput(
+            f"the thumb is {1e3 * far[1]:.3g} mm from the little finger's knuckle and {1e3 * far[0]:.3g} mm from the "
+            "index finger's: are fingers swapped?",
+            joints[CHAINS[0][1]],
+        )
+
+
+def unit(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
+    """Bring a vector (3,) to length 1."""
+    return vector / np.linalg.norm(vector)
+
+
+_TRACKED = np.array([0, 1, 2, 3, 4, *(start + k for start in (5, 10, 15, 20) for k in (1, 2, 3, 4))])
+"""Which of the 25 the 21 are."""
+
+
+def _with_bases(tracked: Float64[np.ndarray, "21 3"]) -> Float64[np.ndarray, "25 3"]:
+    joints = np.empty((25, 3))
+    joints[_TRACKED] = tracked
+    for chain in CHAINS[1:]:
+        joints[chain[0]] = (1.0 - KNUCKLE) * joints[0] + KNUCKLE * joints[chain[1]]
+    return joints
+
+
+def _name(index: int, count: int) -> str:
+    return NAMES[index] if count == 25 else NAMES[_TRACKED[index]]
+
+
+def _checked_length(length: float) -> float:
+    length = number(length, "the length of a hand", "m")
+    if not 0.08 <= length <= 0.3:
+        raise InvalidInput(
+            f"the length of a hand is {length:g} m, but hands are 0.08 to 0.3 m long: is it in millimetres? Give "
+            "metres."
+        )
+    return length
+
+
+def bone_kinds() -> Int64[np.ndarray, "bones"]:
+    """Tell for each of ``BONES`` which of ``LONGEST`` it is."""
+    kinds = [0] * 5
+    for chain in CHAINS:
+        kinds += THUMB_BONES[1:] if len(chain) == 4 else [1, 2, 3, 4]
+    return np.array(kinds)
+
+
+def _refuse_impossible_bones(joints: Float64[np.ndarray, "25 3"], rough: float) -> None:
+    ends = np.array(BONES)
+    lengths = np.linalg.norm(joints[ends[:, 0]] - joints[ends[:, 1]], axis=1)
+    kinds = bone_kinds()
+    low, high = np.array(SHORTEST)[kinds], np.array(LONGEST)[kinds]
+    wrong = np.flatnonzero((lengths < low - rough) | (lengths > high + rough))
+    if len(wrong) == 0:
+        return
+    first = int(wrong[0])
+    one, two = (NAMES[index] for index in ends[first])
+    others = (
+        f", and {counted(len(wrong) - 1, 'more bone is', 'more bones are')} as wrong: are joints swapped or the same?"
+    )
+    others = others if len(wrong) > 1 else "; give those joints anew."
+    raise InvalidInput(
+        f"the bone from {one} to {two} is {1e3 * lengths[first]:.4g} mm long, but such bones are "
+        f"{1e3 * low[first]:g} to {1e3 * high[first]:g} mm{others}",
+        joints[ends[first]].mean(axis=0),
+    )

@@ -1,0 +1,1 @@
+"""Plain arrays of vertices and triangles: no physics, no Surface."""

@@ -1,0 +1,201 @@
+"""Curves triangles from their normals: where the true skin passes over the middles of their edges.
+
+Every edge gets a tangent at either end. On smooth skin it is the edge laid into the tangent plane, whose normal is the
+mean of the triangles round that corner up to the next sharp edges, weighted by their angles; along a sharp edge that
+runs on smoothly it is the crease's own direction. The middle of the edge then moves as it does on a circular arc with
+these tangents, so spheres and cylinders come out exactly round, flat faces stay flat and sharp edges sharp.
+
+Source of the weights: G. Thürmer, C. A. Wüthrich, "Computing vertex normals from polygonal facets", Journal of Graphics
+Tools 3, 43 (1998).
+"""
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int, Int64, Real
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from airtact.mesh.quadratic_triangles import NODE_PLACES, SixNodes, edge_lengths, points_at
+from airtact.mesh.topology import edge_twins
+
+SHARP_DEGREES = 75.0
+"""Edges whose two triangles turn by more than this stay sharp."""
+
+CAP_RIM = 40.0
+"""Angle at the rim of a cap, and largest angle of its triangles to their mean [degrees]."""
+
+CAP_TRIANGLES = 6
+"""Fewest triangles of a cap: fewer are a facet of a coarse round body."""
+
+STEEPEST = np.cos(np.radians(60.0))
+"""Cosine of the largest angle between an edge and its tangents that still curves it."""
+
+
+def curved(
+    vertices: Real[np.ndarray, "vertices 3"], triangles: Int[np.ndarray, "triangles 3"], sharp_degrees: float
+) -> tuple[Float64[np.ndarray, "triangles 3 3"], Bool[np.ndarray, "triangles 3"]]:
+    """Curve the triangles of a closed mesh.
+
+    A cap closes a body that was cut off, a hand at the wrist: triangles that look much the same way and have all their
+    vertices on the rim, where the skin turns by more than ``CAP_RIM`` degrees. Caps stay flat and their rims sharp.
+
+    Parameters
+    ----------
+    vertices : (V, 3) [m].
+    triangles : (T, 3) vertex indices.
+    sharp_degrees : edges whose triangles turn by more than this stay sharp.
+
+    Returns
+    -------
+    (T, 3, 3) points of the curved skin over the middles of edges 01, 12, 20 [m], and (T, 3) which edges are sharp.
+    """
+    corners = np.asarray(vertices, dtype=np.float64)[triangles]
+    twins = edge_twins(triangles)
+    flat = _unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    turn = np.einsum("td,ted->te", flat, flat[twins // 3])
+    bent = turn < np.cos(np.radians(min(CAP_RIM, sharp_degrees)))
+    cap, rim = _caps(corners, triangles, twins, flat, bent)
+    sharp = rim | (turn < np.cos(np.radians(sharp_degrees)))
+    rise = _rises(corners, triangles, twins, flat, sharp)
+    rise[cap[:, None] & ~sharp] = 0.0
+    straight = 0.5 * (corners + np.roll(corners, -1, axis=1))
+    straight, rise = (0.5 * (part + part.reshape(-1, 3)[twins]) for part in (straight, rise))  # alike from both sides
+    for _ in range(8):
+        folded = _is_folded(np.concatenate([corners, straight + rise], axis=1), flat)
+        if not folded.any():
+            break
+        rise[folded[:, None] | folded[twins // 3]] *= 0.5
+    return straight + rise, sharp
+
+
+def _rises(
+    corners: Float64[np.ndarray, "triangles 3 3"],
+    triangles: Int[np.ndarray, "triangles 3"],
+    twins: Int64[np.ndarray, "triangles 3"],
+    flat: Float64[np.ndarray, "triangles 3"],
+    sharp: Bool[np.ndarray, "triangles 3"],
+) -> Float64[np.ndarray, "triangles 3 3"]:
+    """How far the middle of each edge moves when it becomes an arc with its tangents [m]."""
+    along = np.roll(corners, -1, axis=1) - corners
+    length = np.linalg.norm(along, axis=2, keepdims=True)
+    along = along / length
+    normals = _corner_normals(along, flat, triangles, twins, sharp)
+    start, end = _laid(along, normals), _laid(along, np.roll(normals, -1, axis=1))
+    if sharp.any():
+        leaving, arriving = _crease_tangents(along, triangles, sharp)
+        start[sharp], end[sharp] = leaving[sharp], arriving[sharp]
+    return length / 4 * (_half_tangent(start, along) - _half_tangent(end, along))
+
+
+def _is_folded(six_nodes: SixNodes, flat: Float64[np.ndarray, "triangles 3"]) -> Bool[np.ndarray, "triangles"]:
+    """Whether a curved panel turns by more than 60 degrees from its flat triangle at any of its nodes."""
+    corners = six_nodes[:, :3]
+    rise = np.abs(six_nodes[:, 3:] - 0.5 * (corners + np.roll(corners, -1, axis=1))).max(axis=(1, 2))
+    twice_area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    folded = rise * edge_lengths(six_nodes).max(axis=1) > 0.05 * twice_area  # far from it are those that rise little
+    some = six_nodes[folded]
+    steep = np.zeros(len(some), dtype=bool)
+    for node in NODE_PLACES:
+        _, normal = points_at(some, np.broadcast_to(node, (len(some), 2)))
+        steep |= np.einsum("td,td->t", normal, flat[folded]) < 0.5 * np.linalg.norm(normal, axis=1)
+    folded[folded] = steep
+    return folded
+
+
+def _caps(
+    corners: Float64[np.ndarray, "triangles 3 3"],
+    triangles: Int[np.ndarray, "triangles 3"],
+    twins: Int64[np.ndarray, "triangles 3"],
+    flat: Float64[np.ndarray, "triangles 3"],
+    bent: Bool[np.ndarray, "triangles 3"],
+) -> tuple[Bool[np.ndarray, "triangles"], Bool[np.ndarray, "triangles 3"]]:
+    """Find the triangles of caps and the edges of their rims, among the patches that bent edges part."""
+    if not bent.any():
+        return np.zeros(len(triangles), dtype=bool), bent
+    triangle, edge = np.nonzero(~bent)
+    links = (np.ones(len(triangle), dtype=bool), (triangle, twins[triangle, edge] // 3))
+    patch = connected_components(coo_array(links, shape=(len(triangles),) * 2), directed=False)[1].astype(np.int64)
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    mean = np.stack([np.bincount(patch, weights=area * flat[:, axis]) for axis in range(3)], axis=1)
+    evenness = np.ones(len(mean))
+    np.minimum.at(evenness, patch, np.einsum("td,td->t", _unit(mean)[patch], flat))
+    lowest, highest = np.full(int(triangles.max()) + 1, len(mean)), np.full(int(triangles.max()) + 1, -1)
+    np.minimum.at(lowest, triangles, patch[:, None])
+    np.maximum.at(highest, triangles, patch[:, None])
+    within = np.bincount(lowest[lowest == highest], minlength=len(mean))  # vertices of no other patch
+    even = evenness > np.cos(np.radians(CAP_RIM))
+    cap = ((np.bincount(patch) >= CAP_TRIANGLES) & even & (within == 0))[patch]
+    outer = patch[twins // 3] != patch[:, None]
+    return cap, outer & (cap[:, None] | cap[twins // 3])
+
+
+def _unit(vectors: Float64[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 3"]:
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
+
+
+def _laid(
+    along: Float64[np.ndarray, "triangles 3 3"], normals: Float64[np.ndarray, "triangles 3 3"]
+) -> Float64[np.ndarray, "triangles 3 3"]:
+    """Lay unit edges into the tangent planes."""
+    return _unit(along - np.einsum("tei,tei->te", along, normals)[:, :, None] * normals)
+
+
+def _half_tangent(
+    tangent: Float64[np.ndarray, "triangles 3 3"], along: Float64[np.ndarray, "triangles 3 3"]
+) -> Float64[np.ndarray, "triangles 3 3"]:
+    """Tangent of half the angle between a tangent and its edge, towards where the tangent leaves it; zero if steep."""
+    cosine = np.einsum("tei,tei->te", tangent, along)[:, :, None]
+    return np.where(cosine > STEEPEST, (tangent - cosine * along) / (1 + np.maximum(cosine, 0)), 0.0)
+
+
+def _corner_normals(
+    along: Float64[np.ndarray, "triangles 3 3"],
+    flat: Float64[np.ndarray, "triangles 3"],
+    triangles: Int[np.ndarray, "triangles 3"],
+    twins: Int64[np.ndarray, "triangles 3"],
+    sharp: Bool[np.ndarray, "triangles 3"],
+) -> Float64[np.ndarray, "triangles 3 3"]:
+    """Average the normals round each vertex, as far as no sharp edge parts them: one for each corner."""
+    angles = np.arccos(np.clip(-np.einsum("tki,tki->tk", along, np.roll(along, 1, axis=1)), -1.0, 1.0))
+    weighted = (angles[:, :, None] * flat[:, None, :]).reshape(-1, 3)
+    sector = _sectors(triangles, twins, sharp)
+    sums = np.stack([np.bincount(sector, weights=weighted[:, axis]) for axis in range(3)], axis=1)
+    return _unit(sums)[sector].reshape(-1, 3, 3)
+
+
+def _sectors(
+    triangles: Int[np.ndarray, "triangles 3"],
+    twins: Int64[np.ndarray, "triangles 3"],
+    sharp: Bool[np.ndarray, "triangles 3"],
+) -> Int64[np.ndarray, "corners"]:
+    """Label the corners of triangles (3 t + c) that share a vertex with no sharp edge between them."""
+    if not sharp.any():
+        return triangles.ravel().astype(np.int64)
+    here = np.flatnonzero(~sharp.ravel())  # edge c of a triangle starts at its corner c
+    there = twins.ravel()[here]
+    there = there - there % 3 + (there + 1) % 3  # and its twin ends there
+    count = 3 * len(triangles)
+    graph = coo_array((np.ones(len(here), dtype=bool), (here, there)), shape=(count, count))
+    return connected_components(graph, directed=False)[1].astype(np.int64)
+
+
+def _crease_tangents(
+    along: Float64[np.ndarray, "triangles 3 3"],
+    triangles: Int[np.ndarray, "triangles 3"],
+    sharp: Bool[np.ndarray, "triangles 3"],
+) -> tuple[Float64[np.ndarray, "triangles 3 3"], Float64[np.ndarray, "triangles 3 3"]]:
+    """Directions of a crease where its edges start and end: those of the edges themselves where it ends or forks."""
+    triangle, edge = np.nonzero(sharp)
+    start = triangles[triangle, edge]
+    out = along[triangle, edge]
+    count = np.bincount(start, minlength=int(triangles.max()) + 1)  # each crease edge leaves either of its ends once
+    total = np.stack([np.bincount(start, weights=out[:, axis], minlength=len(count)) for axis in range(3)], axis=1)
+    leaving, arriving = along.copy(), along.copy()
+    through = (count == 2) & (np.linalg.norm(total, axis=1) < 2 * np.sin(np.radians(SHARP_DEGREES / 2)))
+    # of two edges that leave a vertex, one and minus the other run the same way
+    one = through[start]
+    leaving[triangle[one], edge[one]] = _unit(2 * out[one] - total[start[one]])
+    finish = triangles[triangle, (edge + 1) % 3]
+    last = through[finish]
+    arriving[triangle[last], edge[last]] = _unit(2 * out[last] + total[finish[last]])
+    return leaving, arriving

@@ -1,0 +1,176 @@
+"""Where triangles and meshes that do not cross are nearest, on plain arrays."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float64, Int64, Real
+from scipy.spatial import KDTree
+
+from airtact.mesh.closest_point import closest_on_triangles, segment_distances
+
+_EDGES = ([0, 1], [1, 2], [2, 0])
+_TRIED = 64  # pairs of boxes, the nearest ones, of which a triangle each is measured before they are halved
+_PASS = 4096  # pairs of triangles that are measured at a time
+
+ROUNDING = 1e-9
+"""Pairs that can be nearer than the nearest by no more than this share are not looked at."""
+
+Nearest = tuple[float, Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]
+"""A distance [m] and the two points that it lies between [m]."""
+
+AllNearest = tuple[Float64[np.ndarray, "n"], Float64[np.ndarray, "n 3"], Float64[np.ndarray, "n 3"]]
+"""Distances of many pairs (N,) [m] and the points (N, 3) that each lies between [m]."""
+
+
+def segment_to_triangle(segments: Real[np.ndarray, "n 2 3"], corners: Real[np.ndarray, "n 3 3"]) -> AllNearest:
+    """Distance of a segment and a triangle that do not pierce each other, pair by pair, and where it is taken.
+
+    Parameters
+    ----------
+    segments : (N, 2, 3) start and end [m].
+    corners : (N, 3, 3) [m].
+
+    Returns
+    -------
+    (N,) distances [m] and the (N, 3) nearest points of the segment and of the triangle [m].
+    """
+    found = [segment_distances(segments, corners[:, edge]) for edge in _EDGES]
+    for end in (0, 1):
+        points = np.asarray(segments[:, end], dtype=np.float64)
+        feet = np.einsum("nk,nki->ni", closest_on_triangles(points, corners), corners)
+        found.append((np.linalg.norm(points - feet, axis=1), points, feet))
+    return _least(found)
+
+
+def triangle_to_triangle(first: Real[np.ndarray, "n 3 3"], second: Real[np.ndarray, "n 3 3"]) -> AllNearest:
+    """Distance of two triangles that do not cross, pair by pair, and where it is taken.
+
+    Parameters
+    ----------
+    first, second : (N, 3, 3) [m].
+
+    Returns
+    -------
+    (N,) distances [m] and the (N, 3) nearest points of the first and of the second triangle [m].
+    """
+    found = [segment_to_triangle(first[:, edge], second) for edge in _EDGES]
+    back = [segment_to_triangle(second[:, edge], first) for edge in _EDGES]
+    return _least(found + [(distance, there, here) for distance, here, there in back])
+
+
+def _least(found: list[AllNearest]) -> AllNearest:
+    """Keep for each pair the smallest of several distances, with its points."""
+    best = np.argmin([distance for distance, _, _ in found], axis=0)
+    rows = np.arange(len(best))
+    distance, here, there = (np.stack(part)[best, rows] for part in zip(*found, strict=True))
+    return distance, here, there
+
+
+def nearest_between(
+    first: Real[np.ndarray, "some 3 3"], second: Real[np.ndarray, "others 3 3"], within: float = np.inf
+) -> Nearest | None:
+    """Find where two meshes that do not cross are nearest.
+
+    Boxes round the triangles are halved again and again, and pairs of boxes that stand farther apart than the nearest
+    triangles known by then are left out: once with few pairs, which shows roughly where and in which direction, then
+    with all and with boxes along that direction, which fit closest where it matters.
+
+    Parameters
+    ----------
+    first, second : corners of the triangles (T, 3, 3) and (U, 3, 3) [m].
+    within : only distances below this are looked for [m].
+
+    Returns
+    -------
+    The distance and the nearest points of the first and of the second mesh, or None when no two triangles are nearer
+    than ``within``.
+    """
+    first, second = _beside(first, second, within), _beside(second, first, within)
+    if len(first) == 0 or len(second) == 0:
+        return None
+    distance, here, there = rough = _descended(first, second, None, _TRIED)
+    if distance == 0.0:
+        return rough
+    frame = np.linalg.qr(np.column_stack([there - here, np.eye(3)]))[0]
+    known = (min(distance, within), here @ frame, there @ frame)
+    distance, here, there = _descended(first @ frame, second @ frame, known, None)
+    return (distance, frame @ here, frame @ there) if distance < within else None
+
+
+def _descended(
+    first: Real[np.ndarray, "some 3 3"],
+    second: Real[np.ndarray, "others 3 3"],
+    known: Nearest | None,
+    kept: int | None,
+) -> Nearest:
+    """Halve boxes down to triangles, keeping at most so many pairs of them, the nearest; None keeps all."""
+    here, there = _halvings(first), _halvings(second)
+    best = known if known else (np.inf, first[0, 0], second[0, 0])
+    pairs, gaps = np.zeros((1, 2), dtype=np.int64), np.zeros(1)
+    for level in range(max(len(here), len(there))):
+        one, two = here[min(level, len(here) - 1)], there[min(level, len(there) - 1)]
+        if level:
+            pairs = _halved(pairs, level < len(here), level < len(there))
+        gaps = _gaps(one.low[pairs[:, 0]], one.high[pairs[:, 0]], two.low[pairs[:, 1]], two.high[pairs[:, 1]])
+        order = np.argsort(gaps)[: np.count_nonzero(gaps < best[0] * (1.0 - ROUNDING))][:kept]
+        pairs, gaps = pairs[order], gaps[order]
+        tried = pairs[:_TRIED]
+        best = _better(best, first[one.member[tried[:, 0]]], second[two.member[tried[:, 1]]])
+    pairs = np.stack([here[-1].member[pairs[:, 0]], there[-1].member[pairs[:, 1]]], axis=1)
+    for start in range(_TRIED, len(pairs), _PASS):
+        some = pairs[start : start + _PASS][gaps[start : start + _PASS] < best[0] * (1.0 - ROUNDING)]
+        best = _better(best, first[some[:, 0]], second[some[:, 1]])
+    return best
+
+
+def _better(best: Nearest, first: Real[np.ndarray, "n 3 3"], second: Real[np.ndarray, "n 3 3"]) -> Nearest:
+    """Keep the best so far, or take a nearer pair of triangles."""
+    if len(first) == 0:
+        return best
+    distance, here, there = triangle_to_triangle(first, second)
+    least = int(distance.argmin())
+    return (float(distance[least]), here[least], there[least]) if distance[least] < best[0] else best
+
+
+def _beside(
+    first: Real[np.ndarray, "some 3 3"], second: Real[np.ndarray, "others 3 3"], within: float
+) -> Real[np.ndarray, "near 3 3"]:
+    """Those triangles of the first mesh that may be nearer to the box round the second than ``within``."""
+    low, high = second.min(axis=(0, 1)), second.max(axis=(0, 1))
+    return first[_gaps(first.min(axis=1), first.max(axis=1), low, high) < within]
+
+
+def _gaps(
+    low: Real[np.ndarray, "*n 3"],
+    high: Real[np.ndarray, "*n 3"],
+    bottom: Real[np.ndarray, "*m 3"],
+    top: Real[np.ndarray, "*m 3"],
+) -> Float64[np.ndarray, "*k"]:
+    """Distance of upright boxes, pair by pair [m]."""
+    return np.linalg.norm(np.maximum(np.maximum(bottom - high, low - top), 0.0), axis=-1)
+
+
+class _Boxes(NamedTuple):
+    """One level of a tree of boxes: corners (B, 3) of the boxes [m] and (B,) a triangle in each."""
+
+    low: Float64[np.ndarray, "boxes 3"]
+    high: Float64[np.ndarray, "boxes 3"]
+    member: Int64[np.ndarray, "boxes"]
+
+
+def _halvings(corners: Real[np.ndarray, "triangles 3 3"]) -> list[_Boxes]:
+    """Boxes round all triangles, round two halves of them, and so on down to single ones."""
+    count = 2 ** int(np.ceil(np.log2(len(corners))))
+    order = KDTree(corners.mean(axis=1), leafsize=1).indices[np.arange(count) * len(corners) // count]
+    levels = [_Boxes(corners[order].min(axis=1), corners[order].max(axis=1), order.astype(np.int64))]
+    while len(levels[0].member) > 1:
+        low, high, member = levels[0]
+        levels.insert(0, _Boxes(np.minimum(low[::2], low[1::2]), np.maximum(high[::2], high[1::2]), member[::2]))
+    return levels
+
+
+def _halved(pairs: Int64[np.ndarray, "pairs 2"], one: bool, two: bool) -> Int64[np.ndarray, "halves 2"]:
+    """Go from pairs of boxes to those of their halves, where the one and the other mesh has any."""
+    here = 2 * pairs[:, :1] + [0, 1] if one else pairs[:, :1]
+    there = 2 * pairs[:, 1:] + [0, 1] if two else pairs[:, 1:]
+    return np.stack(np.broadcast_arrays(here[:, :, None], there[:, None, :]), axis=3).reshape(-1, 2)

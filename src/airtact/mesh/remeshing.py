@@ -1,0 +1,122 @@
+"""New triangles of a wanted size for a closed mesh, by MMG, its sharp edges kept.
+
+Source: C. Dapogny, C. Dobrzynski, P. Frey, "Three-dimensional adaptive domain remeshing, implicit domain meshing, and
+applications to free and moving boundary problems", J. Comput. Phys. 262, 358 (2014); MMG's surface remesher.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Int64, Real
+
+from airtact.conventions import InvalidInput
+from airtact.mesh.topology import edge_twins
+
+STRETCHES = (1.4, 1.2, 1.0, 0.85)
+"""Longest edge asked for over the edge of the equilateral triangle wanted, tried until there are enough triangles."""
+
+ENOUGH = 0.9
+"""Share of the wanted number of triangles that will do."""
+
+FLATTEST = 0.15
+"""Distance of a straight triangle from the curved skin, over the edge wanted, that MMG takes for too large."""
+
+FINE = 0.25
+"""Mean edge over the edge wanted of a mesh that is thinned out first."""
+
+ROUGH = 0.06
+"""Distance of the thinned mesh from its skin, over the edge wanted: about the roughness of a scan."""
+
+GRADING = 1.5
+"""Ratio of neighbouring edges at most."""
+
+SMALLEST = 0.06
+"""Edges are not made shorter than this share of the edge wanted, but for the shape's own sharp edges."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ridged:
+    """A closed mesh with the edges that stay sharp.
+
+    Attributes
+    ----------
+    vertices : (V, 3) [m].
+    triangles : (T, 3) vertex indices.
+    ridges : (K, 2) ends of the sharp edges.
+    """
+
+    vertices: Float64[np.ndarray, "vertices 3"]
+    triangles: Int64[np.ndarray, "triangles 3"]
+    ridges: Int64[np.ndarray, "ridges 2"]
+
+
+def thinned(mesh: Ridged, edge: float) -> Ridged:
+    """Thin out a mesh far finer than an edge [m], or MMG takes the roughness of a scan for bends of the skin.
+
+    Raises
+    ------
+    InvalidInput
+        When MMG cannot mesh the surface.
+    """
+    corners = mesh.vertices[mesh.triangles]
+    if np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).mean() > FINE * edge:
+        return mesh
+    return _meshed(mesh, np.full(len(mesh.vertices), FINE), edge, ROUGH)
+
+
+def remeshed(mesh: Ridged, sizes: Real[np.ndarray, "vertices"], edge: float, wanted: float) -> Ridged:
+    """Mesh a closed surface anew with triangles about as large as equilateral ones of a given edge.
+
+    Parameters
+    ----------
+    mesh : the surface.
+    sizes : (V,) longest edge allowed at each vertex, beside what ``edge`` asks for [m].
+    edge : edge of the equilateral triangle wanted [m].
+    wanted : number of triangles that the area asks for.
+
+    Returns
+    -------
+    A mesh near the curved skin of the surface.
+
+    Raises
+    ------
+    InvalidInput
+        When MMG cannot mesh the surface.
+    """
+    for stretch in STRETCHES[:-1]:
+        found = _meshed(mesh, np.clip(sizes / edge, SMALLEST, stretch), edge, FLATTEST)
+        if len(found.triangles) >= ENOUGH * wanted:
+            return found
+    return _meshed(mesh, np.clip(sizes / edge, SMALLEST, STRETCHES[-1]), edge, FLATTEST)
+
+
+def _meshed(surface: Ridged, sizes: Real[np.ndarray, "vertices"], edge: float, flattest: float) -> Ridged:
+    """Run MMG in units of the edge."""
+    import mmgpy  # brings its own libraries, which only surfaces from meshes need
+
+    mesh = mmgpy.MmgMeshS()
+    ridges, triangles = surface.ridges.astype(np.int32), surface.triangles.astype(np.int32)
+    mesh.set_mesh_size(vertices=len(surface.vertices), triangles=len(triangles), edges=len(ridges))
+    mesh.set_vertices(np.ascontiguousarray(surface.vertices / edge))
+    mesh.set_triangles(triangles)
+    if len(ridges):
+        mesh.set_edges(ridges)
+        mesh.set_ridge_edges(np.arange(len(ridges), dtype=np.int32))
+    mesh.set_field("metric", sizes.reshape(-1, 1))
+    try:
+        mesh.remesh(
+            hmax=max(sizes.max(), 1.1 * SMALLEST), hmin=SMALLEST, hausd=flattest, hgrad=GRADING, angle=0, verbose=-1
+        )
+    except RuntimeError as fault:
+        raise InvalidInput(
+            f"the surface of {len(triangles)} triangles cannot be meshed anew with an edge of {1e3 * edge:.3g} mm "
+            f"({fault}); repair it, or give a mesh with fewer slivers."
+        ) from fault
+    found = np.asarray(mesh.get_triangles(), dtype=np.int64)
+    if len(found) < 4 or edge_twins(found).min() < 0:
+        raise InvalidInput(
+            f"the surface of {len(triangles)} triangles does not stay closed when it is meshed anew with an edge of "
+            f"{1e3 * edge:.3g} mm; repair it, or ask for a shorter edge."
+        )
+    ridges = np.asarray(mesh.get_edges(), dtype=np.int64).reshape(-1, 2)
+    return Ridged(np.array(mesh.get_vertices()) * edge, found, ridges)

@@ -1,0 +1,1 @@
+"""A damaged triangle mesh made closed, step by step."""

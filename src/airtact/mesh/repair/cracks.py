@@ -1,0 +1,139 @@
+"""Cracks of no width to speak of, on plain arrays.
+
+On one side of such a crack lie other vertices than on the other: each a few micrometres from its partner, or with no
+partner at all on an edge of the other side (a T-junction).
+"""
+
+import numpy as np
+from jaxtyping import Float64, Int64
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+from airtact.mesh.topology import edge_keys
+from airtact.validation import counted, place
+
+CRACK = 5e-6
+"""Border vertices nearer than this to each other, or to a border edge, are the two sides of a crack [m] ..."""
+FLATTEST = 1e-2
+"""... if they are also nearer than this share of the edge's length."""
+MOST = 3_000_000
+"""With more vertices near edges than this, the mesh is no cracked surface but loose triangles, and is left alone."""
+ROUNDS = 8
+"""Each round splits one edge of a triangle; later rounds find what was split on the other side of the crack."""
+
+
+def without_cracks(
+    vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"], notes: list[str]
+) -> Int64[np.ndarray, "whole 3"]:
+    """Join the border vertices that face each other over a crack, and split the border edges on which others lie.
+
+    Parameters
+    ----------
+    vertices : (V, 3) [m].
+    triangles : (T, 3) vertex indices.
+    notes : what was mended is added here.
+    """
+    triangles = _joined(vertices, triangles, notes)
+    split: list[int] = []
+    for _ in range(ROUNDS):
+        edges, on = _vertices_on_edges(vertices, triangles)
+        if len(on) == 0:
+            break
+        split.extend(on.tolist())
+        triangles = _split(vertices, triangles, edges, on)
+    if split:
+        lies = counted(
+            len(split),
+            "vertex lay on an edge of a neighbour, which was",
+            "vertices lay on edges of neighbours, which were",
+        )
+        notes.append(f"{lies} split there to close the crack, the first near {place(vertices[split[0]])}.")
+    return triangles
+
+
+def _border(triangles: Int64[np.ndarray, "triangles 3"]) -> tuple[Int64[np.ndarray, "n"], Int64[np.ndarray, "n 2"]]:
+    """Edges 3 t + e of one triangle only, and their ends."""
+    _, where, count = np.unique(edge_keys(triangles), return_inverse=True, return_counts=True)
+    border = np.flatnonzero(count[where.ravel()] == 1)
+    return border, np.stack([triangles.ravel()[border], np.roll(triangles, -1, axis=1).ravel()[border]], axis=1)
+
+
+def _joined(
+    vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"], notes: list[str]
+) -> Int64[np.ndarray, "triangles 3"]:
+    """Make border vertices one that nearly meet and belong to no common triangle."""
+    rim = np.unique(_border(triangles)[1])
+    if len(rim) == 0:
+        return triangles
+    pairs = rim[KDTree(vertices[rim]).query_pairs(CRACK, output_type="ndarray")]
+    count = len(vertices)
+    table = pairs.min(axis=1) * count + pairs.max(axis=1)
+    ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
+    pairs = pairs[~np.isin(table, ends.min(axis=1) * count + ends.max(axis=1))]
+    graph = coo_array((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    cluster = connected_components(graph, directed=False)[1]
+    first = np.unique(cluster, return_index=True)[1][cluster]
+    folded = (first[triangles] == np.roll(first[triangles], 1, axis=1)).any(axis=1)
+    spared = np.isin(cluster, cluster[triangles[folded]])
+    first[spared] = np.flatnonzero(spared)
+    joined = np.flatnonzero(first != np.arange(count))
+    if len(joined) == 0:
+        return triangles
+    gap = float(np.linalg.norm(vertices[joined] - vertices[first[joined]], axis=1).max())
+    across = counted(len(joined), "vertex was joined with another across a crack", "vertices were joined across cracks")
+    notes.append(f"{across} of up to {gap * 1e6:.2g} micrometres, the first near {place(vertices[joined[0]])}.")
+    return first[triangles]
+
+
+def _vertices_on_edges(
+    vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"]
+) -> tuple[Int64[np.ndarray, "found"], Int64[np.ndarray, "found"]]:
+    """Border edges 3 t + e, one of a triangle, and the border vertices that lie on them."""
+    border, ends = _border(triangles)
+    rim = np.unique(ends)
+    none = np.zeros(0, dtype=np.int64)
+    if len(border) == 0:
+        return none, none
+    start, along = vertices[ends[:, 0]], vertices[ends[:, 1]] - vertices[ends[:, 0]]
+    length = np.linalg.norm(along, axis=1)
+    tree, middle = KDTree(vertices[rim]), start + along / 2.0
+    if tree.query_ball_point(middle, length / 2.0, return_length=True).sum() > MOST:
+        return none, none
+    near = tree.query_ball_point(middle, length / 2.0)
+    edge = np.repeat(np.arange(len(border)), [len(some) for some in near])
+    vertex = rim[np.concatenate([np.array(some, dtype=np.int64) for some in near])]
+    from_start = vertices[vertex] - start[edge]
+    reach = np.einsum("ni,ni->n", from_start, along[edge]) / length[edge]
+    away = np.linalg.norm(from_start - reach[:, None] * along[edge] / length[edge, None], axis=1)
+    on = (away <= np.minimum(CRACK, FLATTEST * length[edge])) & (reach > CRACK) & (reach < length[edge] - CRACK)
+    on &= (triangles[border[edge] // 3] != vertex[:, None]).all(axis=1)
+    edge, vertex = border[edge[on]], vertex[on]
+    order = np.lexsort((reach[on], edge))
+    edge, vertex = edge[order], vertex[order]
+    first = np.minimum.reduceat(edge, _starts(edge // 3)) if len(edge) else none  # one edge of a triangle in a round
+    chosen = np.isin(edge, first)
+    return edge[chosen], vertex[chosen]
+
+
+def _starts(ranked: Int64[np.ndarray, "n"]) -> Int64[np.ndarray, "starts"]:
+    """Where each run of equal numbers begins."""
+    return np.flatnonzero(np.r_[True, ranked[1:] != ranked[:-1]])
+
+
+def _split(
+    vertices: Float64[np.ndarray, "vertices 3"],
+    triangles: Int64[np.ndarray, "triangles 3"],
+    edges: Int64[np.ndarray, "found"],
+    on: Int64[np.ndarray, "found"],
+) -> Int64[np.ndarray, "more 3"]:
+    """Put a fan from the opposite corner in the place of each triangle whose edge is split."""
+    fans = []
+    for part in np.split(np.arange(len(edges)), _starts(edges)[1:]):
+        triangle, edge = divmod(int(edges[part[0]]), 3)
+        start, end, apex = np.roll(triangles[triangle], -edge)
+        chain = np.r_[start, on[part], end]
+        fans.append(np.stack([chain[:-1], chain[1:], np.full(len(chain) - 1, apex)], axis=1))
+    kept = np.ones(len(triangles), dtype=bool)
+    kept[edges // 3] = False
+    return np.concatenate([triangles[kept], *fans])

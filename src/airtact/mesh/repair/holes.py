@@ -1,0 +1,269 @@
+"""Holes of a triangle mesh: their rims, whether they may be filled, and the triangles that fill them, on plain arrays.
+
+A hole is filled only where the skin round it says what is missing: it is narrow, and the skin leans so little out of
+its plane that even a cone drawn on from the rim would add next to nothing to the body. The open end of a tube, a single
+loose triangle or a lost fingertip lean too much, and are refused.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Int64
+from scipy.spatial import KDTree
+from scipy.spatial.distance import pdist
+
+from airtact.conventions import InvalidInput
+from airtact.mesh.repair.hole_filling import patch
+from airtact.mesh.topology import cone_volumes, edge_keys, edge_twins, pieces
+from airtact.validation import counted, place
+
+LARGEST_SHARE = 5e-3
+"""Share of a body's volume that may be missing with its holes."""
+FACING = 0.5
+"""Cosine of the angle (60 degrees) off straight ahead within which two near holes face each other."""
+STEEPEST = 0.17
+"""Cosine of the largest mean angle (80 degrees) between the skin round a hole and the plane of the hole."""
+MOST_EDGES = 400
+"""Longest rim of a hole that is filled."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hole:
+    """A hole of a mesh.
+
+    Attributes
+    ----------
+    rim : (N,) vertices along it, in the direction of the triangles that would fill it.
+    skin : (N,) the triangle beside the edge from each rim vertex to the next.
+    width : largest distance of two rim vertices [m].
+    middle : (3,) mean of the rim [m].
+    """
+
+    rim: Int64[np.ndarray, "rim"]
+    skin: Int64[np.ndarray, "rim"]
+    width: float
+    middle: Float64[np.ndarray, "3"]
+
+
+def without_holes(
+    vertices: Float64[np.ndarray, "vertices 3"],
+    triangles: Int64[np.ndarray, "triangles 3"],
+    largest: float,
+    notes: list[str],
+) -> Int64[np.ndarray, "more 3"]:
+    """Fill the small holes of a mesh and refuse the others.
+
+    Parameters
+    ----------
+    vertices : (V, 3) [m].
+    triangles : (T, 3) vertex indices of a mesh whose neighbours run alike.
+    largest : widest hole that is filled [m].
+    notes : what was mended is added here.
+
+    Raises
+    ------
+    InvalidInput
+        With the number of holes that are too wide, that cut off what nobody can tell, or that no triangles over their
+        own vertices close; with the place and width of the largest.
+    """
+    holes = find_holes(vertices, triangles)
+    if not holes:
+        return triangles
+    _refuse_wide(holes, largest)
+    normals = _normals(vertices[triangles])
+    missing = np.array([_missing(vertices, normals, hole) for hole in holes])
+    _refuse(
+        [hole for hole, volume in zip(holes, missing, strict=True) if not np.isfinite(volume)],
+        "cannot be filled, because the skin round it runs out of its plane and nobody can tell what is missing",
+        "cannot be filled, because the skin round them runs out of their planes and nobody can tell what is missing",
+    )
+    keys = np.unique(edge_keys(triangles))
+    count = int(triangles.max()) + 1
+    fillings = [patch(vertices, hole.rim, normals[hole.skin], keys, count) for hole in holes]
+    unfilled = [hole for hole, filling in zip(holes, fillings, strict=True) if filling is None]
+    no_way = "cannot be filled without meeting the surface again"
+    _refuse(unfilled, no_way, no_way)
+    whole = np.concatenate([triangles, *(filling for filling in fillings if filling is not None)])
+    twins = edge_twins(whole)
+    _refuse([hole for hole in holes if _still_open(hole, whole, twins)], no_way, no_way)
+    _refuse_doubtful(vertices, whole, twins, holes, missing)
+    widest = max(hole.width for hole in holes)
+    filled = counted(len(holes), "hole", "holes")
+    notes.append(
+        f"{filled} of up to {widest * 1e3:.2g} mm {'was' if len(holes) == 1 else 'were'} filled, the first near "
+        f"{place(holes[0].middle)}."
+    )
+    return whole
+
+
+def _refuse_wide(holes: list[Hole], largest: float) -> None:
+    wide = [hole for hole in holes if hole.width > largest]
+    if wide:
+        widest = max(wide, key=lambda hole: hole.width)
+        are = counted(len(wide), "hole is", "holes are")
+        raise InvalidInput(
+            f"the surface is open: {are} wider than {largest * 1e3:g} mm, the largest {widest.width * 1e3:.3g} mm "
+            f"across near {place(widest.middle)}; close it in the file, or let wider ones be filled with largest_hole.",
+            widest.middle,
+        )
+    long = [hole for hole in holes if len(hole.rim) > MOST_EDGES]
+    said = f"of more than {MOST_EDGES} edges cannot be filled"
+    _refuse(long, said, said)
+
+
+def _ahead(vertices: Float64[np.ndarray, "vertices 3"], hole: Hole) -> Float64[np.ndarray, "3"]:
+    """Find the area vector of a hole, over its length: which way its filling will look."""
+    points = vertices[hole.rim] - hole.middle
+    area = np.cross(points, np.roll(points, -1, axis=0)).sum(axis=0) / 2.0
+    return area / max(float(np.linalg.norm(area)), 1e-30)
+
+
+def _refuse(holes: list[Hole], one: str, many: str) -> None:
+    if holes:
+        widest = max(holes, key=lambda hole: hole.width)
+        raise InvalidInput(
+            f"the surface is open: {counted(len(holes), 'hole ' + one, 'holes ' + many)}, the largest "
+            f"{widest.width * 1e3:.3g} mm across near {place(widest.middle)}; close it in the file.",
+            widest.middle,
+        )
+
+
+def _refuse_doubtful(
+    vertices: Float64[np.ndarray, "vertices 3"],
+    whole: Int64[np.ndarray, "triangles 3"],
+    twins: Int64[np.ndarray, "triangles 3"],
+    holes: list[Hole],
+    missing: Float64[np.ndarray, "holes"],
+) -> None:
+    """Refuse holes that face each other or may have taken a share of their body that would be heard."""
+    piece = pieces(twins)
+    volumes = np.bincount(piece, weights=cone_volumes(vertices[whole]))
+    where = piece[[hole.skin[0] for hole in holes]]
+    turned = np.sign(volumes[where])  # a body that is still inside out looks the other way
+    _refuse_facing(holes, turned[:, None] * [_ahead(vertices, hole) for hole in holes])
+    share = np.bincount(where, weights=missing, minlength=len(volumes)) / np.maximum(np.abs(volumes), 1e-30)
+    worst = float(share.max())
+    if worst > LARGEST_SHARE:
+        here = [hole for hole, number in zip(holes, where, strict=True) if share[number] > LARGEST_SHARE]
+        taken = f"may have taken {100 * worst:.2g} % of a body's volume, more than {100 * LARGEST_SHARE:g} %"
+        _refuse(here, taken, taken)
+
+
+def _refuse_facing(holes: list[Hole], ahead: Float64[np.ndarray, "holes 3"]) -> None:
+    """Refuse holes between which a bridge is missing: filled, they would part what belongs together."""
+    middles = np.array([hole.middle for hole in holes])
+    widths = np.array([hole.width for hole in holes])
+    pairs = KDTree(middles).query_pairs(float(widths.max()), output_type="ndarray")
+    way = middles[pairs[:, 1]] - middles[pairs[:, 0]]
+    gap = np.linalg.norm(way, axis=1)
+    faces = np.einsum("pi,pi->p", ahead[pairs[:, 0]], way) > FACING * gap
+    faces &= np.einsum("pi,pi->p", ahead[pairs[:, 1]], -way) > FACING * gap
+    faces &= gap < widths[pairs].max(axis=1)
+    if faces.any():
+        first = int(faces.argmax())
+        between = middles[pairs[first]].mean(axis=0)
+        raise InvalidInput(
+            f"the surface is open: {counted(int(faces.sum()), 'pair of holes faces', 'pairs of holes face')} each "
+            f"other, the first {gap[first] * 1e3:.2g} mm apart near {place(between)}, so "
+            "the bridge between them may be missing; close them in the file.",
+            between,
+        )
+
+
+def _still_open(hole: Hole, whole: Int64[np.ndarray, "triangles 3"], twins: Int64[np.ndarray, "triangles 3"]) -> bool:
+    torn = (twins < 0).any(axis=1)
+    return bool(torn.any()) and bool(np.isin(whole[torn], hole.rim).any())
+
+
+def _missing(
+    vertices: Float64[np.ndarray, "vertices 3"], normals: Float64[np.ndarray, "triangles 3"], hole: Hole
+) -> float:
+    """Volume of the cone that the skin round a hole would close to if it went on straight [m³]; infinite for a tube."""
+    points = vertices[hole.rim] - hole.middle
+    after = np.roll(points, -1, axis=0)
+    ahead = _ahead(vertices, hole)
+    size = float(ahead @ np.cross(points, after).sum(axis=0)) / 2.0
+    lengths = np.linalg.norm(after - points, axis=1)
+    cosine = float(lengths @ (normals[hole.skin] @ ahead)) / max(float(lengths.sum()), 1e-30)
+    if cosine < STEEPEST:
+        return np.inf
+    slope = np.sqrt(max(1.0 - cosine**2, 0.0)) / cosine
+    return size * hole.width / 2.0 * float(slope) / 3.0
+
+
+def _normals(corners: Float64[np.ndarray, "triangles 3 3"]) -> Float64[np.ndarray, "triangles 3"]:
+    """Find unit normals; zero for triangles without area."""
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+
+
+def find_holes(vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"]) -> list[Hole]:
+    """Walk along the borders of a mesh.
+
+    Where several holes meet in a vertex, the walk takes the border that comes next round that vertex, so that it goes
+    round one gap at a time.
+
+    Parameters
+    ----------
+    vertices : (V, 3) [m].
+    triangles : (T, 3) vertex indices of a mesh whose neighbours run alike.
+    """
+    border = np.flatnonzero(edge_twins(triangles).ravel() < 0)
+    starts = np.roll(triangles, -1, axis=1).ravel()[border]  # a hole runs against the triangles beside it
+    ends = triangles.ravel()[border]
+    after = _next_edges(vertices, triangles, border, starts, ends)
+    holes, seen = [], np.zeros(len(border), dtype=bool)
+    for first in range(len(border)):
+        if seen[first]:
+            continue
+        walk = []
+        here = first
+        while not seen[here]:
+            seen[here] = True
+            walk.append(here)
+            here = int(after[here])
+        rim = starts[walk]
+        points = vertices[rim]
+        holes.append(Hole(rim, border[walk] // 3, _width(points), points.mean(axis=0)))
+    return holes
+
+
+def _next_edges(
+    vertices: Float64[np.ndarray, "vertices 3"],
+    triangles: Int64[np.ndarray, "triangles 3"],
+    border: Int64[np.ndarray, "border"],
+    starts: Int64[np.ndarray, "border"],
+    ends: Int64[np.ndarray, "border"],
+) -> Int64[np.ndarray, "border"]:
+    """Which border edge follows each along its hole."""
+    order = np.argsort(starts, kind="stable")
+    ranked = starts[order]
+    after = order[np.searchsorted(ranked, ends)]
+    meeting = ranked[1:][ranked[1:] == ranked[:-1]]
+    for vertex in np.unique(meeting):
+        coming, going = np.flatnonzero(ends == vertex), np.flatnonzero(starts == vertex)
+        normal = _normals(vertices[triangles[(triangles == vertex).any(axis=1)]]).sum(axis=0)
+        one = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+        two = np.cross(normal, one) / max(float(np.linalg.norm(normal)), 1e-300)
+        away = vertices[np.r_[starts[coming], ends[going]]] - vertices[vertex]
+        angle = np.arctan2(away @ two, away @ one)
+        clockwise = (angle[: len(coming), None] - angle[None, len(coming) :]) % (2.0 * np.pi)
+        after[coming] = _matched(going, clockwise)
+    return after
+
+
+def _matched(going: Int64[np.ndarray, "pairs"], turn: Float64[np.ndarray, "pairs pairs"]) -> Int64[np.ndarray, "pairs"]:
+    """Give each coming edge its own going edge, the least turn first."""
+    chosen = np.zeros(len(going), dtype=np.int64)
+    for _ in range(len(going)):
+        one, two = np.unravel_index(int(turn.argmin()), turn.shape)
+        chosen[one] = going[two]
+        turn[one], turn[:, two] = np.inf, np.inf
+    return chosen
+
+
+def _width(points: Float64[np.ndarray, "rim 3"]) -> float:
+    if len(points) <= MOST_EDGES:
+        return float(pdist(points).max())
+    far = points[np.linalg.norm(points - points[0], axis=1).argmax()]  # two sweeps are near enough for a refusal
+    return float(np.linalg.norm(points - far, axis=1).max())

@@ -1,0 +1,243 @@
+"""Mending damaged triangle meshes: what can be put right is put right and listed, what cannot is refused.
+
+Every step leaves a mesh without its damage as it is, and says in one sentence each what it changed, with a number and
+the place of the first. The order matters: vertices are made one before triangles are compared, triangles run alike
+before slivers are flipped, holes are filled before the enclosed volume tells what is outside. Source of the kinds of
+damage and of the order: M. Attene, M. Campen, L. Kobbelt, "Polygon mesh repairing: an application perspective", ACM
+Computing Surveys 45(2), 2013, sections 2 and 3.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64, Integer, Real
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+from airtact.conventions import InvalidInput
+from airtact.mesh.repair.cracks import without_cracks
+from airtact.mesh.repair.holes import without_holes
+from airtact.mesh.repair.slivers import without_slivers
+from airtact.mesh.repair.winding import refuse_bow_ties, turned_outward, wound_alike
+from airtact.mesh.topology import edge_twins, refuse_bad_indices, refuse_wrong_size
+from airtact.printing import in_short
+from airtact.validation import counted, number, place, real_numbers
+
+SAME_PLACE = 1e-6
+"""Vertices nearer than this share of the whole extent are one vertex ..."""
+FARTHEST_MERGED = 1e-6
+"""... but never farther apart than this [m], a five-hundredth of the thinnest body."""
+LARGEST_HOLE = 0.1
+"""No hole wider than this can be asked to be filled [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mended:
+    """A mesh that was mended.
+
+    Attributes
+    ----------
+    vertices : (V, 3) [m].
+    triangles : (T, 3) vertex indices; closed, neighbours run alike, closed pieces look outward.
+    notes : one sentence for each kind of damage that was mended, with a number and the place of the first; empty when
+        nothing was.
+    """
+
+    vertices: Float64[np.ndarray, "vertices 3"]
+    triangles: Int64[np.ndarray, "triangles 3"]
+    notes: tuple[str, ...]
+
+    __repr__ = in_short
+
+
+def mended(
+    vertices: Real[np.ndarray, "vertices 3"], triangles: Integer[np.ndarray, "triangles 3"], largest_hole: float = 2e-3
+) -> Mended:
+    """Mend a damaged triangle mesh, or refuse it with the place of what cannot be mended.
+
+    Mended are: vertices that no triangle names or that stand within a micrometre of another, triangles that repeat
+    another or have no area, needles and caps, cracks without width, patches and pieces wound the wrong way, and small
+    holes where the surface round them says what is missing. A mesh that needs nothing comes back as it is. Whether the
+    surface crosses itself is left to ``check_surface``.
+
+    Parameters
+    ----------
+    vertices : (V, 3) [m]; NaN only where no triangle names it.
+    triangles : (T, 3) vertex indices.
+    largest_hole : widest hole that is filled [m], 0 for none.
+
+    Raises
+    ------
+    InvalidInput
+        Indices out of range, NaN in a vertex that is named, an extent over 2 m or under 0.5 mm, edges of more than two
+        triangles, one-sided surfaces, holes that are too large or whose missing part cannot be told, parts that hang
+        together in a point: each with how many and where.
+
+    Examples
+    --------
+    >>> corners = 0.01 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1]])
+    >>> notes = mended(corners, np.array([[0, 2, 1], [0, 1, 3], [0, 2, 4], [1, 2, 3]])).notes
+    >>> print(*notes)
+    1 triangle ran against its neighbours and was turned, the first near (0.00, 3.33, 3.33) mm.
+    """
+    largest_hole = _width(largest_hole)
+    vertices, triangles = real_numbers(vertices, "surface vertices"), triangles.astype(np.int64)
+    refuse_bad_indices(len(vertices), triangles)
+    if len(triangles) == 0:
+        raise InvalidInput("the surface holds 0 triangles; give a closed one.")
+    notes: list[str] = []
+    vertices, triangles = _with_named_vertices(vertices, triangles, notes)
+    refuse_wrong_size(float(np.ptp(vertices, axis=0).max()))
+    vertices, triangles = _with_merged_vertices(vertices, triangles, notes)
+    triangles = _with_three_corners(vertices, triangles, notes)
+    triangles = _without_repeats(vertices, triangles, notes)
+    triangles, twins = _closed(vertices, triangles, largest_hole, notes)
+    refuse_bow_ties(vertices, triangles, twins)
+    triangles = turned_outward(vertices, triangles, twins, notes)
+    named = np.zeros(len(vertices), dtype=bool)
+    named[triangles] = True
+    vertices, triangles = _kept(vertices, triangles, named)
+    return Mended(vertices, triangles, tuple(notes))
+
+
+def _closed(
+    vertices: Float64[np.ndarray, "vertices 3"],
+    triangles: Int64[np.ndarray, "triangles 3"],
+    largest_hole: float,
+    notes: list[str],
+) -> tuple[Int64[np.ndarray, "closed 3"], Int64[np.ndarray, "closed 3"]]:
+    """Close the mesh with all triangles running alike, and find its ``edge_twins``."""
+    twins = edge_twins(triangles)
+    if (twins >= 0).all():
+        smooth = without_slivers(vertices, triangles, notes)
+        return smooth, twins if smooth is triangles else edge_twins(smooth)
+    triangles = without_cracks(vertices, triangles, notes)
+    triangles = wound_alike(vertices, triangles, notes)
+    triangles = without_slivers(vertices, triangles, notes)
+    filled = without_holes(vertices, triangles, largest_hole, notes)
+    if filled is not triangles:
+        filled = without_slivers(vertices, filled, notes)  # a rim along a straight line is filled with caps
+    return filled, edge_twins(filled)
+
+
+def _width(largest_hole: float) -> float:
+    width = number(largest_hole, "largest_hole", "m")
+    if not 0.0 <= width <= LARGEST_HOLE:
+        raise InvalidInput(
+            f"largest_hole is {width:g} m, but it must lie between 0 and {LARGEST_HOLE:g} m: is it in millimetres?"
+        )
+    return width
+
+
+def _kept(
+    vertices: Float64[np.ndarray, "vertices 3"],
+    triangles: Int64[np.ndarray, "triangles 3"],
+    keep: Bool[np.ndarray, "vertices"],
+) -> tuple[Float64[np.ndarray, "kept 3"], Int64[np.ndarray, "triangles 3"]]:
+    """Leave some vertices out and count the others anew."""
+    if keep.all():
+        return vertices, triangles
+    return vertices[keep], (np.cumsum(keep) - 1)[triangles]
+
+
+def _with_named_vertices(
+    vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"], notes: list[str]
+) -> tuple[Float64[np.ndarray, "named 3"], Int64[np.ndarray, "triangles 3"]]:
+    """Drop the vertices that no triangle names, and refuse NaN in the others."""
+    named = np.zeros(len(vertices), dtype=bool)
+    named[triangles] = True
+    wrong = np.flatnonzero(named & ~np.isfinite(vertices).all(axis=1))
+    if len(wrong):
+        count = counted(len(wrong), "vertex of the surface is", "vertices of the surface are")
+        neighbours = vertices[triangles[(triangles == wrong[0]).any(axis=1)]].reshape(-1, 3)
+        known = neighbours[np.isfinite(neighbours).all(axis=1)]
+        beside = known.mean(axis=0) if len(known) else None
+        near = "" if beside is None else f" beside {place(beside)}"
+        raise InvalidInput(
+            f"{count} NaN or infinite, the first is vertex {int(wrong[0])}{near}; give it a place or remove its "
+            "triangles.",
+            beside,
+        )
+    idle = np.flatnonzero(~named)
+    if len(idle):
+        count = counted(len(idle), "vertex that no triangle names was", "vertices that no triangle names were")
+        notes.append(f"{count} dropped, the first is vertex {int(idle[0])}.")
+    return _kept(vertices, triangles, named)
+
+
+def _with_merged_vertices(
+    vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"], notes: list[str]
+) -> tuple[Float64[np.ndarray, "merged 3"], Int64[np.ndarray, "triangles 3"]]:
+    """Make vertices at the same place one: the first of them, which stays where it is."""
+    first = _first_alike(vertices)
+    own = first == np.arange(len(vertices))
+    vertices, triangles = _kept(vertices, first[triangles], own)
+    near = min(SAME_PLACE * float(np.ptp(vertices, axis=0).max()), FARTHEST_MERGED)
+    pairs = KDTree(vertices, compact_nodes=False, balanced_tree=False).query_pairs(near, output_type="ndarray")
+    if len(pairs) == 0:
+        return vertices, triangles
+    count = len(vertices)
+    graph = coo_array((np.ones(len(pairs), dtype=bool), tuple(pairs.T)), shape=(count, count))
+    cluster = connected_components(graph, directed=False)[1]
+    first = np.unique(cluster, return_index=True)[1][cluster]
+    own = first == np.arange(count)
+    merged = counted(int((~own).sum()), "vertex was", "vertices were")
+    notes.append(
+        f"{merged} merged with another within {near * 1e6:.2g} micrometres, the first near "
+        f"{place(vertices[(~own).argmax()])}."
+    )
+    return _kept(vertices, first[triangles], own)
+
+
+def _first_alike(vertices: Float64[np.ndarray, "vertices 3"]) -> Int64[np.ndarray, "vertices"]:
+    """For each vertex the first one with exactly the same coordinates."""
+    bits = (vertices + 0.0).view(np.uint64)  # adding zero makes -0.0 the same as 0.0
+    mixed = np.zeros(len(vertices), dtype=np.uint64)
+    for axis in range(3):
+        mixed = (mixed ^ bits[:, axis]) * np.uint64(0x9E3779B97F4A7C15)
+        mixed ^= mixed >> np.uint64(29)
+    order = np.argsort(mixed, kind="stable")
+    ranked = vertices[order]
+    new = np.ones(len(vertices), dtype=bool)
+    new[1:] = (ranked[1:] != ranked[:-1]).any(axis=1)
+    first = np.empty(len(vertices), dtype=np.int64)
+    first[order] = order[new][np.cumsum(new) - 1]
+    return first
+
+
+def _with_three_corners(
+    vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"], notes: list[str]
+) -> Int64[np.ndarray, "left 3"]:
+    """Drop triangles that name a vertex twice: their two other neighbours already share their edge."""
+    collapsed = (triangles == np.roll(triangles, 1, axis=1)).any(axis=1)
+    if not collapsed.any():
+        return triangles
+    count = counted(
+        int(collapsed.sum()),
+        "triangle with two corners in one vertex was",
+        "triangles with two corners in one vertex were",
+    )
+    notes.append(f"{count} removed, the first near {place(vertices[triangles[collapsed.argmax()]].mean(axis=0))}.")
+    return _some_left(triangles[~collapsed])
+
+
+def _some_left(triangles: Int64[np.ndarray, "left 3"]) -> Int64[np.ndarray, "left 3"]:
+    if len(triangles) == 0:
+        raise InvalidInput("0 triangles of the surface have an area; check its unit and its scale.")
+    return triangles
+
+
+def _without_repeats(
+    vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"], notes: list[str]
+) -> Int64[np.ndarray, "left 3"]:
+    """Keep the first of triangles over the same three vertices, however they run."""
+    corners = np.sort(triangles, axis=1)
+    order = np.lexsort(corners.T)
+    again = np.zeros(len(triangles), dtype=bool)
+    again[order[1:]] = (corners[order[1:]] == corners[order[:-1]]).all(axis=1)
+    if not again.any():
+        return triangles
+    count = counted(int(again.sum()), "triangle that repeats another was", "triangles that repeat others were")
+    notes.append(f"{count} dropped, the first near {place(vertices[triangles[again.argmax()]].mean(axis=0))}.")
+    return triangles[~again]

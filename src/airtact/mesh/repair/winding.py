@@ -1,0 +1,148 @@
+"""Which way triangles run: neighbours alike, closed pieces outward, on plain arrays."""
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from airtact.conventions import InvalidInput
+from airtact.mesh.topology import cone_volumes, edge_keys, pieces
+from airtact.validation import counted, place
+
+
+def wound_alike(
+    vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"], notes: list[str]
+) -> Int64[np.ndarray, "triangles 3"]:
+    """Turn triangles round so that neighbours run alike, as few as possible in each piece.
+
+    Every triangle stands twice in a graph, as it is and turned round, and is tied to those copies of its neighbours
+    that run as it does. A piece that can be wound alike falls into two mirrored parts; a one-sided one stays one.
+
+    Parameters
+    ----------
+    vertices : (V, 3) [m].
+    triangles : (T, 3) vertex indices.
+    notes : what was mended is added here.
+
+    Raises
+    ------
+    InvalidInput
+        With the number and place of edges of more than two triangles, or of one-sided pieces.
+    """
+    here, there, alike = _neighbours(vertices, triangles)
+    count = len(triangles)
+    mirrored = np.where(alike, there, there + count)
+    ends = np.concatenate([here, here + count]), np.concatenate([mirrored, (mirrored + count) % (2 * count)])
+    graph = coo_array((np.ones(len(ends[0]), dtype=bool), ends), shape=(2 * count,) * 2)
+    label = connected_components(graph, directed=False)[1]
+    plain, turned = label[:count], label[count:]
+    one_sided = np.flatnonzero(plain == turned)
+    if len(one_sided):
+        where = vertices[triangles[one_sided[0]]].mean(axis=0)
+        raise InvalidInput(
+            f"{counted(len(one_sided), 'triangle belongs', 'triangles belong')} to a one-sided piece, as a Moebius "
+            f"strip is, the first near {place(where)}: nobody can tell what "
+            "is outside of it; remove it.",
+            where,
+        )
+    as_given = np.bincount(plain, minlength=2 * count)
+    flip = (as_given[plain] < as_given[turned]) | ((as_given[plain] == as_given[turned]) & (plain > turned))
+    if not flip.any():
+        return triangles
+    ran = counted(
+        int(flip.sum()),
+        "triangle ran against its neighbours and was",
+        "triangles ran against their neighbours and were",
+    )
+    notes.append(f"{ran} turned, the first near {place(vertices[triangles[flip.argmax()]].mean(axis=0))}.")
+    return np.where(flip[:, None], triangles[:, ::-1], triangles)
+
+
+def _neighbours(
+    vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"]
+) -> tuple[Int64[np.ndarray, "pairs"], Int64[np.ndarray, "pairs"], Bool[np.ndarray, "pairs"]]:
+    """Pairs of triangles over an edge, and whether they run alike (through the edge in opposite directions)."""
+    keys = edge_keys(triangles).ravel()
+    order = np.argsort(keys, kind="stable")
+    ranked = keys[order]
+    starts = np.flatnonzero(np.r_[True, ranked[1:] != ranked[:-1]])
+    sizes = np.diff(np.r_[starts, len(ranked)])
+    crowded = np.flatnonzero(sizes > 2)
+    if len(crowded):
+        first = order[starts[crowded]].min()
+        ends = vertices[[triangles.ravel()[first], np.roll(triangles, -1, axis=1).ravel()[first]]]
+        edges = counted(len(crowded), "edge has", "edges have")
+        raise InvalidInput(
+            f"{edges} more than two triangles, the first {int(sizes[(order[starts] == first).argmax()])} of them near "
+            f"{place(ends.mean(axis=0))}: bodies meet there or a fin stands out; part them or remove it.",
+            ends.mean(axis=0),
+        )
+    twice = starts[sizes == 2]
+    one, two = order[twice], order[twice + 1]
+    alike = triangles.ravel()[one] != triangles.ravel()[two]
+    return one // 3, two // 3, alike
+
+
+def turned_outward(
+    vertices: Float64[np.ndarray, "vertices 3"],
+    triangles: Int64[np.ndarray, "triangles 3"],
+    twins: Int64[np.ndarray, "triangles 3"],
+    notes: list[str],
+) -> Int64[np.ndarray, "triangles 3"]:
+    """Turn the closed pieces round that are inside out, that is, enclose a volume below zero.
+
+    Parameters
+    ----------
+    vertices : (V, 3) [m].
+    triangles : (T, 3) vertex indices of a closed mesh.
+    twins : (T, 3) its ``edge_twins``.
+    notes : what was mended is added here.
+    """
+    piece = pieces(twins)
+    volumes = np.bincount(piece, weights=cone_volumes(vertices[triangles]))
+    inward = np.flatnonzero(volumes < 0.0)
+    if len(inward) == 0:
+        return triangles
+    flip = (volumes < 0.0)[piece]
+    were = counted(len(inward), "closed piece was", "closed pieces were")
+    notes.append(
+        f"{were} inside out and turned round, the first of {int((piece == inward[0]).sum())} triangles near "
+        f"{place(vertices[triangles[flip.argmax()]].mean(axis=0))}."
+    )
+    return np.where(flip[:, None], triangles[:, ::-1], triangles)
+
+
+def refuse_bow_ties(
+    vertices: Float64[np.ndarray, "vertices 3"],
+    triangles: Int64[np.ndarray, "triangles 3"],
+    twins: Int64[np.ndarray, "triangles 3"],
+) -> None:
+    """Refuse vertices in which parts of a closed mesh hang together by that point alone.
+
+    Parameters
+    ----------
+    vertices : (V, 3) [m].
+    triangles : (T, 3) vertex indices of a closed mesh.
+    twins : (T, 3) its ``edge_twins``.
+
+    Raises
+    ------
+    InvalidInput
+        With the number of such vertices and the place of the first.
+    """
+    after = (3 * (twins // 3) + (twins + 1) % 3).ravel()  # the next corner round the same vertex
+    least, jump = np.arange(len(after)), after
+    while True:  # the least corner of each ring, by jumps of doubled length
+        further = np.minimum(least, least[jump])
+        if np.array_equal(further, least):
+            break
+        least, jump = further, jump[jump]
+    rings = np.bincount(triangles.ravel()[least == np.arange(len(least))], minlength=len(vertices))
+    tied = np.flatnonzero(rings > 1)
+    if len(tied):
+        hang = counted(len(tied), "vertex joins", "vertices join")
+        raise InvalidInput(
+            f"{hang} parts of the surface that touch nowhere else, the first near {place(vertices[tied[0]])}: a body "
+            "cannot hang by a point; move the parts apart or join them.",
+            vertices[tied[0]],
+        )

@@ -1,0 +1,211 @@
+"""The page that compares ways to make a drive: a table, bars against the bound, and each field on one scale."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+
+from airtact.evaluation.metrics import NOT_MODELLED
+from airtact.figures.field_figure import Cut, draw_fields
+from airtact.figures.method_figure import draw_bars
+from airtact.files.atomic import whole_file
+from airtact.pages.page import document, folded, paragraph, picture, section, table, tiles
+from airtact.scene.target import Target
+from airtact.solvers.problem import SolveReport
+from airtact.transfer import Drive, TransferMatrix
+from airtact.validation import counted
+
+
+@dataclass(frozen=True, eq=False)
+class Contender:
+    """One way to make a drive, and what came of it.
+
+    Attributes
+    ----------
+    name : of the method.
+    drive : what it gave.
+    emitted : the same in 256 levels, which is what was judged.
+    pressures : (F,) peak pressure at the foci, by the judging solver [Pa].
+    quiet : (Q,) peak pressure at the quiet points [Pa].
+    seconds : how long it took [s].
+    """
+
+    name: str
+    drive: Drive
+    emitted: Drive
+    pressures: Float64[np.ndarray, "foci"]
+    quiet: Float64[np.ndarray, "quiet"]
+    seconds: float
+
+    @property
+    def energy(self) -> float:
+        """Mean of |d|² over the elements: 1 when all are at full scale."""
+        return float(np.mean(np.abs(self.drive.amplitudes) ** 2))
+
+    @property
+    def quiet_level(self) -> float:
+        """Mean of p² in the quiet points against that in the foci [dB]; NaN without quiet points."""
+        if not len(self.quiet):
+            return float("nan")
+        return float(10.0 * np.log10(np.mean(self.quiet**2) / np.mean(self.pressures**2)))
+
+
+@dataclass(frozen=True, eq=False)
+class Contest:
+    """All that the page shows.
+
+    Attributes
+    ----------
+    title : name of the scene.
+    text : the scene file.
+    target : the foci.
+    foci : a name for each.
+    bodies : a name for each body.
+    contenders : the methods that made a drive, and the control last.
+    said : sentences of methods that made no drive or stalled.
+    transfer : what the drives were made from.
+    bound : no drive of amplitudes up to 1 gives every focus more than this times its weight [Pa].
+    report : how the judging solver came to the pressures.
+    cut : the field of each drive in one plane.
+    seconds : wall time by step [s].
+    """
+
+    title: str
+    text: str
+    target: Target
+    foci: Sequence[str]
+    bodies: Sequence[str]
+    contenders: Sequence[Contender]
+    said: Sequence[str]
+    transfer: TransferMatrix
+    bound: float
+    report: SolveReport
+    cut: Cut
+    seconds: Mapping[str, float]
+
+    def worst(self, one: Contender) -> float:
+        """Least pressure over weight of a method, over the foci that ask for any [Pa]."""
+        asked = self.target.weights > 0.0
+        return float((one.pressures[asked] / self.target.weights[asked]).min())
+
+    def of_the_bound(self, one: Contender) -> float:
+        """Divide what a method's worst focus would get at full scale by the bound."""
+        return self.worst(one) / float(np.abs(one.emitted.amplitudes).max()) / self.bound
+
+    @property
+    def best(self) -> Contender:
+        """The method whose worst focus gets most at full scale."""
+        return max(self.contenders, key=self.of_the_bound)
+
+
+def write_methods_page(path: Path, contest: Contest) -> None:
+    """Write the comparison as one HTML file that needs nothing else.
+
+    Parameters
+    ----------
+    path : the file to write; it appears only once it is whole.
+    contest : what to show.
+    """
+    pieces = [*_summary(contest), *_table(contest), *_pictures(contest), *_how(contest)]
+    with whole_file(path) as partial:
+        partial.write_text(document(f"airtact: methods for {contest.title}", pieces), encoding="utf-8")
+
+
+def _summary(contest: Contest) -> Iterable[str]:
+    best = contest.best
+    foci = counted(len(contest.foci), "focus", "foci")
+    yield f"<h1>{escape(contest.title)}: ways to make the drive</h1>"
+    yield paragraph(
+        f"{counted(len(contest.contenders), 'drive', 'drives')} for {foci}, all made from one transfer matrix with "
+        "the bodies in it, rounded to 256 levels, and judged by a finer solution.",
+        "lead",
+    )
+    yield tiles(
+        [
+            (best.name, "gives its worst focus most"),
+            (f"{contest.worst(best):,.0f}", f"{_unit(contest)} at that focus"),
+            (f"{contest.of_the_bound(best):.0%}", "of a bound that no drive can pass, at full scale"),
+            (f"{1e3 * best.seconds:.3g} ms", "to make that drive"),
+        ]
+    )
+    yield from (paragraph(words, "warning") for words in (*contest.said, *contest.report.warnings))
+
+
+def _unit(contest: Contest) -> str:
+    """Name the unit of a pressure over its weight."""
+    if contest.target.pressures is not None:
+        return "times the pressure asked"
+    return "Pa" if contest.target.shares is None else "Pa over the share asked"
+
+
+def _table(contest: Contest) -> Iterable[str]:
+    yield section("What each method gives")
+    rows = []
+    for one in sorted(contest.contenders, key=contest.of_the_bound, reverse=True):
+        exact, rounded = (
+            np.abs(contest.transfer.pressure(drive))[: len(contest.foci)] for drive in (one.drive, one.emitted)
+        )
+        rows.append(
+            [
+                one.name,
+                f"{contest.worst(one):,.4g}",
+                f"{contest.of_the_bound(one):.0%}",
+                f"{one.pressures.mean():,.0f}",
+                f"{one.pressures.min() / one.pressures.max():.2f}",
+                f"{one.energy:.2f}",
+                f"{np.abs(rounded / exact - 1).max():.2%}",
+                f"{1e3 * one.seconds:.3g}",
+                *([f"{one.quiet_level:+.1f}"] if len(one.quiet) else []),
+            ]
+        )
+    header = [
+        "method",
+        f"worst focus [{_unit(contest)}]",
+        "at full scale, of the bound",
+        "mean [Pa]",
+        "weakest / strongest",
+        "energy",
+        "rounding",
+        "time [ms]",
+        *(["quiet points [dB]"] if len(contest.target.quiet) else []),
+    ]
+    yield table(header, rows)
+    yield paragraph(
+        "The bound is certified for amplitudes up to full scale on this transfer matrix; no drive passes it, and "
+        "it need not be reachable. Energy is the mean of |d|² over the transducers. Rounding is how much "
+        "256 levels change the pressure at the foci at most. The control, hand ignored, is made from distances alone."
+        + (" Quiet points: their mean p² over that of the foci." if len(contest.target.quiet) else "")
+    )
+    focus_rows = [[one.name, *(f"{pressure:,.0f}" for pressure in one.pressures)] for one in contest.contenders]
+    yield table(["peak pressure [Pa]", *contest.foci], focus_rows)
+
+
+def _pictures(contest: Contest) -> Iterable[str]:
+    names = [one.name for one in contest.contenders]
+    strengths = np.array([contest.of_the_bound(one) * contest.bound for one in contest.contenders])
+    yield picture(
+        draw_bars(names, strengths, contest.bound, f"worst focus at full scale [{_unit(contest)}]"),
+        "What the worst focus gets by each method with its loudest transducer at full scale, against the bound.",
+        "Bars of the pressure at the worst focus for each method, and a line at the bound",
+    )
+    yield section("The field of each drive")
+    yield picture(
+        draw_fields(contest.cut, contest.target.points, contest.foci, "each drive as it is"),
+        "Peak pressure in the plane nearest to the foci, on one colour scale. Bodies are grey.",
+        "Maps of pressure for each method",
+    )
+
+
+def _how(contest: Contest) -> Iterable[str]:
+    yield section("How this was computed")
+    report = contest.report
+    yield paragraph(
+        f"Judged by {report.solver} with {report.nodes:,} unknowns, estimated error {report.estimated_error:.2g}, "
+        f"around {', '.join(contest.bodies) or 'nothing'}. {NOT_MODELLED}"
+    )
+    steps = [[name, f"{seconds:.2f} s"] for name, seconds in contest.seconds.items()]
+    yield table(["step", "time"], steps)
+    yield folded("The scene file", contest.text)

@@ -1,0 +1,130 @@
+"""Rigid motions."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float64, Real
+
+from airtact.conventions import InvalidInput, Vector
+from airtact.printing import in_short
+from airtact.validation import number, real_numbers, refuse_not_finite
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """A rigid motion x -> rotation x + translation.
+
+    Attributes
+    ----------
+    rotation : (3, 3) proper rotation matrix.
+    translation : (3,) [m].
+
+    Raises
+    ------
+    InvalidInput
+        When the matrix is not a rotation (orthonormal to 1e-6, not a mirror) or anything is not finite.
+
+    Examples
+    --------
+    >>> quarter = Pose.turn((0, 0, 1), math.pi / 2, translation=(0, 0, 1))
+    >>> quarter.apply(np.array([[1.0, 0, 0]])).round(12).tolist()
+    [[0.0, 1.0, 1.0]]
+    """
+
+    rotation: Real[np.ndarray, "3 3"]
+    translation: Real[np.ndarray, "3"]
+
+    __repr__ = in_short
+
+    def __post_init__(self) -> None:
+        """Check both arrays and keep them read-only."""
+        rotation = real_numbers(self.rotation, "the pose's rotation")
+        translation = real_numbers(self.translation, "the pose's translation")
+        if rotation.shape != (3, 3) or translation.shape != (3,):
+            raise InvalidInput(
+                f"a pose has shapes {rotation.shape} and {translation.shape}, but it needs a rotation of shape "
+                "(3, 3) and a translation of shape (3,)."
+            )
+        refuse_not_finite(rotation, "the pose's rotation")
+        refuse_not_finite(translation, "the pose's translation")
+        skew = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
+        if skew > 1e-6 or np.linalg.det(rotation) < 0.0:
+            raise InvalidInput(
+                f"the pose's matrix is not a rotation: it is {skew:.2g} away from orthonormal and its determinant is "
+                f"{np.linalg.det(rotation):.3g} (a rotation has 0 and 1)."
+            )
+        object.__setattr__(self, "rotation", rotation)
+        object.__setattr__(self, "translation", translation)
+
+    @classmethod
+    def identity(cls) -> "Pose":
+        """Build the motion that moves nothing."""
+        return cls(np.eye(3), np.zeros(3))
+
+    @classmethod
+    def turn(cls, axis: Vector, angle: float, translation: Vector = (0, 0, 0)) -> "Pose":
+        """Turn about an axis through the origin, then shift.
+
+        Parameters
+        ----------
+        axis : (3,) direction, of any length above zero.
+        angle : [rad], right-handed about the axis.
+        translation : (3,) [m].
+
+        Raises
+        ------
+        InvalidInput
+            When the axis has no length.
+        """
+        along, angle = real_numbers(np.asarray(axis), "the axis of a turn"), number(angle, "the angle of a turn", "rad")
+        if along.shape != (3,):
+            raise InvalidInput(f"the axis of a turn has shape {along.shape}, but a direction has shape (3,).")
+        length = float(np.linalg.norm(along))
+        if not length > 0.0:
+            raise InvalidInput(f"the axis of a turn has length {length:g}; give a direction.")
+        x, y, z = along / length
+        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        rotation = np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
+        return cls(rotation, np.asarray(translation, dtype=np.float64))
+
+    def apply(self, points: Real[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 3"]:
+        """Move points.
+
+        Parameters
+        ----------
+        points : (..., 3) [m].
+        """
+        return self.rotate(points) + self.translation
+
+    def rotate(self, vectors: Real[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 3"]:
+        """Turn directions, without the shift.
+
+        Parameters
+        ----------
+        vectors : (..., 3).
+        """
+        return np.asarray(vectors, dtype=np.float64) @ self.rotation.T
+
+    def inverse(self) -> "Pose":
+        """Build the motion that undoes this one."""
+        return self._inverse
+
+    @cached_property
+    def _inverse(self) -> "Pose":
+        return Pose(self.rotation.T, -self.rotation.T @ self.translation)
+
+    def __matmul__(self, other: "Pose") -> "Pose":
+        """Chain two motions: ``(self @ other).apply(x) == self.apply(other.apply(x))``."""
+        return Pose(self.rotation @ other.rotation, self.apply(other.translation))
+
+
+def nearest_motion(
+    old: Float64[np.ndarray, "points 3"], new: Float64[np.ndarray, "points 3"]
+) -> tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, "3"]]:
+    """Rotation and translation that bring points nearest to others (W. Kabsch, Acta Cryst. A32, 922 (1976))."""
+    one, two = old.mean(axis=0), new.mean(axis=0)
+    left, _, right = np.linalg.svd((new - two).T @ (old - one))
+    turn = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
+    return turn, two - turn @ one

@@ -1,0 +1,315 @@
+"""Shapes that people think in, as points for a ``Target``: lines, circles, spheres, skin.
+
+Points lie at most a spacing apart along a line. Foci nearer than half a wavelength to each other blur into one, so a
+quarter to a half of a wavelength (2 to 4 mm at 40 kHz) draws an unbroken line.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float64, Real
+from scipy.spatial import KDTree
+
+from airtact.conventions import InvalidInput, Vector
+from airtact.mesh.quadratic_triangles import points_at
+from airtact.surfaces.panels import panels_of
+from airtact.surfaces.surface import Surface
+from airtact.validation import number, of_kind, place, points_of, positive
+
+MOST_POINTS = 4096
+"""A shape of more points than this has a spacing in the wrong unit."""
+
+Points = Float64[np.ndarray, "points 3"]
+
+FARTHEST_OFF = 0.02
+"""Drawings stand no farther than this off the skin that they are brought to [m]."""
+
+UPWARD = np.array([0.0, 0.0, 1.0])
+"""The direction where none is further from a skin than another."""
+
+STEP = 1e-4
+"""Over which the depth is differentiated [m]."""
+
+
+def segment(start: Vector, end: Vector, spacing: float) -> Points:
+    """Points of a straight line, both ends among them.
+
+    Parameters
+    ----------
+    start, end : (3,) [m].
+    spacing : largest distance of neighbours [m].
+
+    Returns
+    -------
+    (F, 3) points [m], evenly spaced.
+
+    Raises
+    ------
+    InvalidInput
+        If the two ends are one point, a number is not finite, or there would be more than 4096 points.
+
+    Examples
+    --------
+    >>> segment((0, 0, 0), (0.01, 0, 0), spacing=4e-3)[:, 0].round(4).tolist()
+    [0.0, 0.0033, 0.0067, 0.01]
+    """
+    return polyline(np.stack([_vector(start, "the start"), _vector(end, "the end")]), spacing)
+
+
+def polyline(corners: Real[np.ndarray, "corners 3"], spacing: float, closed: bool = False) -> Points:
+    """Points of straight lines from corner to corner, all corners among them.
+
+    Parameters
+    ----------
+    corners : (C, 3) [m].
+    spacing : largest distance of neighbours [m].
+    closed : whether a line leads back from the last corner to the first.
+
+    Returns
+    -------
+    (F, 3) points [m], evenly spaced on each line.
+
+    Raises
+    ------
+    InvalidInput
+        As ``segment``, or fewer than two corners.
+    """
+    corners, least = points_of(corners, "corners of a polyline"), 3 if closed else 2
+    if len(corners) < least:
+        raise InvalidInput(f"a {'closed ' if closed else ''}polyline has {len(corners)} corners, but needs {least}.")
+    spacing = positive(spacing, "the spacing", "m")
+    ends = np.roll(corners, -1, axis=0) if closed else corners[1:]
+    lengths = np.linalg.norm(ends - corners[: len(ends)], axis=1)
+    if lengths.min() == 0.0:
+        raise InvalidInput(
+            f"line {int(lengths.argmin())} of a polyline has a length of 0 mm: its two ends are one point."
+        )
+    counts = np.maximum(np.ceil(lengths / spacing - 1e-9), 1.0)
+    _refuse_many(counts.sum() + 1.0, spacing)
+    parts = [
+        one + np.linspace(0.0, 1.0, int(count), endpoint=False)[:, None] * (other - one)
+        for one, other, count in zip(corners, ends, counts, strict=False)
+    ]
+    return np.concatenate(parts if closed else [*parts, corners[-1:]])
+
+
+def circle(centre: Vector, radius: float, spacing: float, normal: Vector = (0.0, 0.0, 1.0)) -> Points:
+    """Points of a circle, evenly spaced.
+
+    Parameters
+    ----------
+    centre : (3,) [m].
+    radius : [m].
+    spacing : largest distance of neighbours along the circle [m].
+    normal : (3,) at right angles to its plane.
+
+    Returns
+    -------
+    (F, 3) points [m], anticlockwise seen from where the normal points to.
+
+    Raises
+    ------
+    InvalidInput
+        If a number is not finite, a length is not above zero, the normal is zero, or there would be more than 4096
+        points.
+
+    Examples
+    --------
+    >>> circle((0, 0, 0), radius=0.01, spacing=0.02).shape
+    (4, 3)
+    """
+    radius, spacing = positive(radius, "the radius", "m"), positive(spacing, "the spacing", "m")
+    count = max(3.0, np.ceil(2.0 * np.pi * radius / spacing - 1e-9))
+    _refuse_many(count, spacing)
+    right, up, _ = frame_of(normal)
+    angle = 2.0 * np.pi * np.arange(int(count)) / count
+    return _vector(centre, "the centre") + radius * (np.outer(np.cos(angle), right) + np.outer(np.sin(angle), up))
+
+
+def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
+    """Points spread evenly over a sphere, on a golden spiral.
+
+    Parameters
+    ----------
+    centre : (3,) [m].
+    radius : [m].
+    spacing : about the distance of neighbours [m].
+
+    Returns
+    -------
+    (F, 3) points [m].
+
+    Raises
+    ------
+    InvalidInput
+        As ``circle``.
+
+    Examples
+    --------
+    >>> len(sphere_shell((0, 0, 0), radius=0.01, spacing=5e-3))
+    59
+    """
+    radius, spacing = positive(radius, "the radius", "m"), positive(spacing, "the spacing", "m")
+    # in a hexagonal lattice each point has √3/2 of the square of the spacing to itself
+    count = max(4.0, np.ceil(4.0 * np.pi * radius**2 / (np.sqrt(0.75) * spacing**2)))
+    _refuse_many(count, spacing)
+    index = np.arange(int(count)) + 0.5
+    height, turn = 1.0 - 2.0 * index / count, np.pi * (1.0 + np.sqrt(5.0)) * index
+    across = np.sqrt(1.0 - height**2)
+    directions = np.stack([across * np.cos(turn), across * np.sin(turn), height], axis=1)
+    return _vector(centre, "the centre") + radius * directions
+
+
+def skin_points(surface: Surface, spacing: float, facing: Vector | None = None, within: float = 90.0) -> Points:
+    """Points spread over the skin of a body, or over the side of it that looks somewhere: zones to keep quiet.
+
+    Parameters
+    ----------
+    surface : the body.
+    spacing : about the distance of neighbours [m].
+    facing : (3,) direction that the outward normals shall have, or None for all the skin.
+    within : the largest angle between normal and ``facing`` [degrees].
+
+    Returns
+    -------
+    (Q, 3) points [m], on the true skin.
+
+    Raises
+    ------
+    InvalidInput
+        If the spacing is not above zero, gives more than 4096 points, or no skin looks there.
+    """
+    of_kind(surface, Surface, "the surface", "one Surface, such as pinch().surfaces[0]")
+    spacing = positive(spacing, "the spacing", "m")
+    _refuse_many(surface.area / (np.sqrt(0.75) * spacing**2), spacing)
+    edge = spacing / 3.0
+    panels = panels_of([surface.shape], edge, np.empty((0, 3)), smallest=edge).six_nodes
+    centres, normals = points_at(panels, np.full((len(panels), 2), 1.0 / 3.0))
+    if facing is not None:
+        towards = _vector(facing, "the direction")
+        length = positive(float(np.linalg.norm(towards)), "the length of the direction", "m")
+        cosine = normals @ towards / (length * np.linalg.norm(normals, axis=1))
+        centres = centres[cosine >= np.cos(np.radians(within)) - 1e-12]
+    if not len(centres):
+        raise InvalidInput(f"0 points of the skin look within {within:g} degrees of {np.asarray(facing).tolist()}.")
+    return thinned(surface.shape.project(centres), 0.85 * spacing)
+
+
+def onto_skin(points: Points, surface: Surface, offset: float = 0.5e-3) -> Points:
+    """Bring points to the nearest places of a skin, and off it again: a drawing becomes one on the hand.
+
+    Parameters
+    ----------
+    points : (P, 3) [m].
+    surface : the body.
+    offset : how far off the skin they shall stand [m].
+
+    Returns
+    -------
+    (P, 3) points [m].
+
+    Raises
+    ------
+    InvalidInput
+        If the offset is negative or over 20 mm, or a point comes to stand nearer the skin than half of it, as in a
+        crevice (which one).
+
+    Examples
+    --------
+    >>> from airtact.surfaces.primitives import sphere
+    >>> ball = sphere(0.01, edge=2e-3)
+    >>> onto_skin(np.array([[0.0, 0.0, 0.03]]), ball, offset=1e-3).round(6).tolist()
+    [[0.0, 0.0, 0.011]]
+    """
+    of_kind(surface, Surface, "the surface", "one Surface, such as pinch().surfaces[0]")
+    offset = number(offset, "the offset", "m")
+    if not 0.0 <= offset <= FARTHEST_OFF:
+        raise InvalidInput(f"the offset is {offset:g} m, but it must lie between 0 and {FARTHEST_OFF:g}: give metres.")
+    feet = surface.shape.project(points_of(points, "points", least=0))
+    stood = feet + offset * outward(surface.depth, feet)
+    short = np.flatnonzero(-surface.depth(stood) < 0.5 * offset)
+    if len(short):
+        raise InvalidInput(
+            f"point {int(short[0])}, brought {1e3 * offset:.3g} mm off the skin at {place(feet[short[0]])}, stands in "
+            "a crevice or before another part of it; move the drawing.",
+            feet[short[0]],
+        )
+    return stood
+
+
+def thinned(points: Points, least: float) -> Float64[np.ndarray, "kept 3"]:
+    """Leave out points that are nearer than a distance to one that was kept before them.
+
+    Parameters
+    ----------
+    points : (P, 3) [m].
+    least : [m].
+    """
+    kept, dropped = [], np.zeros(len(points), dtype=bool)
+    near = KDTree(points).query_ball_point(points, least * (1.0 - 1e-9))
+    for index, neighbours in enumerate(near):
+        if not dropped[index]:
+            kept.append(index)
+            dropped[neighbours] = True
+    return points[kept]
+
+
+def frame_of(
+    normal: Vector, up: Vector | None = None
+) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
+    """Give unit vectors to the right and up in a plane, and its normal, seen from where the normal points to.
+
+    Parameters
+    ----------
+    normal : (3,) at right angles to the plane.
+    up : (3,) what shall point up in the plane as far as it can; None for y, or z where the normal is nearly y.
+
+    Raises
+    ------
+    InvalidInput
+        If the normal is zero, or up is along it.
+    """
+    towards = _vector(normal, "the normal")
+    length = float(np.linalg.norm(towards))
+    if length == 0.0:
+        raise InvalidInput("the normal of a plane is (0, 0, 0); give the direction at right angles to it.")
+    towards = towards / length
+    if up is None:
+        up = (0.0, 1.0, 0.0) if abs(towards[1]) < 0.9 else (0.0, 0.0, 1.0)
+    given = _vector(up, "the direction up")
+    upwards = given - (given @ towards) * towards
+    if np.linalg.norm(upwards) <= 1e-6 * np.linalg.norm(given):
+        raise InvalidInput(f"up is {given.tolist()}, along the normal {towards.tolist()}; give another direction up.")
+    upwards /= np.linalg.norm(upwards)
+    return np.cross(upwards, towards), upwards, towards
+
+
+def _vector(given: Vector, what: str) -> Float64[np.ndarray, "3"]:
+    """Return three finite numbers as an array, or refuse what is none."""
+    return points_of(np.reshape(np.asarray(given), (1, -1)), what)[0]
+
+
+def _refuse_many(count: float, spacing: float) -> None:
+    if count > MOST_POINTS:
+        raise InvalidInput(
+            f"a spacing of {1e3 * spacing:.3g} mm gives {count:.0f} points, more than {MOST_POINTS}: are the "
+            "other lengths in millimetres? Give metres, and at 40 kHz a spacing of 2e-3 to 4e-3."
+        )
+
+
+def outward(
+    depth: Callable[[Float64[np.ndarray, "places 3"]], Float64[np.ndarray, "places"]],
+    points: Real[np.ndarray, "points 3"],
+) -> Float64[np.ndarray, "points 3"]:
+    """Find unit directions in which a depth falls fastest: away from the nearest skin; z midway between two.
+
+    Parameters
+    ----------
+    depth : of points, as ``Surface.depth`` and ``Scene.depth``.
+    points : (P, 3) [m].
+    """
+    shifts = STEP * np.concatenate([np.eye(3), -np.eye(3)])
+    around = depth((points[:, None] + shifts).reshape(-1, 3)).reshape(-1, 6)
+    slopes = around[:, 3:] - around[:, :3]
+    length = np.linalg.norm(slopes, axis=1, keepdims=True)
+    return np.where(length > 0, slopes / np.where(length > 0, length, 1), UPWARD)

@@ -1,0 +1,1 @@
+"""The boundary element method (BEM) for sound-hard bodies."""

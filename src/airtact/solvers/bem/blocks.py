@@ -1,0 +1,95 @@
+"""Panels in an order in which runs of them lie together, and which such runs, the tiles, are near each other."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64
+
+from airtact import _kernels
+from airtact.printing import in_short
+
+PANELS = _kernels.lanes // 6
+"""Panels of a tile."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Pairs of tiles, those of tile t of the rows being ``column[first[t]:first[t + 1]]``.
+
+    Attributes
+    ----------
+    first : (C + 1,) where each tile's pairs begin.
+    column : (N,) rising for each tile.
+    """
+
+    first: Int64[np.ndarray, "bounds"]
+    column: Int64[np.ndarray, "pairs"]
+
+    __repr__ = in_short
+
+    @classmethod
+    def of(cls, chosen: Bool[np.ndarray, "tiles tiles"]) -> "Pairs":
+        """Take the pairs that are chosen."""
+        first = np.concatenate([[0], np.cumsum(chosen.sum(axis=1))])
+        return cls(first.astype(np.int64), np.nonzero(chosen)[1].astype(np.int64))
+
+    @property
+    def row(self) -> Int64[np.ndarray, "pairs"]:
+        """(N,) tile of the rows of each pair."""
+        return np.repeat(np.arange(len(self.first) - 1), np.diff(self.first))
+
+
+def tiles_of(unknowns: int) -> int:
+    """How many tiles so many unknowns have."""
+    return -(-unknowns // _kernels.lanes)
+
+
+def in_tiles(centres: Float64[np.ndarray, "panels 3"]) -> Int64[np.ndarray, "panels"]:
+    """Order of panels with centres (T, 3) in which each tile's panels lie together.
+
+    The panels are parted across the direction in which they reach farthest, and each part again. Bodies that move
+    keep their tiles.
+    """
+    done, waiting = [], [np.arange(len(centres))]
+    while waiting:
+        some = waiting.pop()
+        tiles = -(-len(some) // PANELS)
+        if tiles <= 1:
+            done.append(some)
+            continue
+        off = centres[some] - centres[some].mean(axis=0)
+        along = off @ _longest(off)
+        some = some[np.argsort(_rounded(along / np.abs(along).max()), kind="stable")]
+        middle = PANELS * (tiles // 2)
+        waiting += [some[middle:], some[:middle]]  # so that only the last tile may have room left
+    return np.concatenate(done)
+
+
+def _longest(off: Float64[np.ndarray, "panels 3"]) -> Float64[np.ndarray, "3"]:
+    """Direction in which points about the origin reach farthest: by powers of their covariance, from the farthest."""
+    size = np.einsum("pd,pd->p", off, off)
+    spread = np.linalg.matrix_power(off.T @ off / size.sum(), 16)
+    along = spread @ off[_rounded(size / size.max()).argmax()]
+    return along / np.linalg.norm(along)
+
+
+def _rounded(parts: Float64[np.ndarray, "parts"]) -> Int64[np.ndarray, "parts"]:
+    """Parts of 1 in millionths, in which panels that are alike do not differ."""
+    return np.rint(1e6 * parts).astype(np.int64)
+
+
+def near_tiles(
+    panels: int, first: Int64[np.ndarray, "bounds"], near: Int64[np.ndarray, "pairs"]
+) -> Bool[np.ndarray, "tiles tiles"]:
+    """Which tiles have panels near each other.
+
+    Parameters
+    ----------
+    panels : how many there are.
+    first, near : where the panels near each thing begin, and those panels; as many things belong to each panel.
+    """
+    tiles, each = -(-panels // PANELS), (len(first) - 1) // panels
+    met = np.zeros((tiles, tiles), dtype=bool)
+    rows = np.repeat(np.arange(len(first) - 1) // (each * PANELS), np.diff(first))
+    met[rows, near // PANELS] = True
+    return met

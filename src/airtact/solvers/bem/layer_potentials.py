@@ -1,0 +1,248 @@
+"""Layers of sound on curved panels, heard anywhere: far panels by their nodes, near ones by near integrals."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Complex128, Float64, Int64, Real
+from scipy.sparse import csr_array
+
+from airtact import _kernels
+from airtact.mesh.quadratic_triangles import shape_functions
+from airtact.solvers.bem.quadrature import (
+    LARGEST_RULE,
+    NODAL,
+    Nodes,
+    find_near,
+    gauss_rules,
+    integrate_near,
+    near_lists,
+)
+from airtact.solvers.bem.target_cells import Cells
+
+ROWS_AT_ONCE = 512
+
+
+@dataclass(frozen=True)
+class NearRule:
+    """How panels near a point are integrated.
+
+    Attributes
+    ----------
+    reach : panels whose centre is within this many radii of a point count as near.
+    gauss_points : points along the angle and the radius before the stretching asks for more.
+    """
+
+    reach: float
+    gauss_points: tuple[int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class NearRows:
+    """What near panels add to what some points hear of the plain nodes.
+
+    Attributes
+    ----------
+    first : (P + 1,) where each point's panels begin.
+    panel : (E,) the panels near each point, one point after another.
+    excess : (E, 6) the near integral for each of a panel's nodes, less what the plain node gives.
+    """
+
+    first: Int64[np.ndarray, "bounds"]
+    panel: Int64[np.ndarray, "pairs"]
+    excess: Complex128[np.ndarray, "pairs 6"]
+
+    def sparse(self, nodes: int) -> csr_array:
+        """Give it as a sparse matrix (P, M) with ``nodes`` columns."""
+        columns = (6 * self.panel[:, None] + np.arange(6)).ravel()
+        return csr_array((self.excess.ravel(), columns, 6 * self.first), shape=(len(self.first) - 1, nodes))
+
+
+def near_rows(
+    nodes: Nodes,
+    points: Real[np.ndarray, "points 3"],
+    wavenumber: complex,
+    near_rule: NearRule,
+    precision: str,
+    least: float = 0.0,
+) -> NearRows:
+    """Near integrals of the double layer less what the plain nodes farther than ``least`` give.
+
+    In float32 the points may not touch a panel anywhere but inside it.
+    """
+    first, panel = near_lists(nodes, points, near_rule.reach * nodes.radii)
+    excess = np.empty((len(panel), 6), dtype=np.complex128)
+    getattr(_kernels, f"near_excess_{precision}")(
+        np.ascontiguousarray(points, dtype=np.float64),
+        first,
+        panel,
+        nodes.six_nodes,
+        nodes.contact,
+        nodes.points,
+        nodes.weighted_normals,
+        NODAL,
+        complex(wavenumber),
+        least,
+        *gauss_rules(LARGEST_RULE),
+        LARGEST_RULE,
+        *near_rule.gauss_points,
+        excess,
+    )
+    return NearRows(first, panel, excess)
+
+
+def double_layer_pressure(
+    points: Real[np.ndarray, "points 3"],
+    nodes: Nodes,
+    pressure: Complex128[np.ndarray, "nodes sounds"],
+    wavenumber: complex,
+    near_rule: NearRule,
+    precision: str,
+    cells: Cells | None = None,
+    nodal: bool = False,
+    contact: Bool[np.ndarray, "points"] | None = None,
+) -> Complex128[np.ndarray, "points sounds"]:
+    """Double layer D[p] of a pressure on the skin, at points off the panels or exactly on them (principal value).
+
+    The points may come with the cells that they are in, and then none of them on a panel. ``nodal`` says that they are
+    on panels, inside them like nodes, where the near integrals do with the precision of all else. ``contact`` says
+    which of them were put on a panel.
+    """
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    if cells is None:
+        least, precision = _least_distance(nodes, near_rule, precision)
+        out = np.empty((len(points), pressure.shape[1]), dtype=np.complex128)
+        getattr(_kernels, f"apply_double_layer_{precision}")(
+            points,
+            nodes.points,
+            nodes.weighted_normals,
+            np.ascontiguousarray(pressure),
+            complex(wavenumber),
+            least,
+            out,
+        )
+    else:
+        least = 0.05 * float(nodes.radii.min())
+        out = cells.heard(nodes.points, nodes.weighted_normals, pressure, wavenumber, least)
+    near = near_skin(nodes, points, near_rule.reach)
+    precise = precision if nodal else "float64" if cells is None else "float32"
+    for some, there in _by_contact(nodes, points, near, contact):
+        rows = near_rows(there, points[some], wavenumber, near_rule, precise, least)
+        out[some] += rows.sparse(len(nodes.points)) @ pressure
+    return out
+
+
+def _by_contact(
+    nodes: Nodes,
+    points: Real[np.ndarray, "points 3"],
+    near: Bool[np.ndarray, "points"],
+    contact: Bool[np.ndarray, "points"] | None,
+) -> Iterator[tuple[Bool[np.ndarray, "points"], Nodes]]:
+    """Near points, those on a panel apart, each with the nodes as they shall see them.
+
+    Panels beside each other stand off the skin by different lengths. To a point on one of them the next one must not
+    seem to be above or below it, or half of what its corner fills of the sky would be lost or counted twice: it is
+    touched too where it is no farther than both of them together count as touching.
+    """
+    on = near & contact if contact is not None else np.zeros(len(points), dtype=bool)
+    if (near & ~on).any():
+        yield near & ~on, nodes
+    if on.any():
+        own = nodes.contact[find_contacts(nodes, points[on]).panel].max(initial=0.0)
+        yield on, replace(nodes, contact=nodes.contact + own)
+
+
+def _least_distance(nodes: Nodes, near_rule: NearRule, precision: str) -> tuple[float, str]:
+    """Distance below which float32 cannot tell a node's place, if panels so close are near ones; else float64."""
+    least = 1e-3 * float(np.abs(nodes.points - nodes.points.mean(axis=0)).max())
+    if precision == "float32" and least < 0.5 * (near_rule.reach - 1) * float(nodes.radii.min()):
+        return least, precision
+    return 0.0, "float64"
+
+
+def double_layer_heard(
+    points: Real[np.ndarray, "points 3"],
+    nodes: Nodes,
+    strengths: Complex128[np.ndarray, "points sounds"],
+    wavenumber: complex,
+    near_rule: NearRule,
+    precision: str,
+    contact: Bool[np.ndarray, "points"] | None = None,
+) -> Complex128[np.ndarray, "nodes sounds"]:
+    """Σ_i s_i D(x_i, y_j): how the pressure at each node is heard by points with weights.
+
+    ``contact`` says which of the points were put on a panel.
+    """
+    near = near_skin(nodes, points, near_rule.reach)
+    total = np.zeros((len(nodes.points), strengths.shape[1]), dtype=np.complex128)
+    for some, there in _by_contact(nodes, points, near, contact):
+        rows = near_rows(there, points[some], wavenumber, near_rule, "float64")
+        total += rows.sparse(len(nodes.points)).T @ strengths[some]
+    for chosen, kind in ((near, "float64"), (~near, precision)):
+        some = np.ascontiguousarray(points[chosen], dtype=np.float64)
+        weights = strengths[chosen]
+        for start in range(0, len(some), ROWS_AT_ONCE):
+            part = slice(start, start + ROWS_AT_ONCE)
+            shape = (len(some[part]), len(nodes.points))
+            rows = np.empty(shape, dtype=np.complex64 if kind == "float32" else np.complex128)
+            fill = getattr(_kernels, f"double_layer_matrix_{kind}")
+            fill(some[part], nodes.points, nodes.weighted_normals, complex(wavenumber), rows)
+            total += rows.T @ weights[part].astype(rows.dtype)
+    return total
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """Where points touch the skin, or come close to it.
+
+    Attributes
+    ----------
+    target, panel : (C,) the point and the panel nearest to it, each point once.
+    foot : (C, 2) reference coordinates of the place on the panel.
+    distance : (C,) from the point to the panel [m].
+    """
+
+    target: Int64[np.ndarray, "contacts"]
+    panel: Int64[np.ndarray, "contacts"]
+    foot: Float64[np.ndarray, "contacts 2"]
+    distance: Float64[np.ndarray, "contacts"]
+
+
+def find_contacts(nodes: Nodes, points: Real[np.ndarray, "points 3"], within: float = 0.0) -> Contacts:
+    """Find which of some points (P, 3) touch the skin or are nearer to it than ``within`` [m], and where."""
+    pairs = find_near(nodes, points, 1.1)
+    if not len(pairs[0]):
+        return Contacts(*pairs, np.empty((0, 2)), np.empty(0))
+    near = integrate_near(nodes, points, pairs, 0j, (1, 1))
+    touching = np.flatnonzero(near.distance < np.maximum(nodes.contact[near.panel], within))
+    nearest_first = touching[np.argsort(near.distance[touching], kind="stable")]
+    target, first = np.unique(near.target[nearest_first], return_index=True)
+    chosen = nearest_first[first]
+    return Contacts(target, near.panel[chosen], near.foot[chosen], near.distance[chosen])
+
+
+def project_contacts(
+    nodes: Nodes, points: Real[np.ndarray, "points 3"]
+) -> tuple[Float64[np.ndarray, "points 3"], Bool[np.ndarray, "points"]]:
+    """Put points that touch the skin exactly on their panel; says which those are."""
+    points = np.array(points, dtype=np.float64)
+    found = find_contacts(nodes, points)
+    contact = np.zeros(len(points), dtype=bool)
+    contact[found.target] = True
+    points[found.target] = np.einsum("en,end->ed", shape_functions(found.foot), nodes.six_nodes[found.panel])
+    return points, contact
+
+
+def near_skin(nodes: Nodes, points: Real[np.ndarray, "points 3"], reach: float) -> Bool[np.ndarray, "points"]:
+    """Whether any panel's centre lies within ``reach`` of its radii from points (P, 3)."""
+    first = np.empty(len(points) + 1, dtype=np.int64)
+    _kernels.count_near(np.ascontiguousarray(points, dtype=np.float64), nodes.centres, reach * nodes.radii, first)
+    return np.diff(first) > 0
+
+
+def in_box(nodes: Nodes, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
+    """Whether points lie in the upright box round all panels, each widened by its radius."""
+    away = nodes.radii[:, None]
+    lower, upper = (nodes.centres - away).min(axis=0), (nodes.centres + away).max(axis=0)
+    x, y, z = ((points[:, axis] > lower[axis]) & (points[:, axis] < upper[axis]) for axis in range(3))
+    return x & y & z

@@ -1,0 +1,286 @@
+"""Nodes, weights and near integrals on curved six-node panels.
+
+Each panel carries the six nodes of a rule of degree 4, all inside it, and the pressure on it is the quadratic through
+them (a Nyström method that needs no continuity between panels).
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from jaxtyping import Complex128, Float64, Int64, Real
+
+from airtact import _kernels
+from airtact.mesh.panel_tree import panel_tree
+from airtact.mesh.quadratic_triangles import SixNodes, points_at, shape_functions, shape_slopes
+from airtact.printing import in_short
+
+
+def _degree_four_rule() -> tuple[Float64[np.ndarray, "6 2"], Float64[np.ndarray, "6"]]:
+    """Six-point rule of degree 4 on the unit triangle (Strang & Fix 1973; Cowper 1973, closed form).
+
+    The first three points lie about corner 1, the others about the edge facing it.
+    """
+    root = np.sqrt(38 - 44 * np.sqrt(2 / 5))
+    spread = np.sqrt(213125 - 53320 * np.sqrt(10))
+    points, weights = [], []
+    for sign in (1, -1):
+        a = (8 - np.sqrt(10) + sign * root) / 18
+        points += [[a, a], [1 - 2 * a, a], [a, 1 - 2 * a]]
+        weights += [(620 + sign * spread) / 7440] * 3
+    neighbours = [4, 2, 0, 3, 5, 1]
+    return np.array(points)[neighbours], np.array(weights)[neighbours]
+
+
+CONTACT = 1e-3
+"""A point nearer to a panel than this share of the panel's radius is taken to lie on it."""
+
+OFF_SKIN = 2.0
+"""Farther from the true skin than so many times a panel's contact nothing touches the panel, which is less than 2/3 of
+its contact off the skin."""
+
+RULE_POINTS, RULE_WEIGHTS = _degree_four_rule()
+
+
+def monomials(points: Real[np.ndarray, "points 2"]) -> Float64[np.ndarray, "points 6"]:
+    """1, u, v, u², uv, v² at reference points (P, 2), the order of the compiled near integrals."""
+    u, v = points[:, 0], points[:, 1]
+    return np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
+
+
+NODAL = np.linalg.inv(monomials(RULE_POINTS))
+"""(6, 6): column j holds the monomial coefficients of the quadratic that is 1 at node j and 0 at the others."""
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """The quadrature nodes of a set of panels; node 6 t + j is node j of panel t.
+
+    Attributes
+    ----------
+    points : (M, 3) [m].
+    normals : (M, 3) outward unit normals.
+    weights : (M,) area that each node stands for [m²].
+    body : (M,) obstacle of each node.
+    six_nodes : (T, 6, 3) the panels [m].
+    contact : (T,) points nearer to the panel than this are taken to lie on it [m].
+    centres : (T, 3) the panels' centres [m].
+    radii : (T,) distance from the centre to the farthest of the six nodes [m].
+    """
+
+    points: Float64[np.ndarray, "nodes 3"]
+    normals: Float64[np.ndarray, "nodes 3"]
+    weights: Float64[np.ndarray, "nodes"]
+    body: Int64[np.ndarray, "nodes"]
+    six_nodes: Float64[np.ndarray, "panels 6 3"]
+    contact: Float64[np.ndarray, "panels"]
+    centres: Float64[np.ndarray, "panels 3"]
+    radii: Float64[np.ndarray, "panels"]
+
+    __repr__ = in_short
+
+    @property
+    def weighted_normals(self) -> Float64[np.ndarray, "nodes 3"]:
+        """(M, 3) normals times area [m²]."""
+        return self.normals * self.weights[:, None]
+
+
+def place_nodes(
+    six_nodes: SixNodes, body: Int64[np.ndarray, "panels"], deviation: Float64[np.ndarray, "panels"]
+) -> Nodes:
+    """Put the six nodes of the degree-4 rule on every panel.
+
+    Parameters
+    ----------
+    six_nodes : (T, 6, 3) the panels [m].
+    body : (T,) the obstacle of each.
+    deviation : (T,) how far each lies from the true skin at most [m].
+    """
+    shape = shape_functions(RULE_POINTS)
+    along_u, along_v = shape_slopes(RULE_POINTS)
+    points = shape @ six_nodes
+    cross = np.cross(along_u @ six_nodes, along_v @ six_nodes)
+    size = np.linalg.norm(cross, axis=2)
+    centres = shape_functions(np.full((1, 2), 1 / 3))[0] @ six_nodes
+    radii = np.linalg.norm(six_nodes - centres[:, None], axis=2).max(axis=1)
+    return Nodes(
+        points=points.reshape(-1, 3),
+        normals=(cross / size[:, :, None]).reshape(-1, 3),
+        weights=(size * RULE_WEIGHTS).ravel(),
+        body=np.repeat(body, 6),
+        six_nodes=np.ascontiguousarray(six_nodes),
+        contact=np.maximum(CONTACT * radii, 1.5 * deviation),
+        centres=np.ascontiguousarray(centres),
+        radii=radii,
+    )
+
+
+@cache
+def gauss_rules(largest: int) -> tuple[Float64[np.ndarray, "points"], Float64[np.ndarray, "points"]]:
+    """Gauss-Legendre rules of 1, 2, ... ``largest`` points on [0, 1], one after another."""
+    rules = [np.polynomial.legendre.leggauss(n) for n in range(1, largest + 1)]
+    return np.concatenate([0.5 * (x + 1) for x, _ in rules]), np.concatenate([0.5 * w for _, w in rules])
+
+
+LARGEST_RULE = 40
+
+MAY_FACE_AWAY = 0.5
+"""Cosine between the normals of a node and of a panel below which some of the panel may face away from the node."""
+
+COVERED = 0.45
+"""Radii of a panel within which each of its points has a node; 0.38 on the panels of a hand, 0.33 on flat ones."""
+
+SHRINKINGS = 4
+"""How often a ball may be shrunk: each time to a quarter of what it is too large, or less."""
+
+
+@dataclass(frozen=True, eq=False)
+class NearPairs:
+    """Integrals of the kernel over the panels near some targets.
+
+    Attributes
+    ----------
+    target, panel : (E,) indices of each pair.
+    values : (E, 6) ∫ kernel(x, y) L_j(y) dS for the quadratics L_j of the panel's six nodes.
+    distance : (E,) from the target to the panel [m].
+    foot : (E, 2) reference coordinates of the panel's closest point.
+    """
+
+    target: Int64[np.ndarray, "pairs"]
+    panel: Int64[np.ndarray, "pairs"]
+    values: Complex128[np.ndarray, "pairs 6"]
+    distance: Float64[np.ndarray, "pairs"]
+    foot: Float64[np.ndarray, "pairs 2"]
+
+    @property
+    def columns(self) -> Int64[np.ndarray, "pairs 6"]:
+        """(E, 6) node indices of each pair's panel."""
+        return 6 * self.panel[:, None] + np.arange(6)
+
+
+def near_lists(
+    nodes: Nodes, points: Real[np.ndarray, "points 3"], limits: Float64[np.ndarray, "panels"]
+) -> tuple[Int64[np.ndarray, "bounds"], Int64[np.ndarray, "pairs"]]:
+    """Panels whose centre is nearer to each point than the panel's limit [m], one point after another.
+
+    Returns
+    -------
+    (P + 1,) where each point's panels begin, and (E,) the panels.
+    """
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    first = np.zeros(len(points) + 1, dtype=np.int64)
+    _kernels.count_near(points, nodes.centres, limits, first)
+    panel = np.empty(first[-1], dtype=np.int64)
+    _kernels.list_near(points, nodes.centres, limits, first, panel)
+    return first, panel
+
+
+def find_near(
+    nodes: Nodes, points: Real[np.ndarray, "points 3"], reach: float
+) -> tuple[Int64[np.ndarray, "pairs"], Int64[np.ndarray, "pairs"]]:
+    """Pairs (target, panel) whose distance from the panel's centre is below ``reach`` panel radii."""
+    first, panel = near_lists(nodes, points, reach * nodes.radii)
+    return np.repeat(np.arange(len(points)), np.diff(first)), panel
+
+
+def integrate_near(
+    nodes: Nodes,
+    points: Real[np.ndarray, "points 3"],
+    pairs: tuple[Int64[np.ndarray, "pairs"], Int64[np.ndarray, "pairs"]],
+    wavenumber: complex,
+    gauss_points: tuple[int, int],
+    single_layer: bool = False,
+) -> NearPairs:
+    """Integrate the double layer (or single layer) of e^{ikr}/(4πr) over panels near points, singular or not.
+
+    Parameters
+    ----------
+    points : (P, 3) targets [m], on the panels (nearer than their contact) or off them.
+    pairs : target and panel of each pair, as ``find_near`` gives them.
+    gauss_points : points along the angle and the radius before the stretching asks for more.
+    """
+    target, panel = pairs
+    rules = gauss_rules(LARGEST_RULE)
+    moments = np.empty((len(target), 6), dtype=np.complex128)
+    distance, foot = np.empty(len(target)), np.empty((len(target), 2))
+    _kernels.near_integrals(
+        single_layer,
+        np.ascontiguousarray(points, dtype=np.float64),
+        target,
+        panel,
+        nodes.six_nodes,
+        nodes.contact,
+        complex(wavenumber),
+        *rules,
+        LARGEST_RULE,
+        *gauss_points,
+        moments,
+        distance,
+        foot,
+    )
+    return NearPairs(target, panel, moments @ NODAL, distance, foot)
+
+
+def thickness(
+    nodes: Nodes, largest: float, thinnest: Float64[np.ndarray, "bodies"] | None = None
+) -> Float64[np.ndarray, "nodes"]:
+    """Diameter of the largest ball inside the body that touches the skin at each node [m], at most ``largest``.
+
+    Bodies of which ``thinnest`` says that they are as thick as that everywhere are not looked at.
+
+    A ball that reaches no other node may still reach the skin between nodes, so it is shrunk until the point of the
+    panels nearest to its centre is on it (J. Ma, S. W. Bae, S. Choi, The Visual Computer 28, 7 (2012)).
+    """
+    diameter = np.full(len(nodes.points), float(largest))
+    if thinnest is not None and thinnest.min() >= largest:
+        return diameter
+    node, panel = _facing(nodes, largest)
+    if thinnest is not None:
+        thin = thinnest[nodes.body[node]] < largest
+        node, panel = node[thin], panel[thin]
+    np.minimum.at(diameter, node, _meeting_diameters(nodes, node, panel))
+    some = np.unique(node)
+    tree = panel_tree(nodes.six_nodes)
+    for _ in range(SHRINKINGS):
+        centres = nodes.points[some] - 0.5 * diameter[some, None] * nodes.normals[some]
+        panel, foot, distance = tree.closest(centres)
+        touched, facing = points_at(nodes.six_nodes[panel], foot)
+        gap = nodes.points[some] - touched
+        depth = np.einsum("nd,nd->n", gap, nodes.normals[some])
+        opposite = np.einsum("nd,nd->n", facing, nodes.normals[some]) <= 0  # or a crease would count as thin
+        inside = (distance < 0.49 * diameter[some]) & opposite & (depth > 0)
+        some = some[inside]
+        diameter[some] = np.minimum(diameter[some], np.einsum("nd,nd->n", gap, gap)[inside] / depth[inside])
+    return diameter
+
+
+def _facing(nodes: Nodes, largest: float) -> tuple[Int64[np.ndarray, "pairs"], Int64[np.ndarray, "pairs"]]:
+    """Nodes and panels of their body that their largest ball may reach and that do not face the way they do.
+
+    No point of a panel is farther than ``COVERED`` of its radii from a node.
+    """
+    centres = nodes.points - 0.5 * largest * nodes.normals
+    first, panel = near_lists(nodes, centres, 0.5 * largest + nodes.radii)
+    node = np.repeat(np.arange(len(centres)), np.diff(first))
+    facing = nodes.normals.reshape(-1, 6, 3).mean(axis=1)
+    apart = np.einsum("ed,ed->e", facing[panel], nodes.normals[node]) < MAY_FACE_AWAY
+    apart &= nodes.body[6 * panel] == nodes.body[node]
+    node, panel = node[apart], panel[apart]
+    off = nodes.points.reshape(-1, 6, 3)[panel] - centres[node, None]
+    reached = np.einsum("ejd,ejd->ej", off, off).min(axis=1) < (0.5 * largest + COVERED * nodes.radii[panel]) ** 2
+    return node[reached], panel[reached]
+
+
+def _meeting_diameters(
+    nodes: Nodes, node: Int64[np.ndarray, "pairs"], panel: Int64[np.ndarray, "pairs"]
+) -> Float64[np.ndarray, "pairs"]:
+    """Diameter of the ball that touches the skin at a node from inside and just meets a node of a panel [m].
+
+    Infinite where all of the panel's nodes face the way the node does, which would make a crease count as thin.
+    """
+    normals = nodes.normals[node]
+    gap = nodes.points[node, None] - nodes.points.reshape(-1, 6, 3)[panel]
+    depth = np.einsum("ejd,ed->ej", gap, normals)
+    opposite = np.einsum("ejd,ed->ej", nodes.normals.reshape(-1, 6, 3)[panel], normals) <= 0
+    met = np.einsum("ejd,ejd->ej", gap, gap) / np.where(depth > 0, depth, 1)
+    return np.where(opposite & (depth > 0), met, np.inf).min(axis=1, initial=np.inf)

@@ -1,0 +1,153 @@
+"""Sums over many sources at many points that stand close together, such as those of a picture.
+
+The points are sorted into cells narrower than a wavelength. What sources away from a cell give there is smooth: it is
+summed on a grid of Chebyshev's points and read between them; the sources nearby are summed at each point.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex, Complex128, Float32, Float64, Int64, Real
+
+from airtact import _kernels
+from airtact.printing import in_short
+from airtact.solvers.chebyshev import chebyshev_weights
+
+WIDTH = 1.0
+"""Of a cell, in wavelengths, at most."""
+
+ORDERS = {1e-3: (8, 0.3), 2e-5: (10, 0.6)}
+"""Points of the grid along each edge of a cell, and wavelengths beyond its corners within which sources are summed at
+each point, by the relative error that they leave."""
+
+FLAT = 1e-5
+"""Wavelengths over which points may spread along an axis that needs no grid."""
+
+MOST = 2**16
+"""Cells that points may be sorted into."""
+
+PAYS = 0.5
+"""Share of the points that the grids may have where they are worth their while."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Points sorted into cells.
+
+    Attributes
+    ----------
+    points : (P, 3) cell by cell [m].
+    order : (P,) where each stood before.
+    first : (C + 1,) where each cell's points begin.
+    centres : (C, 3) of the cells [m].
+    reach : within which sources are near a cell [m].
+    grids : (C G, 3) the grid of each cell [m].
+    weights : (P, 1 or the grid's order) of the grid for each point along each of its axes.
+    """
+
+    points: Float64[np.ndarray, "points 3"]
+    order: Int64[np.ndarray, "points"]
+    first: Int64[np.ndarray, "bounds"]
+    centres: Float64[np.ndarray, "cells 3"]
+    reach: float
+    grids: Float64[np.ndarray, "grids 3"]
+    weights: tuple[Float32[np.ndarray, "points a"], Float32[np.ndarray, "points b"], Float32[np.ndarray, "points c"]]
+
+    __repr__ = in_short
+
+    def heard(
+        self,
+        sources: Float64[np.ndarray, "sources 3"],
+        normals: Float64[np.ndarray, "sources 3"] | None,
+        strengths: Complex[np.ndarray, "sources sounds"],
+        wavenumber: complex,
+        least: float = 0.0,
+    ) -> Complex128[np.ndarray, "points sounds"]:
+        """Sum monopoles, or with normals (times area) a double layer, at the points as they stood before.
+
+        In float32, as seen from the middle of each cell. In the double layer nodes nearer than ``least`` [m] are left
+        out.
+        """
+        strengths = np.ascontiguousarray(strengths, dtype=np.complex128)
+        given = np.ascontiguousarray(sources), normals, strengths, complex(wavenumber), least
+        heard = np.empty((len(self.points), strengths.shape[1]), dtype=np.complex128)
+        _kernels.apply_in_cells(self.points, self.first, self.centres, self.reach, True, *given, heard)
+        far = np.empty((len(self.grids), strengths.shape[1]), dtype=np.complex128)
+        each = len(self.grids) // len(self.centres)
+        bounds = each * np.arange(len(self.first))
+        _kernels.apply_in_cells(self.grids, bounds, self.centres, self.reach, False, *given, far)
+        out = np.empty_like(heard)
+        out[self.order] = heard + self._between(far)
+        return out
+
+    def _between(self, far: Complex128[np.ndarray, "grids sounds"]) -> Complex128[np.ndarray, "points sounds"]:
+        """Read the grids at the points."""
+        sounds, (_, b, c) = far.shape[1], (part.shape[1] for part in self.weights)
+        cell = np.repeat(np.arange(len(self.centres)), np.diff(self.first))
+        read = np.empty((len(self.points), sounds), dtype=np.complex128)
+        _kernels.interpolate(
+            far.astype(np.complex64).ravel(),
+            cell * (far.size // len(self.centres)),
+            np.array([b * c * sounds, c * sounds]),
+            *self.weights,
+            read,
+        )
+        return read
+
+
+def cells_of(points: Real[np.ndarray, "points 3"], wavelength: float, error: float) -> Cells | None:
+    """Sort points (P, 3) [m] into cells, or give None where they are too few or too far apart for that to pay.
+
+    Parameters
+    ----------
+    points : (P, 3) [m].
+    wavelength : of what shall be summed [m].
+    error : relative error allowed; what is less than any of ``ORDERS`` has no cells.
+    """
+    order, beyond = min((choice for left, choice in ORDERS.items() if left <= error), default=(0, 0.0))
+    if not order or len(points) < order**2 / PAYS:
+        return None
+    middle = points.mean(axis=0)
+    across = np.ascontiguousarray((points - middle).T)
+    _, axes = np.linalg.eigh(across @ across.T)  # the thinnest first
+    local = axes.T @ across
+    low = local.min(axis=1)
+    extent = local.max(axis=1) - low
+    deep = extent > FLAT * wavelength
+    size, count = np.where(deep, order, 1), np.where(deep, np.ceil(extent / (WIDTH * wavelength)), 1).astype(np.int64)
+    if count.prod() > MOST or size.prod() > PAYS * len(points):
+        return None
+    width = np.where(deep, extent, wavelength) / count
+    number = np.zeros(len(points), dtype=np.int64)
+    for axis in np.flatnonzero(count > 1):
+        place = ((local[axis] - low[axis]) / width[axis]).astype(np.int64)
+        number += count[axis + 1 :].prod() * np.minimum(place, count[axis] - 1)
+    used = np.flatnonzero(np.bincount(number))
+    if len(used) * size.prod() > PAYS * len(points):
+        return None
+    sorting = np.argsort(number.astype(np.uint16), kind="stable")
+    number = np.searchsorted(used, number[sorting])
+    centres = low + (np.stack(np.unravel_index(used, count), axis=1) + 0.5) * width
+    centres[:, ~deep] = (low + 0.5 * extent)[~deep]
+    nodes = [np.cos(np.pi * (np.arange(n) + 0.5) / n) for n in size.tolist()]
+    grid = np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1).reshape(-1, 3) * width / 2
+    a, b, c = (
+        _weights((local[axis][sorting] - centres[number, axis]) / (0.5 * width[axis]), int(size[axis]))
+        for axis in range(3)
+    )
+    return Cells(
+        np.ascontiguousarray(points[sorting], dtype=np.float64),
+        sorting,
+        np.searchsorted(number, np.arange(len(used) + 1)),
+        middle + centres @ axes.T,
+        0.5 * float(np.linalg.norm(width[deep])) + beyond * wavelength,
+        np.ascontiguousarray((middle + (centres[:, None] + grid) @ axes.T).reshape(-1, 3)),
+        (a, b, c),
+    )
+
+
+def _weights(places: Float64[np.ndarray, "points"], count: int) -> Float32[np.ndarray, "points count"]:
+    """Weights of a cell's grid along one of its axes; one for each point where it has no extent."""
+    if count == 1:
+        return np.ones((len(places), 1), dtype=np.float32)
+    return chebyshev_weights(places.astype(np.float32), count)

@@ -1,0 +1,1 @@
+"""The finite element method (FEM) on NGSolve, for sound-hard, impedance and filled bodies."""

@@ -1,0 +1,1 @@
+"""Tetrahedra between the bodies and the perfectly matched layer."""

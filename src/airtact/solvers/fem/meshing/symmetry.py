@@ -1,0 +1,112 @@
+"""Mirror planes of a scene, and sounds as sums of parts that are even or odd about them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from jaxtyping import Float64, Real
+
+from airtact.conventions import InvalidInput
+from airtact.scene.scene import Obstacle, Scene
+from airtact.surfaces.mesh_shape import CurvedShape
+
+AXES = "xyz"
+
+TOLERANCE = 1e-3
+"""Distance of the skins from their mirror images that still counts as symmetric, in wavelengths."""
+
+
+@dataclass(frozen=True)
+class Mirror:
+    """A plane across one axis.
+
+    Attributes
+    ----------
+    axis : 0, 1 or 2 for a plane across x, y or z.
+    place : where it stands on that axis [m].
+    """
+
+    axis: int
+    place: float
+
+    def image(self, points: Real[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 3"]:
+        """Mirror images of points (..., 3) [m]."""
+        found = np.array(points, dtype=np.float64)
+        found[..., self.axis] = 2 * self.place - found[..., self.axis]
+        return found
+
+
+def mirrors_of(scene: Scene, asked: Sequence[str] | None) -> tuple[Mirror, ...]:
+    """Planes across x, y and z, through the middle of the bodies, that the scene is symmetric about.
+
+    Parameters
+    ----------
+    scene : the bodies.
+    asked : the axes of the planes to take; None for all that there are.
+
+    Raises
+    ------
+    InvalidInput
+        When the scene is not symmetric about a plane that was asked for: by how much it is off.
+    """
+    corners = np.concatenate([obstacle.surface.shape.extreme_points() for obstacle in scene.obstacles])
+    middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    found = []
+    for axis in range(3):
+        if asked is not None and AXES[axis] not in asked:
+            continue
+        mirror = Mirror(axis, float(middle[axis]))
+        off = _off_symmetry(scene, mirror)
+        if off <= TOLERANCE * scene.wavelength:
+            found.append(mirror)
+        elif asked is not None:
+            raise InvalidInput(
+                f"symmetry about the plane {AXES[axis]} = {1e3 * mirror.place:.4g} mm was asked for, but "
+                + (
+                    f"the bodies are {1e3 * off:.3g} mm off it"
+                    if np.isfinite(off)
+                    else "bodies of 2 kinds face each other"
+                )
+                + f", more than {1e3 * TOLERANCE * scene.wavelength:.2g} mm; leave {AXES[axis]!r} out of symmetry."
+            )
+    return tuple(found)
+
+
+def images(mirrors: Sequence[Mirror], points: Real[np.ndarray, "points 3"]) -> list[Float64[np.ndarray, "points 3"]]:
+    """Points (P, 3) reflected by every choice of the mirrors: 1, 2, 4 or 8 sets, in the order of ``parities``."""
+    found = []
+    for choice in product((0, 1), repeat=len(mirrors)):
+        image = np.array(points, dtype=np.float64)
+        for mirror, taken in zip(mirrors, choice, strict=True):
+            image = mirror.image(image) if taken else image
+        found.append(image)
+    return found
+
+
+def parities(mirrors: Sequence[Mirror]) -> list[tuple[int, ...]]:
+    """Every choice of even (0) or odd (1) about each mirror."""
+    return list(product((0, 1), repeat=len(mirrors)))
+
+
+def signs(parity: Sequence[int]) -> Float64[np.ndarray, "images"]:
+    """Sign of a sound of that parity at each of the ``images`` of a point."""
+    return np.array([(-1.0) ** np.dot(parity, choice) for choice in product((0, 1), repeat=len(parity))])
+
+
+def _on_skin(obstacle: Obstacle) -> Float64[np.ndarray, "places 3"]:
+    shape = obstacle.surface.shape
+    return shape.extreme_points() if isinstance(shape, CurvedShape) else np.array(obstacle.surface.vertices)
+
+
+def _off_symmetry(scene: Scene, mirror: Mirror) -> float:
+    """How far the mirrored skins lie off the skins at most [m]; infinite where bodies of two kinds face each other."""
+    off = 0.0
+    for obstacle in scene.obstacles:
+        image = mirror.image(_on_skin(obstacle))
+        distances = [float(np.abs(other.surface.shape.depth(image)).max()) for other in scene.obstacles]
+        nearest = scene.obstacles[int(np.argmin(distances))]
+        if (nearest.boundary, nearest.ratio, nearest.medium) != (obstacle.boundary, obstacle.ratio, obstacle.medium):
+            return float("inf")
+        off = max(off, min(distances))
+    return off

@@ -1,0 +1,1 @@
+"""A multifrontal direct factorisation of sparse complex symmetric matrices."""

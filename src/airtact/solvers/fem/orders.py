@@ -1,0 +1,109 @@
+"""Polynomial orders by size: long edges, faces and tetrahedra get higher ones, short ones lower.
+
+Netgen's tetrahedra are up to three times larger and smaller than asked. With one order everywhere the largest make the
+error and the smallest the cost; with an order of its own, each makes its share of both.
+"""
+
+from math import factorial
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64, Int64, Real
+from scipy.spatial import KDTree
+
+from airtact.scene.scene import Scene
+from airtact.solvers.fem.meshing.netgen import CurvedMesh, FiniteSpace, ngsolve_library
+from airtact.solvers.fem.meshing.volume import Box
+
+REACH = 1.5
+"""The order asked for serves edges up to this many times the one asked for."""
+
+EASE = 3.0
+"""How much more error may be made in the matched layer, and far from the skins: little of it comes back to them."""
+
+FAR = 0.5
+"""Distance from the skins that is far [λ]."""
+
+HIGHER, LEAST = 4, 3
+"""Orders are at most this much above the one asked for, and at least this high where that one is."""
+
+ON_BOX = 1e-9
+"""Distance [m] up to which the middle of an edge lies on the box."""
+
+
+def longest_served(order: int, size: float, ease: float = 1.0) -> Float64[np.ndarray, "orders"]:
+    """Longest edges [λ] that orders 1, 2 ... serve as well as one order serves a given edge.
+
+    A polynomial of order p misses e^{ikx} over an edge h by 2 (kh/4)^(p+1) / (p+1)! (interpolation after Chebyshev).
+
+    Parameters
+    ----------
+    order : the order that serves ``size``.
+    size : edge [λ].
+    ease : how much more error is allowed.
+    """
+    error = ease * (0.5 * np.pi * size) ** (order + 1) / factorial(order + 1)
+    return np.array([(error * factorial(p + 1)) ** (1 / (p + 1)) / (0.5 * np.pi) for p in range(1, order + HIGHER + 1)])
+
+
+def grade_orders(
+    space: FiniteSpace,
+    mesh: CurvedMesh,
+    scene: Scene,
+    box: Box,
+    order: int,
+    size: float,
+    skin: Real[np.ndarray, "places 3"] | None,
+) -> None:
+    """Give edges, faces and tetrahedra the orders that their lengths ask for.
+
+    Parameters
+    ----------
+    space : the unknowns, whose orders are set.
+    mesh : NGSolve's mesh [λ].
+    scene : its filled bodies may hold shorter waves than the air.
+    box : the air; round it is the layer.
+    order : of edges as long as asked for.
+    size : the edge asked for [λ].
+    skin : places all over the skins [λ]; None where the air is heard far from them too.
+    """
+    ngsolve, grid, unknowns = ngsolve_library(), _any(mesh), _any(space)
+    points = np.array([vertex.point for vertex in grid.vertices])
+    ends = np.array([[vertex.nr for vertex in edge.vertices] for edge in grid.edges])
+    lengths = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1) * _shortening(scene, grid)
+    faces = np.array([[edge.nr for edge in face.edges] for face in grid.faces])
+    cells = np.array([[edge.nr for edge in cell.edges] for cell in grid.Elements(ngsolve.VOL)])
+    middles = points[ends].mean(axis=1)
+    near = None if skin is None else KDTree(skin)
+    every = (np.arange(len(ends))[:, None], faces, cells)
+    for kind, edges in zip((ngsolve.EDGE, ngsolve.FACE, ngsolve.CELL), every, strict=True):
+        longest, middle = lengths[edges].max(axis=1), middles[edges].mean(axis=1)
+        eased = ~Box(box.low - ON_BOX, box.high + ON_BOX, box.layer, box.mirrors).holds(middle * scene.wavelength)
+        if near is not None:
+            eased |= near.query(middle)[0] > FAR
+        orders = np.where(eased, _served(longest, order, size, EASE), _served(longest, order, size, 1.0))
+        for number in np.flatnonzero(orders != order).tolist():
+            unknowns.SetOrder(ngsolve.NodeId(kind, number), int(orders[number]))
+    unknowns.UpdateDofTables()
+
+
+def _served(lengths: Real[np.ndarray, "nodes"], order: int, size: float, ease: float) -> Int64[np.ndarray, "nodes"]:
+    limits = longest_served(order, REACH * size, ease)
+    return np.clip(1 + np.searchsorted(limits, lengths), min(order, LEAST), order + HIGHER)
+
+
+def _shortening(scene: Scene, grid: Any) -> Float64[np.ndarray, "edges"]:
+    """Divide the wave in air by the one beside each edge, where that is in a filled body and shorter."""
+    found = np.ones(grid.nedge)
+    for body, obstacle in enumerate(scene.obstacles):
+        if obstacle.medium is None or obstacle.medium.sound_speed >= scene.medium.sound_speed:
+            continue
+        shorter = scene.medium.sound_speed / obstacle.medium.sound_speed
+        for cell in grid.Materials(f"body{body}").Elements():
+            found[[edge.nr for edge in cell.edges]] = shorter
+    return found
+
+
+def _any(library_object: object) -> Any:
+    """Something of NGSolve's, with more than what its protocol promises."""
+    return library_object

@@ -1,0 +1,345 @@
+"""FiniteElement: the paper's equation (8) in a box round the bodies, on NGSolve."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float64
+
+from airtact.conventions import InvalidInput, Vector
+from airtact.printing import in_short
+from airtact.scene.scene import Scene, check_sources
+from airtact.scene.sources import Monopoles
+from airtact.solvers.fem.field import FiniteField, rough_places, solved_from_afar
+from airtact.solvers.fem.memory import refuse_too_large
+from airtact.solvers.fem.meshing.meshing import meshed
+from airtact.solvers.fem.meshing.symmetry import AXES, Mirror, mirrors_of
+from airtact.solvers.fem.meshing.volume import Box
+from airtact.solvers.fem.solution import ReadySystem
+from airtact.solvers.fem.system import assembled
+from airtact.solvers.probes import surrounding_points
+from airtact.solvers.problem import Solver, SolveReport
+from airtact.validation import counted, number, of_kind, place
+
+CITATIONS = (
+    "S. Inoue, Y. Makino, H. Shinoda, SICE 2014, equation (8): finite elements with time reversal",
+    "J. Schöberl, C++11 implementation of finite elements in NGSolve, TU Wien (2014)",
+    "F. Collino, P. Monk, SIAM J. Sci. Comput. 19 (1998) 2061: matched layer in curvilinear coordinates",
+)
+
+MARGIN = 0.3
+"""Air between the bodies and the matched layer, in wavelengths."""
+
+LAYER = 0.55
+"""Thickness of the matched layer, in wavelengths."""
+
+ROOM = 0.1
+"""Air at least between the bodies and the faces of a workspace that is meshed, in wavelengths."""
+
+PAPER_BOX = ((-0.07, -0.07, -0.09), (0.07, 0.07, 0.09))
+"""The paper's workspace, 14 x 14 x 18 cm [m]."""
+
+
+FINE_ENOUGH = 1.5
+"""Elements in a wavelength from which on orders may be graded."""
+
+
+@dataclass(frozen=True)
+class FiniteElement(Solver):
+    """Finite elements for sound-hard, impedance and filled bodies, with absorption.
+
+    Curved tetrahedra of high order fill a tight box round the bodies, a matched layer round it swallows what leaves,
+    and the pressure outside follows from that on the bodies by the surface integral of Kirchhoff and Helmholtz.
+
+    Attributes
+    ----------
+    order : polynomial order of tetrahedra as large as asked for, 1 to 10.
+    elements_per_wavelength : wavelength over the edge of the tetrahedra.
+    symmetry : axes across which the scene is mirror symmetric, such as ``("x", "y")``, through the middle of the
+        bodies; "found" takes all that there are. Sources need not be symmetric.
+    domain : "tight", or "box" for the paper's way: the workspace is meshed and the pressure read off the mesh.
+    box : lower and upper corner of the workspace [m], for ``domain="box"``.
+    factorisation : "multifrontal", which "found" takes: dense fronts in an order by METIS, in single precision and
+        refined in double; "sparsecholesky", NGSolve's own; "pardiso" where the package ``mkl`` is installed.
+    estimate : solve at the next order too, and report how far apart the two are. Costs about four times as much.
+    graded : whether tetrahedra that came out larger or smaller than asked for get higher and lower orders, which
+        costs half as much for the same accuracy; else ``order`` everywhere, as below order 4 and 1.5 elements per
+        wavelength, where nothing can be spared.
+    progress : called with the name of each step as it begins.
+
+    Raises
+    ------
+    InvalidInput
+        A setting outside its range.
+
+    Examples
+    --------
+    >>> import airtact as at
+    >>> ball = at.sphere(radius=2e-3, edge=1e-3)
+    >>> scene = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(ball)], frequency=40e3)
+    >>> solver = at.FiniteElement(order=3)
+    >>> field = solver.radiate(scene, at.Monopoles(np.array([[0, 0, 0.01]]), np.ones(1)))
+    >>> field.at(np.array([[0, 0, 0.1]])).shape
+    (1, 1)
+    """
+
+    order: int = 5
+    elements_per_wavelength: float = 1.7
+    symmetry: Sequence[str] | Literal["found"] = "found"
+    domain: Literal["tight", "box"] = "tight"
+    box: tuple[Vector, Vector] = PAPER_BOX
+    factorisation: Literal["found", "multifrontal", "sparsecholesky", "pardiso"] = "found"
+    estimate: bool = False
+    graded: bool = True
+    progress: Callable[[str], None] | None = field(default=None, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check the settings."""
+        if not isinstance(self.order, int) or not 1 <= self.order <= 10:
+            raise InvalidInput(f"order is {self.order!r}, but it must be a whole number from 1 to 10.")
+        number(self.elements_per_wavelength, "elements_per_wavelength", "")
+        if not 0.5 <= self.elements_per_wavelength <= 20:
+            raise InvalidInput(
+                f"elements_per_wavelength is {self.elements_per_wavelength:g}, but it must lie between 0.5 and 20."
+            )
+        if self.symmetry != "found" and (isinstance(self.symmetry, str) or set(self.symmetry) - set(AXES)):
+            raise InvalidInput(f"symmetry is {self.symmetry!r}, but it must be 'found' or axes such as ('x', 'y').")
+        if self.domain not in ("tight", "box"):
+            raise InvalidInput(f"domain is {self.domain!r}, but it must be 'tight' or 'box'.")
+        low, high = (np.array(corner, dtype=np.float64) for corner in self.box)
+        if not (np.isfinite(low).all() and np.isfinite(high).all() and (high > low).all()):
+            raise InvalidInput(
+                f"the workspace goes from {place(low)} to {place(high)}, but its second corner must lie above the "
+                "first along x, y and z."
+            )
+        if self.factorisation not in ("found", "multifrontal", "sparsecholesky", "pardiso"):
+            raise InvalidInput(
+                f"factorisation is {self.factorisation!r}, but it must be 'found', 'multifrontal', 'sparsecholesky' or "
+                "'pardiso'."
+            )
+
+    @classmethod
+    def reaching(cls, accuracy: float) -> "FiniteElement":
+        """Choose the order that reaches an accuracy: 4 for 3 % or more, 5 down to 0.5 %, else 6.
+
+        Parameters
+        ----------
+        accuracy : relative error wanted away from the skin.
+
+        Raises
+        ------
+        InvalidInput
+            An accuracy outside 0.001 to 0.3.
+        """
+        number(accuracy, "accuracy", "parts of 1")
+        if not 1e-3 <= accuracy <= 0.3:
+            raise InvalidInput(f"accuracy is {accuracy:g}, but finite elements reach 0.001 to 0.3 (0.01 is 1 %).")
+        return cls(order=4 if accuracy >= 0.03 else 5 if accuracy >= 0.005 else 6)
+
+    def radiate(self, scene: Scene, sources: Monopoles) -> FiniteField:
+        """Solve the scene for the monopoles.
+
+        Parameters
+        ----------
+        scene : the bodies.
+        sources : monopoles outside the bodies or on their skin.
+
+        Raises
+        ------
+        InvalidInput
+            No bodies, a source inside a body (or outside the workspace for ``domain="box"``), symmetry that is not
+            there, a body that cannot be meshed, or too little memory.
+        """
+        check_sources(scene, sources)
+        return self.factorised(scene).radiate(scene, sources)
+
+    def factorised(self, scene: Scene) -> "FactorisedScene":
+        """Mesh and assemble a scene once, to be solved for many sources: a solver for this scene alone.
+
+        Parameters
+        ----------
+        scene : the bodies.
+
+        Raises
+        ------
+        InvalidInput
+            As ``radiate``.
+        """
+        of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
+        if not scene.obstacles:
+            raise InvalidInput("the scene has 0 obstacles; use FreeField for open air.")
+        clock = Clock(self.progress)
+        asked = None if self.symmetry == "found" else tuple(self.symmetry)
+        mirrors = mirrors_of(scene, asked)
+        box = self._box(scene, mirrors)
+        refuse_too_large(box, scene.wavelength, self.order, self.elements_per_wavelength, self._method())
+        clock.begin("meshing")
+        mesh, skin, tetrahedra = meshed(scene, box, self.elements_per_wavelength)
+        clock.begin("assembling")
+        size = 1 / self.elements_per_wavelength if self._grades() else None
+        orders = (self.order, self.order + 1) if self.estimate else (self.order,)
+        systems = [assembled(scene, box, skin, tetrahedra, mesh, order, size, self.domain == "box") for order in orders]
+        clock.end()
+        report = SolveReport(
+            solver="FiniteElement",
+            residual=0.0,
+            iterations=0,
+            nodes=systems[0].unknowns,
+            nodes_per_square_wavelength=float(
+                np.count_nonzero(systems[0].skin.weighted.sum(axis=1)) / systems[0].skin.areas.sum()
+            ),
+            estimated_error=float("nan"),
+            settings={
+                "order": self.order,
+                "graded": self._grades(),
+                "elements_per_wavelength": self.elements_per_wavelength,
+                "domain": self.domain,
+                "mirrors": "".join(AXES[mirror.axis] for mirror in mirrors) or "none",
+                "tetrahedra": len(tetrahedra.corners),
+                "factorisation": self._method(),
+            },
+            citations=CITATIONS,
+        )
+        ready = [ReadySystem(one, self._method()) for one in systems]
+        return FactorisedScene(scene, tuple(ready), report, clock, self.domain == "box")
+
+    def _grades(self) -> bool:
+        """Whether orders may be graded: on coarser meshes and below that order nothing can be spared."""
+        return self.graded and self.order >= 4 and self.elements_per_wavelength >= FINE_ENOUGH
+
+    def _method(self) -> str:
+        return "multifrontal" if self.factorisation == "found" else self.factorisation
+
+    def _box(self, scene: Scene, mirrors: tuple[Mirror, ...]) -> Box:
+        if self.domain == "box":
+            low, high = (np.array(corner, dtype=np.float64) for corner in self.box)
+            _refuse_beyond(scene, low, high)
+        else:
+            places = np.concatenate([obstacle.surface.shape.extreme_points() for obstacle in scene.obstacles])
+            low, high = places.min(axis=0) - MARGIN * scene.wavelength, places.max(axis=0) + MARGIN * scene.wavelength
+        for mirror in mirrors:
+            if self.domain == "box" and abs(low[mirror.axis] + high[mirror.axis] - 2 * mirror.place) > 1e-6:
+                raise InvalidInput(
+                    f"the workspace is not symmetric about the plane {AXES[mirror.axis]} = {1e3 * mirror.place:.4g} mm "
+                    "as the bodies are; shift the box, or leave that axis out of symmetry."
+                )
+            low[mirror.axis] = mirror.place
+        return Box(low, high, LAYER * scene.wavelength, mirrors)
+
+
+@dataclass(frozen=True, eq=False)
+class FactorisedScene(Solver):
+    """A scene that is meshed and assembled, and factorised as far as was needed: it solves for any sources.
+
+    Attributes
+    ----------
+    scene : what it solves.
+    ready : the system, and the one of the next order where an estimate was asked for.
+    report : how it was made, before any sound was solved.
+    clock : time taken by step.
+    workspace : whether the whole workspace is meshed.
+    """
+
+    scene: Scene
+    ready: tuple[ReadySystem, ...]
+    report: SolveReport
+    clock: "Clock"
+    workspace: bool
+
+    __repr__ = in_short
+
+    def radiate(self, scene: Scene, sources: Monopoles) -> FiniteField:
+        """Solve for the monopoles, without meshing or factorising anew.
+
+        Parameters
+        ----------
+        scene : the same scene.
+        sources : monopoles outside the bodies or on their skin.
+
+        Raises
+        ------
+        InvalidInput
+            Another scene, or as ``FiniteElement.radiate``.
+        """
+        if scene is not self.scene:
+            raise InvalidInput(
+                f"this was factorised for another scene of {counted(len(self.scene.obstacles), 'body', 'bodies')} than "
+                f"the given one of {counted(len(scene.obstacles), 'body', 'bodies')}; factorise that one too."
+            )
+        check_sources(scene, sources)
+        if self.workspace:
+            _refuse_in_layer(self.ready[0].system.box, sources)
+        self.clock.begin("factorising and solving")
+        fields = [
+            FiniteField(
+                scene,
+                sources,
+                ready,
+                solved_from_afar(ready, scene, sources, self.workspace),
+                self.report,
+                self.workspace,
+            )
+            for ready in self.ready
+        ]
+        self.clock.end()
+        report = replace(self.report, seconds=dict(self.clock.laps), warnings=rough_places(scene, sources))
+        if len(fields) == 1:
+            return replace(fields[0], report=report)
+        points = surrounding_points(scene, self.ready[0].system.skin.points * scene.wavelength)
+        pressures = [one.at(points) for one in fields]
+        size = np.linalg.norm(pressures[1], axis=0)
+        error = float((np.linalg.norm(pressures[0] - pressures[1], axis=0) / np.where(size > 0, size, 1)).max())
+        return replace(fields[0], report=replace(report, estimated_error=error))
+
+
+def _refuse_beyond(scene: Scene, low: Float64[np.ndarray, "3"], high: Float64[np.ndarray, "3"]) -> None:
+    """Refuse bodies that reach beyond the workspace, or nearly so."""
+    for body, obstacle in enumerate(scene.obstacles):
+        places = obstacle.surface.shape.extreme_points()
+        beyond = np.maximum(low - places, places - high).max(axis=1) + ROOM * scene.wavelength
+        worst = int(beyond.argmax())
+        if beyond[worst] > 0:
+            raise InvalidInput(
+                f"body {body} reaches {1e3 * beyond[worst]:.3g} mm too far at {place(places[worst])} for the workspace "
+                f"from {place(low)} to {place(high)}, which must hold all bodies with "
+                f"{1e3 * ROOM * scene.wavelength:.2g} mm to spare; take a larger box.",
+                places[worst],
+            )
+
+
+def _refuse_in_layer(box: Box, sources: Monopoles) -> None:
+    """Refuse sources that a meshed workspace does not hold: the layer round it would swallow them."""
+    low, high = np.array(box.low), np.array(box.high)
+    for mirror in box.mirrors:
+        low[mirror.axis] = 2 * mirror.place - high[mirror.axis]
+    beyond = np.maximum(low - sources.positions, sources.positions - high).max(axis=1)
+    worst = int(beyond.argmax())
+    if beyond[worst] > 0:
+        raise InvalidInput(
+            f"source {worst} at {place(sources.positions[worst])} stands {1e3 * beyond[worst]:.3g} mm outside the "
+            "workspace, in the matched layer that swallows sound; take a larger box, or domain 'tight'.",
+            sources.positions[worst],
+        )
+
+
+class Clock:
+    """Wall time by step, told to a listener as steps begin."""
+
+    def __init__(self, listener: Callable[[str], None] | None) -> None:
+        self.laps: dict[str, float] = {}
+        self._listener, self._name, self._began = listener, "", 0.0
+
+    def begin(self, name: str) -> None:
+        """Note that a step begins, and that the one before it ends."""
+        self.end()
+        self._name, self._began = name, time.perf_counter()
+        if self._listener is not None:
+            self._listener(name)
+
+    def end(self) -> None:
+        """Note that the step ends."""
+        if self._name:
+            self.laps[self._name] = self.laps.get(self._name, 0.0) + time.perf_counter() - self._began
+        self._name = ""

@@ -1,0 +1,254 @@
+"""One sphere in closed form: sound-hard, with an impedance, or filled with a fluid."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Complex128, Float64, Real
+from scipy.spatial import KDTree
+
+from airtact.conventions import InvalidInput
+from airtact.printing import in_short
+from airtact.scene.scene import CONTACT, Obstacle, Scene, check_sources
+from airtact.scene.sources import Monopoles, check_off_sources
+from airtact.solvers.free_field import open_air_pressure, unit_monopoles
+from airtact.solvers.problem import RadiatedField, Skin, Solver, SolveReport
+from airtact.solvers.spherical.modes import ACCURACY, SphereModes
+from airtact.solvers.spherical.slopes import scattered_slopes
+from airtact.solvers.velocity import open_air_slopes, velocity_of
+from airtact.surfaces.primitives import Capsule
+from airtact.validation import points_of
+
+_PAIRS_AT_ONCE = 1 << 14
+
+_CITATIONS = (
+    "J. J. Bowman, T. B. A. Senior, P. L. E. Uslenghi, Electromagnetic and Acoustic Scattering by Simple Shapes (1987)",
+    "V. C. Anderson, Sound scattering from a fluid sphere, J. Acoust. Soc. Am. 22, 426 (1950)",
+    "D. R. Yennie, D. G. Ravenhall, R. N. Wilson, Phys. Rev. 95, 500 (1954)",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class SphereField(RadiatedField):
+    """The field of monopoles around one sphere, and inside it where it is filled (a ``RadiatedField``).
+
+    Attributes
+    ----------
+    scene : the scene with its one sphere.
+    sources : the monopoles that speak, outside the sphere or on its skin.
+    modes : the sphere's boundary, mode by mode.
+    centre : (3,) of the sphere [m].
+    report : how the field was made.
+    """
+
+    scene: Scene
+    sources: Monopoles
+    modes: SphereModes
+    centre: Float64[np.ndarray, "3"]
+    report: SolveReport
+
+    __repr__ = in_short
+
+    @property
+    def skin(self) -> Skin:
+        """Pressure at Gauss-Legendre latitudes and equal longitudes, with the exact area of the sphere.
+
+        Raises
+        ------
+        InvalidInput
+            If a source stands on one of these points.
+        """
+        latitudes = int(np.ceil(2.0 * abs(self.modes.size))) + 12
+        cosine, weight = np.polynomial.legendre.leggauss(latitudes)
+        longitude = 2.0 * np.pi * (np.arange(2 * latitudes) + 0.5) / (2 * latitudes)
+        sine = np.sqrt(1.0 - cosine**2)
+        normals = np.stack(
+            [
+                np.outer(sine, np.cos(longitude)).ravel(),
+                np.outer(sine, np.sin(longitude)).ravel(),
+                np.repeat(cosine, len(longitude)),
+            ],
+            axis=1,
+        )
+        areas = np.repeat(weight, len(longitude)) * np.pi / latitudes * self.modes.radius**2
+        points = self.centre + self.modes.radius * normals
+        return Skin(points, normals, areas, self.at(points))
+
+    def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
+        """Whether the field exists at points (P, 3) [m]: not inside a sphere that is hard or has an impedance."""
+        points = points_of(points, "points", least=0)
+        if self.modes.inner_wavenumber is not None:
+            return np.ones(len(points), dtype=np.bool_)
+        return ~self._inside(points)
+
+    def at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
+        """Total pressure [Pa] at points (P, 3) [m] for each of the S sounds; NaN where ``valid`` is False.
+
+        Every sound is right to 1e-8 of the open-air pressures that it is made of.
+
+        Raises
+        ------
+        InvalidInput
+            If the points are of another shape than (P, 3), NaN or infinite, or one stands on a source.
+        NotConverged
+            If a point lies within micrometres of a source that touches the skin.
+        """
+        points = points_of(points, "points", least=0)
+        check_off_sources(points, self.sources)
+        pressure = np.full((len(points), self.sources.strengths.shape[1]), np.nan + 0j)
+        inside = self._inside(points)
+        outside = np.flatnonzero(~inside)
+        pressure[outside] = open_air_pressure(points[outside], self.sources, self.scene.wavenumber)
+        pressure[outside] += self._scattered(points[outside], inside=False)
+        if self.modes.inner_wavenumber is not None:
+            pressure[inside] = self._scattered(points[inside], inside=True)
+        return pressure
+
+    def velocity(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
+        """Particle velocity [m/s] at points (P, 3) [m] for each of the S sounds; NaN where ``valid`` is False.
+
+        Raises
+        ------
+        InvalidInput
+            If the points are of another shape than (P, 3), NaN or infinite, or one stands on a source.
+        NotConverged
+            If a point and a source are both within about 0.3 % of the radius from the skin.
+        """
+        points = points_of(points, "points", least=0)
+        check_off_sources(points, self.sources)
+        slopes = np.full((len(points), 3, self.sources.strengths.shape[1]), np.nan + 0j)
+        density = np.full(len(points), self.scene.medium.density)
+        within = self._inside(points)
+        slopes[~within] = open_air_slopes(points[~within], self.sources, self.scene.wavenumber)
+        slopes[~within] += self._scattered_slopes(points[~within], inside=False)
+        filling = self.scene.obstacles[0].medium
+        if filling is not None:
+            slopes[within] = self._scattered_slopes(points[within], inside=True)
+            density[within] = filling.density
+        return velocity_of(slopes, self.scene.frequency, density)
+
+    def _inside(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
+        """Whether points lie deeper than rounding under the skin."""
+        return np.linalg.norm(points - self.centre, axis=1) < self.modes.radius - CONTACT
+
+    def _scattered(self, points: Real[np.ndarray, "points 3"], inside: bool) -> Complex128[np.ndarray, "points sounds"]:
+        """Sum of the series for points on one side of the skin, in blocks of points that need about as many terms."""
+        pressure = np.zeros((len(points), self.sources.strengths.shape[1]), dtype=np.complex128)
+        radii, directions = self._polar(points)
+        source_radii, source_directions = self._polar(self.sources.positions)
+        source_radii = np.maximum(source_radii, self.modes.radius)
+        if not inside:
+            radii = np.maximum(radii, self.modes.radius)
+        nearest_first = np.argsort(KDTree(self.sources.positions).query(points)[0])
+        rows = max(1, _PAIRS_AT_ONCE // len(self.sources.positions))
+        for first in range(0, len(points), rows):
+            block = nearest_first[first : first + rows]
+            turn = directions[block, None, :] - source_directions
+            open_air = unit_monopoles(points[block], self.sources.positions, self.scene.wavenumber)
+            unit = self.modes.scattered(
+                inside, radii[block], source_radii, 0.5 * np.sum(turn**2, axis=-1), np.abs(open_air)
+            )
+            pressure[block] = unit @ self.sources.strengths
+        return pressure
+
+    def _scattered_slopes(
+        self, points: Real[np.ndarray, "points 3"], inside: bool
+    ) -> Complex128[np.ndarray, "points 3 sounds"]:
+        """Slopes of the series for points on one side of the skin [Pa/m]."""
+        slopes = np.zeros((len(points), 3, self.sources.strengths.shape[1]), dtype=np.complex128)
+        radii, directions = self._polar(points)
+        source_radii, source_directions = self._polar(self.sources.positions)
+        source_radii = np.maximum(source_radii, self.modes.radius)
+        if not inside:
+            radii = np.maximum(radii, self.modes.radius)
+        rows = max(1, _PAIRS_AT_ONCE // len(self.sources.positions))
+        for first in range(0, len(points), rows):
+            block = slice(first, first + rows)
+            turn = directions[block, None, :] - source_directions
+            versine = 0.5 * np.sum(turn**2, axis=-1)
+            outward, along = scattered_slopes(self.modes, inside, radii[block], source_radii, versine)
+            # cos γ grows by (source direction - cos γ · point direction)/r
+            for axis in range(3):
+                beside = source_directions[:, axis] - (1.0 - versine) * directions[block, None, axis]
+                unit = outward * directions[block, None, axis] + along * beside
+                slopes[block, axis] = unit @ self.sources.strengths
+        return slopes
+
+    def _polar(
+        self, points: Real[np.ndarray, "points 3"]
+    ) -> tuple[Float64[np.ndarray, "points"], Float64[np.ndarray, "points 3"]]:
+        """Distances from the centre and unit directions; the centre itself gets the direction z."""
+        offset = points - self.centre
+        radius = np.linalg.norm(offset, axis=1)
+        at_centre = radius == 0.0
+        direction = offset / np.where(at_centre, 1.0, radius)[:, None]
+        direction[at_centre] = (0.0, 0.0, 1.0)
+        return radius, direction
+
+
+@dataclass(frozen=True)
+class SphereSeries(Solver):
+    """One sphere by separation of variables: the exact answer that other solvers are held to.
+
+    The sphere is a capsule of length 0, sound-hard, with an impedance, or filled; the sources stand outside it, at any
+    distance and also on its skin.
+    """
+
+    def radiate(self, scene: Scene, sources: Monopoles) -> SphereField:
+        """Field of monopoles around the one sphere of the scene.
+
+        Raises
+        ------
+        InvalidInput
+            If the scene is not one sphere, a source lies inside it, or one of the two is of another kind.
+        """
+        check_sources(scene, sources)
+        started = time.perf_counter()
+        obstacle, sphere = _only_sphere(scene)
+        modes = _modes(scene, obstacle, float(sphere.radius))
+        report = SolveReport(
+            solver="SphereSeries",
+            residual=0.0,
+            iterations=0,
+            nodes=0,
+            nodes_per_square_wavelength=np.inf,
+            estimated_error=ACCURACY,
+            seconds={"prepare": time.perf_counter() - started},
+            settings={"accuracy": ACCURACY, "boundary": obstacle.boundary},
+            citations=_CITATIONS,
+        )
+        return SphereField(scene, sources, modes, np.asarray(sphere.pose.translation, dtype=np.float64), report)
+
+
+def _only_sphere(scene: Scene) -> tuple[Obstacle, Capsule]:
+    """Take the one obstacle of the scene and its exact sphere, or refuse."""
+    if len(scene.obstacles) != 1:
+        raise InvalidInput(
+            f"SphereSeries knows exactly one sphere, and the scene has {len(scene.obstacles)} obstacles."
+        )
+    obstacle = scene.obstacles[0]
+    shape = obstacle.surface.primitive
+    if not isinstance(shape, Capsule):
+        raise InvalidInput(
+            f"SphereSeries knows exact spheres only, and the obstacle is a mesh of {len(obstacle.surface.triangles)} "
+            "triangles; make it with sphere(radius, edge, centre)."
+        )
+    if shape.length != 0.0:
+        raise InvalidInput(
+            f"SphereSeries knows spheres only, and the obstacle is a capsule {1e3 * shape.length:g} mm long; "
+            "take BoundaryElement instead."
+        )
+    return obstacle, shape
+
+
+def _modes(scene: Scene, obstacle: Obstacle, radius: float) -> SphereModes:
+    """Boundary of the obstacle, mode by mode."""
+    if obstacle.boundary == "filled":
+        assert obstacle.medium is not None
+        inner = obstacle.medium.wavenumber(scene.frequency)
+        ratio = scene.medium.density / obstacle.medium.density
+        return SphereModes(radius, scene.wavenumber, inner_wavenumber=inner, density_ratio=ratio)
+    if obstacle.boundary == "impedance":
+        assert obstacle.ratio is not None
+        return SphereModes(radius, scene.wavenumber, admittance=1.0 / obstacle.ratio)
+    return SphereModes(radius, scene.wavenumber)

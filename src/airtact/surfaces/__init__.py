@@ -1,0 +1,1 @@
+"""Closed surfaces of bodies: their shapes, panels, union and checks."""

@@ -1,0 +1,263 @@
+"""Checks that take a tree: surfaces that cross themselves or are too thin, bodies that overlap or are too near."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Float64
+
+from airtact.conventions import InvalidInput
+from airtact.mesh.closest_point import segment_distances, signed_distance
+from airtact.mesh.intersections import crossings_between, segment_triangle_distances
+from airtact.mesh.mesh_distance import nearest_between, segment_to_triangle
+from airtact.mesh.thickness import thin_place
+from airtact.mesh.topology import shells
+from airtact.surfaces.flattening import AWAY, bulge, corners_of, flattened, skin_panels
+from airtact.surfaces.primitives import Capsule
+from airtact.surfaces.surface import Surface
+from airtact.validation import counted, place
+
+TOUCH = 1e-9
+"""Bodies nearer than this touch [m]."""
+
+NEAREST = 0.3e-3
+"""Bodies nearer than this are refused [m]: panels that face each other across so little air are never fine enough."""
+
+THINNEST = 0.5e-3
+"""Bodies thinner than this are refused [m]."""
+
+ROUGH = 0.1
+"""Share of a thickness that may be missing in a mesh."""
+
+APART = "move them apart, or merge them: airtact.merged([one, two]), in a scene file merge_bodies = true"
+
+
+def check_surface(surface: Surface) -> None:
+    """Refuse a surface that crosses or touches itself, has one closed piece inside another, or is too thin.
+
+    Parameters
+    ----------
+    surface : of primitives only the thickness is looked at.
+
+    Raises
+    ------
+    InvalidInput
+        With the number of pairs of triangles that meet and where the first does, how deep a piece lies in another, or
+        how thin the surface is and where.
+    """
+    refuse_crossed(surface)
+    refuse_too_thin(surface)
+
+
+def refuse_crossed(surface: Surface) -> None:
+    """Refuse a surface that crosses or touches itself, or has one closed piece inside another.
+
+    Parameters
+    ----------
+    surface : primitives pass at once, being exact.
+
+    Raises
+    ------
+    InvalidInput
+        With the number of pairs of triangles that meet and where the first does, or how deep a piece lies in another.
+    """
+    pairs = surface.crossings
+    if len(pairs):
+        first = pairs[0]
+        where = surface.corners[first].mean(axis=(0, 1))
+        meet = counted(len(pairs), "pair of triangles meets", "pairs of triangles meet")
+        raise InvalidInput(
+            f"the surface crosses itself: {meet}, the first are triangles "
+            f"{int(first[0])} and {int(first[1])} near {place(where)}; repair it.",
+            where,
+        )
+    if surface.primitive is None:
+        _refuse_nested(surface)
+
+
+def refuse_too_thin(surface: Surface, thinnest: float = THINNEST) -> None:
+    """Refuse a body that is somewhere thinner than a length; the edges of wedges are no fault.
+
+    The thickness at a point of the skin is the diameter of the largest ball inside that touches the skin there and
+    reaches skin which looks the other way, to 20 degrees. Bumps, ribs and necks shorter than the length pass.
+
+    Parameters
+    ----------
+    surface : the body.
+    thinnest : the length [m]; a tenth less is let pass, for meshes that are rough, or coarse on round bodies.
+
+    Raises
+    ------
+    InvalidInput
+        With how thin it is and where.
+    """
+    found = thin_spot(surface, thinnest, short=thinnest)
+    if found is not None:
+        raise InvalidInput(
+            f"the body is {found[0] * 1e3:.3g} mm thick near {place(found[1])}, less than {thinnest * 1e3:g} mm; make "
+            "it thicker there, or cut that part off.",
+            found[1],
+        )
+
+
+def thin_spot(surface: Surface, thinnest: float, short: float) -> tuple[float, Float64[np.ndarray, "3"]] | None:
+    """Find where a body is thinner than a length, as ``refuse_too_thin`` says: how thin it is [m], and where (3,) [m].
+
+    Parameters
+    ----------
+    surface : the body.
+    thinnest : the length [m].
+    short : thin places count where the body is nowhere thick enough within this distance [m].
+    """
+    if not isinstance(surface.primitive, Capsule):
+        thick = (1.0 - ROUGH) * thinnest
+        return thin_place(_curved_out(surface), surface.triangles, surface.depth, thick, short)
+    thick = 2.0 * surface.primitive.radius
+    return None if thick >= thinnest * (1.0 - 1e-9) else (thick, surface.primitive.axis.mean(axis=0))
+
+
+def _curved_out(surface: Surface) -> Float64[np.ndarray, "triangles 3 3"]:
+    """Corners of the triangles, each moved to where the middle of its curved panel is."""
+    straight = 0.5 * (surface.corners + np.roll(surface.corners, -1, axis=1))
+    rise = 4.0 / 9.0 * (skin_panels(surface)[:, 3:] - straight).sum(axis=1)  # the shape functions at the middle
+    return surface.corners + rise[:, None]
+
+
+def _refuse_nested(surface: Surface) -> None:
+    piece = shells(surface.triangles)
+    seeds = surface.corners[np.unique(piece, return_index=True)[1], 0]
+    if len(seeds) == 1:
+        return
+    for outer in range(len(seeds)):
+        depth = signed_distance(surface.vertices, surface.triangles[piece == outer]).depth(seeds)
+        depth[outer] = -np.inf
+        inner = int(depth.argmax())
+        if depth[inner] > 0.0:
+            raise InvalidInput(
+                f"closed piece {inner} of {len(seeds)} lies inside piece {outer}, {depth[inner] * 1e3:.3g} mm deep "
+                f"near {place(seeds[inner])}: no sound gets there, so remove it.",
+                seeds[inner],
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Approach:
+    """How near two bodies come.
+
+    Attributes
+    ----------
+    distance : of their skins [m]; 0 where they overlap or touch.
+    place : (3,) between them [m].
+    overlap : how they overlap, in words, or None where they do not.
+    """
+
+    distance: float
+    place: Float64[np.ndarray, "3"]
+    overlap: str | None = None
+
+
+def check_apart(surfaces: Sequence[Surface]) -> None:
+    """Refuse bodies that overlap, touch or come nearer than ``NEAREST``.
+
+    Parameters
+    ----------
+    surfaces : the bodies; two primitives are measured exactly, a primitive and a mesh by the mesh's triangles, two
+        meshes by their triangles and by which lies in the other.
+
+    Raises
+    ------
+    InvalidInput
+        With the two bodies, how deep, how many triangles or how near, and where.
+    """
+    for i, j in combinations(range(len(surfaces)), 2):
+        found = approach(surfaces[i], surfaces[j], NEAREST * (1.0 - 1e-9))
+        if found is not None and found.overlap is not None:
+            raise InvalidInput(f"bodies {i} and {j} overlap or touch: {found.overlap}; {APART}.", found.place)
+        if found is not None:
+            raise InvalidInput(
+                f"bodies {i} and {j} are {found.distance * 1e3:.3g} mm apart near {place(found.place)}, nearer than "
+                f"{NEAREST * 1e3:g} mm; {APART}.",
+                found.place,
+            )
+
+
+def approach(one: Surface, two: Surface, within: float = np.inf) -> Approach | None:
+    """Find how near the true skins of two bodies come, or None when they stay ``within`` or more apart.
+
+    Parameters
+    ----------
+    one, two : the bodies.
+    within : larger distances are not looked for [m].
+    """
+    if isinstance(one.primitive, Capsule) and isinstance(two.primitive, Capsule):
+        distance, here, there = segment_distances(one.primitive.axis[None], two.primitive.axis[None])
+        found = _round_bodies(float(distance[0]), here[0], there[0], one.primitive.radius, two.primitive.radius)
+    elif isinstance(one.primitive, Capsule):
+        found = _capsule_and_mesh(one.primitive, two, within)
+    elif isinstance(two.primitive, Capsule):
+        found = _capsule_and_mesh(two.primitive, one, within)
+    else:
+        found = _meshes(one, two, within)
+    return found if found is not None and found.distance < within else None
+
+
+def _round_bodies(
+    distance: float, here: Float64[np.ndarray, "3"], there: Float64[np.ndarray, "3"], radius: float, other: float
+) -> Approach:
+    """Meet all points within a radius of two bodies that are nearest at two points."""
+    gap = distance - radius - other
+    middle = here + (radius + gap / 2.0) * (there - here) / distance if distance > 0.0 else here
+    if gap <= TOUCH:
+        return Approach(0.0, middle, f"{-gap * 1e3:.3g} mm deep near {place(middle)}")
+    return Approach(gap, middle)
+
+
+def _capsule_and_mesh(rod: Capsule, mesh: Surface, within: float) -> Approach | None:
+    corners, rise = mesh.corners, bulge(mesh)
+    axes = np.broadcast_to(rod.axis, (len(corners), 2, 3))
+    inside = max(float(mesh.depth(rod.axis).max()), 0.0)
+    if inside == 0.0 and segment_triangle_distances(axes, corners).min() >= rod.radius + rise + within:
+        return None
+    if rise > AWAY:
+        corners = corners_of(flattened(mesh))
+        axes = np.broadcast_to(rod.axis, (len(corners), 2, 3))
+    distances = segment_triangle_distances(axes, corners)
+    nearest = int(distances.argmin())
+    if inside > 0.0 or distances[nearest] == 0.0:
+        where = corners[nearest].mean(axis=0)
+        return Approach(0.0, where, f"{(rod.radius + inside) * 1e3:.3g} mm deep near {place(where)}")
+    distance, here, there = segment_to_triangle(axes[nearest : nearest + 1], corners[nearest : nearest + 1])
+    return _round_bodies(float(distance[0]), here[0], there[0], rod.radius, 0.0)
+
+
+def _meshes(one: Surface, two: Surface, within: float) -> Approach | None:
+    rises = bulge(one), bulge(two)
+    low, high = (np.stack([end(body.vertices, axis=0) for body in (one, two)]) for end in (np.min, np.max))
+    if np.linalg.norm(np.maximum(low.max(axis=0) - high.min(axis=0), 0.0)) >= within + sum(rises):
+        return None
+    found = _skins(one.corners, two.corners, within + sum(rises))
+    if found is not None and max(rises) > AWAY:
+        found = _skins(corners_of(flattened(one)), corners_of(flattened(two)), within)
+    if found is not None and found.overlap is not None:
+        return found
+    for inner, outer in ((one, two), (two, one)):
+        seeds = inner.corners[np.unique(shells(inner.triangles), return_index=True)[1], 0]
+        depth = outer.depth(seeds)
+        if depth.max() > 0.0:
+            where = seeds[depth.argmax()]
+            lies = f"one lies {depth.max() * 1e3:.3g} mm inside the other near {place(where)}"
+            return Approach(0.0, where, lies)
+    return found
+
+
+def _skins(
+    one: Float64[np.ndarray, "some 3 3"], two: Float64[np.ndarray, "others 3 3"], within: float
+) -> Approach | None:
+    pairs = crossings_between(one, two)
+    if len(pairs):
+        where = one[pairs[0, 0]].mean(axis=0)
+        meet = counted(len(pairs), "pair of triangles meets", "pairs of triangles meet")
+        return Approach(0.0, where, f"{meet}, the first near {place(where)}")
+    nearest = nearest_between(one, two, within)
+    return None if nearest is None else Approach(nearest[0], (nearest[1] + nearest[2]) / 2.0)

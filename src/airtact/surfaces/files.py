@@ -1,0 +1,64 @@
+"""Surfaces from files: STL, PLY, OBJ and GLB, read by trimesh."""
+
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from airtact.conventions import InvalidInput, about
+from airtact.mesh.curving import SHARP_DEGREES
+from airtact.mesh.repair.pipeline import mended
+from airtact.surfaces.surface import Surface
+from airtact.validation import of_kind, positive
+
+SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".gltf")
+"""File name endings that are read."""
+
+
+def load_surface(
+    path: str | Path,
+    scale: float = 1.0,
+    largest_hole: float = 2e-3,
+    sharp_degrees: float = SHARP_DEGREES,
+) -> Surface:
+    """Read a closed surface from a file, and mend what is damaged.
+
+    The nodes of a scene graph are put where their transforms place them and joined; vertices at the same place are
+    merged, whatever their texture or normal. What was mended stands in ``mended`` of the surface, a sentence each; see
+    ``airtact.mesh.repair.pipeline.mended`` for what can be.
+
+    Parameters
+    ----------
+    path : an STL, PLY, OBJ or GLB file.
+    scale : metres per unit of the file: 1e-3 for a file in millimetres.
+    largest_hole : widest hole that is filled [m], 0 for none.
+    sharp_degrees : edges whose triangles turn by more than this stay sharp; the rest of the skin is curved.
+
+    Raises
+    ------
+    InvalidInput
+        When there is no such file, it cannot be read, holds no triangles, or the surface is at fault in a way that
+        cannot be mended.
+    """
+    of_kind(path, str | Path, "the path of a surface", "the name of a file")
+    path, scale = Path(path), positive(scale, "scale", "m per unit of the file")
+    if path.suffix.lower() not in SUFFIXES:
+        raise InvalidInput(f"{path.name} ends in {path.suffix!r}, but surfaces are read from {', '.join(SUFFIXES)}.")
+    if not path.is_file():
+        raise InvalidInput(f"there is no file {path}; 0 triangles were read.")
+    vertices, triangles = _joined(path)
+    with about(path.name):
+        whole = mended(vertices * scale, triangles, largest_hole)
+        return Surface(whole.vertices, whole.triangles, sharp_degrees=sharp_degrees, mended=whole.notes)
+
+
+def _joined(path: Path) -> tuple[Float[np.ndarray, "vertices 3"], Int[np.ndarray, "triangles 3"]]:
+    import trimesh  # takes as long to import as all the rest of airtact
+
+    try:
+        mesh = trimesh.load_scene(path, process=False).to_mesh()
+    except Exception as fault:  # every reader of trimesh has its own way to fail on a damaged file
+        raise InvalidInput(f"{path.name} ({path.stat().st_size} bytes) cannot be read: {fault}.") from fault
+    if len(mesh.faces) == 0:
+        raise InvalidInput(f"{path.name} holds 0 triangles; give a file with a closed triangle surface.")
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces)

@@ -1,0 +1,114 @@
+"""The true skin of a surface as flat triangles that stay close to it."""
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64
+
+from airtact.mesh.quadratic_triangles import SixNodes, shape_functions
+from airtact.mesh.topology import edge_twins
+from airtact.surfaces.mesh_shape import CurvedShape
+from airtact.surfaces.primitives import Capsule
+from airtact.surfaces.surface import Surface
+
+AWAY = 10e-6
+"""Farthest that the flat triangles may be from the skin [m]."""
+
+FINEST = 0.01
+"""Primitives are not drawn coarser than with this share of their radius in between [m]."""
+
+MIDDLE = 0.75
+"""Distance of the skin from the middle of a straight edge, over that from the middle of its triangle, at least."""
+
+Mesh = tuple[Float64[np.ndarray, "_ 3"], Int64[np.ndarray, "_ 3"]]
+"""Vertices (V, 3) [m] and triangles (T, 3) of vertex indices."""
+
+
+def flattened(surface: Surface, away: float = AWAY) -> Mesh:
+    """Draw the true skin with flat triangles: those of the surface, split at edges that leave the skin too far.
+
+    Parameters
+    ----------
+    surface : the surface; a primitive is meshed anew.
+    away : farthest that the triangles may be from the skin [m].
+
+    Returns
+    -------
+    A closed mesh whose vertices lie on the skin.
+    """
+    if isinstance(surface.primitive, Capsule):
+        radius = surface.primitive.radius
+        mesh = surface.primitive.mesh(float(np.sqrt(8.0 * min(away, FINEST * radius) * radius)))
+        return mesh.vertices, mesh.triangles
+    vertices, triangles, panels = surface.vertices, surface.triangles, skin_panels(surface)
+    parent = np.arange(len(triangles))
+    places = np.broadcast_to([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], (len(triangles), 3, 2))
+    while True:
+        between = 0.5 * (places + np.roll(places, -1, axis=1))
+        shape = shape_functions(between.reshape(-1, 2)).reshape(-1, 3, 6)
+        middles = np.einsum("ten,tnd->ted", shape, panels[parent])
+        corners = vertices[triangles]
+        rise = np.linalg.norm(middles - 0.5 * (corners + np.roll(corners, -1, axis=1)), axis=2)
+        twins = edge_twins(triangles)
+        far = rise > MIDDLE * away
+        far |= far.ravel()[twins]
+        if not far.any():
+            return vertices, triangles
+        once = far & (np.arange(far.size).reshape(-1, 3) < twins)  # each edge is split by the first of its triangles
+        number = np.zeros(far.shape, dtype=np.int64)
+        number[once] = len(vertices) + np.arange(np.count_nonzero(once))
+        number = np.maximum(number, number.ravel()[twins])
+        vertices = np.concatenate([vertices, middles[once]])
+        pieces, whole = _split(far)
+        triangles = np.concatenate([triangles, number], axis=1)[whole[:, None], pieces]
+        places = np.concatenate([places, between], axis=1)[whole[:, None], pieces]
+        parent = parent[whole]
+
+
+def corners_of(mesh: Mesh) -> Float64[np.ndarray, "triangles 3 3"]:
+    """Corners (T, 3, 3) of the triangles of a mesh [m]."""
+    vertices, triangles = mesh
+    return vertices[triangles]
+
+
+def bulge(surface: Surface) -> float:
+    """How far the true skin leaves the surface's flat triangles at most [m].
+
+    Parameters
+    ----------
+    surface : one that is no primitive.
+    """
+    straight = 0.5 * (surface.corners + np.roll(surface.corners, -1, axis=1))
+    return float(np.linalg.norm(skin_panels(surface)[:, 3:] - straight, axis=2).max()) / MIDDLE
+
+
+def skin_panels(surface: Surface) -> SixNodes:
+    """Curved panels (T, 6, 3) of a surface's triangles [m]."""
+    if isinstance(surface.shape, CurvedShape):
+        return surface.shape.six_nodes
+    middles = surface.midpoints
+    if middles is None:
+        middles = 0.5 * (surface.corners + np.roll(surface.corners, -1, axis=1))
+    return np.concatenate([surface.corners, middles], axis=1)
+
+
+def _tables() -> dict[int, list[list[int]]]:
+    """Corners 0, 1, 2 and middles 3, 4, 5 of the pieces of a triangle, by which edges (bits 01, 12, 20) are split."""
+    tables = {0: [[0, 1, 2]], 7: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]}
+    for turn in range(3):
+        for pattern, pieces in ((1, [[0, 3, 2], [3, 1, 2]]), (3, [[3, 1, 4], [0, 3, 4], [0, 4, 2]])):
+            turned = (pattern << turn | pattern >> (3 - turn)) & 7
+            tables[turned] = [[node // 3 * 3 + (node + turn) % 3 for node in piece] for piece in pieces]
+    return tables
+
+
+_TABLES = _tables()
+
+
+def _split(split: Bool[np.ndarray, "triangles 3"]) -> tuple[Int64[np.ndarray, "pieces 3"], Int64[np.ndarray, "pieces"]]:
+    """Cut triangles at the middles of some edges: which of their corners and middles, and which triangle."""
+    pattern = split @ np.array([1, 2, 4])
+    pieces, whole = [], []
+    for number, table in _TABLES.items():
+        chosen = np.flatnonzero(pattern == number)
+        pieces.append(np.tile(table, (len(chosen), 1)))
+        whole.append(np.repeat(chosen, len(table)))
+    return np.concatenate(pieces).astype(np.int64), np.concatenate(whole)

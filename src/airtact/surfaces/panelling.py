@@ -1,0 +1,152 @@
+"""Covers the curved skin of a mesh with new panels of a wanted size."""
+
+import numpy as np
+from jaxtyping import Float64
+
+from airtact.conventions import InvalidInput
+from airtact.mesh.edge_splitting import split
+from airtact.mesh.quadratic_triangles import SixNodes, cut, enclosed_volume, longest_edges, points_at
+from airtact.mesh.remeshing import Ridged, remeshed, thinned
+from airtact.mesh.sizing import bend_sizes, strip_sizes
+from airtact.surfaces.curved_mesh import CurvedMesh
+
+TOO_FAR = 0.004
+"""Root mean square distance of a panel from the skin, over the edge wanted, above which it is cut in four."""
+
+STEEP = 1.4
+"""Angle between the normals at its corners above which a panel is cut in four [rad] ..."""
+
+SMALL = 0.4
+"""... if it is longer than this share of the edge wanted."""
+
+CUTS = 2
+"""How often it may be cut."""
+
+SPLIT = 1.5
+"""Longest edge of the triangles that MMG is given, over the edge wanted."""
+
+LARGEST = 1.5
+"""Longest edge over the edge wanted."""
+
+LARGEST_SHARE = 0.5
+"""Largest edge over the extent of the body."""
+
+ATTEMPTS = 4
+"""How many edges are tried, each half as long as the one before."""
+
+VOLUME_OFF = 0.03
+"""Share of the volume that the panels may enclose too much or too little."""
+
+ASTRAY = 0.3
+"""A corner that would move by more than this share of the edge stays where MMG put it."""
+
+
+def covered(mesh: CurvedMesh, edge: float) -> SixNodes:
+    """Cover a skin with curved panels about as large as equilateral triangles of a given edge [m].
+
+    MMG makes the triangles; their corners and middles are brought onto the skin, those of sharp edges onto the creases;
+    panels that still leave the skin by more than ``TOO_FAR`` of the edge are cut in four. Where that does not enclose
+    the body's volume, a part of it being smaller than the edge, shorter ones are tried.
+
+    Parameters
+    ----------
+    mesh : the skin; each of its closed pieces is covered by itself.
+    edge : edge of the equilateral triangles [m].
+
+    Raises
+    ------
+    InvalidInput
+        When MMG cannot mesh the surface, or no edge makes panels that enclose its volume.
+    """
+    return np.concatenate([_enclosing(piece, edge) for piece in mesh.pieces])
+
+
+def _enclosing(mesh: CurvedMesh, edge: float) -> SixNodes:
+    """Make panels whose volume is that of the body, with shorter edges if need be."""
+    extent = float(np.ptp(mesh.vertices, axis=0).max())
+    shorter, fault = min(edge, LARGEST_SHARE * extent), None
+    for _ in range(ATTEMPTS):
+        try:
+            panels = _meshed_anew(mesh, shorter)
+        except InvalidInput as refusal:
+            fault = refusal
+        else:
+            if abs(enclosed_volume(panels) / mesh.volume - 1) < VOLUME_OFF:
+                return panels
+        shorter /= 2
+    raise fault or InvalidInput(
+        f"panels with an edge of {1e3 * edge:.3g} mm, and of {2e3 * shorter:.3g} mm, do not enclose the "
+        f"{1e6 * mesh.volume:.4g} cm³ of the surface to {100 * VOLUME_OFF:g} %; it is too rough or thin somewhere."
+    )
+
+
+def _meshed_anew(mesh: CurvedMesh, edge: float) -> SixNodes:
+    given = thinned(_split(mesh, SPLIT * edge), edge)
+    sizes = np.minimum(
+        strip_sizes(given.vertices, given.ridges, LARGEST * edge),
+        bend_sizes(given.vertices, given.triangles, given.ridges, LARGEST * edge),
+    )
+    wanted = mesh.area / (np.sqrt(3) / 4 * edge**2)
+    return _cut_where_it_helps(mesh, _on_the_skin(mesh, remeshed(given, sizes, edge, wanted), edge), edge)
+
+
+def _split(mesh: CurvedMesh, longest: float) -> Ridged:
+    """Mesh the skin with triangles that have no edge longer than that [m]."""
+    six_nodes, triangles, sharp = split(mesh.six_nodes, mesh.triangles, mesh.sharp, longest)
+    vertices = np.empty((int(triangles.max()) + 1, 3))
+    vertices[triangles] = six_nodes[:, :3]
+    triangle, corner = np.nonzero(sharp)
+    ridges = np.stack([triangles[triangle, corner], triangles[triangle, (corner + 1) % 3]], axis=1)
+    return Ridged(vertices, triangles, ridges[ridges[:, 0] < ridges[:, 1]])
+
+
+def _on_the_skin(mesh: CurvedMesh, anew: Ridged, edge: float) -> SixNodes:
+    """Bring new triangles onto the skin."""
+    vertices, triangles, ridges = anew.vertices, anew.triangles, anew.ridges
+    corners = mesh.project(vertices)
+    creased = np.unique(ridges)
+    if len(creased):
+        corners[creased] = mesh.project_on_creases(vertices[creased])
+    astray = np.linalg.norm(corners - vertices, axis=1) > ASTRAY * edge
+    corners[astray] = vertices[astray]
+    ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    unique, inverse = np.unique(ends, axis=0, return_inverse=True)
+    straight = corners[unique].mean(axis=1)
+    middles = mesh.project(straight)
+    if len(creased):
+        key = len(vertices)
+        along = np.isin(unique @ [key, 1], np.sort(ridges, axis=1) @ [key, 1])
+        middles[along] = mesh.project_on_creases(straight[along])
+    panels = np.concatenate([corners[triangles], middles[inverse.ravel()].reshape(-1, 3, 3)], axis=1)
+    return mesh.levelled(panels)
+
+
+def _cut_where_it_helps(mesh: CurvedMesh, panels: SixNodes, edge: float) -> Float64[np.ndarray, "pieces 6 3"]:
+    """Cut panels in four that turn too far, or leave the skin by too much, unless their pieces leave it as much.
+
+    The latter is so where the skin is rough.
+    """
+    done = []
+    for _ in range(CUTS):
+        leaving = mesh.leaving(panels)
+        steep = (_turning(panels) > STEEP) & (longest_edges(panels) > SMALL * edge)
+        far = steep | (leaving > TOO_FAR * edge)
+        if not far.any():
+            break
+        pieces, _ = cut(panels[far], np.full(int(far.sum()), 2))
+        pieces = mesh.fitted(pieces)
+        better = np.sqrt(np.mean(mesh.leaving(pieces).reshape(-1, 4) ** 2, axis=1)) < 0.5 * leaving[far]
+        better |= steep[far]
+        done += [panels[~far], panels[far][~better]]
+        panels = pieces.reshape(-1, 4, 6, 3)[better].reshape(-1, 6, 3)
+    return np.concatenate([*done, panels])
+
+
+def _turning(panels: SixNodes) -> Float64[np.ndarray, "panels"]:
+    """Largest angle between the normals at the corners of each panel [rad]."""
+    normals = []
+    for corner in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)):
+        _, normal = points_at(panels, np.broadcast_to(corner, (len(panels), 2)))
+        normals.append(normal / np.linalg.norm(normal, axis=1, keepdims=True))
+    cosine = np.min([np.einsum("td,td->t", normals[i], normals[i - 1]) for i in range(3)], axis=0)
+    return np.arccos(np.clip(cosine, -1.0, 1.0))

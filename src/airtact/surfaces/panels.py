@@ -1,0 +1,143 @@
+"""Curved six-node panels of a wanted size, for the solvers.
+
+Panels need not meet corner to corner, so each may be cut into smaller ones on its own.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Int64, Real
+from scipy.spatial import KDTree
+
+from airtact.mesh.quadratic_triangles import SixNodes, cut, longest_edges, panel_areas, shape_functions
+from airtact.surfaces.shape import BEND, Shape
+
+LONGEST_TO_EQUILATERAL = 1.2
+"""Longest edge of a typical triangle over the edge of the equilateral triangle of the same area."""
+
+LARGEST_TO_POINT = 1.7
+"""Panels beside a point that asks for finer ones have edges of at most this many distances."""
+
+LARGEST_TO_GAP = 3.0
+"""Panels that face another body have edges of at most this many gaps."""
+
+
+def _probes() -> Float64[np.ndarray, "probes 6"]:
+    """Shape functions at the nodes, centre and the middles between them, where panels are measured."""
+    points = np.concatenate([np.eye(3), 1 - np.eye(3), 2 - np.eye(3), np.ones((1, 3)), 1 + 3 * np.eye(3)])
+    return shape_functions((points / points.sum(axis=1, keepdims=True))[:, 1:])
+
+
+PROBES = _probes()
+
+
+@dataclass(frozen=True, eq=False)
+class Panels:
+    """The skin of all bodies of a scene, cut into curved panels.
+
+    Attributes
+    ----------
+    six_nodes : (T, 6, 3) corners 0, 1, 2 and mid-edge points 01, 12, 20 of each panel [m], outward.
+    body : (T,) which obstacle each panel belongs to.
+    deviation : (T,) how far the panel lies from the true skin at most [m].
+    farthest : (B,) how far the panels of each body lie from the triangles that it was given as, at most [m].
+    mean_distance : (B,) the same in the mean over the panels [m].
+    """
+
+    six_nodes: SixNodes
+    body: Int64[np.ndarray, "panels"]
+    deviation: Float64[np.ndarray, "panels"]
+    farthest: Float64[np.ndarray, "bodies"]
+    mean_distance: Float64[np.ndarray, "bodies"]
+
+
+def panels_of(
+    shapes: Sequence[Shape],
+    edge: float,
+    near: Real[np.ndarray, "points 3"],
+    smallest: float,
+    bend: float = BEND,
+) -> Panels:
+    """Panels of some bodies, finer beside some points and where bodies come close.
+
+    Parameters
+    ----------
+    shapes : the bodies' skins.
+    edge : edge of the equilateral triangle as large as the panels wanted [m].
+    near : (P, 3) points beside which panels are cut finer [m].
+    smallest : edge below which no panel is cut for a point's or another body's sake [m].
+    bend : angle that a panel of a round skin may turn by [rad].
+    """
+    whole = [shape.panels(edge, bend) for shape in shapes]
+    bodies = []
+    for index, shape in enumerate(shapes):
+        others = [np.empty((0, 3))] + [panels.reshape(-1, 3) for other, panels in enumerate(whole) if other != index]
+        bodies.append(_refined(whole[index], shape, near, np.concatenate(others), smallest))
+    probes = [(PROBES @ body).reshape(-1, 3) for body in bodies]
+    distances = [_off_triangles(*one) for one in zip(bodies, shapes, probes, strict=True)]
+    return Panels(
+        six_nodes=np.concatenate(bodies),
+        body=np.repeat(np.arange(len(bodies)), [len(body) for body in bodies]),
+        deviation=np.concatenate([_deviation(*one) for one in zip(bodies, shapes, probes, strict=True)]),
+        farthest=np.array([farthest for farthest, _ in distances]),
+        mean_distance=np.array([mean for _, mean in distances]),
+    )
+
+
+def _refined(
+    panels: SixNodes,
+    shape: Shape,
+    points: Real[np.ndarray, "points 3"],
+    others: Real[np.ndarray, "others 3"],
+    smallest: float,
+) -> Float64[np.ndarray, "pieces 6 3"]:
+    """Cut in four the panels larger than ``smallest`` and than points or other bodies near them allow."""
+    asking = (np.asarray(points, dtype=np.float64), LARGEST_TO_POINT), (others, LARGEST_TO_GAP)
+    fresh = np.ones(len(panels), dtype=bool)
+    while True:
+        edges = longest_edges(panels[fresh])
+        allowed = np.min([_allowed(panels[fresh], edges, *some) for some in asking], axis=0)
+        # all panels beside a point are fitted to the skin, or those left whole would stand off the others
+        beside = np.flatnonzero(fresh)[edges > allowed]
+        panels[beside] = shape.fitted(panels[beside])
+        large = np.zeros(len(panels), dtype=bool)
+        large[fresh] = longest_edges(panels[fresh]) > np.maximum(LONGEST_TO_EQUILATERAL * smallest, allowed)
+        if not large.any():
+            return panels
+        panels, parents = cut(panels, np.where(large, 2, 1))
+        fresh = large[parents]
+
+
+def _allowed(
+    panels: SixNodes, edges: Float64[np.ndarray, "panels"], points: Float64[np.ndarray, "points 3"], factor: float
+) -> Float64[np.ndarray, "panels"]:
+    """Longest edge that some points allow each panel [m]; infinite where they allow more than any has."""
+    allowed = np.full(len(panels), np.inf)
+    if not len(points):
+        return allowed
+    reach = float(edges.max()) * 1.001 / factor
+    samples = np.concatenate([panels, panels.mean(axis=1, keepdims=True)], axis=1)
+    lower, upper = points.min(axis=0) - reach, points.max(axis=0) + reach
+    x, y, z = ((samples[:, :, axis] > lower[axis]) & (samples[:, :, axis] < upper[axis]) for axis in range(3))
+    within = (x & y & z).any(axis=1)
+    if within.any():
+        distance = KDTree(points).query(samples[within].reshape(-1, 3), distance_upper_bound=reach)[0]
+        allowed[within] = factor * distance.reshape(-1, 7).min(axis=1)
+    return allowed
+
+
+def _deviation(
+    panels: SixNodes, shape: Shape, probes: Float64[np.ndarray, "probes 3"]
+) -> Float64[np.ndarray, "panels"]:
+    """How far panels lie from the true skin at their nodes, centre and the middles between them [m]."""
+    return np.abs(shape.depth(probes)).reshape(len(panels), -1).max(axis=1)
+
+
+def _off_triangles(panels: SixNodes, shape: Shape, probes: Float64[np.ndarray, "probes 3"]) -> tuple[float, float]:
+    """Largest and mean distance of panels from the triangles that the body was given as [m]."""
+    distance = shape.off_triangles(probes).reshape(len(panels), -1)
+    if not distance.any():
+        return 0.0, 0.0
+    areas = panel_areas(panels)
+    return float(distance.max()), float(areas @ distance.mean(axis=1) / areas.sum())

@@ -1,0 +1,319 @@
+"""Sphere and capsule: exact shapes and their curved meshes."""
+
+import math
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from jaxtyping import Float64, Int64, Real
+
+from airtact.conventions import InvalidInput, Vector
+from airtact.mesh.quadratic_triangles import SixNodes, enclosed_volume, with_middles
+from airtact.mesh.remeshing import Ridged
+from airtact.mesh.topology import refuse_wrong_size
+from airtact.pose import Pose
+from airtact.printing import in_short
+from airtact.surfaces.shape import BEND
+from airtact.surfaces.surface import Surface
+from airtact.validation import number, positive, real_numbers, refuse_not_finite
+
+_SECTORS = 5  # triangles round a pole; five keep every angle above 30 degrees
+_MOST_RINGS = 400  # 1.6 million triangles: beyond it the edge is a slip of units
+
+
+@dataclass(frozen=True, eq=False)
+class Capsule:
+    """All points within ``radius`` of a segment: the local z axis from -length/2 to +length/2. Length 0 is a sphere.
+
+    Attributes
+    ----------
+    radius : [m], above zero.
+    length : length of the axis [m], zero or more.
+    pose : where it stands.
+
+    Raises
+    ------
+    InvalidInput
+        When the radius is not above zero or the length is negative or not finite.
+
+    Examples
+    --------
+    >>> ball = Capsule(radius=0.01, length=0.0, pose=Pose.identity())
+    >>> ball.depth(np.array([[0.0, 0.0, 0.008]])).round(6).tolist()
+    [0.002]
+    """
+
+    radius: float
+    length: float
+    pose: Pose
+
+    __repr__ = in_short
+
+    def __post_init__(self) -> None:
+        """Check the two lengths."""
+        object.__setattr__(self, "radius", positive(self.radius, "radius", "m"))
+        length = number(self.length, "the length of a capsule's axis", "m")
+        if not math.isfinite(length) or length < 0.0:
+            raise InvalidInput(f"a capsule's axis has length {length:g} m, but it must be finite and not negative.")
+        object.__setattr__(self, "length", length)
+
+    @property
+    def extent(self) -> float:
+        """Largest distance between two of its points [m]."""
+        return self.length + 2.0 * self.radius
+
+    @property
+    def area(self) -> float:
+        """Area of the skin [m²]."""
+        return 2.0 * math.pi * self.radius * self.extent
+
+    @property
+    def volume(self) -> float:
+        """Enclosed volume [m³]."""
+        return math.pi * self.radius**2 * (self.length + 4.0 / 3.0 * self.radius)
+
+    @property
+    def thinnest(self) -> float:
+        """Diameter of the largest ball that touches the skin from inside, the same everywhere [m]."""
+        return 2.0 * self.radius
+
+    @property
+    def axis(self) -> Float64[np.ndarray, "2 3"]:
+        """Start and end of the axis (2, 3) [m]."""
+        return self.pose.apply(np.array([[0.0, 0.0, -self.length / 2.0], [0.0, 0.0, self.length / 2.0]]))
+
+    def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
+        """Distance to the skin [m] of points (P, 3) [m], positive inside."""
+        x, y, z = self.pose.inverse().apply(points).T
+        beyond = np.maximum(np.abs(z) - self.length / 2.0, 0.0)
+        return self.radius - np.sqrt(x * x + y * y + beyond * beyond)
+
+    def project(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
+        """Bring points (P, 3) [m] that are off the axis to the nearest points of the skin."""
+        local = self.pose.inverse().apply(points)
+        feet = self._nearest_on_axis(local)
+        out = local - feet
+        return self.pose.apply(feet + self.radius * out / np.linalg.norm(out, axis=1, keepdims=True))
+
+    def moved(self, pose: Pose) -> "Capsule":
+        """Move it rigidly.
+
+        Parameters
+        ----------
+        pose : the motion.
+        """
+        return Capsule(self.radius, self.length, pose @ self.pose)
+
+    def extreme_points(self) -> Float64[np.ndarray, "points 3"]:
+        """Points (12, 3) [m] on the upright boxes round the two caps."""
+        reach = self.radius * np.concatenate([np.eye(3), -np.eye(3)])
+        return (self.axis[:, None] + reach).reshape(-1, 3)
+
+    def coarse_meshes(self, edge: float) -> list[Ridged]:
+        """Triangles to start a mesh from, with edges of at most ``edge`` / 3 [m]."""
+        surface = self.mesh(min(edge / 3.0, 0.5 * self.radius))
+        return [Ridged(np.array(surface.vertices), np.array(surface.triangles), np.empty((0, 2), dtype=np.int64))]
+
+    def fitted(self, panels: SixNodes) -> SixNodes:
+        """Bring the nodes of panels (P, 6, 3) near the skin onto it [m]."""
+        return self.project(panels.reshape(-1, 3)).reshape(panels.shape)
+
+    def off_triangles(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
+        """Return 0 for each of the points (P, 3) [m]: a closed form was made from no triangles."""
+        return np.zeros(len(points))
+
+    def panels(self, edge: float, bend: float = BEND) -> SixNodes:
+        """Cover it with curved panels about as large as equilateral triangles of a given edge [m].
+
+        They turn by at most ``bend`` [rad] from edge to edge.
+
+        The mesh is as coarse as its panels' mean area allows, and moved outwards until it holds the exact volume:
+        quadratics through points of a round skin hold less.
+        """
+        wanted = self.area / (np.sqrt(3) / 4 * edge**2)
+        length, most = self.length / self.radius, math.ceil(max(2.0 * self.radius / edge, 2.0 / bend)) + 2
+        counts = {
+            (rings, sectors): _count(rings, sectors, length) for rings in range(2, most + 1) for sectors in (3, 4, 5)
+        }
+        least = 2.0 * math.pi / (1.001 * bend)
+        enough = {way: count for way, count in counts.items() if count >= wanted and way[0] * way[1] >= least}
+        vertices, triangles = _mesh(*min(enough, key=enough.__getitem__), length)
+        panels = self.pose.apply(with_middles(self.radius * vertices[triangles]))
+        panels = self.fitted(panels)
+        missing = self.volume - enclosed_volume(panels)
+        return Capsule(self.radius + missing / self.area, self.length, self.pose).fitted(panels)
+
+    def mesh(self, edge: float) -> Surface:
+        """Draw it with curved triangles whose vertices and midpoints lie exactly on it.
+
+        Each cap is a hemisphere of m rings, ring i having 5 i points; the cylinder between has rings of 5 m points,
+        each turned by half a step. The mesh is made at rest and then moved, so that it moves exactly with the pose.
+
+        Parameters
+        ----------
+        edge : longest straight edge allowed [m]; there are at least two rings a cap, whatever it says.
+
+        Raises
+        ------
+        InvalidInput
+            When ``edge`` is not above zero, or so small that a cap would need more than 400 rings, or the body is over
+            2 m or under 0.5 mm.
+        """
+        edge = positive(edge, "edge", "m")
+        refuse_wrong_size(self.extent)
+        rings = max(2, math.ceil(1.6 * self.radius / edge)) if edge > self.radius / _MOST_RINGS else _MOST_RINGS + 1
+        while rings <= _MOST_RINGS:
+            vertices, triangles = _mesh(rings, _SECTORS, self.length / self.radius)
+            corners = self.radius * vertices[triangles]
+            if np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max() <= edge:
+                return self._surface(self.radius * vertices, triangles)
+            rings += 1
+        raise InvalidInput(
+            f"an edge of {edge * 1e3:.4g} mm on a radius of {self.radius * 1e3:.4g} mm needs more than {_MOST_RINGS} "
+            "rings a cap; ask for a longer edge."
+        )
+
+    def _surface(
+        self, vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"]
+    ) -> Surface:
+        corners = vertices[triangles]
+        middles = ((corners + np.roll(corners, -1, axis=1)) / 2.0).reshape(-1, 3)
+        rest = Capsule(self.radius, self.length, Pose.identity())
+        midpoints = rest.project(middles).reshape(-1, 3, 3)
+        return Surface(vertices, triangles, midpoints, rest).moved(self.pose)
+
+    def _nearest_on_axis(self, local: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
+        foot = np.zeros(local.shape)
+        foot[:, 2] = np.clip(local[:, 2], -self.length / 2.0, self.length / 2.0)
+        return foot
+
+
+def sphere(radius: float, edge: float, centre: Vector = (0, 0, 0)) -> Surface:
+    """Mesh a sphere.
+
+    Parameters
+    ----------
+    radius : [m].
+    edge : longest edge of its triangles [m].
+    centre : (3,) [m].
+
+    Raises
+    ------
+    InvalidInput
+        When a length is not above zero or the centre is not finite.
+
+    Examples
+    --------
+    >>> sphere(radius=0.01, edge=0.003).midpoints is not None
+    True
+    """
+    return Capsule(radius, 0.0, Pose(np.eye(3), _point(centre, "sphere centre"))).mesh(edge)
+
+
+def capsule(start: Vector, end: Vector, radius: float, edge: float) -> Surface:
+    """Mesh a capsule, the skin at ``radius`` round the segment from ``start`` to ``end``.
+
+    Parameters
+    ----------
+    start, end : (3,) ends of the axis [m]; equal ends make a sphere.
+    radius : [m].
+    edge : longest edge of its triangles [m].
+
+    Raises
+    ------
+    InvalidInput
+        When a length is not above zero or an end is not finite.
+    """
+    first, last = _point(start, "capsule start"), _point(end, "capsule end")
+    length = float(np.linalg.norm(last - first))
+    rotation = turn_from_z((last - first) / length) if length > 0.0 else np.eye(3)
+    return Capsule(radius, length, Pose(rotation, (first + last) / 2.0)).mesh(edge)
+
+
+def _point(given: Vector, what: str) -> Float64[np.ndarray, "3"]:
+    point = real_numbers(np.asarray(given), what)
+    if point.shape != (3,):
+        raise InvalidInput(f"{what} has shape {point.shape}, but a point has shape (3,).")
+    refuse_not_finite(point, what)
+    return point
+
+
+def turn_from_z(direction: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"]:
+    """Find a rotation that brings the z axis to a direction.
+
+    Parameters
+    ----------
+    direction : (3,) unit vector.
+    """
+    x, y, z = direction
+    if z < 0.0:  # by way of half a turn about x, which keeps the formula away from its pole at -z
+        return np.diag([1.0, -1.0, -1.0]) @ turn_from_z(np.array([x, -y, -z]))
+    s = 1.0 / (1.0 + z)
+    return np.array([[1.0 - s * x * x, -s * x * y, x], [-s * x * y, 1.0 - s * y * y, y], [-x, -y, z]])
+
+
+def _mesh(
+    rings: int, sectors: int, length: float
+) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
+    """Mesh the capsule of radius 1 whose axis has the given length."""
+    around = sectors * rings
+    cap, cap_triangles = _cap(rings, sectors)
+    above, waist = cap[:-around], cap[-around:]
+    bands = _bands(around, length)
+    half = np.array([0.0, 0.0, length / 2.0])
+    heights = np.linspace(half, -half, bands + 1) if bands else np.zeros((1, 3))
+    belt = np.concatenate([_spun(waist, math.pi / around * band) + heights[band] for band in range(bands + 1)])
+    below = _spun(above, math.pi / around * bands) * [1.0, 1.0, -1.0]
+    last = len(above) + bands * around
+    mirrored = np.r_[last + around + np.arange(len(above)), last + np.arange(around)][cap_triangles][:, ::-1]
+    triangles = np.concatenate([cap_triangles, _belt(len(above), bands, around), mirrored])
+    return np.concatenate([above + half, belt, below - half]), triangles.astype(np.int64)
+
+
+def _bands(around: int, length: float) -> int:
+    step = math.sqrt(3.0) * math.sin(math.pi / around)  # height of an equilateral triangle over one edge of the waist
+    # A cylinder too short for a band of good triangles gets none: both caps share one ring in its middle.
+    return max(1, round(length / step)) if length > 0.6 * step else 0
+
+
+def _count(rings: int, sectors: int, length: float) -> int:
+    """Count the triangles of ``_mesh``."""
+    return 2 * sectors * rings**2 + 2 * sectors * rings * _bands(sectors * rings, length)
+
+
+def _spun(points: Float64[np.ndarray, "points 3"], angle: float) -> Float64[np.ndarray, "points 3"]:
+    """Turn points about the z axis."""
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return points @ np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+
+
+@cache
+def _belt(first: int, bands: int, around: int) -> Int64[np.ndarray, "triangles 3"]:
+    """Triangulate between rings of as many points each, the first ring starting at a given vertex."""
+    turns = np.arange(around)
+    ring = first + around * np.arange(bands)[:, None]
+    here, after = ring + turns, ring + (turns + 1) % around
+    down = np.stack([here, here + around, after], axis=2)
+    up = np.stack([after, here + around, after + around], axis=2)
+    return np.concatenate([down, up]).reshape(-1, 3)
+
+
+@cache
+def _cap(rings: int, sectors: int) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
+    """Mesh the upper half of the unit sphere: the pole, then ring i of i points a sector at polar angle (π/2)(i/m)."""
+    points, triangles = [np.array([[0.0, 0.0, 1.0]])], []
+    for ring in range(1, rings + 1):
+        count, fewer = sectors * ring, max(1, sectors * (ring - 1))
+        polar, angle = math.pi / 2.0 * ring / rings, 2.0 * math.pi * np.arange(count) / count
+        height = 0.0 if ring == rings else math.cos(polar)
+        flat = math.sin(polar) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        points.append(np.column_stack([flat, np.full(count, height)]))
+        outer = 1 + sectors * ring * (ring - 1) // 2
+        inner = outer - fewer
+        here = np.arange(count)
+        sector, across = np.divmod(here, ring)
+        above = sector * (ring - 1) + across
+        out = np.stack([inner + above % fewer, outer + here, outer + (here + 1) % count], axis=1)
+        between = np.stack([inner + (above - 1) % fewer, outer + here, inner + above % fewer], axis=1)
+        triangles += [out, between[across > 0]]
+    return np.concatenate(points), np.concatenate(triangles)

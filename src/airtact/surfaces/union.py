@@ -1,0 +1,229 @@
+"""One body of several that overlap, touch or nearly touch."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from operator import itemgetter
+
+import numpy as np
+from jaxtyping import Float64, Int64
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from airtact.conventions import InvalidInput
+from airtact.mesh.intersections import crossings_between
+from airtact.mesh.repair.slivers import without_slivers
+from airtact.mesh.topology import cone_volumes, edge_twins, shells
+from airtact.surfaces.bridges import Filling, balls, filling
+from airtact.surfaces.checks import (
+    NEAREST,
+    THINNEST,
+    TOUCH,
+    approach,
+    refuse_crossed,
+    refuse_too_thin,
+    thin_spot,
+)
+from airtact.surfaces.flattening import AWAY, Mesh, corners_of, flattened
+from airtact.surfaces.primitives import Capsule
+from airtact.surfaces.surface import Surface
+from airtact.validation import of_kind, place, within
+
+NARROWEST, WIDEST = 0.1e-3, 2e-3
+"""Gaps that may be asked to be bridged [m]."""
+
+THICK = 0.3e-3
+"""Radius of the balls that make bridges which are too thin, or 0.6 gaps if that is more [m]."""
+
+SHARP_DEGREES = 45.0
+"""Edges of merged bodies stay sharp above this angle: where they are round their triangles turn less."""
+
+FLAT = 0.1
+"""Middles of edges are moved by less than this share of the heights of their triangles."""
+
+SIMPLE = (4e-6, 1e-6, 0.0)
+"""Farthest that triangles are moved to have fewer small ones [m]: the first that leaves none crossing is taken."""
+
+ROUGHLY = 8e-6
+"""The same for the bridges by themselves [m]."""
+
+PASSES = 2
+"""How often that is done with the whole."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Link:
+    """Two bodies no farther apart than the gap, by their numbers, and a place (3,) between them [m]."""
+
+    one: int
+    two: int
+    place: Float64[np.ndarray, "3"]
+
+
+def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
+    """Make one body of several that overlap, touch or stand nearer than a gap.
+
+    Material fills the air between two bodies where the distances to both add up to at most the gap, as far as their
+    skins face each other: wholly within 17 degrees, less and less up to 53, so creases in which bodies meet at a wider
+    angle stay as they are. Where a bridge would be thinner than 0.5 mm, all are made of balls of 0.6 mm (1.2 gaps if
+    that is more) with their centres there. Air that is closed in is filled. Elsewhere the skin stays, within 10
+    micrometres.
+
+    Parameters
+    ----------
+    surfaces : the bodies, in any order; one that lies wholly in another adds nothing.
+    gap : distance of skins up to which they are bridged [m], 0.1 to 2 mm.
+
+    Returns
+    -------
+    The merged body; one body alone comes back as it is. Its triangles are flat on bridges and follow the skins of the
+    bodies elsewhere.
+
+    Raises
+    ------
+    InvalidInput
+        When there is no body, a body crosses itself, bodies stay farther apart than the gap (the two nearest and how
+        far), or the merged body is thinner than 0.5 mm somewhere.
+
+    Examples
+    --------
+    >>> from airtact.surfaces.primitives import sphere
+    >>> balls = [sphere(radius=2e-3, edge=1e-3, centre=(x, 0, 0)) for x in (0, 3e-3)]
+    >>> round(sum(ball.volume for ball in balls) * 1e9, 1), round(float(merged(balls).volume) * 1e9, 1)
+    (67.0, 64.1)
+    """
+    bodies = [of_kind(body, Surface, f"body {index}", "a Surface") for index, body in enumerate(surfaces)]
+    gap = within(gap, NARROWEST, WIDEST, "the gap to be bridged", "m", "is it in millimetres? Give metres.")
+    if not bodies:
+        raise InvalidInput("there are 0 bodies to merge; give one or more.")
+    for body in bodies:
+        refuse_crossed(body)
+    meshes = {index: flattened(body) for index, body in enumerate(bodies)}
+    for index in reversed(range(len(bodies))):
+        if any(_lies_in(bodies, meshes, index, other) for other in meshes if other != index):
+            del meshes[index]
+    if len(meshes) == 1:
+        return bodies[next(iter(meshes))]
+    found = _bridged(bodies, meshes, _links(bodies, list(meshes), gap), gap)
+    refuse_crossed(found)
+    refuse_too_thin(found)
+    return found
+
+
+def _bridged(bodies: Sequence[Surface], meshes: dict[int, Mesh], links: Sequence[_Link], gap: float) -> Surface:
+    """Make one body with bridges as wide as the gap, or thicker ones where these are too thin."""
+    kept = [bodies[index] for index in meshes]
+    pieces = sum(int(shells(triangles).max()) + 1 for _, triangles in meshes.values()) - len(meshes) + 1
+    mended = tuple(sentence for body in kept for sentence in body.mended)
+    found = kept[0]
+    for radius in (0.0, max(THICK, 0.6 * gap)):
+        bridges = [bridge for link in links for bridge in _bridges(bodies, meshes, link, gap, radius)]
+        if radius == 0.0 and any(np.ptp(vertices, axis=0).max() < 2.0 * THICK for vertices, _ in bridges):
+            continue
+        for simple in SIMPLE:
+            vertices, triangles = _united(meshes.values(), bridges, simple)
+            middles = _middles(kept, vertices, triangles)
+            found = Surface(vertices, triangles, middles, sharp_degrees=SHARP_DEGREES, mended=mended)
+            if len(found.crossings) == 0:
+                break
+        if shells(found.triangles).max() < pieces and thin_spot(found, THINNEST, short=0.0) is None:
+            break
+    return found
+
+
+def _lies_in(bodies: Sequence[Surface], meshes: dict[int, Mesh], inner: int, outer: int) -> bool:
+    """Whether a body lies wholly in another, or is the same."""
+    one, two = bodies[inner], bodies[outer]
+    if isinstance(one.primitive, Capsule) and isinstance(two.primitive, Capsule):
+        return bool((two.depth(one.primitive.axis) >= one.primitive.radius - TOUCH).all())  # balls at both ends are in
+    if np.array_equal(meshes[inner][0], meshes[outer][0]) and np.array_equal(meshes[inner][1], meshes[outer][1]):
+        return True
+    corners = corners_of(meshes[inner])
+    seeds = corners[np.unique(shells(meshes[inner][1]), return_index=True)[1], 0]
+    return bool((two.depth(seeds) > 0.0).all()) and len(crossings_between(corners, corners_of(meshes[outer]))) == 0
+
+
+def _links(bodies: Sequence[Surface], chosen: list[int], gap: float) -> list[_Link]:
+    """Pairs of bodies no farther apart than the gap; refused where not all hang together."""
+    links = []
+    for one, two in combinations(chosen, 2):
+        near = approach(bodies[one], bodies[two], gap * (1.0 + 1e-9))
+        if near is not None:
+            links.append(_Link(one, two, near.place))
+    ends = np.array([(link.one, link.two) for link in links], dtype=np.int64).reshape(-1, 2).T
+    graph = coo_array((np.ones(len(links), dtype=bool), tuple(ends)), shape=(len(bodies),) * 2)
+    part = connected_components(graph, directed=False)[1]
+    away = []
+    for one, two in combinations(chosen, 2):
+        if part[one] != part[two] and (near := approach(bodies[one], bodies[two])) is not None:
+            away.append((near.distance, one, two, near.place))
+    if away:
+        distance, one, two, where = min(away, key=itemgetter(0))
+        raise InvalidInput(
+            f"bodies {one} and {two} are {distance * 1e3:.3g} mm apart near {place(where)}, the nearest of those that "
+            f"do not hang together, but only {gap * 1e3:.3g} mm are bridged; move them together, leave one out, or "
+            "give a larger gap.",
+            where,
+        )
+    return links
+
+
+def _bridges(bodies: Sequence[Surface], meshes: dict[int, Mesh], link: _Link, gap: float, radius: float) -> list[Mesh]:
+    """Mesh what fills the air between two bodies, made of balls where a radius is given."""
+    one, two = meshes[link.one][0], meshes[link.two][0]
+    low = np.maximum(one.min(axis=0), two.min(axis=0)) - 2.0 * gap
+    high = np.minimum(one.max(axis=0), two.max(axis=0)) + 2.0 * gap
+    found = filling(Filling(bodies[link.one].depth, bodies[link.two].depth, low, high, gap), radius)
+    always = balls(link.place[None], radius) if radius > 0.0 else None
+    return [mesh for mesh in (found, always) if mesh is not None]
+
+
+def _middles(
+    bodies: Sequence[Surface], vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"]
+) -> Float64[np.ndarray, "triangles 3 3"]:
+    """Middles of the edges, brought to the skins of the bodies where these are so near that no triangle folds."""
+    corners = vertices[triangles]
+    along = np.roll(corners, -1, axis=1) - corners
+    twice = np.linalg.norm(np.cross(along[:, 0], along[:, 1]), axis=1)
+    height = (twice / np.linalg.norm(along, axis=2).max(axis=1))[:, None]
+    twins = edge_twins(triangles)
+    allowed = np.minimum(2.0 * AWAY, FLAT * np.minimum(height, height.ravel()[twins // 3])).ravel()
+    once = np.flatnonzero(np.arange(twins.size) < twins.ravel())
+    middles = ((corners + 0.5 * along).reshape(-1, 3))[once]
+    skin, nearest = middles.copy(), allowed[once]
+    for body in bodies:
+        depth = np.abs(body.depth(middles))
+        near = np.flatnonzero(depth < nearest)
+        skin[near], nearest[near] = body.shape.project(middles[near]), depth[near]
+    result = np.empty((twins.size, 3))
+    result[once] = result[twins.ravel()[once]] = skin
+    return result.reshape(-1, 3, 3)
+
+
+def _united(
+    bodies: Iterable[Mesh], bridges: Iterable[Mesh], simple: float
+) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
+    """Unite closed meshes into one, without slivers and without the air that is closed in."""
+    import manifold3d
+
+    solids = [
+        manifold3d.Manifold(
+            manifold3d.Mesh64(vertices.copy(), triangles.astype(np.uint64))
+        )  # it takes no read-only ones
+        for vertices, triangles in bodies
+    ]
+    solids += [
+        manifold3d.Manifold(manifold3d.Mesh64(vertices, triangles.astype(np.uint64))).simplify(ROUGHLY)
+        for vertices, triangles in bridges
+    ]
+    whole = manifold3d.Manifold.batch_boolean(solids, manifold3d.OpType.Add)
+    for _ in range(PASSES):
+        whole = whole.as_original().simplify(simple)  # as if it had never been of several, where it keeps their borders
+    assert whole.status() == manifold3d.Error.NoError  # closed meshes that do not cross themselves
+    mesh = whole.to_mesh64()
+    vertices, triangles = mesh.vert_properties[:, :3].astype(np.float64), mesh.tri_verts.astype(np.int64)
+    piece = shells(triangles)
+    filled = np.bincount(piece, weights=cone_volumes(vertices[triangles])) > 0.0
+    triangles = without_slivers(vertices, triangles[filled[piece]], [])
+    used, triangles = np.unique(triangles, return_inverse=True)
+    return vertices[used], triangles.reshape(-1, 3)

@@ -1,0 +1,170 @@
+"""Tables in text files: columns by name, numbers in cells, and the line in every refusal. The only reader of them."""
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Complex128, Float64
+
+from airtact.conventions import InvalidInput
+from airtact.printing import in_short
+from airtact.validation import counted
+
+COMMENTS = ("%", "#")
+"""Lines that begin so are comments."""
+
+OTHER_SEPARATORS = {";": "semicolon", "\t": "tab", " ": "space"}
+"""What some programs write between cells in place of commas."""
+
+
+@dataclass(frozen=True, eq=False)
+class TextTable:
+    """Cells of a file, not yet read as numbers.
+
+    Attributes
+    ----------
+    file : its name, for sentences.
+    names : of the columns, in small letters.
+    rows : cells, as many in each row as there are names.
+    lines : the line of each row in the file, from 1.
+    """
+
+    file: str
+    names: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    lines: tuple[int, ...]
+
+    __repr__ = in_short
+
+    def require(self, *names: str) -> None:
+        """Refuse a table without some columns.
+
+        Raises
+        ------
+        InvalidInput
+            A column is missing.
+        """
+        missing = [name for name in names if name not in self.names]
+        if missing:
+            raise InvalidInput(
+                f"{self.file} has no column {', '.join(missing)}: it needs {', '.join(names)}, and has "
+                f"{counted(len(self.names), 'column', 'columns')}, {', '.join(self.names)}."
+            )
+
+    def numbers(self, name: str) -> Float64[np.ndarray, "rows"]:
+        """Read a column as real numbers.
+
+        Parameters
+        ----------
+        name : of the column.
+
+        Raises
+        ------
+        InvalidInput
+            The column is missing, or a cell is no number, NaN or infinite.
+        """
+        found = self.complex_numbers(name)
+        for row in np.flatnonzero(np.imag(found)):
+            raise self._refused(int(row), name, "which is not a real number")
+        return np.ascontiguousarray(np.real(found))
+
+    def complex_numbers(self, name: str) -> Complex128[np.ndarray, "rows"]:
+        """Read a column as complex numbers such as ``0.5-1.2i``; parameters and refusals as ``numbers``."""
+        self.require(name)
+        column = self.names.index(name)
+        found = np.empty(len(self.rows), dtype=np.complex128)
+        for row, cells in enumerate(self.rows):
+            try:
+                found[row] = complex(_plain(cells[column]))
+            except ValueError:
+                raise self._refused(row, name, "which is no number") from None
+            if not np.isfinite(found[row]):
+                raise self._refused(row, name, "which is not finite; leave such lines out")
+        return found
+
+    def _refused(self, row: int, name: str, why: str) -> InvalidInput:
+        cell = self.rows[row][self.names.index(name)]
+        return InvalidInput(f"line {self.lines[row]} of {self.file} has {cell!r} for {name}, {why}.")
+
+
+def read_text_table(path: Path) -> TextTable:
+    """Read a file of cells between commas.
+
+    The first line that is no comment names the columns; where it holds numbers already, the last comment before it
+    does, as COMSOL writes it.
+
+    Parameters
+    ----------
+    path : the file.
+
+    Raises
+    ------
+    InvalidInput
+        The file cannot be read or is no text, cells are parted by other signs, no line names the columns, a name is
+        given twice, or a row has more or fewer cells than there are columns.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise InvalidInput(f"cannot read {path.name or path}: {error.strerror}.") from None
+    except UnicodeDecodeError as error:
+        raise InvalidInput(f"{path.name} is not a text file: byte {error.start} is not UTF-8.") from None
+    head, commented, rows, lines = "", True, [], []
+    for line, words in enumerate(text.splitlines(), start=1):
+        if not words.strip():
+            continue
+        if words.lstrip().startswith(COMMENTS):
+            head = words.lstrip().lstrip("%# ") if commented and not rows else head
+            continue
+        _refuse_other_separators(path.name, line, words)
+        cells = _cells(words)
+        if commented and not rows and not any(_is_number(cell) for cell in cells):
+            head, commented = words, False
+            continue
+        rows.append(cells)
+        lines.append(line)
+    names = _named(path.name, head, len(rows))
+    for line, cells in zip(lines, rows, strict=True):
+        if len(cells) != len(names):
+            raise InvalidInput(
+                f"line {line} of {path.name} has {counted(len(cells), 'cell', 'cells')}, but there are "
+                f"{counted(len(names), 'column', 'columns')}, {', '.join(names)}."
+            )
+    return TextTable(path.name, names, tuple(rows), tuple(lines))
+
+
+def _refuse_other_separators(file: str, line: int, words: str) -> None:
+    for separator, name in OTHER_SEPARATORS.items():
+        count = len(words.strip().split(separator)) - 1
+        if count and "," not in words:
+            raise InvalidInput(
+                f"line {line} of {file} has no comma but {counted(count, name, f'{name}s')}; put commas between cells."
+            )
+
+
+def _named(file: str, head: str, rows: int) -> tuple[str, ...]:
+    if not head:
+        raise InvalidInput(f"{file} has {counted(rows, 'row', 'rows')} of numbers, but no line that names its columns.")
+    names = tuple(name.lower() for name in _cells(head))
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise InvalidInput(f"{file} has {names.count(twice[0])} columns of the name {twice[0]!r}; give each its own.")
+    return names
+
+
+def _cells(line: str) -> tuple[str, ...]:
+    return tuple(cell.strip() for cell in next(csv.reader([line], skipinitialspace=True)))
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        complex(_plain(cell))
+    except ValueError:
+        return False
+    return True
+
+
+def _plain(cell: str) -> str:
+    """COMSOL and MATLAB write i where Python writes j."""
+    return cell.lower().replace(" ", "").replace("i", "j").replace("jnf", "inf")

@@ -1,0 +1,126 @@
+"""Whether a scene or a surface would be accepted, with pictures of its bodies or of the fault. Prints nothing."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from airtact.conventions import InvalidInput, about
+from airtact.figures.body_figure import draw_bodies
+from airtact.figures.fault_figure import draw_fault
+from airtact.figures.picture_file import write_picture
+from airtact.files.atomic import writable_folder
+from airtact.scene.medium import air
+from airtact.scene.scene import Scene, sound_hard
+from airtact.scene.sources import Monopoles
+from airtact.scene_file.bare_triangles import Triangles, bare_triangles
+from airtact.scene_file.building import Setup, drawable_bodies, read_setup
+from airtact.solvers.bem.solver import BoundaryElement
+from airtact.surfaces.files import load_surface
+
+BODIES, FAULT = "bodies.png", "fault.png"
+"""What is written, one or the other."""
+
+Tell = Callable[[str], None]
+
+
+def check_scene(path: Path, folder: Path | None = None, tell: Tell = lambda step: None) -> Setup:
+    """Read a scene file and build what it describes.
+
+    Parameters
+    ----------
+    path : the TOML file.
+    folder : where the picture goes; none without it.
+    tell : is told each step as it begins.
+
+    Raises
+    ------
+    InvalidInput
+        The file is at fault, or the folder; a picture of the bodies, with the place of the fault, is written before.
+    """
+    tell(f"reading {path.name}")
+    with _pictured(folder, lambda: drawable_bodies(path), tell):
+        setup = read_setup(path)
+    if folder is not None:
+        tell(f"drawing {folder / BODIES}")
+        bodies = [obstacle.surface for obstacle in setup.scene.obstacles]
+        write_picture(folder / BODIES, draw_bodies(bodies, setup.bodies, setup.target.points))
+    return setup
+
+
+def check_surface_file(
+    path: Path, folder: Path | None = None, tell: Tell = lambda step: None, **settings: float
+) -> Scene:
+    """Read a surface file and put it into air as a sound-hard body, as a scene at 40 kHz would.
+
+    Parameters
+    ----------
+    path : an STL, PLY, OBJ or GLB file.
+    folder : where the picture goes; none without it.
+    tell : is told each step as it begins.
+    settings : ``scale``, ``largest_hole`` and ``sharp_degrees`` of ``load_surface``.
+
+    Raises
+    ------
+    InvalidInput
+        The surface is at fault, or the folder; a picture of the triangles, with the place of the fault, is written
+        before.
+    """
+
+    def triangles() -> list[Triangles]:
+        bare = bare_triangles(path, settings.get("scale", 1.0))
+        return [] if bare is None else [bare]
+
+    tell(f"reading {path.name}")
+    with _pictured(folder, triangles, tell):
+        surface = load_surface(path, **settings)
+        with about(path.name):
+            scene = Scene(air(), [sound_hard(surface)])
+    if folder is not None:
+        tell(f"drawing {folder / BODIES}")
+        write_picture(folder / BODIES, draw_bodies([surface], [path.name]))
+    return scene
+
+
+def unknowns_by_accuracy(scene: Scene) -> dict[float, int]:
+    """Count the unknowns that solving a scene takes with no focus near its bodies, at 1 % and at 3 %.
+
+    Parameters
+    ----------
+    scene : the bodies.
+    """
+    lowest = np.min([obstacle.surface.vertices.min(axis=0) for obstacle in scene.obstacles], axis=0)
+    far = Monopoles((lowest - 1.0)[None], np.ones(1))
+    return {accuracy: BoundaryElement(accuracy=accuracy).unknowns(scene, far) for accuracy in (0.01, 0.03)}
+
+
+@contextmanager
+def _pictured(folder: Path | None, bodies: Callable[[], list[Triangles]], tell: Tell) -> Iterator[None]:
+    """Draw the fault of what is refused inside."""
+    if folder is None:
+        yield
+        return
+    try:
+        yield
+    except InvalidInput as fault:
+        try:
+            drawable = bodies()
+        except InvalidInput:
+            drawable = []
+        if drawable:
+            _clear(folder)
+            tell(f"drawing the fault into {folder / FAULT}")
+            starts = np.cumsum([0] + [len(vertices) for vertices, _ in drawable])
+            vertices = np.concatenate([vertices for vertices, _ in drawable])
+            triangles = np.concatenate([named + start for (_, named), start in zip(drawable, starts, strict=False)])
+            write_picture(folder / FAULT, draw_fault(vertices, triangles, str(fault), fault.place))
+        raise
+    _clear(folder)
+
+
+def _clear(folder: Path) -> None:
+    # An older picture must not stand beside what is said now.
+    writable_folder(folder)
+    for name in (BODIES, FAULT):
+        (folder / name).unlink(missing_ok=True)

@@ -1,0 +1,151 @@
+"""From a scene file to a page that compares all ways to make its drive on one transfer matrix. Prints nothing."""
+
+import csv
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from jaxtyping import Complex128
+
+from airtact.conventions import InvalidInput
+from airtact.evaluation.metrics import pressures_at_foci
+from airtact.evaluation.windows import plane_through
+from airtact.figures.field_figure import Cut, cut_bodies
+from airtact.files.atomic import whole_file, writable_folder
+from airtact.files.drives import write_drive_h5
+from airtact.pages.methods_page import Contender, Contest, write_methods_page
+from airtact.scene_file.building import Setup, read_setup
+from airtact.solvers.problem import SolveReport
+from airtact.steps import Clock, Keeping, finer, heard_foci, kept, synthesised
+from airtact.synthesis.methods import METHODS
+from airtact.synthesis.quantise import quantise
+from airtact.synthesis.upper_bound import upper_bound
+from airtact.transfer import Drive, TransferMatrix, focus_by_distance
+
+FILES = ("methods.csv", "methods.html")
+"""What a comparison writes beside the drives, in this order."""
+
+IGNORED = "hand ignored"
+"""What the control is called: phases from distances alone."""
+
+
+def compare_methods(
+    path: Path, folder: Path, tell: Callable[[str], None] = lambda step: None, store: Path | None = None
+) -> Contest:
+    """Make the drive of a scene file by every method, judge all by one finer solution, and write a page about it.
+
+    Parameters
+    ----------
+    path : the scene file; the method that it names plays no part.
+    folder : where `FILES` go and, below ``drives``, one HDF5 file for each method; made if it is not there.
+    tell : is told each step as it begins.
+    store : folder where solved fields are kept and looked for; None to solve all anew.
+
+    Returns
+    -------
+    What the page shows.
+
+    Raises
+    ------
+    InvalidInput
+        The scene file or the folder is at fault; nothing was solved then. Or no method makes a drive.
+    NotConverged
+        A solver stopped early; drives that were written stay.
+    """
+    clock = Clock(tell)
+    with clock.step("scene", f"reading {path.name}"):
+        setup = _fresh_setup(path, folder)
+    transfer, beacons = heard_foci(setup, clock, store)
+    with clock.step("drives", f"making the drive by {len(METHODS)} methods"):
+        drives, seconds, said = _all_drives(setup, transfer)
+        bound = upper_bound(transfer, setup.target).worst
+    _write_drives(folder / "drives", setup, transfer, beacons, drives)
+    emitted = {name: quantise(drive).drive() for name, drive in drives.items()}
+    with clock.step("judge", f"judging {len(drives)} drives by a finer solution with all transducers as sources"):
+        judge = Keeping(kept(finer(setup), store))
+        heard, report = pressures_at_foci(setup.scene, setup.array, list(emitted.values()), setup.target, judge)
+        quiet = np.abs(judge.field.at(setup.target.quiet).T)
+    with clock.step("cuts", "computing the fields in the pictures"):
+        cut = _cut(setup, judge, list(drives))
+    contenders = [
+        Contender(name, drives[name], emitted[name], np.abs(pressures), levels, seconds[name])
+        for name, pressures, levels in zip(drives, heard, quiet, strict=True)
+    ]
+    contest = Contest(
+        title=path.stem.replace("_", " "),
+        text=setup.text,
+        target=setup.target,
+        foci=setup.foci,
+        bodies=setup.bodies,
+        contenders=contenders,
+        said=said,
+        transfer=transfer,
+        bound=bound,
+        report=report,
+        cut=cut,
+        seconds=clock.seconds,
+    )
+    tell("drawing the page")
+    _write_table(folder / FILES[0], contest)
+    write_methods_page(folder / FILES[1], contest)
+    return contest
+
+
+def _fresh_setup(path: Path, folder: Path) -> Setup:
+    setup = read_setup(path)
+    writable_folder(folder / "drives")
+    for name in FILES:
+        (folder / name).unlink(missing_ok=True)
+    return setup
+
+
+def _write_drives(
+    folder: Path, setup: Setup, transfer: TransferMatrix, beacons: SolveReport, drives: dict[str, Drive]
+) -> None:
+    texts = {"scene": setup.text, "report": msgspec.json.encode(beacons).decode()}
+    for name, drive in drives.items():
+        file = folder / f"{name.replace(' ', '_')}.h5"
+        write_drive_h5(file, setup.array, drive, quantise(drive), transfer, setup.target, texts)
+
+
+def _all_drives(setup: Setup, transfer: TransferMatrix) -> tuple[dict[str, Drive], dict[str, float], list[str]]:
+    """Make a drive by each method: drives, seconds, and sentences of those that refused or stalled."""
+    drives, seconds, said = {}, {}, []
+    for name, method in METHODS.items():
+        begun = time.perf_counter()
+        words = name.replace("_", " ")
+        try:
+            drives[words], notes = synthesised(method, transfer, setup.target)
+        except InvalidInput as fault:
+            notes = (f"{words} made no drive: {fault}",)
+        said += notes
+        seconds[words] = time.perf_counter() - begun
+    if not drives:
+        raise InvalidInput(f"0 of {len(METHODS)} methods make a drive; {said[0]}")
+    begun = time.perf_counter()
+    drives[IGNORED] = focus_by_distance(setup.array, setup.target, setup.scene.medium, setup.scene.frequency)
+    seconds[IGNORED] = time.perf_counter() - begun
+    return drives, seconds, said
+
+
+def _cut(setup: Setup, judge: Keeping, names: list[str]) -> Cut:
+    """Cut the judging field through the foci."""
+    obstacles = setup.scene.obstacles
+    vertices = np.concatenate([np.empty((0, 3)), *(obstacle.surface.vertices for obstacle in obstacles)])
+    window = plane_through(setup.target.points, vertices, setup.scene.wavelength)
+    solid = [obstacle.surface for obstacle in obstacles if obstacle.boundary != "filled"]
+    heard: Complex128[np.ndarray, "points drives"] = judge.field.at(window.points)
+    return Cut(window, dict(zip(names, heard.T, strict=True)), cut_bodies(window, solid))
+
+
+def _write_table(file: Path, contest: Contest) -> None:
+    """Write a row for each method and focus."""
+    with whole_file(file) as partial, partial.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(["method", "focus", "pressure_Pa", "weight", "energy", "seconds"])
+        for one in contest.contenders:
+            for focus, pressure, weight in zip(contest.foci, one.pressures, contest.target.weights, strict=True):
+                numbers = [f"{pressure:.6g}", f"{weight:.6g}", f"{one.energy:.6g}", f"{one.seconds:.3g}"]
+                writer.writerow([one.name, focus, *numbers])

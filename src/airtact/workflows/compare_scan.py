@@ -1,0 +1,94 @@
+"""From a measured scan and a scene file to how well they agree. Prints nothing."""
+
+import csv
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from airtact.conventions import about
+from airtact.evaluation.field import drive_sources
+from airtact.evaluation.microphone import Microphone
+from airtact.evaluation.scan import Overlay, load_scan, overlay_scan
+from airtact.figures.picture_file import write_picture
+from airtact.figures.scan_figure import draw_overlay
+from airtact.files.atomic import whole_file, writable_folder
+from airtact.scene_file.building import read_setup
+from airtact.solvers.problem import SolveReport
+from airtact.steps import Clock, finer, heard_foci, synthesised
+from airtact.synthesis.quantise import quantise
+
+FILES = ("overlay.csv", "overlay.png")
+"""What a comparison with a scan writes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """A scan beside its prediction, and how the latter was solved.
+
+    Attributes
+    ----------
+    overlay : both, and how far they differ.
+    report : of the solver that predicted.
+    said : of the method having stopped early.
+    """
+
+    overlay: Overlay
+    report: SolveReport
+    said: tuple[str, ...]
+
+
+def compare_scan(
+    scan_file: Path,
+    scene_file: Path,
+    folder: Path,
+    microphone: Microphone,
+    tell: Callable[[str], None] = lambda step: None,
+) -> Compared:
+    """Predict what a microphone reads in a scene, and hold a measured scan against it after one complex scale.
+
+    Parameters
+    ----------
+    scan_file : a .csv file with the columns x, y, z [m] in the obstacles' frame, pressure and perhaps phase [rad].
+    scene_file : the scene file; its drive, rounded to 256 levels, is played.
+    folder : where `FILES` go; made if it is not there.
+    microphone : what the scan was measured with.
+    tell : is told each step as it begins.
+
+    Raises
+    ------
+    InvalidInput
+        A file or the folder is at fault, or too few positions can be predicted.
+    NotConverged
+        A solver stopped early.
+    """
+    clock = Clock(tell)
+    with clock.step("scene", f"reading {scan_file.name} and {scene_file.name}"):
+        scan, setup = load_scan(scan_file), read_setup(scene_file)
+        writable_folder(folder)
+    transfer, _ = heard_foci(setup, clock)
+    made, said = synthesised(setup.synthesise, transfer, setup.target)
+    drive = quantise(made).drive()
+    with clock.step("judge", "predicting by a finer solution with all transducers as sources"):
+        field = finer(setup).radiate(setup.scene, drive_sources(setup.array, [drive]))
+    with clock.step("scan", f"listening at {len(scan.points)} positions"):
+        predicted = microphone.hear(field, scan.points)[:, 0]
+    with about(scan_file.name):
+        compared = Compared(overlay_scan(scan, predicted), field.report, said)
+    _write_table(folder / FILES[0], compared.overlay)
+    write_picture(folder / FILES[1], draw_overlay(compared.overlay))
+    return compared
+
+
+def _write_table(file: Path, found: Overlay) -> None:
+    """Write a row for each position: what was measured, and what was predicted times the scale."""
+    with whole_file(file) as partial, partial.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(["x", "y", "z", "measured", "measured_phase", "predicted", "predicted_phase"])
+        for point, measured, predicted in zip(
+            found.scan.points, found.scan.pressures, found.scale * found.predicted, strict=True
+        ):
+            phase = f"{np.angle(measured):.6g}" if found.scan.phased else ""
+            numbers = [f"{np.abs(measured):.6g}", phase, f"{np.abs(predicted):.6g}", f"{np.angle(predicted):.6g}"]
+            writer.writerow([*(f"{number:.9g}" for number in point), *numbers])

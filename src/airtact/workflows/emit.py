@@ -1,0 +1,234 @@
+"""From a drive file to boards: what it takes, what it costs, and playing it. Prints nothing."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Complex128, Float64
+
+from airtact.conventions import InvalidInput, about
+from airtact.evaluation.thresholds import sound_pressure_level
+from airtact.files.drives import StoredDrive, read_drive_h5
+from airtact.hardware.autd3_link import AUTD3Link
+from airtact.hardware.codecs import codec_of
+from airtact.hardware.emission import Emission, Played
+from airtact.hardware.file_link import FileLink, Frames, write_frames
+from airtact.hardware.link import Link
+from airtact.hardware.loudness import faded, loudest_around, share_under_cap
+from airtact.hardware.serial_link import SerialLink
+from airtact.pose import Pose
+from airtact.scene.medium import air
+from airtact.scene_file.tables import parse_scene
+from airtact.synthesis.quantise import quantise, rounding_error
+from airtact.synthesis.sequence import Sequence
+from airtact.transducers.boards import Board, board_named, boards_needed, poses_of_boards
+from airtact.transducers.element import DEFAULT_SENSITIVITY
+from airtact.transfer import Drive
+from airtact.validation import counted, positive
+
+FREQUENCY = 40e3
+"""What all boards here play [Hz]."""
+
+MOST_LOOKED_AT = 32
+"""Of a sequence so many frames, the most powerful, are looked at for what rounding costs and how loud it is."""
+
+LINKS = ("audit", "ethercrab", "twincat", "remote", "simulator", "serial", "file")
+"""Ways to boards, by name."""
+
+LINKS_OF = {
+    "autd3": ("audit", "ethercrab", "twincat", "remote", "simulator", "file"),
+    "sonicsurface": ("serial", "file"),
+    "nano16": ("serial", "file"),
+    "openmpd": ("file",),
+}
+"""Which of them go to which board."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What would be emitted.
+
+    Attributes
+    ----------
+    stored : the drive or sequence.
+    board : the kind of board.
+    poses : where each stands.
+    rounding : (F,) relative change of the pressure at each focus that the board's levels make, the worst over the
+        most powerful frames; None where the file does not tell how the foci hear the elements.
+    head : loudest level half a metre off the array [dB].
+    cap : loudest that an element may be, in per cent of full scale.
+    """
+
+    stored: StoredDrive
+    board: Board
+    poses: tuple[Pose, ...]
+    rounding: Float64[np.ndarray, "foci"] | None
+    head: float
+    cap: float
+
+
+def plan(path: Path, board: str, cap: float = 100.0) -> Plan:
+    """Read a drive and see whether boards can play it, what rounding costs, and how loud it would be.
+
+    Parameters
+    ----------
+    path : the drive.h5.
+    board : name of the kind of board.
+    cap : loudest that an element may be, in per cent of full scale.
+
+    Raises
+    ------
+    InvalidInput
+        If the file is no drive, its transducers are not laid out like boards of that kind, it is for another frequency,
+        or the cap is not above 0 and at most 100.
+    """
+    kind = board_named(board)
+    stored = read_drive_h5(path)
+    with about(path.name):
+        boards_needed(kind, stored.drives.shape[1])
+        if not stored.drives.any():
+            raise InvalidInput(
+                f"the drive is silent: all {stored.drives.size} amplitudes are 0, so nothing would sound."
+            )
+        speed = _sound_speed(stored)
+        poses = tuple(poses_of_boards(kind, stored.positions, stored.normals))
+    levels = codec_of(kind).levels
+    share = share_under_cap(stored.drives, levels, cap)
+    loud = _most_powerful(stored.drives)
+    played = np.stack([faded(Drive(row), levels, share).drive().amplitudes for row in loud])
+    sensitivity = DEFAULT_SENSITIVITY if stored.sensitivity is None else stored.sensitivity
+    around = loudest_around(stored.positions, played, sensitivity, 2 * np.pi * FREQUENCY / speed)
+    head = float(sound_pressure_level(np.array([around]))[0])
+    return Plan(stored, kind, poses, _rounding(stored, loud, kind), head, cap)
+
+
+def _most_powerful(drives: Complex128[np.ndarray, "frames elements"]) -> Complex128[np.ndarray, "loud elements"]:
+    return drives[np.argsort(-np.linalg.norm(drives, axis=1), kind="stable")[:MOST_LOOKED_AT]]
+
+
+def _rounding(
+    stored: StoredDrive, loud: Complex128[np.ndarray, "loud elements"], board: Board
+) -> Float64[np.ndarray, "foci"] | None:
+    transfer, levels = stored.transfer, codec_of(board).levels
+    if transfer is None or transfer.matrix.shape[1] != loud.shape[1]:
+        return None
+    pairs = [(drive, quantise(drive, levels)) for drive in (Drive(row) for row in loud)]
+    heard = [rounding_error(transfer, drive, frame) for drive, frame in pairs if not frame.silent]
+    if not heard:
+        return None
+    changes = np.array(heard)
+    return changes[np.abs(changes).argmax(axis=0), np.arange(changes.shape[1])]
+
+
+def _sound_speed(stored: StoredDrive) -> float:
+    """Return the speed of sound that the drive was made with; refuse another frequency than the boards play."""
+    if stored.scene is None:
+        return air().sound_speed
+    scene = parse_scene(stored.scene)
+    if abs(scene.frequency - FREQUENCY) > 1.0:
+        raise InvalidInput(
+            f"the drive is for {scene.frequency:g} Hz, and boards play {FREQUENCY:g} Hz: make it for that."
+        )
+    if scene.medium.sound_speed is not None:
+        return scene.medium.sound_speed
+    weather = {key: value for key in ("celsius", "humidity") if (value := getattr(scene.medium, key)) is not None}
+    return air(**weather, frequency=scene.frequency).sound_speed
+
+
+def link_for(
+    made: Plan, link: str, address: str | None = None, port: str | None = None, out: Path | None = None
+) -> Link:
+    """Choose the link that a plan's boards are spoken to through.
+
+    Parameters
+    ----------
+    made : the plan.
+    link : one of ``LINKS``.
+    address : interface, AMS net id or host:port, for AUTD3.
+    port : serial port.
+    out : file.
+
+    Raises
+    ------
+    InvalidInput
+        If there is no such link to that board, or what it needs is not given.
+    """
+    board, count = made.board.name, len(made.poses)
+    if link not in LINKS_OF[board]:
+        raise InvalidInput(
+            f"{board} has no {link!r} link, it has {len(LINKS_OF[board])}: {', '.join(LINKS_OF[board])}."
+        )
+    for name, given, owners in (
+        ("--address", address, LINKS[1:5]),
+        ("--port", port, ("serial",)),
+        ("--out", out, ("file",)),
+    ):
+        if given is not None and link not in owners:
+            raise InvalidInput(f"{name} {given} does not go with the {link} link: leave it out.")
+    if link == "file":
+        if out is None:
+            raise InvalidInput("the file link needs 1 file: give --out, such as frames.npz.")
+        return FileLink(out, board, count)
+    if link == "serial":
+        if port is None:
+            raise InvalidInput("the serial link needs 1 port: give --port, such as /dev/ttyUSB0.")
+        return SerialLink(port, board, count)
+    return AUTD3Link(made.poses, link, address, _sound_speed(made.stored))
+
+
+def emit(made: Plan, link: Link, seconds: float, tell: Callable[[str], None] = lambda step: None) -> Played | None:
+    """Play a plan for some time, then silence the boards.
+
+    Parameters
+    ----------
+    made : the plan.
+    link : see ``link_for``.
+    seconds : how long.
+    tell : is told each step as it begins.
+
+    Returns
+    -------
+    What was played of a sequence; None for a single drive.
+
+    Raises
+    ------
+    InvalidInput
+        If the link cannot be opened, or the boards refuse the sequence; nothing was emitted then.
+    LinkFailed
+        If the link fails, with what was sent last.
+    """
+    seconds = positive(seconds, "how long to emit", "s")
+    stored, played = made.stored, None
+    if stored.rate is not None and len(stored.drives) > 1:
+        link.check_sequence(len(stored.drives), stored.rate)
+    tell(f"opening the {link.name} link to {link.devices}")
+    with Emission(link, cap=made.cap) as emission:
+        tell(f"emitting for {seconds:g} s")
+        if stored.rate is not None and len(stored.drives) > 1:
+            played = emission.play(Sequence(stored.drives, stored.rate), seconds)
+        else:
+            emission.send(Drive(stored.drives[0]))
+            emission.hold(seconds)
+        tell("silencing")
+    return played
+
+
+def export(made: Plan, out: Path) -> str:
+    """Write a plan's frames to a file, without ramp and silence.
+
+    Parameters
+    ----------
+    made : the plan.
+    out : the file, .npz, .csv, .h5 or .bin.
+
+    Returns
+    -------
+    What was written, in words.
+    """
+    levels = codec_of(made.board).levels
+    share = share_under_cap(made.stored.drives, levels, made.cap)
+    frames = tuple(faded(Drive(row), levels, share) for row in made.stored.drives)
+    seconds = np.arange(len(frames)) / (made.stored.rate or 1.0)
+    write_frames(out, Frames(made.board.name, frames, seconds))
+    return f"{counted(len(frames), 'frame', 'frames')} for {counted(len(made.poses), 'board', 'boards')}"

@@ -1,0 +1,178 @@
+"""From a pose or a cloud to the skin of the hand, its file, its picture and what touches. Prints nothing."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+from jaxtyping import Float64
+
+from airtact.conventions import InvalidInput
+from airtact.figures.cloud_figure import draw_cloud
+from airtact.figures.panel_figure import draw_panels
+from airtact.figures.picture_file import write_picture
+from airtact.files.atomic import writable_folder
+from airtact.files.panels import EDGE, check_ending, checked_edge, write_panels
+from airtact.hand.files import load_hand, load_landmarks
+from airtact.hand.fitting.cloud_files import load_cloud
+from airtact.hand.fitting.fit import FittedHand, fit_hand
+from airtact.hand.hand import Hand, Side
+from airtact.hand.joints import CHAINS, FINGERS
+from airtact.mesh.quadratic_triangles import SixNodes, smallest_angles
+from airtact.surfaces.mesh_shape import CurvedShape
+from airtact.surfaces.panels import Panels
+from airtact.surfaces.surface import Surface
+
+
+@dataclass(frozen=True, eq=False)
+class Posed:
+    """The skin of a hand that was made and written.
+
+    Attributes
+    ----------
+    hand : the hand.
+    surface : its skin.
+    panels : curved panels on this.
+    file, picture : what was written.
+    """
+
+    hand: Hand
+    surface: Surface
+    panels: Panels
+    file: Path
+    picture: Path
+
+    @property
+    def places(self) -> Mapping[str, Float64[np.ndarray, "3"]]:
+        """Points of the skin that a target can name (3,) [m]."""
+        return {name: point for name, (point, _) in self.hand.places.items()}
+
+    @property
+    def smallest_angle(self) -> float:
+        """Smallest angle of the worst panel [degrees]."""
+        return float(smallest_angles(self.panels.six_nodes).min())
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted(Posed):
+    """The skin of a hand that was found in a cloud and written.
+
+    Attributes
+    ----------
+    fitted : what was found.
+    distances : (N,) of its points from the skin, positive outside [m].
+    """
+
+    fitted: FittedHand
+    distances: Float64[np.ndarray, "points"]
+
+    @property
+    def places(self) -> Mapping[str, Float64[np.ndarray, "3"]]:
+        """Points of the skin that a target can name (3,) [m]."""
+        points = np.array([point for point, _ in self.hand.places.values()])
+        return dict(zip(self.hand.places, self.surface.shape.project(points), strict=True))
+
+    @property
+    def errors(self) -> Mapping[str, float]:
+        """Standard deviation of the position of each place, by that of the joints beside it [m]."""
+        beside = {f"{finger}.pad": list(chain[-2:]) for finger, chain in zip(FINGERS, CHAINS, strict=True)}
+        beside["palm"] = [joint for chain in CHAINS[1:] for joint in chain[:2]]
+        return {name: float(np.sqrt(np.mean(self.fitted.joint_errors[own] ** 2))) for name, own in beside.items()}
+
+    @property
+    def usual(self) -> float:
+        """Half of them, without strays, are nearer than this [m]."""
+        return float(np.median(np.abs(self.distances[~self.fitted.strays])))
+
+
+def pose(
+    path: Path,
+    file: Path,
+    gap: float | None = None,
+    edge: float | None = None,
+    tell: Callable[[str], None] = lambda step: None,
+) -> Posed:
+    """Read a pose, make the skin of the hand and write it, with a picture of the same name beside it.
+
+    Parameters
+    ----------
+    path : a JSON file, see ``load_hand``.
+    file : where the skin goes; its ending says how, see ``write_panels``.
+    gap : opens thumb and index finger until their last phalanges are so far apart [m]; None leaves the pose.
+    edge : of the triangles [m]; 4 mm unless given.
+    tell : is told each step as it begins.
+
+    Raises
+    ------
+    InvalidInput
+        The pose or a number is at fault, or the skin cannot be written there.
+    """
+    tell(f"reading {path.name}")
+    check_ending(file)
+    if path.resolve() == file.resolve():
+        raise InvalidInput(f"the skin would take the place of {path.name}, the 1 file that it is made from.")
+    edge = EDGE if edge is None else checked_edge(edge)
+    hand = load_hand(path, gap)
+    writable_folder(file.parent)
+    tell(f"making triangles of {1e3 * edge:.3g} mm")
+    panels = _written(hand.shape.panels(edge), file, tell)
+    picture = file.with_suffix(".png")
+    tell(f"drawing {picture.name}")
+    write_picture(picture, draw_panels(panels.six_nodes))
+    return Posed(hand, hand.surface, panels, file, picture)
+
+
+def fit(
+    cloud: Path,
+    landmarks: Path,
+    file: Path,
+    camera: tuple[float, float, float] | None = None,
+    edge: float | None = None,
+    tell: Callable[[str], None] = lambda step: None,
+) -> Fitted:
+    """Read a cloud and rough landmarks, fit a hand to them and write its skin, with a picture beside it.
+
+    The skin is the one that was brought to the points, ``FittedHand.surface``.
+
+    Parameters
+    ----------
+    cloud : see ``load_cloud``.
+    landmarks : see ``load_landmarks``.
+    file : where the skin goes; its ending says how, see ``write_panels``.
+    camera : where all points were seen from [m]; None for from many sides.
+    edge : of the triangles [m]; that of ``FittedHand.surface`` unless given.
+    tell : is told each step as it begins.
+
+    Raises
+    ------
+    InvalidInput
+        A file or a number is at fault, the hand is refused, or the skin cannot be written there.
+    """
+    tell(f"reading {cloud.name}")
+    check_ending(file)
+    if file.resolve() in (cloud.resolve(), landmarks.resolve()):
+        raise InvalidInput(f"the skin would take the place of {file.name}, 1 of the files that it is made from.")
+    edge = None if edge is None else checked_edge(edge)
+    points, (joints, side) = load_cloud(cloud), load_landmarks(landmarks)
+    writable_folder(file.parent)
+    tell(f"fitting a hand to {len(points):,} points")
+    eye = None if camera is None else np.array(camera, dtype=np.float64)
+    fitted = fit_hand(points, joints, cast("Side | None", side), eye)
+    tell("bringing its skin to the points")
+    surface = fitted.surface if edge is None else fitted.skin(edge)
+    shape = surface.shape
+    panels = _written(shape.six_nodes if isinstance(shape, CurvedShape) else shape.panels(edge or EDGE), file, tell)
+    picture = file.with_suffix(".png")
+    tell(f"drawing {picture.name}")
+    distances = -shape.depth(fitted.points)
+    write_picture(picture, draw_cloud(panels.six_nodes, fitted, distances))
+    return Fitted(fitted.hand, surface, panels, file, picture, fitted, distances)
+
+
+def _written(six_nodes: SixNodes, file: Path, tell: Callable[[str], None]) -> Panels:
+    ones = np.zeros(len(six_nodes))
+    panels = Panels(six_nodes, ones.astype(np.int64), ones, np.zeros(1), np.zeros(1))
+    tell(f"writing {file.name}")
+    write_panels(file, panels)
+    return panels

@@ -1,0 +1,161 @@
+"""From a surface file to curved panels, their file, their picture and their quality. Prints nothing."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from airtact.conventions import InvalidInput, about
+from airtact.figures.panel_figure import draw_panels
+from airtact.figures.picture_file import write_picture
+from airtact.files.atomic import writable_folder
+from airtact.files.panels import check_ending, write_panels
+from airtact.mesh.quadratic_triangles import enclosed_volume, longest_edges, panel_areas, smallest_angles, with_middles
+from airtact.mesh.topology import cone_volumes
+from airtact.scene.medium import air
+from airtact.solvers.bem.solver import BoundaryElement
+from airtact.surfaces.checks import check_surface
+from airtact.surfaces.files import load_surface
+from airtact.surfaces.panels import Panels
+from airtact.surfaces.surface import Surface, extent_of
+from airtact.validation import positive
+
+WAVELENGTH = air(celsius=20.0).wavelength(40e3)
+"""Of the sound that panels are made for unless their edge is given [m]."""
+
+FAR = 1.0 / 20.0
+"""Share of the wavelength above which panels lie too far from the triangles given."""
+
+MOST_PANELS = 300_000
+"""More are refused: they take minutes to make, and no solver takes a tenth of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Meshed:
+    """Panels that were made and written.
+
+    Attributes
+    ----------
+    surface : what was read.
+    edge : of the equilateral triangle as large as the panels wanted [m].
+    panels : what was made.
+    file, picture : what was written.
+    open_edges : edges of flat triangles that have no neighbour in the file.
+    """
+
+    surface: Surface
+    edge: float
+    panels: Panels
+    file: Path
+    picture: Path
+    open_edges: int
+
+    @property
+    def area(self) -> float:
+        """Area of the panels [m²]."""
+        return float(panel_areas(self.panels.six_nodes).sum())
+
+    @property
+    def volume(self) -> float:
+        """Volume inside the panels [m³]."""
+        return enclosed_volume(self.panels.six_nodes)
+
+    @property
+    def given_area(self) -> float:
+        """Area of the triangles given [m²]."""
+        return float(panel_areas(with_middles(self.surface.corners)).sum())
+
+    @property
+    def given_volume(self) -> float:
+        """Volume inside the triangles given [m³]."""
+        return float(cone_volumes(self.surface.corners).sum())
+
+    @property
+    def angles(self) -> tuple[float, float]:
+        """Smallest angle of the worst panel and of the first percentile [degrees]."""
+        angles = smallest_angles(self.panels.six_nodes)
+        return float(angles.min()), float(np.percentile(angles, 1))
+
+    @property
+    def longest_edge(self) -> float:
+        """Longest edge of a panel, from corner to corner [m]."""
+        return float(longest_edges(self.panels.six_nodes).max())
+
+    @property
+    def warning(self) -> str | None:
+        """What must be said of panels that lie far from the triangles given."""
+        farthest = float(self.panels.farthest.max())
+        if farthest <= FAR * WAVELENGTH:
+            return None
+        return (
+            f"the panels lie up to {1e3 * farthest:.2g} mm off the triangles given, more than 1/20 of the wavelength "
+            f"of {1e3 * WAVELENGTH:.3g} mm: these are coarse for a curved skin; give a finer mesh, or --sharp 0 if it "
+            "shall be faceted."
+        )
+
+
+def usual_edge() -> float:
+    """Edge of the panels that a solve of 1 % takes at 40 kHz in air of 20 °C [m].
+
+    >>> f"{1e3 * usual_edge():.2f} mm"
+    '5.49 mm'
+    """
+    return WAVELENGTH * math.sqrt(6.0 / BoundaryElement(accuracy=0.01).nodes_per_square_wavelength * 4.0 / math.sqrt(3))
+
+
+def mesh(
+    path: Path,
+    file: Path,
+    edge: float | None = None,
+    tell: Callable[[str], None] = lambda step: None,
+    **settings: float,
+) -> Meshed:
+    """Read a surface, cover it with curved panels and write them with a picture of the same name beside them.
+
+    Parameters
+    ----------
+    path : an STL, PLY, OBJ or GLB file.
+    file : where the panels go; its ending says how, see ``write_panels``.
+    edge : of the equilateral triangle as large as the panels wanted [m]; ``usual_edge`` unless given.
+    tell : is told each step as it begins.
+    settings : ``scale``, ``largest_hole`` and ``sharp_degrees`` of ``load_surface``.
+
+    Raises
+    ------
+    InvalidInput
+        The surface or a number is at fault, or the panels cannot be written there.
+    """
+    tell(f"reading {path.name}")
+    check_ending(file)
+    if path.resolve() == file.resolve():
+        raise InvalidInput(f"the panels would take the place of {path.name}, the 1 file that they are made from.")
+    surface = load_surface(path, **settings)
+    with about(path.name):
+        check_surface(surface)
+    edge = usual_edge() if edge is None else _checked_edge(edge, surface)
+    writable_folder(file.parent)
+    tell(f"making panels of {1e3 * edge:.3g} mm")
+    panels = surface.panelled(edge)
+    tell(f"writing {file.name}")
+    open_edges = write_panels(file, panels)
+    picture = file.with_suffix(".png")
+    tell(f"drawing {picture.name}")
+    write_picture(picture, draw_panels(panels.six_nodes))
+    return Meshed(surface, edge, panels, file, picture, open_edges)
+
+
+def _checked_edge(edge: float, surface: Surface) -> float:
+    edge, extent = positive(edge, "edge", "m"), extent_of(surface)
+    if edge > extent:
+        raise InvalidInput(
+            f"edge is {edge:g} m, but the surface spans {1e3 * extent:.3g} mm: is it in millimetres? Give metres."
+        )
+    count = surface.area / (math.sqrt(3) / 4 * edge**2)
+    if count > MOST_PANELS:
+        raise InvalidInput(
+            f"edge is {edge:g} m, which makes {count:.2g} panels of this surface, more than {MOST_PANELS:g}; give a "
+            "larger one."
+        )
+    return edge

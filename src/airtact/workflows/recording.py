@@ -1,0 +1,100 @@
+"""From a recording of hands to a picture of their pads over time, and the skins of chosen frames. Prints nothing."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from airtact.conventions import InvalidInput, about
+from airtact.figures.picture_file import write_picture
+from airtact.figures.track_figure import draw_tracks
+from airtact.files.atomic import writable_folder
+from airtact.files.panels import EDGE, check_ending, checked_edge, write_panels
+from airtact.hand.hand import Side
+from airtact.surfaces.panels import Panels
+from airtact.tracking.frame import HandFrame
+from airtact.tracking.pads import PadTrack, pads_over_time
+from airtact.tracking.recordings import Recording, load_recording
+
+SIDES: tuple[Side, ...] = ("left", "right")
+
+
+@dataclass(frozen=True, eq=False)
+class Replayed:
+    """What was found in a recording, and what was written.
+
+    Attributes
+    ----------
+    recording : the frames, and what was wrong with them.
+    tracks : the pads of each hand in it.
+    skins : files of the skins of chosen frames.
+    picture : of the pads over time.
+    """
+
+    recording: Recording
+    tracks: tuple[PadTrack, ...]
+    skins: tuple[Path, ...]
+    picture: Path
+
+
+def replay_recording(
+    path: Path,
+    file: Path,
+    chosen: Sequence[int] = (),
+    leave_out: bool = False,
+    edge: float = EDGE,
+    tell: Callable[[str], None] = lambda step: None,
+) -> Replayed:
+    """Read a recording, draw the pads over time, and write the skins of chosen frames.
+
+    Parameters
+    ----------
+    path : of the recording, see ``load_recording``.
+    file : where the skin of a frame goes; its ending says how, see ``write_panels``. With several frames, or two hands,
+        side and number of each stand in its name. The picture beside it has the same name.
+    chosen : sequence numbers of frames; the first that has landmarks unless given.
+    leave_out : whether faulty frames are left out and counted instead of refused.
+    edge : of the triangles [m].
+    tell : is told each step as it begins.
+
+    Raises
+    ------
+    InvalidInput
+        The recording is refused, has no such frame or no landmarks, or nothing can be written there.
+    """
+    check_ending(file)
+    edge = checked_edge(edge)
+    tell(f"reading {path.name}")
+    recording = load_recording(path, leave_out)
+    with about(path.name):
+        frames = _chosen(recording, chosen)
+    tell(f"finding the pads in {len(recording.frames):,} frames")
+    seen = {frame.side for frame in recording.frames if frame.landmarks is not None}
+    tracks = tuple(pads_over_time(recording.frames, side) for side in SIDES if side in seen)
+    writable_folder(file.parent)
+    skins = []
+    for frame in frames:
+        named = file if len(frames) == 1 else file.with_stem(f"{file.stem}_{frame.side}_{frame.sequence}")
+        tell(f"writing {named.name}")
+        six_nodes = frame.hand().shape.panels(edge)
+        ones = np.zeros(len(six_nodes))
+        write_panels(named, Panels(six_nodes, ones.astype(np.int64), ones, np.zeros(1), np.zeros(1)))
+        skins.append(named)
+    picture = file.with_suffix(".png")
+    tell(f"drawing {picture.name}")
+    write_picture(picture, draw_tracks(tracks, f"{path.name}: {recording.health}"))
+    return Replayed(recording, tracks, tuple(skins), picture)
+
+
+def _chosen(recording: Recording, chosen: Sequence[int]) -> list[HandFrame]:
+    """Find the frames whose skin is wanted."""
+    whole = [frame for frame in recording.frames if frame.landmarks is not None]
+    if not whole:
+        raise InvalidInput(f"0 of {len(recording.frames)} frames have landmarks; fit a hand to their clouds first.")
+    found = [frame for frame in whole if frame.sequence in chosen]
+    missing = sorted(set(chosen) - {frame.sequence for frame in found})
+    if missing:
+        first, last = min(one.sequence for one in whole), max(one.sequence for one in whole)
+        raise InvalidInput(f"there is no frame {missing[0]} with landmarks; those there are lie in {first} to {last}.")
+    return found or whole[:1]

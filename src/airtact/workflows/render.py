@@ -1,0 +1,145 @@
+"""From a scene file to a folder of results: the drive, the field and the page. Prints nothing."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from airtact.evaluation.comparison import Comparison, compare
+from airtact.evaluation.windows import Window, box_around, close_up, plane_through
+from airtact.figures.field_figure import Cut, cut_bodies
+from airtact.files.atomic import writable_folder
+from airtact.files.drives import write_drive_csv, write_drive_h5
+from airtact.files.vtkhdf import write_field
+from airtact.pages.run_page import Run, write_page
+from airtact.scene.target_points import outward
+from airtact.scene_file.building import Setup, read_setup
+from airtact.solvers.problem import RadiatedField, SolveReport
+from airtact.steps import Clock, Keeping, finer, heard_foci, kept, synthesised
+from airtact.synthesis.quantise import Frame, quantise
+from airtact.transfer import Drive, TransferMatrix, focus_by_distance
+
+FILES = ("drive.csv", "drive.h5", "field.vtkhdf", "report.html")
+"""What a run writes, in this order."""
+
+CONSIDERED, IGNORED = "hand considered", "hand ignored"
+
+
+@dataclass(frozen=True, eq=False)
+class _Made:
+    """A drive and what it was made from."""
+
+    beacons: SolveReport
+    transfer: TransferMatrix
+    drive: Drive
+    frame: Frame
+    said: tuple[str, ...]
+
+
+def render(path: Path, folder: Path, tell: Callable[[str], None] = lambda step: None, store: Path | None = None) -> Run:
+    """Compute what a scene file asks for and write it into a folder, each file as soon as it is there.
+
+    Parameters
+    ----------
+    path : the scene file.
+    folder : where `FILES` go; made if it is not there.
+    tell : is told each step as it begins.
+    store : folder where solved fields are kept and looked for; None to solve all anew.
+
+    Returns
+    -------
+    What the page shows.
+
+    Raises
+    ------
+    InvalidInput
+        The scene file or the folder is at fault; nothing was solved then.
+    NotConverged
+        A solver stopped early; what was written before stays.
+    """
+    clock = Clock(tell)
+    with clock.step("scene", f"reading {path.name}"):
+        setup = read_setup(path)
+        writable_folder(folder)
+    made = _make_drive(setup, clock, store)
+    _write_drive(folder, setup, made)
+    comparison, field = _judge(setup, made, clock, store)
+    with clock.step("field", "computing the field around the foci"):
+        loudest = float(np.abs(made.drive.amplitudes).max())
+        box = box_around(setup.target.points, setup.scene.wavelength)
+        bodies = [obstacle.surface for obstacle in setup.scene.obstacles]
+        write_field(folder / "field.vtkhdf", box, loudest * field.at(box.points)[:, 0], bodies)
+    with clock.step("cuts", "computing the field in the pictures"):
+        plane, close_ups = _cuts(setup, field)
+    run = Run(
+        title=path.stem.replace("_", " "),
+        text=setup.text,
+        scene=setup.scene,
+        bodies=setup.bodies,
+        array=setup.array,
+        target=setup.target,
+        foci=setup.foci,
+        method=setup.method.replace("_", " "),
+        drive=made.drive,
+        frame=made.frame,
+        transfer=made.transfer,
+        beacons=made.beacons,
+        reached=loudest * comparison.pressures["equal peak"][0],
+        comparison=comparison,
+        plane=plane,
+        close_ups=close_ups,
+        said=made.said,
+        seconds=clock.seconds,
+    )
+    tell("drawing the report")
+    write_page(folder / "report.html", run)
+    return run
+
+
+def _make_drive(setup: Setup, clock: Clock, store: Path | None) -> _Made:
+    transfer, report = heard_foci(setup, clock, store)
+    with clock.step("drive", f"making the drive by {setup.method.replace('_', ' ')}"):
+        drive, said = synthesised(setup.synthesise, transfer, setup.target)
+    return _Made(report, transfer, drive, quantise(drive), said)
+
+
+def _write_drive(folder: Path, setup: Setup, made: _Made) -> None:
+    # An older run's field and page must not stand beside this run's drive.
+    for name in FILES:
+        (folder / name).unlink(missing_ok=True)
+    write_drive_csv(folder / "drive.csv", setup.array, made.drive, made.frame)
+    texts = {"scene": setup.text, "report": msgspec.json.encode(made.beacons).decode()}
+    write_drive_h5(folder / "drive.h5", setup.array, made.drive, made.frame, made.transfer, setup.target, texts)
+
+
+def _judge(setup: Setup, made: _Made, clock: Clock, store: Path | None) -> tuple[Comparison, RadiatedField]:
+    """Compare the drive with the one that ignores the bodies; the field's first two sounds are these two, loudest 1."""
+    control = focus_by_distance(setup.array, setup.target, setup.scene.medium, setup.scene.frequency)
+    drives = {CONSIDERED: made.drive, IGNORED: control}
+    with clock.step("judge", "judging it by a finer solution with all transducers as sources"):
+        judge = Keeping(kept(finer(setup), store))
+        comparison = compare(setup.scene, setup.array, drives, setup.target, solver=judge)
+    return comparison, judge.field
+
+
+def _cuts(setup: Setup, field: RadiatedField) -> tuple[Cut, list[Cut]]:
+    """Cut the field through the foci; across each one too where one plane cannot show them all."""
+    scene, foci = setup.scene, setup.target.points
+    energy = np.sum(np.abs(field.sources.strengths[:, :2]) ** 2, axis=0)
+    scales = np.sqrt(energy.min() / energy)
+    surfaces = [obstacle.surface for obstacle in scene.obstacles]
+    solid = [obstacle.surface for obstacle in scene.obstacles if obstacle.boundary != "filled"]
+
+    def cut(window: Window) -> Cut:
+        pressure = field.at(window.points)[:, :2] * scales
+        return Cut(window, {CONSIDERED: pressure[:, 0], IGNORED: pressure[:, 1]}, cut_bodies(window, solid))
+
+    plane = cut(
+        plane_through(foci, np.concatenate([np.empty((0, 3)), *(one.vertices for one in surfaces)]), scene.wavelength)
+    )
+    if len(foci) < 3 or not surfaces:
+        return plane, []
+    outwards = outward(scene.depth, foci)
+    return plane, [cut(close_up(*pair, scene.wavelength)) for pair in zip(foci, outwards, strict=True)]

@@ -1,0 +1,318 @@
+"""The command line: what it prints, what it refuses, and what Ctrl-C leaves."""
+
+import csv
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import h5py
+import numpy as np
+import pytest
+import trimesh
+from matplotlib.image import imread
+
+from airtact import __version__
+from airtact.cli import main
+from mesh.meshes import box_mesh
+from paths import ROOT
+
+BALL = ROOT / "tests" / "scenes" / "ball.toml"
+COMMANDS = ("check", "mesh", "render")
+SCENE_COMMANDS = ("check", "render")
+
+
+def output(capsys, *arguments):
+    code = main([str(argument) for argument in arguments])
+    printed = capsys.readouterr()
+    return code, printed.out, printed.err
+
+
+def only_steps(errors):
+    return all(re.fullmatch(r" +\d+\.\d s  \w.*", step) for step in errors.splitlines())
+
+
+def plain(printed):
+    """Put what a table prints over several lines or cells into one line of words."""
+    return " ".join(printed.split())
+
+
+def examples(capsys, *command):
+    """Return the words of each example in a command's help."""
+    code, printed, _ = output(capsys, *command, "--help")
+    assert code == 0
+    return [line.split() for line in re.findall(r"^ *Example: (.*)$", printed, re.MULTILINE)]
+
+
+@pytest.mark.parametrize("command", [(), *((name,) for name in COMMANDS)])
+def test_help_has_one_example_that_names_a_file_that_is_there(capsys, command):
+    ((program, name, file, *_),) = examples(capsys, *command)
+    assert program == "airtact"
+    assert name in (command or COMMANDS)
+    assert (ROOT / file).is_file()
+
+
+def test_the_example_of_check_runs(capsys, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    ((_, *arguments),) = examples(capsys, "check")
+    code, printed, errors = output(capsys, *arguments)
+    assert code == 0
+    assert only_steps(errors)
+    assert "thumb" in printed
+
+
+@pytest.mark.slow
+def test_the_example_of_render_runs(capsys, monkeypatch, tmp_path):
+    ((_, name, scene, option, folder),) = examples(capsys, "render")
+    monkeypatch.chdir(tmp_path)
+    code, printed, _ = output(capsys, name, ROOT / scene, option, folder)
+    assert code == 0
+    assert "finger.pad" in printed
+    assert (tmp_path / folder / "report.html").stat().st_size > 100_000
+
+
+def test_the_example_of_mesh_runs(capsys, monkeypatch, tmp_path):
+    ((_, name, surface, *options, option, file),) = examples(capsys, "mesh")
+    monkeypatch.chdir(tmp_path)
+    code, printed, errors = output(capsys, name, ROOT / surface, *options, option, file)
+    assert code == 0
+    assert only_steps(errors)
+    assert f"The panels: {file}" in printed
+    assert (tmp_path / file).stat().st_size > 100_000
+    assert (tmp_path / file).with_suffix(".png").stat().st_size > 50_000
+
+
+def test_version(capsys):
+    assert output(capsys, "--version")[:2] == (0, f"airtact {__version__}\n")
+
+
+def test_check_says_what_is_in_a_scene(capsys):
+    code, printed, _ = output(capsys, "check", BALL)
+    assert code == 0
+    # 4π · 25 mm² is 3.1 cm², and the foci are 0.5 and 3 mm off a ball of 5 mm.
+    for words in ("sphere", "sound-hard", "3.1 cm²", "south pole", "0.5 mm", "3 mm", "900 Pa", "249", "unknowns", "MB"):
+        assert words in printed
+
+
+def box_file(folder, change=lambda vertices, triangles: (vertices, triangles), name="box.stl"):
+    """Write a box of 20 x 30 x 40 mm in millimetres."""
+    vertices, triangles = change(*box_mesh())
+    trimesh.Trimesh(1e3 * vertices, triangles, process=False).export(folder / name)
+    return folder / name
+
+
+def test_check_says_what_is_in_a_surface(capsys, tmp_path):
+    code, printed, errors = output(capsys, "check", box_file(tmp_path), "--scale", "1e-3", "--out", tmp_path / "out")
+    assert code == 0
+    assert only_steps(errors)
+    # 2 (2·3 + 2·4 + 3·4) cm², 2·3·4 cm³, 4 (20 + 30 + 40) mm of edges
+    for words in (
+        "accepted box.stl: 12 triangles, 1 closed piece",
+        "20 x 30 x 40 mm",
+        "52 cm²",
+        "24 cm³",
+        "12, 360 mm together, that turn by over 75°",
+        "unknowns, matrix",
+        "mended nothing",
+    ):
+        assert words in plain(printed)
+    assert [entry.name for entry in (tmp_path / "out").iterdir()] == ["bodies.png"]
+
+
+def test_check_says_what_was_mended_and_how_sharp_edges_were_asked(capsys, tmp_path):
+    path = box_file(tmp_path, lambda v, t: (v, np.vstack([t[:1, ::-1], t[1:]])))
+    code, printed, _ = output(capsys, "check", path, "--scale", "1e-3", "--sharp", "120")
+    assert code == 0
+    assert "mended 1 triangle ran against its neighbours and was turned" in plain(printed)
+    assert "none turns by over 120°" in plain(printed)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_widest_hole_that_is_filled_can_be_asked_for(capsys, tmp_path):
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=10.0)
+    rim = np.linalg.norm(ball.triangles_center - ball.vertices[0], axis=1) > 2.0
+    trimesh.Trimesh(ball.vertices, ball.faces[rim], process=False).export(tmp_path / "ball.ply")
+    code, _, errors = output(capsys, "check", tmp_path / "ball.ply", "--scale", "1e-3")
+    assert code == 2
+    assert "hole" in errors.splitlines()[-1]
+    options = ["--scale", "1e-3", "--largest-hole", "6e-3", "--out", tmp_path / "panels.ply"]
+    code, printed, _ = output(capsys, "mesh", tmp_path / "ball.ply", *options)
+    assert code == 0
+    assert re.search(r"1 hole of up to [0-9.]+ mm was filled", plain(printed))
+
+
+def test_check_draws_the_fault_of_a_surface_that_it_refuses(capsys, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "bodies.png").touch()  # of an older run
+    path = box_file(tmp_path, lambda v, t: (v, t[1:]))
+    code, printed, errors = output(capsys, "check", path, "--scale", "1e-3", "--out", tmp_path / "out")
+    assert (code, printed) == (2, "")
+    *steps, last = errors.splitlines()
+    assert only_steps("\n".join(steps))
+    assert last.startswith("airtact: box.stl: ")
+    assert "open" in last
+    assert [entry.name for entry in (tmp_path / "out").iterdir()] == ["fault.png"]
+    height, width, _ = imread(tmp_path / "out" / "fault.png").shape
+    assert (height > 500, width > 1000) == (True, True)
+
+
+def test_check_draws_the_bodies_of_a_scene_and_of_one_that_it_refuses(capsys, tmp_path):
+    assert output(capsys, "check", BALL, "--out", tmp_path)[0] == 0
+    assert [entry.name for entry in tmp_path.iterdir()] == ["bodies.png"]
+    path = tmp_path / "scene.toml"
+    path.write_text(BALL.read_text().replace("-5.5e-3", "-4.5e-3"))
+    code, _, errors = output(capsys, "check", path, "--out", tmp_path / "out")
+    assert code == 2
+    assert "is 0.5 mm deep" in errors.splitlines()[-1]
+    assert [entry.name for entry in (tmp_path / "out").iterdir()] == ["fault.png"]
+
+
+def test_check_has_no_picture_of_what_cannot_be_read(capsys, tmp_path):
+    (tmp_path / "scene.toml").write_text("[medium")
+    (tmp_path / "text.stl").write_text("no mesh")
+    for name in ("scene.toml", "text.stl", "no.stl"):
+        code, _, errors = output(capsys, "check", tmp_path / name, "--out", tmp_path / "out")
+        assert code == 2
+        assert errors.splitlines()[-1].startswith(("airtact: ", f"airtact: {name}"))
+        assert not (tmp_path / "out").exists()
+
+
+def test_mesh_says_how_good_panels_are(capsys, tmp_path):
+    out = tmp_path / "out" / "panels.vtkhdf"
+    code, printed, errors = output(
+        capsys, "mesh", box_file(tmp_path), "--scale", "1e-3", "--edge", "0.008", "--out", out
+    )
+    assert code == 0
+    assert only_steps(errors)
+    for words in ("triangles, panels 12", "area 52 cm² 52 cm²", "volume 24 cm³ 24 cm³", "8 mm asked", "mended nothing"):
+        assert words in plain(printed)
+    assert "off the triangles given under 0.1 µm at most, under 0.1 µm in the mean" in plain(printed)
+    assert float(re.search(r"smallest angle (\d+\.\d)°", plain(printed))[1]) > 15
+    assert "Warning" not in printed
+    assert sorted(entry.name for entry in out.parent.iterdir()) == ["panels.png", "panels.vtkhdf"]
+
+
+def test_mesh_warns_of_triangles_too_coarse_for_a_curved_skin(capsys, tmp_path):
+    trimesh.creation.icosphere(subdivisions=1, radius=0.02).export(tmp_path / "ball.ply")
+    code, printed, _ = output(capsys, "mesh", tmp_path / "ball.ply", "--out", tmp_path / "panels.stl")
+    assert code == 0
+    # 80 triangles of a sphere: it stands 1.4 mm over them
+    assert re.search(r"Warning: the panels lie up to \d\.\d mm off the triangles given", plain(printed))
+    assert "--sharp 0" in printed
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--edge", "3"], "edge is 3 m, but the surface spans 40 mm: is it in millimetres? Give metres."),
+        (["--edge", "-0.003"], "edge is -0.003 m, but it must be a finite number above zero."),
+        (["--edge", "1e-6"], "edge is 1e-06 m, which makes 1.2e+10 panels of this surface, more than 300000"),
+        (["--sharp", "200"], "sharp_degrees is 200, but edges turn by 0 to 180 degrees."),
+        (["--scale", "1.0"], "box.stl: the surface spans 40 m, more than 2 m: is this in millimetres?"),
+    ],
+)
+def test_mesh_refuses_in_one_sentence(capsys, tmp_path, options, sentence):
+    scale = [] if "--scale" in options else ["--scale", "1e-3"]
+    out = tmp_path / "out" / "panels.vtkhdf"
+    code, printed, errors = output(capsys, "mesh", box_file(tmp_path), *scale, *options, "--out", out)
+    assert (code, printed) == (2, "")
+    assert sentence in errors.splitlines()[-1]
+    assert not out.parent.exists()
+
+
+def test_mesh_refuses_files_that_it_cannot_write(capsys, tmp_path):
+    path = box_file(tmp_path)
+    before = path.read_bytes()
+    for file, sentence in (
+        (path, "the panels would take the place of box.stl"),
+        (tmp_path / "panels.obj", "ends in '.obj', but panels are written to .vtkhdf, .stl, .ply, .glb"),
+        (path / "panels.stl", "cannot write into the output folder"),
+    ):
+        code, _, errors = output(capsys, "mesh", path, "--scale", "1e-3", "--out", file)
+        assert code == 2
+        assert sentence in errors.splitlines()[-1]
+    assert path.read_bytes() == before
+
+
+def test_settings_of_a_surface_do_not_go_with_a_scene_file(capsys):
+    code, printed, errors = output(capsys, "check", BALL, "--scale", "1e-3")
+    assert (code, printed) == (2, "")
+    assert errors.splitlines()[-1].startswith("airtact: scale = 0.001 stands in a scene file")
+
+
+def test_render_tells_its_steps_and_what_the_foci_get(capsys, tmp_path):
+    code, printed, errors = output(capsys, "render", BALL, "--out", tmp_path / "out")
+    assert code == 0
+    assert str(tmp_path / "out" / "report.html") in printed
+    got = re.search(r"focus 2\s+(\d+) Pa", printed)
+    assert got
+    assert float(got[1]) == pytest.approx(600.0, rel=0.05)  # the accuracy that the scene asks for
+    assert only_steps(errors)
+    assert sum("solving" in step for step in errors.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("[medium]", "[medum]", "airtact: scene.toml: medum is not a key of a scene file; did you mean medium?"),
+        ("radius = 5e-3", "radius = 5.0", "spans 10 m, more than 2 m: is this in millimetres?"),
+        ("-5.5e-3", "-4.5e-3", "is 0.5 mm deep"),
+        ("density = 1.293", "density = 0.0", "density is 0"),
+        ("[medium]", "medium", "this is not TOML"),
+    ],
+)
+@pytest.mark.parametrize("command", SCENE_COMMANDS)
+def test_bad_input_is_one_sentence_and_exit_code_2(capsys, tmp_path, command, old, new, sentence):
+    path = tmp_path / "scene.toml"
+    path.write_text(BALL.read_text().replace(old, new))
+    options = ["--out", tmp_path / "out"] if command == "render" else []
+    code, printed, errors = output(capsys, command, path, *options)
+    assert (code, printed) == (2, "")
+    last = errors.splitlines()[-1]
+    assert last.startswith("airtact: scene.toml: ")
+    assert sentence in last
+    assert "Traceback" not in errors
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_missing_scene_and_a_wrong_option_are_exit_code_2(capsys, tmp_path):
+    code, _, errors = output(capsys, "check", tmp_path / "no.toml")
+    assert code == 2
+    assert "no.toml: No such file or directory" in errors
+    assert output(capsys, "check", BALL, "--nonsense")[0] == 2
+    assert output(capsys, "render", BALL)[0] == 2
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_solved(capsys, tmp_path):
+    (tmp_path / "file").touch()
+    code, _, errors = output(capsys, "render", BALL, "--out", tmp_path / "file" / "out")
+    assert code == 2
+    assert "cannot write into the output folder" in errors.splitlines()[-1]
+    assert "solving" not in errors
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are sent another way there")
+def test_ctrl_c_leaves_what_was_finished_readable(tmp_path):
+    # Foci far apart make the steps after the drive take seconds.
+    scene = tmp_path / "scene.toml"
+    scene.write_text(BALL.read_text().replace("[8e-3, 0.0, 0.0]", "[0.1, 0.1, 0.1]"))
+    folder = tmp_path / "out"
+    command = [sys.executable, "-m", "airtact.cli", "render", str(scene), "--out", str(folder)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 120
+    while not (folder / "drive.h5").exists():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    printed, errors = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert printed == ""
+    assert errors.splitlines()[-1] == "airtact: broken off; what was finished is whole"
+    assert "Traceback" not in errors
+    assert sorted(entry.name for entry in folder.iterdir()) == ["drive.csv", "drive.h5"]
+    with (folder / "drive.csv").open(newline="") as file:
+        assert len(list(csv.DictReader(file))) == 249
+    with h5py.File(folder / "drive.h5") as file:
+        assert file["transfer_matrix"].shape == (2, 249)

@@ -1,0 +1,156 @@
+"""The commands for hands that move: what they write and say, and what they refuse."""
+
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import trimesh
+from matplotlib.image import imread
+from websockets.sync.client import connect
+
+import airtact as at
+from airtact.cli import main
+from airtact.tracking.messages import to_json
+from airtact.tracking.pads import pads_over_time
+from paths import ROOT
+from tracking.motions import Pinching, still
+
+EXAMPLE = ROOT / "examples/hands/pinching.jsonl"
+
+
+def output(capsys, *arguments):
+    code = main([str(argument) for argument in arguments])
+    printed = capsys.readouterr()
+    return code, " ".join(printed.out.split()), printed.err
+
+
+@pytest.fixture
+def recording(tmp_path):
+    """Nine frames, a mirrored one in their middle and one that is missing."""
+    lines = [to_json(still(index)).decode() for index in (0, 1, 2, 3, 5, 6, 7, 8, 9)]
+    lines[4] = lines[4].replace("left", "right")
+    path = tmp_path / "hand.jsonl"
+    path.write_text("\n".join(lines))
+    return path
+
+
+def test_a_recording_gives_skins_and_a_picture(capsys, tmp_path):
+    path = tmp_path / "hand.npz"
+    at.save_recording(path, [still(0), still(1, landmarks=None), still(2), still(4)])
+    code, said, _ = output(capsys, "hand", path, "--frame", 2, "--edge", "0.012", "--out", tmp_path / "skin.stl")
+    assert code == 0
+    assert "4 received, 4 used, 1 lost, 1 skipped" in said
+    assert "the longest gap 67 ms" in said
+    assert trimesh.load(tmp_path / "skin.stl").is_watertight
+    assert imread(tmp_path / "skin.png").shape[1] > 600
+
+
+def test_faulty_recordings_are_refused_or_counted(capsys, recording, tmp_path):
+    code, _, said = output(capsys, "hand", recording, "--out", tmp_path / "skin.ply")
+    assert code == 2
+    assert "hand.jsonl: line 5: the landmarks are said to be of a right hand" in said
+    assert not (tmp_path / "skin.ply").exists()
+    out = tmp_path / "skin.ply"
+    code, said, _ = output(capsys, "hand", recording, "--leave-out", "--frame", 9, "--edge", "0.012", "--out", out)
+    assert code == 0
+    assert "9 received, 8 used, 1 mirrored, 2 skipped" in said
+
+
+def test_what_cannot_be_shown_is_refused(capsys, recording, tmp_path):
+    out = tmp_path / "skin.ply"
+    pose = ROOT / "examples/hands/pinch.json"
+    for arguments, sentence in (
+        (
+            [recording, "--leave-out", "--frame", 7777],
+            "there is no frame 7777 with landmarks; those there are lie in 0 to 9",
+        ),
+        ([recording, "--gap", 0.01], "a gap of 0.01 m is for 1 pose"),
+        ([pose, "--frame", 3], "pinch.json is 1 pose, no recording"),
+        ([tmp_path / "none.jsonl"], "none.jsonl: the recording cannot be read: No such file"),
+    ):
+        code, _, said = output(capsys, "hand", *arguments, "--out", out)
+        assert code == 2
+        assert sentence in said
+
+
+def test_clouds_alone_have_no_pads(capsys, tmp_path):
+    joints = still(0).landmarks
+    at.save_recording(tmp_path / "hand.npz", [still(0, landmarks=None, cloud=joints)])
+    code, _, said = output(capsys, "hand", tmp_path / "hand.npz", "--out", tmp_path / "skin.ply")
+    assert code == 2
+    assert "0 of 1 frames have landmarks" in said
+
+
+def test_what_trackers_send_is_recorded_and_kept_on_ctrl_c(tmp_path):
+    command = [sys.executable, "-m", "airtact.cli", "listen", "--seconds", "600", "--websocket", "0", "--osc", "0"]
+    file = tmp_path / "heard.jsonl"
+    with subprocess.Popen(
+        [*command, "--out", file], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as heard:
+        assert heard.stdout is not None
+        assert heard.stderr is not None
+        address = re.search(r"(ws://[\d.:]+), OSC at 127\.0\.0\.1:\d+", heard.stderr.readline())
+        assert address
+        with connect(address[1]) as tracker:
+            for index in range(3):
+                tracker.send(to_json(still(index)))
+            tracker.send("rubbish")
+        time.sleep(1.0)  # for the last message to be read
+        heard.send_signal(signal.SIGINT)
+        said = heard.stdout.read()
+        assert heard.wait() == 0
+    assert "Heard: 4 received, 3 used" in said
+    assert [frame.sequence for frame in at.load_recording(file).frames] == [0, 1, 2]
+
+
+def test_listening_to_nobody_is_said(capsys, tmp_path):
+    arguments = ["listen", "--websocket", 0, "--out", tmp_path / "none.npz"]
+    code, _, said = output(capsys, *arguments, "--seconds", 0.01)
+    assert code == 2
+    assert "0 frames were heard in" in said
+    code, _, said = output(capsys, *arguments, "--seconds", -1)
+    assert code == 2
+    assert "the time to listen is -1 s" in said
+    code, _, said = output(capsys, "listen", "--seconds", 1, "--out", tmp_path / "none.csv")
+    assert code == 2
+    assert "the ending '.csv' is not 1 of those" in said
+
+
+@pytest.mark.parametrize("command", ["hand", "listen"])
+def test_help_has_an_example(capsys, command):
+    code, said, _ = output(capsys, command, "--help")
+    assert code == 0
+    assert f"Example: airtact {command} " in said
+
+
+def test_the_example_is_what_it_is_said_to_be():
+    frames = at.load_recording(EXAMPLE).frames
+    motion = Pinching()
+    assert len(frames) == 75
+    for frame in frames[::25]:
+        np.testing.assert_allclose(frame.landmarks, motion.at(frame.time), atol=2e-6)
+    line = EXAMPLE.read_text().splitlines()[7]
+    assert json.loads(line)["sequence"] == 7
+
+
+def test_pads_over_time_are_those_of_each_hand():
+    motion = Pinching(3)
+    frames = [*motion.frames(10, 0.5), still(5, 0.5, landmarks=None)]
+    track = pads_over_time(frames, "left")
+    assert track.pads.shape == (6, 5, 3)
+    assert np.isnan(track.pads[5]).all()
+    np.testing.assert_allclose(track.pads[4], frames[4].hand(track_radii(frames)).pads, atol=1e-12)
+    ways = np.linalg.norm(np.diff(track.pads[:5], axis=0), axis=2)
+    assert track.fastest == pytest.approx(ways.max() / 0.1)
+    assert track.longest_gap == pytest.approx(0.1)
+    with pytest.raises(at.InvalidInput, match="0 frames are of a right hand"):
+        pads_over_time(frames, "right")
+
+
+def track_radii(frames):
+    return frames[0].hand().radii

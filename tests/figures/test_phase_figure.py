@@ -1,0 +1,86 @@
+"""An array is laid flat without tearing or mirroring, and its discs have the colours of their phases."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from matplotlib import colormaps
+from matplotlib.collections import EllipseCollection
+
+from airtact.figures.phase_figure import draw_phases, spacing, unfold
+from airtact.pose import Pose
+from airtact.transducers.layout import autd3_board, flat_boards, surrounding_box
+
+ARRAYS = {
+    "box": surrounding_box(),
+    "flat": flat_boards(2, 2),
+    "tilted": autd3_board(Pose.turn((1.0, 2.0, 3.0), 0.7, (0.1, 0.0, 0.2))),
+}
+
+
+def distances(places):
+    return np.linalg.norm(places[:, None] - places[None], axis=-1)
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_unfolding_keeps_distances_and_handedness(name):
+    array = ARRAYS[name]
+    faces = unfold(array.positions, array.normals)
+    assert sorted(np.concatenate([face.elements for face in faces])) == list(range(len(array)))
+    for face in faces:
+        places = array.positions[face.elements]
+        np.testing.assert_allclose(distances(face.places), distances(places), atol=1e-9)
+        # Seen from where the face radiates to, a turn to the left stays one.
+        first, second = face.places[1] - face.places[0], face.places[40] - face.places[0]
+        turn = np.cross(places[1] - places[0], places[40] - places[0]) @ face.normal
+        assert first[0] * second[1] - first[1] * second[0] == pytest.approx(turn)
+
+
+def test_the_faces_of_the_box_follow_one_another_to_the_right():
+    array = ARRAYS["box"]
+    faces = unfold(array.positions, array.normals)
+    assert [len(face.elements) for face in faces] == [249] * 4
+    for face, after in pairwise(faces):
+        # Looking along -normal with z up, the next face is a quarter turn clockwise.
+        np.testing.assert_allclose(np.cross(face.normal, after.normal), [0, 0, -1], atol=1e-12)
+    for face in faces:
+        # The long side of the board stands upright.
+        assert np.ptp(face.places[:, 1]) > np.ptp(face.places[:, 0])
+
+
+def test_a_flat_array_is_one_face():
+    array = ARRAYS["flat"]
+    assert len(unfold(array.positions, array.normals)) == 1
+
+
+def test_an_array_without_faces_is_seen_as_one():
+    random = np.random.default_rng(0)
+    normals = random.normal(size=(30, 3)) * 0.1 + [0, 0, 1]
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    (face,) = unfold(random.normal(size=(30, 3)), normals)
+    assert len(face.elements) == 30
+
+
+def test_discs_have_the_colour_of_phase_and_amplitude():
+    array = ARRAYS["box"]
+    random = np.random.default_rng(1)
+    drive = random.uniform(0, 1, 996) * np.exp(2j * np.pi * random.uniform(size=996))
+    figure = draw_phases(array.positions, array.normals, drive)
+    drawn = [
+        axes.collections[0]
+        for axes in figure.axes
+        if axes.collections and isinstance(axes.collections[0], EllipseCollection)
+    ]
+    assert len(drawn) == 8
+    for index, face in enumerate(unfold(array.positions, array.normals)):
+        expected = colormaps["twilight"]((np.angle(drive[face.elements]) + np.pi) / (2 * np.pi))
+        np.testing.assert_array_equal(drawn[index].get_facecolor(), expected)
+        np.testing.assert_array_equal(
+            drawn[4 + index].get_facecolor(), colormaps["viridis"](np.abs(drive[face.elements]) / np.abs(drive).max())
+        )
+        np.testing.assert_allclose(drawn[index].get_offsets(), 1e3 * face.places)
+
+
+def test_spacing_is_the_pitch():
+    assert spacing(autd3_board().positions) == pytest.approx(10.16e-3)
+    assert spacing(np.zeros((1, 3))) == 10e-3

@@ -1,0 +1,269 @@
+"""A hand from joints: its skin, pads, what touches, how it opens and follows, and what is refused."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from airtact.conventions import InvalidInput
+from airtact.hand.files import load_hand
+from airtact.hand.hand import Hand, hand_from_joints
+from airtact.hand.joints import CHAINS, NAMES, side_of
+from airtact.hand.kinematics import gap_of
+from airtact.mesh.quadratic_triangles import enclosed_volume
+from airtact.pose import Pose
+from airtact.surfaces.checks import check_surface
+from airtact.surfaces.surface import Surface
+from hand.hand_poses import HANDS, example, random_pose
+
+PINCH, RADII = example("pinch")
+RELAXED, _ = example("relaxed")
+TRACKED = [0, 1, 2, 3, 4, 6, 7, 8, 9, 11, 12, 13, 14, 16, 17, 18, 19, 21, 22, 23, 24]
+MIRROR = np.array([-1.0, 1.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def opened() -> Hand:
+    return hand_from_joints(PINCH, RADII).open_to(0.012)
+
+
+def changed(joint: str, shift: float) -> np.ndarray:
+    joints = PINCH.copy()
+    joints[NAMES.index(joint)] += shift
+    return joints
+
+
+# --- the skin -------------------------------------------------------------------------------------------------------
+
+
+def test_the_surface_is_closed_curved_and_exact(opened):
+    surface = opened.surface
+    assert isinstance(surface, Surface)
+    check_surface(surface)
+    nodes = np.concatenate([surface.vertices, surface.midpoints.reshape(-1, 3)])
+    assert np.abs(surface.depth(nodes)).max() < 30e-6
+    assert surface.mended == ()
+
+
+def test_the_surface_is_fine_at_the_pads_and_coarse_at_the_wrist(opened):
+    surface = opened.surface
+    longest = surface.edge_lengths.max(axis=1)
+    middles = surface.corners.mean(axis=1)
+    pads, wrist = opened.pads[:2], opened.joints[:1]
+    beside = np.linalg.norm(middles[:, None] - pads, axis=2).min(axis=1) < 6e-3
+    far = np.linalg.norm(middles[:, None] - wrist, axis=2).min(axis=1) < 25e-3
+    assert np.median(longest[beside]) < 3.5e-3
+    assert np.median(longest[far]) > 6e-3
+
+
+def test_every_joint_lies_as_deep_as_its_skin_is_thick_or_deeper(opened):
+    assert (opened.surface.depth(opened.joints) >= opened.radii - 1e-9).all()
+
+
+def test_panels_hold_the_volume_whatever_their_edge(opened):
+    volumes = [enclosed_volume(opened.shape.panels(edge)) for edge in (3e-3, 6e-3, 9e-3)]
+    assert volumes == pytest.approx([volumes[0]] * 3, rel=2e-3)
+    assert 2.5e-4 < volumes[0] < 5e-4  # a hand displaces 250 to 500 ml
+
+
+def test_a_hand_moves_with_its_skin(opened):
+    pose = Pose.turn(np.array([1.0, 2.0, -0.5]), 0.7, np.array([0.1, -0.02, 0.05]))
+    moved = opened.surface.moved(pose)
+    assert np.abs(moved.depth(moved.vertices)).max() < 1e-8
+    assert moved.volume == pytest.approx(opened.surface.volume)
+    elsewhere = hand_from_joints(pose.apply(opened.joints), RADII)
+    assert np.abs(elsewhere.shape.depth(moved.vertices)).max() < 1e-8
+
+
+def test_trackers_with_21_joints_give_nearly_the_same_hand():
+    fewer = hand_from_joints(PINCH[TRACKED], RADII[TRACKED]).open_to(0.012)
+    whole = hand_from_joints(PINCH, RADII).open_to(0.012)
+    fingers = whole.pads
+    assert np.linalg.norm(fewer.pads - fingers, axis=1).max() < 2e-3
+    assert fewer.shape.volume == pytest.approx(whole.shape.volume, rel=0.2)
+
+
+def test_radii_grow_with_the_length_of_the_hand():
+    small, large = (hand_from_joints(RELAXED, length=length) for length in (0.15, 0.2))
+    assert large.radii == pytest.approx(small.radii * 0.2 / 0.15)
+    assert hand_from_joints(1.1 * RELAXED).radii == pytest.approx(1.1 * hand_from_joints(RELAXED).radii)
+
+
+# --- left and right -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_sides_are_told_apart_in_any_pose(seed):
+    joints = random_pose(seed, RELAXED)
+    assert side_of(joints) in ("left", "unknown")
+    assert side_of(MIRROR * joints) in ("right", "unknown")
+
+
+def test_the_rig_of_a_right_hand_is_right():
+    text = (HANDS / "generic-hand-right.glb").read_bytes()
+    nodes = json.loads(text[20 : 20 + int.from_bytes(text[12:16], "little")])["nodes"]
+    from trimesh import load_scene  # reads the rig's nodes as a graph of frames
+
+    graph = load_scene(HANDS / "generic-hand-right.glb").graph
+    assert {node["name"] for node in nodes} >= set(NAMES)
+    joints = np.array([graph.get(name)[0][:3, 3] for name in NAMES])
+    assert side_of(joints) == "right"
+
+
+def test_a_left_hand_said_to_be_right_is_refused():
+    with pytest.raises(InvalidInput, match=r"said to be of a right hand.*those of a left one \(-\d\.\d+"):
+        hand_from_joints(PINCH, side="right")
+    assert hand_from_joints(MIRROR * PINCH, side="right").side == "right"
+
+
+# --- pads and gaps --------------------------------------------------------------------------------------------------
+
+
+def test_pads_are_on_the_skin_and_look_at_each_other(opened):
+    assert np.abs(opened.shape.depth(opened.pads)).max() < 1e-9
+    thumb, index = opened.places["thumb.pad"], opened.places["index.pad"]
+    assert thumb[1] @ index[1] < -0.7
+    between = index[0] - thumb[0]
+    assert thumb[1] @ between > 0 > index[1] @ between
+    for point, normal in opened.places.values():
+        assert opened.shape.depth((point + 2e-3 * normal)[None])[0] == pytest.approx(-2e-3, abs=1e-4)
+
+
+@pytest.mark.parametrize("gap", [0.5e-3, 3e-3, 0.012, 0.03])
+def test_a_hand_opens_to_the_gap_asked(gap):
+    hand = hand_from_joints(PINCH, RADII).open_to(gap)
+    assert gap_of(hand.joints, hand.radii, (0, 1)) == pytest.approx(gap, abs=1e-8)
+    bones = [np.linalg.norm(np.diff(joints[list(CHAINS[1])], axis=0), axis=1) for joints in (PINCH, hand.joints)]
+    assert bones[0] == pytest.approx(bones[1])
+    assert hand.touches == ()
+
+
+def test_skins_that_touch_are_one_and_said_where():
+    hand = hand_from_joints(PINCH, RADII)
+    touch = hand.touches[0]
+    assert (touch.one, touch.other) == ("last phalanx of the thumb", "last phalanx of the index finger")
+    assert touch.gap == pytest.approx(gap_of(hand.joints, hand.radii, (0, 1)), abs=1e-5)
+    assert hand.shape.depth(touch.place[None])[0] > 1e-3
+    assert "14 mm in each other" in hand.surface.mended[0]
+
+
+@pytest.mark.parametrize(("gap", "one"), [(0.25e-3, True), (0.35e-3, False)])
+def test_skins_nearer_than_0_3_mm_are_one_and_others_are_not(gap, one):
+    hand = hand_from_joints(PINCH, RADII).open_to(gap)
+    assert bool(hand.touches) == one
+
+
+def test_a_pad_inside_the_body_is_refused_with_the_gap_that_frees_it():
+    hand = hand_from_joints(PINCH, RADII)
+    with pytest.raises(InvalidInput, match=r"index.pad at .* lies 5\.\d mm inside .* a gap of 0.5 mm, would free it"):
+        hand.place("index.pad")
+    point, _ = hand.open_to(0.5e-3, "index", "thumb").place("index.pad")
+    assert point.shape == (3,)
+    assert hand.place("ring.pad")[0] == pytest.approx(hand.pads[3])
+
+
+def test_gaps_and_places_that_cannot_be_are_refused(opened):
+    with pytest.raises(InvalidInput, match=r"gap is 12 m, but it must lie between 0 and 0.15 m: is it in millimetres"):
+        opened.open_to(12)
+    with pytest.raises(InvalidInput, match="the thumb and the pinky cannot be brought 1 mm apart"):
+        opened.open_to(1e-3, "thumb", "pinky")
+    with pytest.raises(InvalidInput, match="'thumb' and 'nose' are not 2 of"):
+        opened.open_to(1e-2, "thumb", "nose")
+    with pytest.raises(InvalidInput, match=r"'index.tip' is not 1 of the places"):
+        opened.place("index.tip")
+
+
+# --- frame after frame ----------------------------------------------------------------------------------------------
+
+
+def test_the_next_frame_keeps_the_triangles_and_is_exact(opened):
+    before = opened.shape.skin(6e-3)
+    shaken = Pose.turn(np.array([0.0, 1.0, 0.3]), 0.05, np.array([5e-3, 0.0, 0.0]))
+    after = opened.posed(shaken.apply(opened.open_to(0.016).joints))
+    skin = after.shape.skin(6e-3)
+    assert np.array_equal(skin.triangles, before.triangles)
+    assert skin.angles.min() >= 20
+    assert np.abs(after.shape.depth(skin.vertices)).max() < 30e-6
+
+
+def test_a_frame_in_which_fingers_meet_is_meshed_anew(opened):
+    opened.shape.skin(6e-3)
+    closed = opened.posed(PINCH)
+    assert closed.touches
+    assert len(closed.shape.skin(6e-3).triangles) != len(opened.shape.skin(6e-3).triangles)
+
+
+# --- bad input ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("joints", "said"),
+    [
+        (PINCH[:24], "24 joints are given, but a hand has 25"),
+        (1e3 * PINCH, r"the joints span 156\.4 m: are they in millimetres\?"),
+        (np.where(np.arange(25)[:, None] == 7, np.nan, PINCH), "1 joint is NaN .* joint 7, index-finger-phalanx-inter"),
+        (
+            PINCH[[0, 9, 8, 7, 6, 5, 4, 3, 2, 1, *range(10, 25)]],
+            r"the bone from .* mm long.* are joints swapped or the same\?",
+        ),
+        (changed("ring-finger-tip", 0.06), "the bone from ring-finger-phalanx-distal to ring-finger-tip is 102.9 mm"),
+        (0.1 * PINCH, "the bone from wrist to thumb-metacarpal is 5.02.* mm long, but such bones are 10 to 80 mm"),
+    ],
+)
+def test_joints_of_no_hand_are_refused(joints, said):
+    with pytest.raises(InvalidInput, match=said):
+        hand_from_joints(joints)
+
+
+@pytest.mark.parametrize(
+    ("radii", "said"),
+    [
+        (1e3 * RADII, "the radius at wrist is 2.146e.04 mm, but skin lies 3 to 35 mm"),
+        (np.where(np.arange(25) == 3, math.nan, RADII), r"1 NaN or infinite value, the first at index \[3\]"),
+    ],
+)
+def test_radii_of_no_hand_are_refused(radii, said):
+    with pytest.raises(InvalidInput, match=said):
+        hand_from_joints(PINCH, radii)
+
+
+def test_a_length_in_millimetres_is_asked_about():
+    with pytest.raises(InvalidInput, match=r"length of a hand is 190 m, but hands are 0.08 to 0.3 m long"):
+        hand_from_joints(PINCH, length=190)
+
+
+# --- files ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_pose_is_read_in_any_order_of_its_names(tmp_path):
+    order = np.random.default_rng(1).permutation(25)
+    pose = {"joints": [NAMES[i] for i in order], "positions_m": PINCH[order].tolist(), "radii_m": RADII[order].tolist()}
+    (tmp_path / "pose.json").write_text(json.dumps(pose))
+    hand = load_hand(tmp_path / "pose.json")
+    assert np.array_equal(hand.joints, PINCH)
+    assert np.array_equal(hand.radii, RADII)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{", "pose.json: this is not JSON: line 1"),
+        ("[]", "this is no pose of a hand: it has 0 points"),
+        ('{"positions_m": [], "colour": 1}', "colour is not 1 of the keys"),
+        ('{"positions_m": [[0, 0, 0]], "joints": ["wrist"]}', "24 joints are missing, the first is thumb-metacarpal"),
+        ('{"positions_m": [[0, 0, 0]], "joints": ["a", "b"]}', "2 joints have names and 1 have positions"),
+        ('{"positions_m": [[0, 0, 0]], "radii_m": 3}', "radii_m is 3, but it must be a list"),
+        ('{"positions_m": [[0, 0], [1]]}', "positions_m holds no 3 numbers for each of its 2 joints"),
+        ('{"positions_m": [[0, 0, "a"]]}', "positions_m holds no 3 numbers for each of its 1 joints"),
+    ],
+)
+def test_files_that_hold_no_pose_are_refused(tmp_path, text, said):
+    (tmp_path / "pose.json").write_text(text)
+    with pytest.raises(InvalidInput, match=said):
+        load_hand(tmp_path / "pose.json")
+
+
+def test_a_file_that_is_not_there_is_refused(tmp_path):
+    with pytest.raises(InvalidInput, match=r"none\.json: the pose cannot be read"):
+        load_hand(tmp_path / "none.json")

@@ -1,0 +1,101 @@
+"""Meshes damaged at random: mended and right, or refused with a number and a place; never wrong, never a crash."""
+
+import re
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from airtact.conventions import InvalidInput
+from airtact.validation import place
+from mesh.repair.damage import DAMAGES, Mesh, body, damaged
+from mesh.repair.repaired_meshes import accepted, apart, volume
+
+HAIR = 10e-6
+"""Twice what a sliver or a crack may move the skin [m]."""
+SHARE_OF_HOLE = 0.5
+"""A sharp edge through the middle of a hole, cut off, would lie off by half the hole's width."""
+
+
+def check_refusal(fault: InvalidInput) -> None:
+    """A refusal has a number, and the place that it says is the place that is drawn."""
+    said = str(fault)
+    assert re.search(r"\d", said), said
+    assert " mm" in said or re.search(r"triangle \d+ names|0 triangles", said), said
+    if shown := re.search(r"\([-\d., ]+\) mm", said):
+        assert fault.place is not None, said
+        assert shown.group() == place(fault.place)
+
+
+def outcome(name: str, whole: Mesh, torn: Mesh) -> str:
+    """Mend a mesh and hold it against the undamaged one; "mended" or "refused"."""
+    try:
+        result = accepted(*torn)
+    except InvalidInput as fault:
+        check_refusal(fault)
+        return "refused"
+    filled = [float(found) for note in result.notes for found in re.findall(r"up to ([\d.]+) mm", note)]
+    bound = HAIR + SHARE_OF_HOLE * 1e-3 * max(filled, default=0.0)
+    assert apart((result.vertices, result.triangles), whole) <= bound, (name, result.notes)
+    assert volume(result.vertices, result.triangles) == pytest.approx(volume(*whole), rel=5e-3), (name, result.notes)
+    return "mended"
+
+
+def outcomes(seeds: range) -> Counter:
+    return Counter(outcome(*damaged(np.random.default_rng(seed))) for seed in seeds)
+
+
+@pytest.mark.parametrize("first", range(0, 80, 20))
+def test_80_damaged_meshes_are_mended_or_refused(first):
+    found = outcomes(range(first, first + 20))
+    assert min(found["mended"], found["refused"]) >= 3
+
+
+@pytest.mark.slow
+def test_500_damaged_meshes_are_mended_or_refused():
+    found = outcomes(range(1000, 1500))
+    assert found["mended"] >= 150
+    assert found["refused"] >= 150
+
+
+ALWAYS = [
+    "flipped triangles",
+    "flipped patch",
+    "inside out",
+    "needles",
+    "caps",
+    "t junctions",
+    "idle vertices",
+    "doubled triangles",
+    "doubled part",
+    "doubled vertices",
+    "soup",
+]
+
+
+@pytest.mark.parametrize("kind", ALWAYS)
+def test_what_leaves_the_shape_known_is_always_mended(kind):
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        name, whole = body(rng)
+        assert outcome(f"{name}: {kind}", whole, DAMAGES[kind](rng, *whole)) == "mended", name
+
+
+NEVER = [
+    "not a number",
+    "moved copy",
+    "inner copy",
+    "spiked",
+    "wrong index",
+    "fin",
+    "loose triangle",
+    "hung on a vertex",
+]
+
+
+@pytest.mark.parametrize("kind", NEVER)
+def test_what_nobody_can_tell_is_always_refused(kind):
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        name, whole = body(rng)
+        assert outcome(f"{name}: {kind}", whole, DAMAGES[kind](rng, *whole)) == "refused", name

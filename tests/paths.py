@@ -1,0 +1,9 @@
+"""Where the files that tests read stand."""
+
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+EXAMPLES = ROOT / "examples"
+HANDS = EXAMPLES / "hands"
+GENERIC_HAND = HANDS / "generic-hand-right.glb"
+SCENES = ROOT / "tests/scenes"

@@ -1,0 +1,37 @@
+"""What shapes say of their own thickness is what is measured on their panels."""
+
+import numpy as np
+import pytest
+
+import airtact as at
+from airtact.solvers.bem.quadrature import place_nodes, thickness
+from airtact.surfaces.panels import panels_of
+
+LARGEST = 60e-3
+
+
+@pytest.mark.parametrize(
+    ("surface", "diameter"),
+    [(at.sphere(3e-3, 1e-3), 6e-3), (at.capsule((0, 0, 0), (0, 0.01, 0.02), 4e-3, 2e-3), 8e-3)],
+    ids=["sphere", "capsule"],
+)
+def test_round_bodies_are_as_thick_as_they_say(surface, diameter):
+    panels = panels_of([surface.shape], 2e-3, np.empty((0, 3)), 1e-3)
+    nodes = place_nodes(panels.six_nodes, panels.body, panels.deviation)
+    assert surface.shape.thinnest == diameter
+    assert np.allclose(thickness(nodes, LARGEST), diameter, rtol=0.05)
+    assert (thickness(nodes, diameter, np.array([diameter])) == diameter).all()
+
+
+def test_a_thin_body_beside_a_thick_one_is_still_measured():
+    shapes = [at.sphere(3e-3, 1e-3).shape, at.sphere(1e-3, 5e-4, (9e-3, 0, 0)).shape]
+    panels = panels_of(shapes, 1e-3, np.empty((0, 3)), 5e-4)
+    nodes = place_nodes(panels.six_nodes, panels.body, panels.deviation)
+    known = thickness(nodes, 5e-3, np.array([shape.thinnest for shape in shapes]))
+    assert (known[nodes.body == 0] == 5e-3).all()
+    assert np.allclose(known[nodes.body == 1], 2e-3, rtol=0.05)
+
+
+def test_a_mesh_does_not_know():
+    ball = at.sphere(3e-3, 1e-3)
+    assert at.Surface(ball.vertices, ball.triangles).shape.thinnest == 0.0

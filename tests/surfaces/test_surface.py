@@ -1,0 +1,328 @@
+"""Poses as a group; surfaces against closed forms; every guard of a surface."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from airtact.conventions import InvalidInput
+from airtact.pose import Pose
+from airtact.surfaces.primitives import Capsule, sphere
+from airtact.surfaces.surface import Surface
+from mesh.meshes import box_mesh, torus_mesh
+
+number = st.floats(-1.0, 1.0, allow_subnormal=False)
+vector = st.tuples(number, number, number)
+axis = vector.filter(lambda v: np.linalg.norm(v) > 1e-3)
+pose = st.builds(Pose.turn, axis, st.floats(-7.0, 7.0), vector)
+
+
+@given(pose, pose, vector)
+def test_composing_poses_is_applying_one_after_the_other(first, second, point):
+    points = np.array([point])
+    assert np.allclose((first @ second).apply(points), first.apply(second.apply(points)), rtol=0, atol=1e-14)
+
+
+@given(pose, vector)
+def test_the_inverse_undoes_on_both_sides(motion, point):
+    points = np.array([point])
+    assert np.allclose((motion.inverse() @ motion).apply(points), points, rtol=0, atol=1e-14)
+    assert np.allclose(motion.apply(motion.inverse().apply(points)), points, rtol=0, atol=1e-14)
+
+
+@given(pose, vector, vector)
+def test_poses_keep_distances_and_handedness(motion, one, two):
+    points = np.array([one, two])
+    assert math.dist(*motion.apply(points)) == pytest.approx(math.dist(*points), abs=1e-14)
+    turned = motion.rotate(np.cross(*points))
+    assert np.allclose(turned, np.cross(*motion.rotate(points)), rtol=0, atol=1e-14)
+
+
+@given(axis, st.floats(-7.0, 7.0))
+def test_a_turn_keeps_its_axis_and_has_its_angle(direction, angle):
+    motion = Pose.turn(direction, angle)
+    assert np.allclose(motion.rotate(np.array(direction)), direction, rtol=0, atol=1e-14)
+    assert np.trace(motion.rotation) == pytest.approx(1 + 2 * math.cos(angle), abs=1e-14)
+
+
+def test_a_quarter_turn_is_right_handed_and_shifts_afterwards():
+    quarter = Pose.turn((0, 0, 2), math.pi / 2, translation=(1, 0, 0))
+    assert np.allclose(quarter.apply(np.array([[1.0, 0.0, 5.0]])), [[1.0, 1.0, 5.0]])
+    assert np.allclose(quarter.rotate(np.array([[1.0, 0.0, 5.0]])), [[0.0, 1.0, 5.0]])
+
+
+def test_poses_apply_to_stacks_of_points():
+    stack = np.arange(24).reshape(2, 4, 3)
+    motion = Pose.turn((1, 2, 3), 0.3, (4, 5, 6))
+    assert np.array_equal(motion.apply(stack)[1], motion.apply(stack[1]))
+
+
+def test_the_identity_moves_nothing():
+    assert np.array_equal(Pose.identity().apply(np.array([[1.0, 2.0, 3.0]])), [[1.0, 2.0, 3.0]])
+
+
+@pytest.mark.usefixtures("as_outside_the_tests")
+@pytest.mark.parametrize(
+    ("rotation", "translation", "sentence"),
+    [
+        (np.eye(2), np.zeros(3), r"shapes \(2, 2\) and \(3,\)"),
+        (np.eye(3), np.zeros(2), r"shapes \(3, 3\) and \(2,\)"),
+        (1.01 * np.eye(3), np.zeros(3), "0.02 away from orthonormal"),
+        (np.diag([1.0, 1.0, -1.0]), np.zeros(3), "determinant is -1"),
+        (np.full((3, 3), np.nan), np.zeros(3), "rotation hold 9 NaN"),
+        (
+            np.eye(3),
+            np.array([0.0, np.inf, 0.0]),
+            r"translation hold 1 NaN or infinite value, the first at index \[1\]",
+        ),
+    ],
+)
+def test_what_is_no_rigid_motion_is_refused(rotation, translation, sentence):
+    with pytest.raises(InvalidInput, match=sentence):
+        Pose(rotation, translation)
+
+
+def test_a_turn_needs_an_axis_and_an_angle():
+    with pytest.raises(InvalidInput, match="axis of a turn has length 0"):
+        Pose.turn((0, 0, 0), 1.0)
+    with pytest.raises(InvalidInput, match="axis of a turn has length nan"):
+        Pose.turn((0.0, math.nan, 0.0), 1.0)
+    with pytest.raises(InvalidInput, match="the pose's rotation hold 9 NaN"):
+        Pose.turn((0, 0, 1), math.nan)
+
+
+# ---- surfaces: closed forms
+
+
+def test_a_box_has_its_area_and_volume(box):
+    surface = box((-0.01, 0.0, 0.0), (0.01, 0.03, 0.04))
+    assert surface.area == pytest.approx(2 * (0.02 * 0.03 + 0.03 * 0.04 + 0.04 * 0.02), rel=1e-14)
+    assert surface.volume == pytest.approx(0.02 * 0.03 * 0.04, rel=1e-14)
+    diagonals = [math.hypot(0.02, 0.03), math.hypot(0.03, 0.04), math.hypot(0.04, 0.02)]
+    assert sorted(set(np.round(surface.edge_lengths.ravel(), 12))) == pytest.approx(
+        sorted([0.02, 0.03, 0.04, *diagonals])
+    )
+
+
+def test_the_depth_in_a_box_is_the_closed_form(box, rng):
+    half = np.array([0.01, 0.015, 0.02])
+    points = rng.uniform(-0.03, 0.03, (2000, 3))
+    outside = np.linalg.norm(np.maximum(np.abs(points) - half, 0), axis=1)
+    inside = np.maximum((half - np.abs(points)).min(axis=1), 0)
+    depth = box(-half, half).depth(points)
+    assert np.allclose(depth, inside - outside, rtol=0, atol=1e-15)
+
+
+def test_the_depth_is_exact_beside_edges_and_corners(box):
+    points = np.array([[0.02, 0.02, 0.02], [0.0, 0.0, 0.02], [0.01, 0.01, 0.01], [0.0, 0.01, 0.01], [0.02, 0.02, 0.0]])
+    depth = box((-0.01,) * 3, (0.01,) * 3).depth(points)
+    assert depth == pytest.approx([-math.sqrt(3) * 0.01, -0.01, 0.0, 0.0, -math.sqrt(2) * 0.01], abs=1e-17)
+
+
+def test_flat_and_exact_depths_differ_by_the_sagitta_only_and_curved_ones_hardly(rng):
+    exact = sphere(0.01, 0.001)
+    flat = Surface(exact.vertices, exact.triangles, sharp_degrees=0)
+    points = rng.normal(scale=0.008, size=(500, 3))
+    sagitta = exact.edge_lengths.max() ** 2 / (6 * 0.01)
+    gap = exact.depth(points) - flat.depth(points)
+    assert gap.min() > -1e-15
+    assert 0.5 * sagitta < gap.max() < sagitta
+    curved = Surface(exact.vertices, exact.triangles)
+    off_centre = points[exact.depth(points) < 0.007]
+    assert np.abs(exact.depth(off_centre) - curved.depth(off_centre)).max() < 0.03 * sagitta
+
+
+def test_curved_volume_is_that_of_the_quadratic_panels():
+    # A box whose flat faces carry midpoints at the true middles is the same box.
+    vertices, triangles = box_mesh()
+    corners = vertices[triangles]
+    curved = Surface(vertices, triangles, (corners + np.roll(corners, -1, axis=1)) / 2)
+    flat = Surface(vertices, triangles)
+    assert curved.volume == pytest.approx(flat.volume, rel=1e-13)
+    assert curved.area == pytest.approx(flat.area, rel=1e-13)
+
+
+@given(pose)
+def test_moving_a_surface_moves_all_of_it(motion):
+    body = Capsule(0.01, 0.02, Pose.identity()).mesh(0.02)
+    moved = body.moved(motion)
+    assert np.array_equal(moved.vertices, motion.apply(body.vertices))
+    assert np.array_equal(moved.midpoints, motion.apply(body.midpoints))
+    assert np.array_equal(moved.triangles, body.triangles)
+    points = np.array([[0.003, -0.002, 0.015], [0.02, 0.01, -0.02]])
+    assert np.allclose(moved.depth(motion.apply(points)), body.depth(points), rtol=0, atol=1e-15)
+    assert moved.area == pytest.approx(body.area, rel=1e-12)
+    assert moved.volume == pytest.approx(body.volume, rel=1e-9)
+
+
+def test_moving_a_flat_surface_keeps_what_was_found_about_it():
+    crossing = Surface(*torus_mesh(0.01, 0.015))
+    there = Pose.turn((1, 1, 0), 0.4, (0.3, 0.0, 0.0))
+    fresh = Surface(there.apply(crossing.vertices), crossing.triangles)
+    assert np.array_equal(crossing.moved(there).crossings, fresh.crossings)
+    assert len(crossing.crossings) > 0
+    assert np.array_equal(crossing.moved(there).crossings, crossing.crossings)
+
+
+def test_a_surface_is_a_locked_copy(box):
+    vertices, triangles = box_mesh()
+    surface = Surface(vertices, triangles)
+    vertices[:] = 0
+    assert surface.volume > 0
+    assert not any(a.flags.writeable for a in (surface.vertices, surface.triangles, surface.corners))
+
+
+@pytest.mark.parametrize("dtype", [np.int32, np.uint8, np.int64])
+def test_any_integers_are_vertex_indices(dtype):
+    vertices, triangles = box_mesh()
+    assert Surface(vertices, triangles.astype(dtype)).triangles.dtype == np.int64
+
+
+# ---- surfaces: guards
+
+
+def test_an_open_surface_is_refused_with_its_edges_and_their_place():
+    vertices, triangles = box_mesh((0, 0, 0), (0.02, 0.03, 0.04))
+    with pytest.raises(InvalidInput, match=r"4 edges have a triangle on one side only.*near \(.*0\.00\) mm"):
+        Surface(vertices, triangles[2:])  # without its bottom, all of whose edges lie at z = 0
+    with pytest.raises(InvalidInput, match="3 edges have a triangle on one side only"):
+        Surface(vertices, triangles[1:])
+
+
+def test_a_triangle_turned_round_is_refused():
+    vertices, triangles = box_mesh()
+    triangles[5] = triangles[5, ::-1]
+    with pytest.raises(InvalidInput, match="3 edges are run in one direction by more than one triangle"):
+        Surface(vertices, triangles)
+
+
+def test_two_bodies_that_share_an_edge_are_refused():
+    one, triangles = box_mesh((0, 0, 0), (0.01, 0.01, 0.01))
+    vertices = np.concatenate([one, one + [0.01, 0.01, 0.0]])
+    other = np.arange(8, 16)
+    other[[0, 4]] = [3, 7]  # the edge x = y = 10 mm stands in both
+    with pytest.raises(InvalidInput, match="1 edge is run in one direction by more than one triangle"):
+        Surface(vertices, np.concatenate([triangles, other[triangles]]))
+
+
+def test_an_inside_out_surface_is_refused_with_its_volume():
+    vertices, triangles = box_mesh((0, 0, 0), (0.01, 0.02, 0.03))
+    with pytest.raises(InvalidInput, match=r"the surface is inside out .* encloses -6 cm³.*its 12 triangles"):
+        Surface(vertices, triangles[:, ::-1])
+
+
+def test_one_inside_out_piece_of_two_is_found():
+    one, triangles = box_mesh((0, 0, 0), (0.03, 0.03, 0.03))
+    two, _ = box_mesh((0.05, 0, 0), (0.06, 0.01, 0.01))
+    with pytest.raises(InvalidInput, match=r"1 of 2 closed pieces is inside out .* encloses -1 cm³"):
+        Surface(np.concatenate([one, two]), np.concatenate([triangles, triangles[:, ::-1] + 8]))
+
+
+def test_degenerate_triangles_are_refused_with_their_number_and_place():
+    vertices, triangles = box_mesh((0, 0, 0), (0.02, 0.02, 0.02))
+    middle = len(vertices)
+    a, b, c = triangles[0]
+    split = np.array([[a, b, middle], [b, c, middle], [c, a, middle]])
+    flat = np.concatenate([vertices, vertices[[a, b]].mean(axis=0, keepdims=True)])  # on the edge ab
+    with pytest.raises(InvalidInput, match=r"1 triangle is degenerate .* triangle 11"):
+        Surface(flat, np.concatenate([triangles[1:], split]))
+
+
+def test_a_vertex_named_twice_is_degenerate():
+    vertices, triangles = box_mesh()
+    with pytest.raises(InvalidInput, match=r"2 triangles are degenerate .* triangle 12 near"):
+        Surface(vertices, np.concatenate([triangles, [[0, 1, 1], [1, 0, 0]]]))
+
+
+@pytest.mark.parametrize(("index", "said"), [(8, "names 8"), (-1, "names -1")])
+def test_indices_out_of_range_are_refused(index, said):
+    vertices, triangles = box_mesh()
+    triangles[4, 1] = index
+    with pytest.raises(InvalidInput, match=f"triangle 4 {said}, but indices run from 0 to 7"):
+        Surface(vertices, triangles)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_vertices_that_are_not_finite_are_refused(value):
+    vertices, triangles = box_mesh()
+    vertices[6, 2] = value
+    with pytest.raises(
+        InvalidInput, match=r"surface vertices hold 1 NaN or infinite value, the first at index \[6, 2\]"
+    ):
+        Surface(vertices, triangles)
+
+
+@pytest.mark.parametrize(
+    ("scale", "sentence"),
+    [
+        (1e3, "spans 40 m, more than 2 m: is this in millimetres?"),
+        (50.01, "spans 2 m, more than 2 m"),
+        (0.01, "spans 0.4 mm, less than 0.5 mm: is this in millimetres"),
+    ],
+)
+def test_bodies_too_large_or_too_small_are_refused(scale, sentence):
+    vertices, triangles = box_mesh((0, 0, 0), (0.02, 0.03, 0.04))
+    with pytest.raises(InvalidInput, match=sentence.replace("?", r"\?")):
+        Surface(vertices * scale, triangles)
+
+
+@pytest.mark.parametrize("scale", [50.0, 0.0125])
+def test_the_largest_and_the_smallest_body_are_accepted(scale):
+    vertices, triangles = box_mesh((0, 0, 0), (0.02, 0.03, 0.04))
+    assert np.ptp(Surface(vertices * scale, triangles).vertices, axis=0).max() == pytest.approx(0.04 * scale)
+
+
+@pytest.mark.usefixtures("as_outside_the_tests")
+@pytest.mark.parametrize(
+    ("vertices", "triangles", "sentence"),
+    [
+        (np.zeros((0, 3)), np.zeros((0, 3), dtype=int), "surface vertices are empty"),
+        (np.zeros((4, 3)), np.zeros((0, 3), dtype=int), r"triangles have shape \(0, 3\)"),
+        (np.zeros((4, 2)), np.zeros((1, 3), dtype=int), r"vertices have shape \(4, 2\)"),
+        (np.zeros((4, 3)), np.zeros((1, 4), dtype=int), r"triangles have shape \(1, 4\)"),
+        (np.zeros((4, 3)), np.zeros((1, 3)), "triangles are of type float64"),
+    ],
+)
+def test_wrong_shapes_are_refused(vertices, triangles, sentence):
+    with pytest.raises(InvalidInput, match=sentence):
+        Surface(vertices, triangles)
+
+
+@pytest.mark.usefixtures("as_outside_the_tests")
+def test_midpoints_of_the_wrong_shape_are_refused():
+    with pytest.raises(InvalidInput, match=r"midpoints have shape \(12, 3\), but 12 triangles need \(12, 3, 3\)"):
+        Surface(*box_mesh(), np.zeros((12, 3)))
+
+
+def test_midpoints_that_are_not_finite_are_refused():
+    body = sphere(0.01, 0.02)
+    midpoints = body.midpoints.copy()
+    midpoints[7, 1, 2] = np.nan
+    with pytest.raises(InvalidInput, match=r"midpoints hold 1 NaN or infinite value, the first at index \[7, 1, 2\]"):
+        Surface(body.vertices, body.triangles, midpoints)
+
+
+def test_midpoints_that_neighbours_do_not_share_are_refused():
+    body = sphere(0.01, 0.02)
+    midpoints = body.midpoints.copy()
+    midpoints[7, 1] += [0.0, 0.0, 0.001]
+    with pytest.raises(InvalidInput, match=r"1 edge has a midpoint that the two triangles do not share.* 1 mm apart"):
+        Surface(body.vertices, body.triangles, midpoints)
+
+
+def test_midpoints_far_off_their_edges_are_refused():
+    vertices, triangles = box_mesh((0, 0, 0), (0.02, 0.03, 0.04))
+    corners = vertices[triangles]
+    middles = (corners + np.roll(corners, -1, axis=1)) / 2
+    middles[np.isclose(middles, [0.01, 0.0, 0.0]).all(axis=2)] -= [0.0, 0.0, 0.011]  # of an edge of 20 mm, in both
+    with pytest.raises(InvalidInput, match=r"lies 11 mm off the middle of its edge, 0.55 of the edge's length"):
+        Surface(vertices, triangles, middles)
+
+
+def test_a_primitive_that_is_another_shape_is_refused():
+    ball = sphere(0.01, 0.004)
+    with pytest.raises(InvalidInput, match=r"a corner of triangle \d+ lies 10 mm off the exact shape"):
+        Surface(2.0 * ball.vertices, ball.triangles, primitive=ball.primitive)
+    assert Surface(ball.vertices, ball.triangles, primitive=ball.primitive).primitive is ball.primitive

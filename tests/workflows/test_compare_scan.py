@@ -1,0 +1,100 @@
+"""A scan that another method made agrees with the prediction to its noise, and one of another scene does not."""
+
+import csv
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from airtact.cli import main
+from airtact.evaluation.field import drive_sources
+from airtact.evaluation.microphone import Microphone
+from airtact.evaluation.scan import load_scan
+from airtact.scene_file.building import read_setup
+from airtact.solvers.spherical.sphere_series import SphereSeries
+from airtact.steps import Clock, heard_foci
+from airtact.synthesis.quantise import quantise
+from airtact.workflows.compare_scan import FILES, compare_scan
+from paths import SCENES
+
+BALL = SCENES / "ball.toml"
+NOISE = 0.02
+
+
+def write_scan(path: Path, points: np.ndarray, pressures: np.ndarray) -> Path:
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(["x", "y", "z", "pressure", "phase"])
+        writer.writerows(np.column_stack([points, np.abs(pressures), np.angle(pressures)]).tolist())
+    return path
+
+
+@pytest.fixture(scope="module")
+def scan_file(tmp_path_factory):
+    """A virtual measurement by the series for a sphere: a plane above the ball and across it, with 2 % of noise."""
+    setup = read_setup(BALL)
+    transfer, _ = heard_foci(setup, Clock(lambda step: None))
+    drive = quantise(setup.synthesise(transfer, setup.target)).drive()
+    field = SphereSeries().radiate(setup.scene, drive_sources(setup.array, [drive]))
+    x, z = np.meshgrid(np.arange(-16e-3, 16.1e-3, 2e-3), np.arange(-8e-3, 12.1e-3, 2e-3))
+    points = np.stack([x.ravel(), np.zeros(x.size), z.ravel()], axis=1)
+    heard = Microphone().hear(field, points)[:, 0]
+    rng = np.random.default_rng(1)
+    level = NOISE * np.sqrt(np.nanmean(np.abs(heard) ** 2) / 2.0)
+    heard[~np.isfinite(heard)] = 0.0  # the stage did not go where the ball is
+    heard = 0.013j * (heard + level * (rng.normal(size=len(heard)) + 1j * rng.normal(size=len(heard))))
+    return write_scan(tmp_path_factory.mktemp("scan") / "scan.csv", points, heard)
+
+
+def test_the_overlay_finds_scale_and_noise(scan_file, tmp_path):
+    compared = compare_scan(scan_file, BALL, tmp_path, Microphone())
+    found = compared.overlay
+    assert 0 < np.sum(~found.used) < len(found.used) / 2
+    assert found.scale == pytest.approx(0.013j, rel=0.02)
+    # noise, and what boundary elements at a third of the scene's 5 % do wrong
+    assert NOISE * 0.8 < found.error < NOISE + 0.02
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == sorted(FILES)
+    with (tmp_path / "overlay.csv").open(encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == len(found.used)
+    shown = np.array([float(row["predicted"]) for row in rows])
+    np.testing.assert_allclose(shown, np.abs(found.scale * found.predicted), rtol=1e-5)
+
+
+def test_a_ball_somewhere_else_does_not_fit(scan_file, tmp_path):
+    moved = tmp_path / "moved.toml"
+    moved.write_text(
+        BALL.read_text(encoding="utf-8")
+        .replace("{ radius = 5e-3 }", "{ radius = 5e-3, centre = [4e-3, 0.0, 0.0] }")
+        .replace("[8e-3, 0.0, 0.0]", "[12e-3, 0.0, 0.0]")
+        .replace("[0.0, 0.0, -5.5e-3]", "[4e-3, 0.0, -5.5e-3]"),
+        encoding="utf-8",
+    )
+    assert compare_scan(scan_file, moved, tmp_path / "out", Microphone()).overlay.error > 0.3
+
+
+def test_the_command_tells_error_scale_and_what_was_left_out(scan_file, tmp_path, capsys):
+    assert main(["compare-scan", str(scan_file), str(BALL), "--out", str(tmp_path), "--axis", "0", "0", "-1"]) == 0
+    said = capsys.readouterr().out
+    assert "relative error" in said
+    scale = re.search(r"scale +([\d.]+) of the scan's unit for 1 Pa predicted at ([\d.]+)°", said)
+    assert scale is not None
+    assert [float(part) for part in scale.groups()] == pytest.approx([0.013, 90.0], rel=0.01)
+    assert f"of {len(load_scan(scan_file).points)} compared" in said
+    assert "positions are left out" in said
+
+
+def test_bad_scans_and_microphones_end_with_2(scan_file, tmp_path, capsys):
+    bad = tmp_path / "bad.csv"
+    bad.write_text("x,y,pressure\n0,0,1\n", encoding="utf-8")
+    assert main(["compare-scan", str(bad), str(BALL), "--out", str(tmp_path)]) == 2
+    assert "bad.csv has no column z" in capsys.readouterr().err
+    scan = load_scan(scan_file)
+    other = write_scan(tmp_path / "other.csv", scan.points, scan.pressures.conj())
+    assert main(["compare-scan", str(other), str(BALL), "--out", str(tmp_path)]) == 2
+    assert re.search(
+        r"other.csv: the scan's phases are [\d.]+% off .* negate the column phase", capsys.readouterr().err
+    )
+    assert main(["compare-scan", str(scan_file), str(BALL), "--out", str(tmp_path), "--diameter", "6.35"]) == 2
+    assert "6.35 m, more than 20 mm" in capsys.readouterr().err

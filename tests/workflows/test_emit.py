@@ -1,0 +1,394 @@
+"""Drives to boards through the real command line: what it says, what it refuses, and how it ends."""
+
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import jaxtyping
+import numpy as np
+import pytest
+
+from airtact.cli import main
+from airtact.files.drives import write_drive_h5, write_sequence_h5
+from airtact.hardware.codecs import codec_of
+from airtact.hardware.file_link import read_frames
+from airtact.scene.medium import Medium
+from airtact.scene.scene import Scene
+from airtact.scene.target import Target
+from airtact.solvers.free_field import FreeField
+from airtact.synthesis.quantise import quantise
+from airtact.synthesis.sequence import Sequence
+from airtact.synthesis.time_reversal import time_reversal
+from airtact.transducers.layout import PhasedArray, board_array, flat_boards, surrounding_box
+from airtact.transfer import transfer_matrix
+from hardware.receivers import Nano16, SonicSurface, TwoSonicSurfaces, first_harmonic, wired
+
+SCENE = """frequency = 40e3
+[medium]
+sound_speed = 343.1
+density = 1.293
+[array]
+layout = "boards"
+[[foci]]
+point = [0.0, 0.0, 0.1]
+"""
+
+
+def write(path: Path, array: PhasedArray, scene: str = SCENE, frames: int = 1, rate: float | None = None) -> Path:
+    """Write a drive.h5 for open air, as a run writes it; a sequence turns its phases."""
+    target = Target(np.array([[0.004, 0.002, 0.1]]))
+    beacons = FreeField().radiate(Scene(Medium(343.1, 1.293), []), target.beacons())
+    transfer = transfer_matrix(beacons, array)
+    drive = time_reversal(transfer, target)
+    if rate is None:
+        write_drive_h5(path, array, drive, quantise(drive), transfer, target, {"scene": scene})
+    else:
+        turns = np.exp(0.3j * np.arange(frames))[:, None]
+        write_sequence_h5(path, array, Sequence(turns * drive.amplitudes, rate), transfer, target, {"scene": scene})
+    return path
+
+
+def change(path: Path, **columns) -> Path:
+    with h5py.File(path, "a") as file:
+        for name, values in columns.items():
+            del file[name]
+            if values is not None:
+                file[name] = values
+    return path
+
+
+def output(capsys, *arguments) -> tuple[int, str, str]:
+    code = main([str(argument) for argument in arguments])
+    printed = capsys.readouterr()
+    return code, " ".join(printed.out.split()), printed.err
+
+
+@pytest.fixture
+def drive(tmp_path) -> Path:
+    return write(tmp_path / "drive.h5", surrounding_box(board="autd3"))
+
+
+# --- what it says ---------------------------------------------------------------------------------------------------
+
+
+def test_a_drive_goes_through_the_firmware_model(capsys, drive) -> None:
+    code, printed, errors = output(
+        capsys, "emit", drive, "--board", "autd3", "--link", "audit", "--yes", "--seconds", "0.1"
+    )
+    assert code == 0, errors
+    assert "4 AUTD3, 996 transducers, through audit" in printed
+    rounding = re.search(r"rounding ([+-]\d+\.\d+)%", printed)
+    assert rounding
+    assert abs(float(rounding[1])) <= 0.1
+    level = re.search(r"up to (\d+) dB SPL, 0\.5 m off", printed)
+    assert level
+    assert 120 < int(level[1]) < 160
+    assert "This is no safety assessment" in printed
+    assert "9 frames were sent; the last was silence, and confirmed." in printed
+
+
+def test_a_sequence_tells_its_rate_and_what_was_dropped(capsys, tmp_path) -> None:
+    path = write(tmp_path / "sequence.h5", board_array("autd3"), frames=8, rate=400.0)
+    code, printed, errors = output(
+        capsys, "emit", path, "--board", "autd3", "--link", "audit", "--yes", "--seconds", "0.2"
+    )
+    assert code == 0, errors
+    assert "8 frames at 400 frames/s" in printed
+    assert "The sequence was played at 400 frames/s, 80 frames, 0 dropped." in printed
+
+
+def test_boards_are_listed_with_their_links(capsys) -> None:
+    code, printed, errors = output(capsys, "boards")
+    assert (code, errors) == (0, "")
+    assert "autd3 249 256 x 256 phases 1 to 256 boards" in printed
+    assert "sonicsurface 256 on, off x 32 phases 1 to 2 boards" in printed
+    assert "autd3: AUTD3, by audit, ethercrab, twincat, remote, simulator, file" in printed
+    assert "Serial ports:" in printed
+
+
+@pytest.mark.parametrize(
+    ("name", "boards", "model"),
+    [("sonicsurface", 1, SonicSurface), ("sonicsurface", 2, TwoSonicSurfaces), ("nano16", 1, Nano16)],
+)
+def test_serial_boards_play_the_drive_and_end_silent(capsys, tmp_path, name, boards, model) -> None:
+    array = flat_of(name, boards)
+    path = write(tmp_path / "drive.h5", array)
+    loudest: list[np.ndarray] = []
+
+    class Watched(model):
+        def hear(self, byte: int) -> bytes:
+            answer = super().hear(byte)
+            if byte in (0xFD, 0x00):
+                loudest.append(first_harmonic(self.pulses()))
+            return answer
+
+    with wired(Watched()) as wire:
+        code, printed, errors = output(
+            capsys, "emit", path, "--board", name, "--link", "serial", "--port", wire.port, "--yes", "--seconds", "0.2"
+        )
+        assert code == 0, errors
+        time.sleep(0.05)
+        assert not wire.board.pulses().any()
+    with h5py.File(path) as file:
+        phases = file["phase"][()]
+    levels = codec_of(name).levels
+    expected = np.exp(2j * np.pi * np.rint(phases * levels.phases / (2 * np.pi)) / levels.phases)
+    full = max(loudest, key=lambda heard: np.count_nonzero(np.abs(heard) > 0.5))
+    np.testing.assert_allclose(full, expected, rtol=0, atol=1e-9)
+    assert ("never answers" in printed) == (name == "sonicsurface")
+
+
+def flat_of(name: str, boards: int) -> PhasedArray:
+    from airtact.pose import Pose
+
+    places = [Pose(np.eye(3), np.array([0.2 * index, 0.0, 0.0])) for index in range(boards)]
+    return board_array(name, places)
+
+
+@pytest.mark.parametrize("kind", ["npz", "csv", "h5", "bin"])
+def test_an_export_is_the_drive_in_the_boards_levels(capsys, tmp_path, kind) -> None:
+    path = write(tmp_path / "drive.h5", board_array("openmpd"))
+    code, printed, errors = output(
+        capsys, "export", path, "--board", "openmpd", "--format", kind, "--out", tmp_path / "frames"
+    )
+    assert code == 0, errors
+    assert "1 frame for 1 board" in printed
+    (frame,) = read_frames(tmp_path / f"frames.{kind}", "openmpd").frames
+    with h5py.File(path) as file:
+        asked = file["amplitude"][()] * np.exp(1j * file["phase"][()])
+    np.testing.assert_allclose(frame.drive().amplitudes, asked, rtol=0, atol=0.5 / 64 * np.pi / 2 + np.pi / 128)
+
+
+def test_a_file_link_holds_ramp_drive_and_silence(capsys, drive, tmp_path) -> None:
+    out = tmp_path / "frames.npz"
+    code, _, errors = output(
+        capsys,
+        "emit",
+        drive,
+        "--board",
+        "autd3",
+        "--link",
+        "file",
+        "--out",
+        out,
+        "--cap",
+        "50",
+        "--yes",
+        "--seconds",
+        "0.1",
+    )
+    assert code == 0, errors
+    frames = read_frames(out).frames
+    loudness = [int(frame.amplitude.max()) for frame in frames]
+    assert loudness == sorted(loudness[:-1]) + [0]
+    assert loudness[-2] in (127, 128)
+
+
+# --- what it refuses ------------------------------------------------------------------------------------------------
+
+AUDIT = ("--board", "autd3", "--link", "audit", "--yes")
+
+
+def full_scale(path: Path) -> Path:
+    with h5py.File(path) as file:
+        amplitude = file["amplitude"][()]
+    return change(path, amplitude=1.5 * amplitude)
+
+
+def with_nan(path: Path) -> Path:
+    with h5py.File(path) as file:
+        phase = file["phase"][()]
+    phase[7] = np.nan
+    return change(path, phase=phase)
+
+
+def bent(path: Path) -> Path:
+    with h5py.File(path) as file:
+        places = file["positions"][()]
+    places[500, 0] += 2e-3
+    return change(path, positions=places)
+
+
+REFUSALS = {
+    "no answer": (lambda path: path, AUDIT[:-1], r"nobody is there to be asked, and 0 frames were sent: give --yes"),
+    "no file": (lambda path: path.with_name("none.h5"), AUDIT, r"cannot read .*none\.h5: there is no such file"),
+    "no HDF5": (lambda path: path.parent / "text.h5", AUDIT, r"cannot read .*text\.h5: it is no HDF5 file"),
+    "no drive": (lambda path: change(path, phase=None), AUDIT, r"drive\.h5: 1 datasets are missing: phase"),
+    "words": (
+        lambda path: change(path, amplitude="loud"),
+        AUDIT,
+        r"drive\.h5: amplitude are .* give real numbers",
+    ),
+    "one number": (
+        lambda path: change(path, amplitude=1.0),
+        AUDIT,
+        r"amplitude of shape \(\) and phase of shape \(996,\)",
+    ),
+    "no scene of ours": (lambda path: change(path, scene="colour = 3"), AUDIT, r"drive\.h5: colour is not a key"),
+    "too loud": (
+        full_scale,
+        AUDIT,
+        r"an amplitude must be 0 to 1, but \d+ are not, the first 1\.\d+ of element",
+    ),
+    "NaN": (with_nan, AUDIT, r"drive\.h5: phase hold 1 NaN or infinite value, the first at index \[0, 7\]"),
+    "bent": (
+        bent,
+        AUDIT,
+        r"498 to 746 are not laid out like board 2 of autd3: element 500 stands 1\.98 mm",
+    ),
+    "996 to nano": (
+        lambda path: path,
+        ("--board", "nano16", "--link", "serial", "--port", "x", "--yes"),
+        r"996 elements are 83 nano16 boards, and one link speaks to at most 1: make a drive",
+    ),
+    "996 to sonicsurface": (
+        lambda path: path,
+        ("--board", "sonicsurface", "--link", "serial", "--port", "x", "--yes"),
+        r"996 elements do not fill whole sonicsurface boards of 256: give a drive for 512 elements",
+    ),
+    "wrong link": (
+        lambda path: path,
+        ("--board", "autd3", "--link", "serial", "--port", "x", "--yes"),
+        r"autd3 has no 'serial' link, it has 6: audit",
+    ),
+    "no out": (
+        lambda path: path,
+        ("--board", "autd3", "--link", "file", "--yes"),
+        r"file link needs 1 file: give --out",
+    ),
+    "stray port": (lambda path: path, (*AUDIT, "--port", "x"), r"--port x does not go with the audit link"),
+    "cap": (lambda path: path, (*AUDIT, "--cap", "0"), r"the cap is 0 per cent"),
+    "seconds": (lambda path: path, (*AUDIT, "--seconds", "-1"), r"how long to emit is -1 s"),
+    "remote": (
+        lambda path: path,
+        ("--board", "autd3", "--link", "remote", "--address", "127.0.0.1:9", "--yes"),
+        r"4 AUTD3 boards cannot be opened through remote",
+    ),
+    "another frequency": (
+        lambda path: change(path, scene=SCENE.replace("40e3", "25e3")),
+        AUDIT,
+        r"drive\.h5: the drive is for 25000 Hz, and boards play 40000 Hz",
+    ),
+    "sequence without rate": (
+        lambda path: change(path, amplitude=np.zeros((3, 996)), phase=np.zeros((3, 996))),
+        AUDIT,
+        r"a sequence of 3 frames needs rate",
+    ),
+    "shapes": (
+        lambda path: change(path, amplitude=np.zeros(3)),
+        AUDIT,
+        r"amplitude of shape \(3,\) and phase of shape \(996,\) do not fit 996 elements",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSALS)
+def test_what_cannot_be_emitted_is_refused(capsys, drive, name, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
+    (drive.parent / "text.h5").write_text("not HDF5")
+    spoil, arguments, sentence = REFUSALS[name]
+    code, _, errors = output(capsys, "emit", spoil(drive), *arguments)
+    last = errors.splitlines()[-1]
+    assert code == 2
+    assert re.search(sentence, last), last
+    assert last.startswith("airtact: ")
+
+
+@pytest.mark.parametrize(
+    ("frames", "rate", "sentence"),
+    [
+        (4, 70.0, r"nearest that AUTD3 plays is 70\.05254"),
+        (1100, 100.0, r"keeps 2 to 1024 frames, not 1100"),
+    ],
+)
+def test_sequences_that_boards_refuse_are_told_the_nearest(capsys, tmp_path, frames, rate, sentence) -> None:
+    path = write(tmp_path / "sequence.h5", board_array("autd3"), frames=frames, rate=rate)
+    code, _, errors = output(capsys, "emit", path, *AUDIT)
+    assert code == 2
+    assert re.search(sentence, errors.splitlines()[-1])
+
+
+def test_a_rate_over_the_serial_line_is_told_the_nearest(capsys, tmp_path) -> None:
+    path = write(tmp_path / "sequence.h5", board_array("sonicsurface"), frames=3, rate=200.0)
+    with wired(SonicSurface()) as wire:
+        code, _, errors = output(
+            capsys, "emit", path, "--board", "sonicsurface", "--link", "serial", "--port", wire.port, "--yes"
+        )
+    assert code == 2
+    assert "200 frames/s are more than the serial link carries" in errors
+    assert "the nearest is 88 frames/s" in errors
+
+
+def test_paper_boards_are_played_too(capsys, tmp_path) -> None:
+    """Boards of the paper's idealised box overlap at the corners, but each is a board."""
+    path = write(tmp_path / "drive.h5", flat_boards(1, 2))
+    code, printed, errors = output(capsys, "emit", path, *AUDIT, "--seconds", "0.05")
+    assert code == 0, errors
+    assert "2 AUTD3, 498 transducers" in printed
+
+
+# --- how it ends ----------------------------------------------------------------------------------------------------
+
+
+def ended_by(kind, path: Path, moment: float) -> None:
+    """A process of its own, told to end while it plays on a serial board."""
+    with wired(SonicSurface()) as wire:
+        command = [
+            sys.executable,
+            "-m",
+            "airtact.cli",
+            "emit",
+            str(path),
+            "--board",
+            "sonicsurface",
+            "--link",
+            "serial",
+        ]
+        process = subprocess.Popen(
+            [*command, "--port", wire.port, "--yes", "--seconds", "30"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        try:
+            while wire.heard < 259 * 4 and process.poll() is None:
+                time.sleep(0.005)
+            time.sleep(moment)
+            process.send_signal(kind)
+            _, errors = process.communicate(timeout=20)
+        finally:
+            process.kill()
+        time.sleep(0.05)
+        assert wire.heard >= 259 * 4, errors
+        assert not wire.board.pulses().any()
+        assert process.returncode == (130 if kind == signal.SIGINT else 143), errors
+        assert "Traceback" not in errors
+
+
+@pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])
+def test_a_process_that_is_told_to_end_leaves_silence(tmp_path, kind) -> None:
+    ended_by(kind, write(tmp_path / "drive.h5", board_array("sonicsurface")), 0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])
+def test_fifty_processes_that_are_told_to_end_leave_silence(tmp_path, kind) -> None:
+    path = write(tmp_path / "drive.h5", board_array("sonicsurface"))
+    for moment in np.random.default_rng(1).uniform(0.0, 0.4, 50):
+        ended_by(kind, path, moment)
+
+
+def test_a_cable_cut_while_emitting_has_a_code_of_its_own(capsys, tmp_path) -> None:
+    path = write(tmp_path / "sequence.h5", board_array("sonicsurface"), frames=3, rate=50.0)
+    with wired(SonicSurface(), cut_after=6000) as wire:
+        code, _, errors = output(
+            capsys, "emit", path, "--board", "sonicsurface", "--link", "serial", "--port", wire.port, "--yes"
+        )
+    assert code == 3
+    last = errors.splitlines()[-1]
+    assert "the serial link failed while silencing" in last
+    assert "the boards may still sound: cut their power" in last

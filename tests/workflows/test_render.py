@@ -1,0 +1,165 @@
+"""A run writes what it computed, and another method agrees with it."""
+
+import csv
+import re
+from base64 import b64decode
+
+import h5py
+import numpy as np
+import pytest
+
+from airtact.conventions import InvalidInput
+from airtact.evaluation.field import drive_sources
+from airtact.solvers.spherical.sphere_series import SphereSeries
+from airtact.transfer import focus_by_distance
+from airtact.workflows.render import CONSIDERED, FILES, IGNORED, render
+from paths import SCENES
+
+BALL = SCENES / "ball.toml"
+
+
+@pytest.fixture(scope="module")
+def rendered(tmp_path_factory):
+    """One run of the small scene: its folder, what it returned and the steps it told."""
+    folder, steps = tmp_path_factory.mktemp("run") / "new", []
+    run = render(BALL, folder, steps.append)
+    return folder, run, steps
+
+
+@pytest.fixture(scope="module")
+def exact(rendered):
+    """Pressure of the drive anywhere, by the series for a sphere."""
+    run = rendered[1]
+    field = SphereSeries().radiate(run.scene, drive_sources(run.array, [run.drive]))
+    return lambda points: field.at(points)[:, 0]
+
+
+def test_a_run_writes_its_files_and_nothing_else(rendered):
+    folder, _, steps = rendered
+    assert sorted(entry.name for entry in folder.iterdir()) == sorted(FILES)
+    assert [step.split()[0] for step in steps] == [
+        "reading",
+        "solving",
+        "hearing",
+        "making",
+        "judging",
+        "computing",
+        "computing",
+        "drawing",
+    ]
+
+
+def test_the_worst_focus_gets_what_it_asked_by_the_series(rendered, exact):
+    run = rendered[1]
+    got = np.abs(exact(run.target.points))
+    # The scene asks for an accuracy of 5 %; the judging solution is at least three times better.
+    np.testing.assert_allclose(np.min(got / run.target.pressures), 1.0, atol=0.05)
+    np.testing.assert_allclose(run.reached, got, rtol=0.02)
+
+
+def test_the_comparison_is_that_of_the_series(rendered):
+    run = rendered[1]
+    control = focus_by_distance(run.array, run.target, run.scene.medium, run.scene.frequency)
+    sources = drive_sources(run.array, [run.drive, control])
+    ours, theirs = np.abs(SphereSeries().radiate(run.scene, sources).at(run.target.points)).T
+    energy = [np.sum(np.abs(drive.amplitudes) ** 2) for drive in (run.drive, control)]
+    ratio = theirs / ours * np.sqrt(energy[0] / energy[1])
+    np.testing.assert_allclose(run.comparison.ratios("equal energy")[1], ratio, rtol=0.03)
+
+
+def test_the_judging_solution_is_finer_than_the_drives(rendered):
+    run = rendered[1]
+    assert run.comparison.report.settings["accuracy"] <= 0.05 / 3
+    assert run.comparison.report.nodes > run.beacons.nodes
+
+
+def test_the_field_file_is_the_field_of_the_series(rendered, exact):
+    with h5py.File(rendered[0] / "field.vtkhdf") as file:
+        image = file["VTKHDF/field"]
+        pressure = image["PointData/pressure_real"][:] + 1j * image["PointData/pressure_imag"][:]
+        origin, step = image.attrs["Origin"], image.attrs["Spacing"]
+    random = np.random.default_rng(0)
+    index = np.stack([random.integers(0, count, 300) for count in pressure.shape], axis=1)
+    points = origin + step * index[:, ::-1]
+    drawn = pressure[tuple(index.T)]
+    outside = np.linalg.norm(points, axis=1) > 5e-3
+    np.testing.assert_array_equal(np.isnan(drawn), ~outside)
+    expected = exact(points[outside])
+    assert np.linalg.norm(drawn[outside] - expected) < 0.02 * np.linalg.norm(expected)
+
+
+def test_the_pictures_show_the_field_at_equal_energy(rendered, exact):
+    run = rendered[1]
+    cut = run.plane
+    outside = np.linalg.norm(cut.window.points, axis=1) > 5.1e-3
+    chosen = np.flatnonzero(outside)[::200]
+    loudest = np.abs(run.drive.amplitudes).max()
+    control = focus_by_distance(run.array, run.target, run.scene.medium, run.scene.frequency).amplitudes
+    energies = np.array([np.sum(np.abs(run.drive.amplitudes / loudest) ** 2), np.sum(np.abs(control) ** 2)])
+    scale = np.sqrt(energies.min() / energies[0]) / loudest
+    expected = scale * exact(cut.window.points[chosen])
+    drawn = cut.pressures[CONSIDERED][chosen]
+    assert np.linalg.norm(drawn - expected) < 0.02 * np.linalg.norm(expected)
+    assert list(cut.pressures) == [CONSIDERED, IGNORED]
+
+
+def test_the_drive_files_hold_the_drive(rendered):
+    folder, run, _ = rendered
+    with (folder / "drive.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    amplitudes = [float(row["amplitude"]) * np.exp(1j * float(row["phase"])) for row in rows]
+    np.testing.assert_allclose(amplitudes, run.drive.amplitudes, atol=1e-8)
+    with h5py.File(folder / "drive.h5") as file:
+        pressure = file["transfer_matrix"][:] @ (file["amplitude"][:] * np.exp(1j * file["phase"][:]))
+        assert file["scene"].asstr()[()] == BALL.read_text()
+        assert '"solver":"BoundaryElement"' in file["report"].asstr()[()]
+    np.testing.assert_allclose(np.min(np.abs(pressure) / run.target.pressures), 1.0, rtol=1e-9)
+
+
+def test_the_page_needs_nothing_from_elsewhere(rendered):
+    page = (rendered[0] / "report.html").read_text(encoding="utf-8")
+    sources = re.findall(r'(?:src|href)="([^"]*)"', page)
+    assert len(sources) == 3
+    for source in sources:
+        kind, data = source.split(",", 1)
+        assert kind == "data:image/png;base64"
+        assert b64decode(data).startswith(b"\x89PNG")
+    assert not re.search(r"https?://|@import|url\(|<script|<link", page)
+
+
+def test_the_page_says_what_was_computed_and_what_was_not(rendered):
+    folder, run, _ = rendered
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    for words in (
+        "do not reflect",
+        "uncalibrated",
+        "Equal peak",
+        "Equal energy",
+        "Phase only",
+        "343.1 m/s",
+        "estimated error",
+        "dual-surface equation",
+        "south pole",
+        f"{run.reached[0]:,.0f}",
+        f"{run.comparison.ratios('equal energy')[1, 0]:.3f}",
+        f"{run.beacons.nodes:,}",
+    ):
+        assert words in page
+
+
+def test_markup_in_names_stays_words(tmp_path):
+    path = tmp_path / "a<b>.toml"
+    path.write_text(BALL.read_text().replace("south pole", "<i>&"))
+    render(path, tmp_path / "out")
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "<i>" not in page
+    assert "<b>" not in page.replace('<div class="tile"><b>', "")
+    assert "&lt;i&gt;&amp;" in page
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_solved(tmp_path):
+    (tmp_path / "file").touch()
+    steps = []
+    with pytest.raises(InvalidInput, match="cannot write into the output folder"):
+        render(BALL, tmp_path / "file" / "out", steps.append)
+    assert steps == ["reading ball.toml"]
