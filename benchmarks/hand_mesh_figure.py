@@ -68,7 +68,7 @@ def focus_of(outcome: Outcome) -> float:
 
 
 def stray_of(outcome: Outcome) -> float:
-    """Stray sound on the skin against the foci, over that of the right drive [dB].
+    """SideLobe sound on the skin against the foci, over that of the right drive [dB].
 
     Parameters
     ----------

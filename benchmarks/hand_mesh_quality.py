@@ -23,7 +23,7 @@ from airtact.pose import Pose
 from airtact.scene.medium import air
 from airtact.scene.scene import Scene, sound_hard
 from airtact.scene.target import Target
-from airtact.scene.target_points import skin_points
+from airtact.scene.target_points import surface_points
 from airtact.solvers.bem.solver import BoundaryElement
 from airtact.solvers.problem import RadiatedField
 from airtact.surfaces.surface import Surface
@@ -136,13 +136,13 @@ class Study:
     @cached_property
     def stray_points(self) -> Float64[np.ndarray, "stray 3"]:
         """Where stray sound is heard [m]."""
-        points = skin_points(self.hand.surface, self.spacing)
+        points = surface_points(self.hand.surface, self.spacing)
         scene = _scene(self.hand.surface)
         far = np.asarray(KDTree(foci(self.hand, self.pads)).query(points)[0]) > scene.wavelength
         return points[far]
 
     @cached_property
-    def judge(self) -> Complex128[np.ndarray, "heard elements"]:
+    def verify(self) -> Complex128[np.ndarray, "heard elements"]:
         """Pressure at the foci, and then at the stray points, of each element [Pa], by a solution of its own."""
         kept = self.folder / f"judge-{self.name.replace(' ', '-')}.npz"
         points = np.concatenate([foci(self.hand, self.pads), self.stray_points])
@@ -150,8 +150,8 @@ class Study:
             found = np.load(kept)
             if np.array_equal(found["points"], points) and np.array_equal(found["array"], self.array.positions):
                 return found["matrix"]
-        target = Target(foci(self.hand, self.pads), quiet=self.stray_points)
-        field = BoundaryElement(self.judging).radiate(_scene(self.hand.surface), target.beacons(quiet=True))
+        target = Target(foci(self.hand, self.pads), suppression_points=self.stray_points)
+        field = BoundaryElement(self.judging).radiate(_scene(self.hand.surface), target.beacons(suppression=True))
         matrix = transfer_matrix(field, self.array).matrix
         self.folder.mkdir(parents=True, exist_ok=True)
         np.savez(kept, points=points, array=self.array.positions, matrix=matrix)

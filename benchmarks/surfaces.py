@@ -44,7 +44,7 @@ def scanned(axes: np.ndarray, level: int, noise: float) -> at.Scene:
 
 def scanned_error(axes: np.ndarray, gap: float, level: int, noise: float) -> tuple[float, float, float, int]:
     """Worst error of 8 sources a gap off the skin, seconds with and without panelling, and unknowns."""
-    skin, normals, _ = ellipsoid.skin_points(axes, 8)
+    skin, normals, _ = ellipsoid.surface_points(axes, 8)
     positions, points = skin + gap * normals, far_points()
     true, own = ellipsoid.pressure_at(axes, WAVENUMBER, positions, points)
     assert own < 1e-3, own
@@ -63,7 +63,7 @@ def against_finer(dimensions: tuple[float, float, float], positions: np.ndarray)
     scene = scene_of(np.array(box.vertices), np.array(box.faces))
     fields = [at.BoundaryElement(accuracy=asked).radiate(scene, one_each(positions)) for asked in (0.01, 0.0005)]
     found, true = (field.at(far_points()) for field in fields)
-    panels = fields[0].surface.nodes.six_nodes
+    panels = fields[0].surface.nodes.quadratic_triangles
     volume = enclosed_volume(panels) / np.prod(dimensions) - 1
     return float(relative(found, true).max()), abs(volume), float(smallest_angles(panels).min())
 
@@ -117,7 +117,7 @@ def panelling_figures() -> Iterator[str]:
     def timed(surfaces: list[at.Surface], edge: float) -> tuple[float, int]:
         began = time.perf_counter()
         panels = [surface.panelled(edge) for surface in surfaces]
-        return time.perf_counter() - began, sum(len(part.six_nodes) for part in panels)
+        return time.perf_counter() - began, sum(len(part.quadratic_triangles) for part in panels)
 
     at.load_surface(HAND).panelled(0.01)  # MMG's libraries are loaded once
     for edge in (8.0e-3, EDGE):
@@ -134,9 +134,9 @@ def angle_figures() -> Iterator[str]:
     worst = []
     for name, mesh in assorted():
         panels = at.Surface(*mesh).panelled(EDGE)
-        angles = smallest_angles(panels.six_nodes)
+        angles = smallest_angles(panels.quadratic_triangles)
         worst.append((float(angles.min()), name, float(np.mean(angles < 15)), len(angles)))
-        assert np.isfinite(longest_edges(panels.six_nodes)).all()
+        assert np.isfinite(longest_edges(panels.quadratic_triangles)).all()
     worst.sort()
     above = sum(angle >= 15 for angle, *_ in worst)
     below = ", ".join(
@@ -146,7 +146,7 @@ def angle_figures() -> Iterator[str]:
 
 
 def damaged_figures(count: int = 500) -> Iterator[str]:
-    outcome = {"mended": 0, "refused": 0}
+    outcome = {"repairs": 0, "refused": 0}
     wrong, worst = [], 0.0
     for seed in range(count):
         name, whole, broken = damaged(np.random.default_rng(seed))
@@ -155,7 +155,7 @@ def damaged_figures(count: int = 500) -> Iterator[str]:
         except at.InvalidInput:
             outcome["refused"] += 1
             continue
-        outcome["mended"] += 1
+        outcome["repairs"] += 1
         error = _difference(scene_of(*_mended(whole)), with_fault)
         worst = max(worst, error)
         if error > 0.03:

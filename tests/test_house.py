@@ -136,7 +136,7 @@ def test_the_search_for_missing_shapes_finds_them() -> None:
 
 ANY_ARRAY = {
     "airtact.validation.of_kind",
-    "airtact.validation.refuse_not_finite",
+    "airtact.validation.check_finite",
     "airtact.printing.in_short",
     "airtact.solvers.gmres.gmres",
 }

@@ -6,7 +6,7 @@ import pytest
 
 from airtact.conventions import InvalidInput
 from airtact.scene.medium import Medium
-from airtact.validation import check_frequency, fixed, number, of_kind, place, points_of, positive, refuse_not_finite
+from airtact.validation import check_finite, check_frequency, fixed, in_mm, number, of_kind, points_of, positive
 
 
 @pytest.mark.parametrize("value", [0.0, -2.5, math.nan, math.inf, -math.inf])
@@ -49,11 +49,11 @@ def test_not_finite_values_are_counted_and_placed(value):
 
 def test_not_finite_complex_values_are_seen():
     with pytest.raises(InvalidInput, match=r"strengths hold 1 NaN or infinite value, the first at index \[1\]"):
-        refuse_not_finite(np.array([1.0, 1j * np.inf]), "strengths")
+        check_finite(np.array([1.0, 1j * np.inf]), "strengths")
 
 
 def test_places_are_said_in_millimetres():
-    assert place(np.array([0.0123, -0.5, 0.0])) == "(12.30, -500.00, 0.00) mm"
+    assert in_mm(np.array([0.0123, -0.5, 0.0])) == "(12.30, -500.00, 0.00) mm"
 
 
 @pytest.mark.usefixtures("as_outside_the_tests")
@@ -126,4 +126,4 @@ def test_another_kind_is_refused_with_what_to_give(value, kind, sentence):
 
 def test_one_value_is_said_in_the_singular():
     with pytest.raises(InvalidInput, match="points hold 1 NaN or infinite value, the first"):
-        refuse_not_finite(np.array([np.nan, 0.0]), "points")
+        check_finite(np.array([np.nan, 0.0]), "points")

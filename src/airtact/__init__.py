@@ -8,12 +8,12 @@ from airtact.conventions import InvalidInput, NotConverged
 from airtact.evaluation.attainable import attainable
 from airtact.evaluation.comparison import Comparison, compare
 from airtact.evaluation.field import field_map
-from airtact.evaluation.judgement import Judgement, Stray, judge
 from airtact.evaluation.metrics import Evaluation, evaluate
 from airtact.evaluation.microphone import Microphone
-from airtact.evaluation.radiation import Pad, SkinMap, radiation_pressure, skin_map
+from airtact.evaluation.radiation import Pad, RadiationMap, radiation_map, radiation_pressure
 from airtact.evaluation.scan import Overlay, Scan, load_scan, overlay_scan
 from airtact.evaluation.thresholds import sound_pressure_level
+from airtact.evaluation.verification import SideLobe, Verification, verify
 from airtact.hand.anatomy_parts import Touch
 from airtact.hand.files import load_hand
 from airtact.hand.fitting.fit import FittedHand, fit_hand
@@ -31,13 +31,13 @@ from airtact.scene.medium import Medium, air
 from airtact.scene.scene import Obstacle, Scene, filled, impedance, sound_hard
 from airtact.scene.sources import Monopoles
 from airtact.scene.target import Target
-from airtact.scene.target_points import circle, onto_skin, polyline, segment, skin_points, sphere_shell
+from airtact.scene.target_points import circle, onto_surface, polyline, segment, sphere_shell, surface_points
 from airtact.solvers.bem.solver import BoundaryElement
 from airtact.solvers.fem.solver import FiniteElement
 from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import RadiatedField, Skin, Solver, SolveReport
 from airtact.solvers.sampled_field import SampledField, load_samples
-from airtact.solvers.spherical.multipole_field import outgoing_waves
+from airtact.solvers.spherical.multipole_field import multipole_expansion
 from airtact.solvers.spherical.sphere_series import SphereSeries
 from airtact.store.stored import Stored
 from airtact.surfaces.files import load_surface
@@ -57,7 +57,7 @@ from airtact.synthesis.gradient import gradient
 from airtact.synthesis.inverse_filter import inverse_filter, iterated_time_reversal
 from airtact.synthesis.max_min import max_min
 from airtact.synthesis.quantise import Frame, Levels, quantise, rounding_error
-from airtact.synthesis.reach import share_reached
+from airtact.synthesis.reach import achieved_fraction
 from airtact.synthesis.sequence import (
     Sequence,
     amplitude_modulation,
@@ -107,7 +107,6 @@ __all__ = [
     "HandFrame",
     "HandStream",
     "InvalidInput",
-    "Judgement",
     "Levels",
     "Link",
     "LinkFailed",
@@ -126,6 +125,7 @@ __all__ = [
     "Pose",
     "Predictor",
     "RadiatedField",
+    "RadiationMap",
     "Recording",
     "RecordingLink",
     "SampledField",
@@ -133,21 +133,22 @@ __all__ = [
     "Scene",
     "Sequence",
     "SerialLink",
+    "SideLobe",
     "Skin",
-    "SkinMap",
     "SolveReport",
     "Solver",
     "SphereSeries",
     "Stalled",
     "Stored",
-    "Stray",
     "StreamHealth",
     "Surface",
     "Target",
     "Touch",
     "TransferMatrix",
     "UpperBound",
+    "Verification",
     "WebSocketReceiver",
+    "achieved_fraction",
     "air",
     "amplitude_modulation",
     "attainable",
@@ -174,7 +175,6 @@ __all__ = [
     "inverse_filter",
     "iterated_time_reversal",
     "join",
-    "judge",
     "lateral_modulation",
     "load_calibration",
     "load_hand",
@@ -185,8 +185,8 @@ __all__ = [
     "max_min",
     "merged",
     "monopole",
-    "onto_skin",
-    "outgoing_waves",
+    "multipole_expansion",
+    "onto_surface",
     "overlay_scan",
     "phase_conjugate",
     "picture",
@@ -195,25 +195,25 @@ __all__ = [
     "polyline",
     "poses_of_boards",
     "quantise",
+    "radiation_map",
     "radiation_pressure",
     "replay",
     "rounding_error",
     "save_recording",
     "segment",
-    "share_reached",
-    "skin_map",
-    "skin_points",
     "sound_hard",
     "sound_pressure_level",
     "spatiotemporal_modulation",
     "sphere",
     "sphere_shell",
+    "surface_points",
     "surrounding_box",
     "svg_path",
     "text",
     "time_reversal",
     "transfer_matrix",
     "upper_bound",
+    "verify",
     "weighted_gerchberg_saxton",
     "weighted_gerchberg_saxton_sets",
 ]

@@ -26,12 +26,16 @@ class InvalidInput(ValueError):  # noqa: N818 (reads as what it is in a tracebac
 
     Attributes
     ----------
-    place : (3,) where the fault is [m], as far as one point can tell, so that it can be drawn; or None.
+    position : (3,) where the fault is [m], as far as one point can say, so that it can be drawn; or None.
+    code : a short name of the kind of fault, such as "focus_inside_body", which stays when the sentence changes.
     """
 
-    def __init__(self, sentence: str, place: Real[np.ndarray, "3"] | None = None) -> None:
+    def __init__(
+        self, sentence: str, position: Real[np.ndarray, "3"] | None = None, *, code: str = "invalid_input"
+    ) -> None:
         super().__init__(sentence)
-        self.place = place
+        self.position = position
+        self.code = code
 
 
 @contextmanager
@@ -53,8 +57,17 @@ def about(what: str) -> Iterator[None]:
     try:
         yield
     except InvalidInput as fault:
-        raise InvalidInput(f"{what}: {fault}", fault.place) from None
+        raise InvalidInput(f"{what}: {fault}", fault.position, code=fault.code) from None
 
 
 class NotConverged(RuntimeError):  # noqa: N818
-    """A solver stopped before its tolerance; the message has the residual, the iterations and the likely cause."""
+    """A solver stopped before its tolerance; the message has the residual, the iterations and the likely cause.
+
+    Attributes
+    ----------
+    code : a short name of the kind of fault, such as "gmres_stalled", which stays when the sentence changes.
+    """
+
+    def __init__(self, sentence: str, *, code: str = "not_converged") -> None:
+        super().__init__(sentence)
+        self.code = code

@@ -9,7 +9,7 @@ from jaxtyping import Float64, Real
 
 from airtact.conventions import InvalidInput, Vector
 from airtact.printing import in_short
-from airtact.validation import number, real_numbers, refuse_not_finite
+from airtact.validation import check_finite, number, real_numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +47,8 @@ class Pose:
                 f"a pose has shapes {rotation.shape} and {translation.shape}, but it needs a rotation of shape "
                 "(3, 3) and a translation of shape (3,)."
             )
-        refuse_not_finite(rotation, "the pose's rotation")
-        refuse_not_finite(translation, "the pose's translation")
+        check_finite(rotation, "the pose's rotation")
+        check_finite(translation, "the pose's translation")
         skew = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
         if skew > 1e-6 or np.linalg.det(rotation) < 0.0:
             raise InvalidInput(

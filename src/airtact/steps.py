@@ -40,9 +40,9 @@ class Clock:
     seconds : wall time by step [s].
     """
 
-    def __init__(self, tell: Callable[[str], None]) -> None:
+    def __init__(self, report_step: Callable[[str], None]) -> None:
         self.seconds: dict[str, float] = {}
-        self._tell = tell
+        self._tell = report_step
 
     @contextmanager
     def step(self, name: str, words: str) -> Iterator[None]:
@@ -119,7 +119,7 @@ def kept(solver: Solver, store: Path | None) -> Solver:
     return solver if store is None else Stored(solver, store)
 
 
-def heard_foci(setup: Setup, clock: Clock, store: Path | None = None) -> tuple[TransferMatrix, SolveReport]:
+def solve_foci(setup: Setup, clock: Clock, store: Path | None = None) -> tuple[TransferMatrix, SolveReport]:
     """Solve for beacons in all foci and quiet points, and hear them at the transducers.
 
     Parameters
@@ -130,10 +130,14 @@ def heard_foci(setup: Setup, clock: Clock, store: Path | None = None) -> tuple[T
     """
     target = setup.target
     count = len(target.points)
-    quiet = f" and {counted(len(target.quiet), 'quiet point', 'quiet points')}" if len(target.quiet) else ""
+    quiet = (
+        f" and {counted(len(target.suppression_points), 'quiet point', 'quiet points')}"
+        if len(target.suppression_points)
+        else ""
+    )
     words = f"solving for a beacon in each focus ({count}){quiet} around {', '.join(setup.bodies) or 'nothing'}"
     with clock.step("beacons", words):
-        beacons = kept(setup.solver, store).radiate(setup.scene, target.beacons(quiet=True))
+        beacons = kept(setup.solver, store).radiate(setup.scene, target.beacons(suppression=True))
     with clock.step("transfer", f"hearing them at {counted(len(setup.array), 'transducer', 'transducers')}"):
         return transfer_matrix(beacons, setup.array), beacons.report
 

@@ -117,7 +117,7 @@ def read_text_table(path: Path) -> TextTable:
         if words.lstrip().startswith(COMMENTS):
             head = words.lstrip().lstrip("%# ") if commented and not rows else head
             continue
-        _refuse_other_separators(path.name, line, words)
+        _check_other_separators(path.name, line, words)
         cells = _cells(words)
         if commented and not rows and not any(_is_number(cell) for cell in cells):
             head, commented = words, False
@@ -134,7 +134,7 @@ def read_text_table(path: Path) -> TextTable:
     return TextTable(path.name, names, tuple(rows), tuple(lines))
 
 
-def _refuse_other_separators(file: str, line: int, words: str) -> None:
+def _check_other_separators(file: str, line: int, words: str) -> None:
     for separator, name in OTHER_SEPARATORS.items():
         count = len(words.strip().split(separator)) - 1
         if count and "," not in words:

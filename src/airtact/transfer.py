@@ -13,7 +13,7 @@ from airtact.solvers.problem import RadiatedField
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement, check_reach
-from airtact.validation import check_frequency, complex_numbers, counted, of_kind, place, refuse_not_finite
+from airtact.validation import check_finite, check_frequency, complex_numbers, counted, in_mm, of_kind
 
 FULL_SCALE = 1.0 + 1e-9
 """Largest magnitude of a drive: full scale, and what rounding adds to it."""
@@ -41,7 +41,7 @@ class Drive:
         amplitudes = complex_numbers(self.amplitudes, "the drive's amplitudes")
         if amplitudes.ndim != 1 or len(amplitudes) == 0:
             raise InvalidInput(f"a drive needs one amplitude per element, not an array of shape {amplitudes.shape}.")
-        refuse_not_finite(amplitudes, "the drive's amplitudes")
+        check_finite(amplitudes, "the drive's amplitudes")
         magnitude = np.abs(amplitudes)
         if magnitude.max() > FULL_SCALE:
             count = counted(int(np.sum(magnitude > FULL_SCALE)), "element is", "elements are")
@@ -103,7 +103,7 @@ class TransferMatrix:
         matrix = complex_numbers(self.matrix, "the transfer matrix")
         if matrix.ndim != 2 or matrix.size == 0:
             raise InvalidInput(f"a transfer matrix has the shape (foci, elements), not {matrix.shape}.")
-        refuse_not_finite(matrix, "the transfer matrix (focus, element)")
+        check_finite(matrix, "the transfer matrix (focus, element)")
         if not matrix.any():
             raise InvalidInput(f"all {matrix.size} entries of the transfer matrix are 0: no element is heard.")
         matrix.flags.writeable = False
@@ -163,19 +163,19 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
     check_placement(beacons.scene, array, sources.positions)
     element = array.element
     heard = beacons.at(array.face_points.reshape(-1, 3)).reshape(len(array), -1, count)
-    _refuse_unknown(heard, array)
+    _check_unknown(heard, array)
     matrix = element.sensitivity * np.einsum("eqf,q->fe", heard, element.weights) * array.gains
     error = _estimated_error(beacons, array.positions)
     return TransferMatrix(matrix, error, sources.positions, beacons.scene.wavelength)
 
 
-def _refuse_unknown(heard: Complex128[np.ndarray, "elements face foci"], array: PhasedArray) -> None:
+def _check_unknown(heard: Complex128[np.ndarray, "elements face foci"], array: PhasedArray) -> None:
     unknown = ~np.isfinite(heard).all(axis=(1, 2))
     if unknown.any():
         first = int(unknown.argmax())
         raise InvalidInput(
             f"{int(unknown.sum())} of {len(array)} elements stand where the field is not known, first element {first} "
-            f"at {place(array.positions[first])}; give a field that reaches them all.",
+            f"at {in_mm(array.positions[first])}; give a field that reaches them all.",
             array.positions[first],
         )
 

@@ -181,7 +181,7 @@ def points_of(array: Real[np.ndarray, "..."], what: str, least: int = 1) -> Floa
         raise InvalidInput(f"{what} have shape {points.shape}, but points are an array of shape (number of points, 3).")
     if len(points) < least:
         raise InvalidInput(f"{what} are empty (0 points); give at least one.")
-    refuse_not_finite(points, what)
+    check_finite(points, what)
     return points
 
 
@@ -228,7 +228,7 @@ def complex_numbers(array: Num[np.ndarray, "..."], what: str) -> Complex128[np.n
         raise InvalidInput(f"{what} are {_kind_of(array)}, but they must be an array of numbers.") from None
 
 
-def refuse_not_finite(array: np.ndarray, what: str) -> None:
+def check_finite(array: np.ndarray, what: str) -> None:
     """Refuse NaN and infinity.
 
     Parameters
@@ -249,7 +249,7 @@ def refuse_not_finite(array: np.ndarray, what: str) -> None:
         raise InvalidInput(f"{what} hold {values}, the first at index {where}.")
 
 
-def place(point: Real[np.ndarray, "3"]) -> str:
+def in_mm(point: Real[np.ndarray, "3"]) -> str:
     """Say a point in millimetres.
 
     Parameters
@@ -258,7 +258,7 @@ def place(point: Real[np.ndarray, "3"]) -> str:
 
     Examples
     --------
-    >>> place(np.array([0.001, -0.02, 0.3]))
+    >>> in_mm(np.array([0.001, -0.02, 0.3]))
     '(1.00, -20.00, 300.00) mm'
     """
     x, y, z = 1e3 * np.asarray(point, dtype=np.float64)

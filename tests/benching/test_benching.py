@@ -184,7 +184,7 @@ def test_the_folder_holds_tables_figures_and_the_page(tmp_path: Path) -> None:
         rows=(Row("two fingers", "25 ms", "21.0 ms (20.0 to 22.0)", "2 %", "gmres", {"seconds": (0.02, 0.022)}),),
         unknowns=tuple(growth.Grown(size, Timed((1e-7 * size**2,))) for size in (1000, 2000)),
         elements=tuple(growth.Grown(size, Timed((1e-6 * size,))) for size in (249, 996)),
-        said=("AcousTools is left out: no --acoustools PYTHON was given.",),
+        notes=("AcousTools is left out: no --acoustools PYTHON was given.",),
     )
     bench.write(tmp_path, found)
     assert sorted(file.name for file in tmp_path.iterdir()) == sorted([*bench.FILES, "growth.svg"])

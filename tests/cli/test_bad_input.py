@@ -248,7 +248,7 @@ KINDS = {
         "the transfer matrix is a Target, but it must be",
     ),
     "share of a frame": (
-        lambda: at.share_reached(TRANSFER, TARGET, FRAME),
+        lambda: at.achieved_fraction(TRANSFER, TARGET, FRAME),
         "the drive is a Frame, .* give frame.drive",
     ),
     "quantise a frame": (lambda: at.quantise(FRAME), "what is quantised is a Frame, but it must be a Drive"),

@@ -14,7 +14,7 @@ from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import SolveReport
 from airtact.solvers.spherical.sphere_series import SphereSeries
 from airtact.surfaces.primitives import sphere
-from airtact.synthesis.reach import share_reached
+from airtact.synthesis.reach import achieved_fraction
 from airtact.synthesis.time_reversal import time_reversal
 from airtact.transducers.element import piston
 from airtact.transducers.layout import PhasedArray, flat_boards, surrounding_box
@@ -83,7 +83,7 @@ def test_a_drive_by_time_reversal_gets_what_its_matrix_foretold() -> None:
     drive = time_reversal(transfer, target)
     result = evaluate(scene, array, drive, target, solver=SphereSeries())
     np.testing.assert_allclose(result.pressures, transfer.pressure(drive), rtol=1e-6)
-    np.testing.assert_allclose(result.shares, share_reached(transfer, target, drive), rtol=1e-6)
+    np.testing.assert_allclose(result.shares, achieved_fraction(transfer, target, drive), rtol=1e-6)
     assert result.worst == pytest.approx(1.0, rel=1e-6)
     assert result.report.solver == "SphereSeries"
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.special import spherical_jn, spherical_yn
 
 from airtact.conventions import InvalidInput
-from airtact.evaluation.radiation import PAD_REACH, radiation_pressure, skin_map, skin_of
+from airtact.evaluation.radiation import PAD_REACH, radiation_map, radiation_pressure, skin_of
 from airtact.hand.pinch import pinch
 from airtact.scene.medium import Medium
 from airtact.scene.scene import Scene, impedance, sound_hard
@@ -91,7 +91,7 @@ def fingers():
     array = surrounding_box()
     reach = np.linalg.norm(array.positions[:, None] - shape.foci(), axis=-1)
     phases = np.exp(-1j * scene.wavenumber * reach).sum(axis=1)
-    return shape, skin_map(scene, array, Drive(phases / np.abs(phases).max()), solver=BoundaryElement(0.1))
+    return shape, radiation_map(scene, array, Drive(phases / np.abs(phases).max()), solver=BoundaryElement(0.1))
 
 
 def test_pads_lie_under_the_foci_and_both_fingers_are_pushed_alike(fingers) -> None:
@@ -117,10 +117,10 @@ def test_what_has_no_pad_or_no_skin_is_refused(fingers) -> None:
     array = surrounding_box()
     drive = Drive(np.ones(996, dtype=complex))
     with pytest.raises(InvalidInput, match="the scene has 0 obstacles, so there is no skin"):
-        skin_map(Scene(AIR, []), array, drive, solver=SphereSeries())
+        radiation_map(Scene(AIR, []), array, drive, solver=SphereSeries())
     soft = Scene(AIR, [impedance(sphere(5e-3, edge=2e-3), 3.0)])
     with pytest.raises(InvalidInput, match="body 0 is impedance, but radiation pressure is computed on sound_hard"):
-        skin_map(soft, array, drive, solver=SphereSeries())
+        radiation_map(soft, array, drive, solver=SphereSeries())
     assert PAD_REACH == 2e-3
 
 

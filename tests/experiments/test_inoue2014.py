@@ -57,7 +57,7 @@ TABLES = {
 def small(tmp_path_factory):
     told = []
     folder = tmp_path_factory.mktemp("inoue2014")
-    return folder, reproduce(folder, tell=told.append, settings=TINY), told
+    return folder, reproduce(folder, report_step=told.append, settings=TINY), told
 
 
 def rows_of(folder, name):
@@ -88,7 +88,7 @@ def test_what_was_done_before_a_failure_and_before_ctrl_c_is_kept(tmp_path) -> N
 
     settings = dataclasses.replace(TINY, gaps=(6e-3, 0.0), radii=(8e-3,))
     with pytest.raises(KeyboardInterrupt):
-        reproduce(tmp_path, tell=broken_off, settings=settings)
+        reproduce(tmp_path, report_step=broken_off, settings=settings)
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert "Unfinished: 2 parts are still to come (Rigid motion, Mesh and order)" in page
     assert "This part failed, and the others were done without it: a gap of 0 mm leaves no room" in page

@@ -109,19 +109,19 @@ def test_study_runs_what_is_within_its_limits_and_nothing_else() -> None:
         _, seconds, most = costs_of(row.combination)
         share = max(seconds / settings.study_seconds, most / settings.study_bytes)
         if not 0.7 < share < 1.4:  # a prediction is no more exact than that
-            assert (row.said == "") == (share < 1)
-    ran = [row for row in rows if not row.said]
+            assert (row.notes == "") == (share < 1)
+    ran = [row for row in rows if not row.notes]
     assert len(ran) > 30
     assert all(row.error == 0.0 for row in ran)
-    assert [sum(not row.said for row in some) for some in kept] == list(range(len(ran) + 1))  # each run was kept
+    assert [sum(not row.notes for row in some) for some in kept] == list(range(len(ran) + 1))  # each run was kept
 
 
 def test_study_stops_when_its_time_is_spent_and_says_so() -> None:
     settings = dataclasses.replace(FULL, study_budget=1.0)
     rows = study(settings, np.ones(4, dtype=np.complex128), Clock(lambda _: None), imitated)
-    cut = [row for row in rows if row.said == "no time left for it"]
+    cut = [row for row in rows if row.notes == "no time left for it"]
     assert cut
-    assert any(not row.said for row in rows)
+    assert any(not row.notes for row in rows)
     assert f"{len(cut)} within those limits were not run because the study as a whole is given 1 s" in how_many(
         rows, settings
     )
@@ -130,7 +130,7 @@ def test_study_stops_when_its_time_is_spent_and_says_so() -> None:
 def test_study_in_which_nothing_ends_well_stops_too() -> None:
     settings = dataclasses.replace(FULL, study_budget=0.0)
     rows = study(settings, np.ones(4, dtype=np.complex128), Clock(lambda _: None), lambda one, limit: "it broke")
-    assert sum(row.said == "it broke" for row in rows) == 1
+    assert sum(row.notes == "it broke" for row in rows) == 1
     assert all(np.isnan(row.error) for row in rows)
     assert "1 begun did not end well" in how_many(rows, settings)
 

@@ -38,7 +38,7 @@ def share(image: np.ndarray, colour, within: float = 0.12) -> float:
 
 
 @pytest.mark.parametrize(
-    "draw", [lambda: draw_panels(BALL.panelled(4e-3).six_nodes), lambda: draw_bodies([BALL], ["a"])]
+    "draw", [lambda: draw_panels(BALL.panelled(4e-3).quadratic_triangles), lambda: draw_bodies([BALL], ["a"])]
 )
 def test_a_body_is_seen_from_two_opposite_sides_in_proportion(draw):
     left, right = spaces(draw())
@@ -53,8 +53,8 @@ def test_a_body_is_seen_from_two_opposite_sides_in_proportion(draw):
 
 
 def test_panels_are_coloured_by_their_smallest_angle(tmp_path):
-    even = pixels(tmp_path, draw_panels(BALL.panelled(4e-3).six_nodes))
-    stretched = BALL.panelled(4e-3).six_nodes * [1.0, 1.0, 6.0]
+    even = pixels(tmp_path, draw_panels(BALL.panelled(4e-3).quadratic_triangles))
+    stretched = BALL.panelled(4e-3).quadratic_triangles * [1.0, 1.0, 6.0]
     narrow = pixels(tmp_path, draw_panels(stretched))
     # viridis runs from blue over green to yellow: even panels have more red than blue, narrow ones the reverse
     inked = [image[(np.ptp(image, axis=2) > 0.2)] for image in (even[:, :-150], narrow[:, :-150])]

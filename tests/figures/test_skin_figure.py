@@ -8,7 +8,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 from mpl_toolkits.mplot3d import Axes3D
 
-from airtact.evaluation.radiation import SkinMap, skin_of
+from airtact.evaluation.radiation import RadiationMap, skin_of
 from airtact.figures.picture_file import write_picture
 from airtact.figures.skin_figure import FOCUS, _on_pieces, draw_skin
 from airtact.scene.medium import Medium
@@ -19,7 +19,7 @@ from airtact.surfaces.primitives import sphere
 
 
 @pytest.fixture(scope="module")
-def skin() -> SkinMap:
+def skin() -> RadiationMap:
     scene = Scene(Medium(343.1, 1.293), [sound_hard(sphere(8e-3, edge=3e-3))])
     return skin_of(SphereSeries().radiate(scene, Monopoles(np.array([[0.03, -0.02, 0.02]]), np.ones(1))), 0)
 
@@ -49,7 +49,7 @@ def test_colours_are_the_pressures_of_the_panels(skin) -> None:
     assert np.allclose(_on_pieces(replace(skin, radiation_pressure=np.full(len(skin.points), 3.0))), 3.0)
     x = skin.points[:, 0]
     pieces = _on_pieces(replace(skin, radiation_pressure=x))
-    assert pieces.shape == (9 * len(skin.six_nodes),)
+    assert pieces.shape == (9 * len(skin.quadratic_triangles),)
     np.testing.assert_allclose(pieces.reshape(-1, 9).mean(axis=1), x.reshape(-1, 6).mean(axis=1), atol=2e-4)
 
 

@@ -26,7 +26,7 @@ EXACT = {  # volumes in closed form
 
 @pytest.mark.parametrize("name", BODIES)
 def test_triangles_of_panels_of_one_size_are_closed_and_right(name):
-    panels = BODIES[name].panelled(4e-3).six_nodes
+    panels = BODIES[name].panelled(4e-3).quadratic_triangles
     vertices, triangles = flat_triangles(panels)
     assert len(triangles) == 4 * len(panels)
     assert np.all(edge_twins(triangles) >= 0)
@@ -36,7 +36,7 @@ def test_triangles_of_panels_of_one_size_are_closed_and_right(name):
 
 @pytest.mark.parametrize("parts", [2, 3])
 def test_a_panel_in_pieces_beside_a_whole_one_leaves_no_crack(parts):
-    panels = BODIES["ball"].panelled(4e-3).six_nodes
+    panels = BODIES["ball"].panelled(4e-3).quadratic_triangles
     counts = np.ones(len(panels), dtype=int)
     counts[:5] = parts
     mixed, _ = cut(panels, counts)
@@ -47,7 +47,7 @@ def test_a_panel_in_pieces_beside_a_whole_one_leaves_no_crack(parts):
 
 
 def test_nodes_that_part_by_a_little_are_joined():
-    panels = BODIES["ball"].panelled(4e-3).six_nodes
+    panels = BODIES["ball"].panelled(4e-3).quadratic_triangles
     apart = panels + np.random.default_rng(2).uniform(-5e-5, 5e-5, panels.shape)
     vertices, triangles = flat_triangles(apart)
     assert np.all(edge_twins(triangles) >= 0)
@@ -56,7 +56,7 @@ def test_nodes_that_part_by_a_little_are_joined():
 
 
 def test_bodies_that_stand_apart_are_not_joined():
-    near = np.concatenate([sphere(0.01, 3e-3, (x, 0, 0)).panelled(4e-3).six_nodes for x in (0.0, 0.0203)])
+    near = np.concatenate([sphere(0.01, 3e-3, (x, 0, 0)).panelled(4e-3).quadratic_triangles for x in (0.0, 0.0203)])
     _, triangles = flat_triangles(near)
     assert len(triangles) == 4 * len(near)
     assert np.all(edge_twins(triangles) >= 0)

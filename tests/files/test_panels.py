@@ -21,7 +21,7 @@ PANELS = panels_of([BALL.shape, ROD.shape], 4e-3, np.empty((0, 3)), 2e-3)
 def test_the_file_is_an_unstructured_grid_of_quadratic_triangles(tmp_path):
     path = tmp_path / "panels.vtkhdf"
     assert write_panels(path, PANELS) == 0
-    count = len(PANELS.six_nodes)
+    count = len(PANELS.quadratic_triangles)
     with h5py.File(path) as file:
         root = file["VTKHDF"]
         assert root.attrs["Type"] == b"UnstructuredGrid"
@@ -35,10 +35,10 @@ def test_the_file_is_an_unstructured_grid_of_quadratic_triangles(tmp_path):
         assert np.unique(root["Types"]).tolist() == [22]
         assert root["Offsets"][:].tolist() == list(range(0, 6 * count + 1, 6))
         nodes = root["Points"][:][root["Connectivity"][:].reshape(-1, 6)]
-        np.testing.assert_array_equal(nodes, PANELS.six_nodes)
+        np.testing.assert_array_equal(nodes, PANELS.quadratic_triangles)
         data = {name: values[:] for name, values in root["CellData"].items()}
     assert sorted(data) == ["area", "body", "deviation", "smallest_angle"]
-    np.testing.assert_array_equal(data["smallest_angle"], smallest_angles(PANELS.six_nodes))
+    np.testing.assert_array_equal(data["smallest_angle"], smallest_angles(PANELS.quadratic_triangles))
     # 4π r², and 2π r l + 4π r²
     areas = [data["area"][data["body"] == body].sum() for body in (0, 1)]
     np.testing.assert_allclose(areas, [4 * np.pi * 1e-4, 2 * np.pi * (5e-3 * 0.02 + 2 * 25e-6)], rtol=2e-3)
@@ -53,7 +53,7 @@ def test_flat_triangles_are_read_back_in_metres(tmp_path, ending):
     np.testing.assert_allclose(np.ptp(surface.vertices, axis=0), [0.045, 0.02, 0.035], rtol=0.01)
     mesh = trimesh.Trimesh(surface.vertices, surface.triangles, process=False)
     assert mesh.is_watertight
-    assert mesh.volume == pytest.approx(enclosed_volume(PANELS.six_nodes), rel=0.05)
+    assert mesh.volume == pytest.approx(enclosed_volume(PANELS.quadratic_triangles), rel=0.05)
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -73,13 +73,13 @@ def test_vtk_reads_the_panels_back(tmp_path):
     reader.SetFileName(str(path))
     reader.Update()
     grid = reader.GetOutputDataObject(0)
-    assert grid.GetNumberOfCells() == len(PANELS.six_nodes)
+    assert grid.GetNumberOfCells() == len(PANELS.quadratic_triangles)
     assert {grid.GetCell(index).GetClassName() for index in range(grid.GetNumberOfCells())} == {"vtkQuadraticTriangle"}
     np.testing.assert_array_equal(
-        numpy_support.vtk_to_numpy(grid.GetPoints().GetData()), PANELS.six_nodes.reshape(-1, 3)
+        numpy_support.vtk_to_numpy(grid.GetPoints().GetData()), PANELS.quadratic_triangles.reshape(-1, 3)
     )
     areas = numpy_support.vtk_to_numpy(grid.GetCellData().GetArray("area"))
-    np.testing.assert_array_equal(areas, panel_areas(PANELS.six_nodes))
+    np.testing.assert_array_equal(areas, panel_areas(PANELS.quadratic_triangles))
     skin = vtk.vtkDataSetSurfaceFilter()
     skin.SetNonlinearSubdivisionLevel(3)  # the curved panels, as VTK's own shape functions have them
     skin.SetInputData(grid)
@@ -88,4 +88,4 @@ def test_vtk_reads_the_panels_back(tmp_path):
     mass.SetInputData(skin.GetOutput())
     mass.Update()
     assert mass.GetSurfaceArea() == pytest.approx(float(areas.sum()), rel=2e-3)
-    assert mass.GetVolume() == pytest.approx(enclosed_volume(PANELS.six_nodes), rel=2e-3)
+    assert mass.GetVolume() == pytest.approx(enclosed_volume(PANELS.quadratic_triangles), rel=2e-3)

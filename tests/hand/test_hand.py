@@ -43,7 +43,7 @@ def test_the_surface_is_closed_curved_and_exact(opened):
     check_surface(surface)
     nodes = np.concatenate([surface.vertices, surface.midpoints.reshape(-1, 3)])
     assert np.abs(surface.depth(nodes)).max() < 30e-6
-    assert surface.mended == ()
+    assert surface.repairs == ()
 
 
 def test_the_surface_is_fine_at_the_pads_and_coarse_at_the_wrist(opened):
@@ -145,7 +145,7 @@ def test_skins_that_touch_are_one_and_said_where():
     assert (touch.one, touch.other) == ("last phalanx of the thumb", "last phalanx of the index finger")
     assert touch.gap == pytest.approx(gap_of(hand.joints, hand.radii, (0, 1)), abs=1e-5)
     assert hand.shape.depth(touch.place[None])[0] > 1e-3
-    assert "14 mm in each other" in hand.surface.mended[0]
+    assert "14 mm in each other" in hand.surface.repairs[0]
 
 
 @pytest.mark.parametrize(("gap", "one"), [(0.25e-3, True), (0.35e-3, False)])

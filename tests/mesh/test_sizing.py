@@ -49,7 +49,7 @@ def test_a_thin_ring_keeps_its_shape_however_large_the_panels_asked(edge):
     vertices, triangles = torus_mesh(0.02, 0.001, around=120, across=24)
     ring = at.Surface(vertices, triangles)
     panels = ring.panelled(edge)
-    assert enclosed_volume(panels.six_nodes) == pytest.approx(2 * np.pi**2 * 0.02 * 0.001**2, rel=1e-2)
+    assert enclosed_volume(panels.quadratic_triangles) == pytest.approx(2 * np.pi**2 * 0.02 * 0.001**2, rel=1e-2)
     assert panels.deviation.max() < 5e-5
 
 
@@ -57,5 +57,5 @@ def test_a_needle_keeps_its_shape():
     rod = trimesh.creation.cylinder(radius=0.0005, height=0.04, sections=16)
     needle = at.Surface(np.array(rod.vertices), np.array(rod.faces))
     panels = needle.panelled(5.5e-3)
-    assert enclosed_volume(panels.six_nodes) == pytest.approx(np.pi * 0.0005**2 * 0.04, rel=1e-2)
+    assert enclosed_volume(panels.quadratic_triangles) == pytest.approx(np.pi * 0.0005**2 * 0.04, rel=1e-2)
     assert panels.deviation.max() < 5e-5

@@ -3,11 +3,11 @@ import pytest
 
 from airtact.conventions import InvalidInput
 from airtact.mesh.topology import (
+    check_closed,
+    check_not_degenerate,
+    check_orientation,
     cone_volumes,
     edge_twins,
-    refuse_degenerate,
-    refuse_inside_out,
-    refuse_open,
     shells,
 )
 from mesh.meshes import box_mesh, torus_mesh
@@ -38,8 +38,8 @@ def test_an_edge_run_twice_the_same_way_is_marked():
 def test_every_vertex_order_of_a_triangle_counts_the_same():
     vertices, triangles = box_mesh()
     turned = np.stack([np.roll(t, i) for i, t in enumerate(triangles)])
-    refuse_open(vertices, turned)
-    refuse_inside_out(vertices, turned)
+    check_closed(vertices, turned)
+    check_orientation(vertices, turned)
     assert cone_volumes(vertices[turned]) == pytest.approx(cone_volumes(vertices[triangles]))
 
 
@@ -60,13 +60,13 @@ def test_volumes_do_not_depend_on_the_place():
 def test_a_thin_triangle_is_degenerate_at_a_millionth_of_its_edge():
     triangle = np.array([[0, 1, 2]])
     points = np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0], [0.005, 1.1e-8, 0.0]])
-    refuse_degenerate(points, triangle)
+    check_not_degenerate(points, triangle)
     with pytest.raises(InvalidInput, match=r"1 triangle is degenerate .* near \(5.00, 0.00, 0.00\) mm"):
-        refuse_degenerate(points * [1, 0.9, 1], triangle)
+        check_not_degenerate(points * [1, 0.9, 1], triangle)
 
 
 def test_a_cavity_is_inside_out():
     outer, triangles = box_mesh((0, 0, 0), (0.03, 0.03, 0.03))
     inner, _ = box_mesh((0.01, 0.01, 0.01), (0.02, 0.02, 0.02))
     with pytest.raises(InvalidInput, match=r"1 of 2 closed pieces is inside out .* encloses -1 cm³.* 12 triangles"):
-        refuse_inside_out(np.concatenate([outer, inner]), np.concatenate([triangles, triangles[:, ::-1] + 8]))
+        check_orientation(np.concatenate([outer, inner]), np.concatenate([triangles, triangles[:, ::-1] + 8]))

@@ -147,7 +147,7 @@ def test_contact_where_panels_meet_is_not_a_matter_of_rounding(asked, offset):
     """Sources on poles, vertices and edge midpoints of the mesh that the solver makes itself."""
     ball = at.sphere(0.01, 0.004)
     scene = at.Scene(accuracy.PAPER_AIR, [at.sound_hard(ball)])
-    panels = ball.panelled(accuracy.PAPER_AIR.wavelength(40e3) * 0.6).six_nodes
+    panels = ball.panelled(accuracy.PAPER_AIR.wavelength(40e3) * 0.6).quadratic_triangles
     ways = np.concatenate([[[0, 0, 1.0], [0, 0, -1.0]], panels[::9, 0], panels[::7, 4]])
     ways /= np.linalg.norm(ways, axis=1)[:, None]
     sources = accuracy.one_each(ways * (0.01 + offset))

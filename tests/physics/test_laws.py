@@ -121,7 +121,7 @@ def test_a_source_inside_the_body_is_heard_outside(name):
     """
     wavenumber, inner = 732.53 + 0j, np.array([[0.0005, -0.0003, 0.001]])
     panels = BODIES[name].panelled(3.2e-3)
-    nodes = place_nodes(panels.six_nodes, panels.body, panels.deviation)
+    nodes = place_nodes(panels.quadratic_triangles, panels.body, panels.deviation)
     rule = NearRule(2.5, (8, 8))
     surface = dual_surface(nodes, wavenumber, rule, "float64")
     matrix = assemble(surface, "float64")

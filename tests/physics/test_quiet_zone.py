@@ -8,7 +8,7 @@ from airtact.hand.pinch import pinch
 from airtact.scene.medium import Medium
 from airtact.scene.scene import Scene, sound_hard
 from airtact.scene.target import Target
-from airtact.scene.target_points import skin_points
+from airtact.scene.target_points import surface_points
 from airtact.solvers.bem.quadrature import place_nodes
 from airtact.solvers.bem.solver import BoundaryElement
 from airtact.solvers.problem import Solver
@@ -38,7 +38,7 @@ def measured(
     field = solver.radiate(scene, drive_sources(ARRAY, list(drives)))
     edge = scene.wavelength / 3
     panels = panels_of([obstacle.surface.shape for obstacle in scene.obstacles], edge, np.empty((0, 3)), edge)
-    nodes = place_nodes(panels.six_nodes, panels.body, panels.deviation)
+    nodes = place_nodes(panels.quadratic_triangles, panels.body, panels.deviation)
     chosen = np.einsum("qd,qd->q", nodes.normals, facing[nodes.body]) > np.cos(np.radians(within))
     loud, quiet = np.average(np.abs(field.at(nodes.points[chosen])) ** 2, axis=0, weights=nodes.weights[chosen])
     weakest = np.abs(field.at(target.points)).min(axis=0)
@@ -49,9 +49,9 @@ def test_the_back_of_a_ball_falls_silent_by_the_measure_of_another_solver() -> N
     ball = sphere(8e-3, edge=3e-3)
     scene = Scene(AIR, [sound_hard(ball)])
     back = np.array([[-1.0, 0.0, 0.0]])
-    zone = skin_points(ball, 0.3 * scene.wavelength, facing=(-1.0, 0.0, 0.0), within=60.0)
-    target = Target(np.array([[8.5e-3, 0.0, 0.0]]), quiet=zone)
-    transfer = transfer_matrix(SphereSeries().radiate(scene, target.beacons(quiet=True)), ARRAY)
+    zone = surface_points(ball, 0.3 * scene.wavelength, facing=(-1.0, 0.0, 0.0), within=60.0)
+    target = Target(np.array([[8.5e-3, 0.0, 0.0]]), suppression_points=zone)
+    transfer = transfer_matrix(SphereSeries().radiate(scene, target.beacons(suppression=True)), ARRAY)
     fall, loss = measured(scene, target, drives_for(transfer, target), back, 60.0, BoundaryElement(0.02))
     assert fall < -10.0
     assert loss < 0.10
@@ -64,11 +64,11 @@ def test_the_backs_of_both_fingers_of_the_pinch_fall_by_ten_decibels() -> None:
     scene = Scene(AIR, [sound_hard(surface) for surface in fingers.surfaces])
     outward = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     zone = [
-        skin_points(surface, 0.25 * scene.wavelength, facing=tuple(side), within=60.0)
+        surface_points(surface, 0.25 * scene.wavelength, facing=tuple(side), within=60.0)
         for surface, side in zip(fingers.surfaces, outward, strict=True)
     ]
-    target = Target(fingers.foci(), quiet=np.concatenate(zone))
-    transfer = transfer_matrix(BoundaryElement(0.1).radiate(scene, target.beacons(quiet=True)), ARRAY)
+    target = Target(fingers.foci(), suppression_points=np.concatenate(zone))
+    transfer = transfer_matrix(BoundaryElement(0.1).radiate(scene, target.beacons(suppression=True)), ARRAY)
     fall, loss = measured(scene, target, drives_for(transfer, target), outward, 60.0, BoundaryElement(0.01))
     assert fall < -10.0
     assert loss < 0.10

@@ -25,7 +25,7 @@ def test_scanned_ellipsoids_against_fundamental_solutions(gap, level, noise):
 
 
 def test_the_reference_of_ellipsoids_is_that_of_spheres():
-    skin, normals, radius = ellipsoid.skin_points(np.full(3, 0.01), 8)
+    skin, normals, radius = ellipsoid.surface_points(np.full(3, 0.01), 8)
     assert radius == pytest.approx(0.01)
     sources, points = skin + 0.002 * normals, accuracy.far_points(30)
     found, own = ellipsoid.pressure_at(np.full(3, 0.01), surfaces.WAVENUMBER, sources, points)
@@ -112,7 +112,7 @@ def test_fifty_assorted_meshes_get_panels_that_hold_their_volume():
     count = 0
     for name, mesh in assorted():
         surface = at.Surface(*mesh)
-        panels = surface.panelled(surfaces.EDGE).six_nodes
+        panels = surface.panelled(surfaces.EDGE).quadratic_triangles
         assert enclosed_volume(panels) == pytest.approx(surface.volume, rel=0.03), name
         narrow = 15 if name == "stick" else 20  # four strips of 1 mm, with edges of 4 mm
         assert np.median(smallest_angles(panels)) > narrow, name

@@ -12,7 +12,7 @@ DEPTH = 0.55
 """Depth of the monopoles over the smaller radius of curvature."""
 
 
-def skin_points(axes: np.ndarray, number: int, start: float = 0.5) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def surface_points(axes: np.ndarray, number: int, start: float = 0.5) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Spread points over an ellipsoid, with normals and the smaller radius of curvature there."""
     height = 2 * (np.arange(number) + start) / number - 1
     azimuth = np.pi * (3 - np.sqrt(5)) * np.arange(number)
@@ -38,9 +38,9 @@ def pressure_at(
 def _fitted_pressure(
     axes: np.ndarray, wavenumber: complex, sources: np.ndarray, receivers: np.ndarray, number: int
 ) -> np.ndarray:
-    skin, normals, radius = skin_points(axes, number)
+    skin, normals, radius = surface_points(axes, number)
     monopoles = skin - DEPTH * radius[:, None] * normals
-    points, outward, _ = skin_points(axes, 3 * number, start=0.31)
+    points, outward, _ = surface_points(axes, 3 * number, start=0.31)
     matrix = slopes(points, outward, monopoles, wavenumber)
     sizes = np.linalg.norm(matrix, axis=0)
     strengths = least_squares(matrix / sizes, -slopes(points, outward, sources, wavenumber)) / sizes[:, None]

@@ -92,7 +92,7 @@ def test_talking_and_listening_change_places():
 
 def test_points_and_normals_lie_on_the_skin():
     capsule = fingers(0.006, 0.008, 20.0, 0.006, 0.02)[1]
-    points, normals = capsules.skin_points(capsule, 500)
+    points, normals = capsules.surface_points(capsule, 500)
     np.testing.assert_allclose(capsule.depth(points), 0.0, atol=1e-15)
     np.testing.assert_allclose(capsule.depth(points - 1e-3 * normals), 1e-3, atol=1e-12)
     assert np.abs(np.mean(normals, axis=0)).max() < 0.01

@@ -88,12 +88,12 @@ def test_complex_numbers_fix_the_phases_and_real_ones_leave_them():
 
 
 def test_quiet_points_follow_the_foci_as_beacons_where_asked():
-    target = Target(POINTS, quiet=np.array([[0.01, 0.0, 0.0]]))
+    target = Target(POINTS, suppression_points=np.array([[0.01, 0.0, 0.0]]))
     assert np.array_equal(target.beacons().positions, POINTS)
-    both = target.beacons(quiet=True)
+    both = target.beacons(suppression=True)
     assert np.array_equal(both.positions, [*POINTS, [0.01, 0.0, 0.0]])
     assert np.array_equal(both.strengths, np.eye(3))
-    assert Target(POINTS).quiet.shape == (0, 3)
+    assert Target(POINTS).suppression_points.shape == (0, 3)
 
 
 @pytest.mark.parametrize(

@@ -9,11 +9,11 @@ from airtact.hand.pinch import pinch
 from airtact.scene.target_points import (
     circle,
     frame_of,
-    onto_skin,
+    onto_surface,
     polyline,
     segment,
-    skin_points,
     sphere_shell,
+    surface_points,
     thinned,
 )
 from airtact.surfaces.files import load_surface
@@ -65,20 +65,20 @@ def test_a_shell_is_even():
 
 def test_skin_points_lie_on_the_side_that_looks_there():
     finger = pinch().surfaces[1]
-    everywhere, back = skin_points(finger, 3e-3), skin_points(finger, 3e-3, facing=(1.0, 0.0, 0.0))
+    everywhere, back = surface_points(finger, 3e-3), surface_points(finger, 3e-3, facing=(1.0, 0.0, 0.0))
     np.testing.assert_allclose(finger.depth(everywhere), 0.0, atol=1e-9)
     axis = np.array([np.sin(np.radians(20.0)), 0.0, -np.cos(np.radians(20.0))])
     tip = np.array([0.014, 0.0, 0.0])
     foot = tip + np.clip((back - tip) @ axis, 0.0, 44e-3)[:, None] * axis
     assert np.all((back - foot)[:, 0] / 8e-3 > -0.05)  # a panel's normal against the true one
     assert 0.35 < len(back) / len(everywhere) < 0.65
-    narrow = skin_points(finger, 3e-3, facing=(1.0, 0.0, 0.0), within=30.0)
+    narrow = surface_points(finger, 3e-3, facing=(1.0, 0.0, 0.0), within=30.0)
     assert 0 < len(narrow) < 0.5 * len(back)
 
 
 def test_skin_points_are_neither_dense_nor_sparse():
     ball = sphere(0.01, edge=3e-3)
-    points = skin_points(ball, 2.5e-3)
+    points = surface_points(ball, 2.5e-3)
     nearest = KDTree(points).query(points, k=2)[0][:, 1]
     assert nearest.min() > 0.8 * 2.5e-3
     probes = sphere_shell((0, 0, 0), 0.01, 0.7e-3)
@@ -113,10 +113,10 @@ def test_a_plane_is_seen_upright():
         (lambda: circle((0, 0, 0), 0.01, 1e-3, normal=(0, 0, 0)), r"the normal of a plane is \(0, 0, 0\)"),
         (lambda: sphere_shell((0, 0, 0), 0.1, 1e-3), "gives 145104 points"),
         (lambda: frame_of((0, 0, 1), up=(0, 0, -3)), r"up is \[0.0, 0.0, -3.0\], along the normal"),
-        (lambda: skin_points(sphere(0.01, edge=4e-3), 1e-4), "more than 4096"),
-        (lambda: skin_points(sphere(0.01, edge=4e-3), 3e-3, facing=(0, 0, 0)), "the length of the direction is 0 m"),
+        (lambda: surface_points(sphere(0.01, edge=4e-3), 1e-4), "more than 4096"),
+        (lambda: surface_points(sphere(0.01, edge=4e-3), 3e-3, facing=(0, 0, 0)), "the length of the direction is 0 m"),
         (
-            lambda: skin_points(sphere(0.01, edge=4e-3), 3e-3, facing=(0, 0, 1), within=0.01),
+            lambda: surface_points(sphere(0.01, edge=4e-3), 3e-3, facing=(0, 0, 1), within=0.01),
             r"0 points of the skin look within 0.01 degrees of \[0, 0, 1\]",
         ),
     ],
@@ -128,7 +128,7 @@ def test_faults_are_refused_with_a_number(make, sentence):
 
 def test_a_circle_is_brought_onto_a_ball():
     drawn = circle((0.0, 0.0, 0.02), 5e-3, 2e-3)
-    brought = onto_skin(drawn, sphere(0.01, edge=1e-3, centre=(0.0, 0.0, 0.002)), offset=0.7e-3)
+    brought = onto_surface(drawn, sphere(0.01, edge=1e-3, centre=(0.0, 0.0, 0.002)), offset=0.7e-3)
     way = drawn - [0.0, 0.0, 0.002]
     expected = [0.0, 0.0, 0.002] + 10.7e-3 * way / np.linalg.norm(way, axis=1, keepdims=True)
     np.testing.assert_allclose(brought, expected, atol=1e-7)
@@ -136,9 +136,9 @@ def test_a_circle_is_brought_onto_a_ball():
 
 def test_an_offset_in_millimetres_and_a_crevice_are_refused(hand_file):
     with pytest.raises(InvalidInput, match=r"the offset is 0\.5 m, but it must lie between 0 and 0\.02"):
-        onto_skin(np.array([[0.0, 0.0, 0.02]]), sphere(0.01, edge=2e-3), offset=0.5)
+        onto_surface(np.array([[0.0, 0.0, 0.02]]), sphere(0.01, edge=2e-3), offset=0.5)
     hand = load_surface(hand_file)
     between = hand.vertices[hand.vertices[:, 1].argmin()] + [0.0, 0.02, 0.012]
     crowd = between + np.random.default_rng(0).normal(scale=4e-3, size=(300, 3))
     with pytest.raises(InvalidInput, match="stands in a crevice or before another part"):
-        onto_skin(crowd, hand, offset=0.015)
+        onto_surface(crowd, hand, offset=0.015)

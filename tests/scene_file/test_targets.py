@@ -8,7 +8,7 @@ from airtact.conventions import InvalidInput
 from airtact.hand.pinch import pinch
 from airtact.scene.drawings import svg_path, text
 from airtact.scene.target import Target
-from airtact.scene.target_points import circle, polyline, segment, skin_points, sphere_shell
+from airtact.scene.target_points import circle, polyline, segment, sphere_shell, surface_points
 from airtact.scene_file.building import Setup, read_setup
 
 HEAD = '[medium]\nsound_speed = 343.1\ndensity = 1.293\n[array]\nlayout = "surrounding_box"\n'
@@ -94,10 +94,10 @@ def test_quiet_zones_are_kept_beside_the_foci(read) -> None:
     back = '[[quiet]]\nskin = { body = "finger", spacing = 4e-3, facing = [1, 0, 0], within = 60 }\n'
     head = "[[quiet]]\nsphere_shell = { centre = [0, 0, 0.2], radius = 0.05, spacing = 0.03 }\n"
     target = read(FINGERS, '[[foci]]\nat = "thumb.pad"\n', back, head).target
-    finger = skin_points(pinch().surfaces[1], 4e-3, facing=(1.0, 0.0, 0.0), within=60.0)
-    np.testing.assert_allclose(target.quiet, [*finger, *sphere_shell((0, 0, 0.2), 0.05, 0.03)], atol=1e-12)
+    finger = surface_points(pinch().surfaces[1], 4e-3, facing=(1.0, 0.0, 0.0), within=60.0)
+    np.testing.assert_allclose(target.suppression_points, [*finger, *sphere_shell((0, 0, 0.2), 0.05, 0.03)], atol=1e-12)
     assert len(target.points) == 1
-    assert len(read(FINGERS, '[[foci]]\nat = "thumb.pad"\n').target.quiet) == 0
+    assert len(read(FINGERS, '[[foci]]\nat = "thumb.pad"\n').target.suppression_points) == 0
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ def test_every_kind_of_file_gives_the_surface_back(tmp_path, suffix):
     corners = surface.corners.mean(axis=1)
     assert np.allclose(np.sort(corners, axis=0), np.sort(vertices[triangles].mean(axis=1), axis=0), rtol=0, atol=1e-8)
     assert cone_volumes(surface.corners).sum() == pytest.approx(trimesh.Trimesh(vertices, triangles).volume, rel=1e-5)
-    assert surface.mended == ()
+    assert surface.repairs == ()
 
 
 def test_vertices_doubled_for_normals_and_textures_are_merged(tmp_path):
@@ -68,7 +68,7 @@ def test_the_open_hand_is_as_its_readme_says(hand_file):
     assert hand.edge_lengths.mean() == pytest.approx(6.7e-3, abs=0.05e-3)
     assert hand.edge_lengths.max() == pytest.approx(39e-3, abs=0.5e-3)
     assert hand.midpoints is None
-    assert hand.mended == ()
+    assert hand.repairs == ()
 
 
 def test_an_open_surface_is_refused_with_the_name_of_its_file(tmp_path):
@@ -82,14 +82,14 @@ def test_an_inside_out_surface_is_turned_and_says_so(tmp_path):
     inside_out = trimesh.Trimesh(*(lambda v, t: (v, t[:, ::-1]))(*box_mesh()), process=False)
     surface = load_surface(written(tmp_path / "box.stl", inside_out))
     assert surface.volume == pytest.approx(24e-6, rel=1e-6)
-    assert [note[:44] for note in surface.mended] == ["1 closed piece was inside out and turned rou"]
+    assert [note[:44] for note in surface.repairs] == ["1 closed piece was inside out and turned rou"]
 
 
 def test_holes_are_filled_as_wide_as_asked_for(tmp_path):
     ball = trimesh.creation.icosphere(subdivisions=4, radius=8.0)
     ball.update_faces(np.arange(len(ball.faces)) != 77)
     path = written(tmp_path / "ball.stl", ball)
-    assert load_surface(path, scale=1e-3).mended[0].startswith("1 hole of up to 0.63 mm was filled, the first near (")
+    assert load_surface(path, scale=1e-3).repairs[0].startswith("1 hole of up to 0.63 mm was filled, the first near (")
     with pytest.raises(InvalidInput, match=r"ball.stl: .* 1 hole is wider than 0.4 mm, the largest 0.6"):
         load_surface(path, scale=1e-3, largest_hole=0.4e-3)
 

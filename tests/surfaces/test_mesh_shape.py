@@ -27,27 +27,27 @@ def curved_mesh(surface: at.Surface) -> CurvedMesh:
 
 @pytest.mark.usefixtures("variant")
 def test_the_closest_panel_is_that_of_a_search_through_all(rng):
-    six_nodes = curved_mesh(bumpy()).six_nodes
+    quadratic_triangles = curved_mesh(bumpy()).quadratic_triangles
     points = rng.normal(scale=0.01, size=(200, 3))
-    panel, foot, distance = panel_tree(six_nodes).closest(points)
+    panel, foot, distance = panel_tree(quadratic_triangles).closest(points)
     u, v = np.meshgrid(np.linspace(0, 1, 41), np.linspace(0, 1, 41))
     places = np.stack([u, v], axis=2)[u + v <= 1 + 1e-12]
-    skin = np.einsum("qn,tnd->tqd", shape_functions(places), six_nodes).reshape(-1, 3)
+    skin = np.einsum("qn,tnd->tqd", shape_functions(places), quadratic_triangles).reshape(-1, 3)
     for point, found in zip(points, distance, strict=True):
         searched = np.linalg.norm(skin - point, axis=1).min()
         spacing = 0.004 / 40
         assert found <= searched + 1e-12
         assert searched - found < spacing**2 / (2 * max(found, spacing)) + 1e-12
-    place, _ = points_at(six_nodes[panel], foot)
+    place, _ = points_at(quadratic_triangles[panel], foot)
     assert np.linalg.norm(place - points, axis=1) == pytest.approx(distance, abs=1e-15)
 
 
 @pytest.mark.parametrize("count", [1, 3, 4, 5, 17])
 def test_a_tree_of_few_panels_is_searched_too(rng, count):
-    six_nodes = curved_mesh(bumpy()).six_nodes[:count]
+    quadratic_triangles = curved_mesh(bumpy()).quadratic_triangles[:count]
     points = rng.normal(scale=0.01, size=(20, 3))
-    alone = np.stack([panel_tree(six_nodes[i : i + 1]).closest(points)[2] for i in range(count)])
-    panel, _, distance = panel_tree(six_nodes).closest(points)
+    alone = np.stack([panel_tree(quadratic_triangles[i : i + 1]).closest(points)[2] for i in range(count)])
+    panel, _, distance = panel_tree(quadratic_triangles).closest(points)
     assert np.array_equal(distance, alone.min(axis=0))
     assert np.array_equal(panel, alone.argmin(axis=0))
 
@@ -55,7 +55,7 @@ def test_a_tree_of_few_panels_is_searched_too(rng, count):
 @pytest.mark.parametrize("step", [1e-9, 1e-6, 1e-4])
 def test_points_off_the_skin_along_its_normal_are_that_deep(rng, step):
     mesh = curved_mesh(bumpy())
-    pieces, _ = cut(mesh.six_nodes, np.full(len(mesh.six_nodes), 2))
+    pieces, _ = cut(mesh.quadratic_triangles, np.full(len(mesh.quadratic_triangles), 2))
     references = rng.dirichlet([1, 1, 1], size=len(pieces))[:, 1:]
     place, normal = points_at(pieces, references)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
@@ -93,7 +93,7 @@ def test_creases_are_found_and_projected_on():
     assert mesh.creases.shape == (48, 3, 3)
     angle = np.linspace(0, 6, 50)
     points = np.stack([0.0083 * np.cos(angle), 0.0083 * np.sin(angle), np.full(50, 0.0099)], axis=1)
-    found = mesh.project_on_creases(points)
+    found = mesh.project_on_sharp_edges(points)
     assert np.abs(np.linalg.norm(found[:, :2], axis=1) - 0.008).max() < 1e-6
     assert found[:, 2] == pytest.approx(0.01)
     assert np.abs(np.arctan2(found[:, 1], found[:, 0]) - np.arctan2(points[:, 1], points[:, 0])).max() < 1e-3

@@ -21,7 +21,7 @@ def wanted(area: float, edge: float) -> float:
 
 
 def test_cutting_keeps_the_quadratic_surface():
-    panels = at.sphere(0.01, 0.006).panelled(0.006).six_nodes
+    panels = at.sphere(0.01, 0.006).panelled(0.006).quadratic_triangles
     pieces, parents = cut(panels, np.arange(len(panels)) % 3 + 1)
     assert len(pieces) == ((np.arange(len(panels)) % 3 + 1) ** 2).sum()
     assert enclosed_volume(pieces) == pytest.approx(enclosed_volume(panels), rel=1e-12)
@@ -32,7 +32,7 @@ def test_cutting_keeps_the_quadratic_surface():
 @pytest.mark.parametrize("edge", [2e-3, 3e-3, 5e-3])
 @pytest.mark.parametrize("shape", [at.sphere(0.007, 0.004), at.capsule((0, 0, 0), (0, 0, 0.03), 0.006, 0.004)])
 def test_panels_of_primitives_have_the_size_asked_and_the_exact_volume(shape, edge):
-    panels = shape.panelled(edge).six_nodes
+    panels = shape.panelled(edge).quadratic_triangles
     assert 0.9 * wanted(shape.area, edge) <= len(panels) <= 2.5 * wanted(shape.area, edge)
     assert enclosed_volume(panels) == pytest.approx(shape.volume, rel=1e-4)
 
@@ -41,16 +41,16 @@ def test_panels_of_primitives_have_the_size_asked_and_the_exact_volume(shape, ed
 def test_a_box_keeps_its_faces_edges_and_volume(edge):
     box = at.Surface(*box_mesh(high=(0.01, 0.02, 0.03)))
     panels = box.panelled(edge)
-    assert enclosed_volume(panels.six_nodes) == pytest.approx(6e-6, rel=1e-9)
-    assert panel_areas(panels.six_nodes).sum() == pytest.approx(2.2e-3, rel=1e-9)
+    assert enclosed_volume(panels.quadratic_triangles) == pytest.approx(6e-6, rel=1e-9)
+    assert panel_areas(panels.quadratic_triangles).sum() == pytest.approx(2.2e-3, rel=1e-9)
     assert panels.deviation.max() < 1e-12
-    assert longest_edges(panels.six_nodes).max() < 2.2 * edge
-    assert len(panels.six_nodes) < 3 * wanted(2.2e-3, edge) + 60
+    assert longest_edges(panels.quadratic_triangles).max() < 2.2 * edge
+    assert len(panels.quadratic_triangles) < 3 * wanted(2.2e-3, edge) + 60
 
 
 def test_a_plate_gets_no_slivers_on_its_narrow_sides():
     plate = at.Surface(*box_mesh(high=(0.02, 0.02, 0.0006)))
-    panels = plate.panelled(1.5e-3).six_nodes
+    panels = plate.panelled(1.5e-3).quadratic_triangles
     assert enclosed_volume(panels) == pytest.approx(2.4e-7, rel=1e-9)
     assert smallest_angles(panels).min() > 8
 
@@ -59,7 +59,7 @@ def test_a_plate_gets_no_slivers_on_its_narrow_sides():
 def test_a_round_mesh_becomes_round(level):
     """A mesh of flat triangles whose corners stand on a sphere: the panels lie on the sphere, not on the triangles."""
     surface = surface_of(trimesh.creation.icosphere(level, radius=0.01))
-    panels = surface.panelled(4e-3).six_nodes
+    panels = surface.panelled(4e-3).quadratic_triangles
     off = np.abs(np.linalg.norm(panels, axis=2) - 0.01).max()
     flat = 0.01 - np.linalg.norm(surface.corners.mean(axis=1), axis=1).min()
     assert off < max(0.15 * flat, 2e-5)
@@ -75,15 +75,15 @@ def test_panels_of_a_rough_scan_lie_in_its_middle_and_are_as_few():
     rough = at.Surface(np.array(mesh.vertices) * (1 + noise / 0.01), np.array(mesh.faces))
     smooth = surface_of(mesh)
     edge = 5e-3
-    panels = rough.panelled(edge).six_nodes
-    assert len(panels) < 1.5 * len(smooth.panelled(edge).six_nodes)
+    panels = rough.panelled(edge).quadratic_triangles
+    assert len(panels) < 1.5 * len(smooth.panelled(edge).quadratic_triangles)
     assert enclosed_volume(panels) == pytest.approx(4e-6 / 3 * np.pi, rel=2e-3)
 
 
 def test_sharp_edges_stay_sharp_and_round_rims_round():
     """A cylinder of 24 sides: its caps stay flat, its rim becomes the circle, its side the cylinder."""
     cylinder = surface_of(trimesh.creation.cylinder(radius=0.008, height=0.02, sections=24))
-    panels = cylinder.panelled(3e-3).six_nodes
+    panels = cylinder.panelled(3e-3).quadratic_triangles
     assert np.abs(panels[:, :, 2]).max() == pytest.approx(0.01, rel=1e-6)
     assert np.linalg.norm(panels[:, :, :2], axis=2).max() == pytest.approx(0.008, rel=3e-3)
     assert enclosed_volume(panels) == pytest.approx(np.pi * 0.008**2 * 0.02, rel=3e-3)
@@ -104,23 +104,23 @@ def test_the_cut_of_a_wrist_stays_flat():
     lid = [[24 + i, 24 + (i + 1) % 24, 48] for i in range(24)]
     cap = [[0, i + 1, i] for i in range(1, 23)]
     body = at.Surface(vertices, np.array(side + lid + cap))
-    panels = body.panelled(4e-3).six_nodes
+    panels = body.panelled(4e-3).quadratic_triangles
     assert panels[:, :, 2].min() > -0.0013
 
 
 def test_panels_move_with_the_surface_to_the_last_bit():
     mesh = surface_of(trimesh.creation.icosphere(3, radius=0.01))
     pose = at.Pose.turn((1, 2, 3), 0.7, translation=(0.01, 0.02, 0.03))
-    there = mesh.moved(pose).panelled(4e-3).six_nodes
-    assert np.abs(there - pose.apply(mesh.panelled(4e-3).six_nodes)).max() < 1e-15
+    there = mesh.moved(pose).panelled(4e-3).quadratic_triangles
+    assert np.abs(there - pose.apply(mesh.panelled(4e-3).quadratic_triangles)).max() < 1e-15
 
 
 def test_panels_are_finer_beside_points_and_facing_bodies_only():
     left, right = (at.sphere(0.008, 0.004, centre=(side * 0.0084, 0.0, 0.0)) for side in (-1, 1))
     point = np.array([[-0.0084, 0.0, 0.0085]])
     panels = panels_of([left.shape, right.shape], 5e-3, point, 1e-3)
-    centres = panels.six_nodes.mean(axis=1)
-    edges = longest_edges(panels.six_nodes)
+    centres = panels.quadratic_triangles.mean(axis=1)
+    edges = longest_edges(panels.quadratic_triangles)
     assert edges[np.linalg.norm(centres - point, axis=1) < 1.5e-3].max() < 2.5e-3
     assert edges[np.linalg.norm(centres, axis=1) < 2e-3].max() < 3.5e-3
     assert edges[np.abs(centres[:, 0]) > 0.013].min() > 3e-3
@@ -131,9 +131,9 @@ def test_panels_of_a_mesh_are_finer_beside_a_point():
     ball = surface_of(trimesh.creation.icosphere(4, radius=0.01))
     point = np.array([[0.0, 0.0, 0.0105]])
     panels = ball.panelled(5e-3, beside=point)
-    near = np.linalg.norm(panels.six_nodes.mean(axis=1) - point, axis=1) < 1.5e-3
-    assert longest_edges(panels.six_nodes[near]).max() < 3.1e-3
-    assert len(panels.six_nodes) < 1.5 * len(ball.panelled(5e-3).six_nodes)
+    near = np.linalg.norm(panels.quadratic_triangles.mean(axis=1) - point, axis=1) < 1.5e-3
+    assert longest_edges(panels.quadratic_triangles[near]).max() < 3.1e-3
+    assert len(panels.quadratic_triangles) < 1.5 * len(ball.panelled(5e-3).quadratic_triangles)
 
 
 def test_deviation_is_the_distance_from_the_true_skin():
@@ -151,7 +151,7 @@ def test_an_edge_is_above_zero(edge):
 def test_a_bead_smaller_than_the_panels_asked_keeps_its_shape():
     bead = surface_of(trimesh.creation.icosphere(3, radius=0.00026))
     panels = bead.panelled(5.5e-3)
-    assert enclosed_volume(panels.six_nodes) == pytest.approx(4 / 3 * np.pi * 0.00026**3, rel=1e-2)
+    assert enclosed_volume(panels.quadratic_triangles) == pytest.approx(4 / 3 * np.pi * 0.00026**3, rel=1e-2)
     pair = trimesh.util.concatenate(
         [
             trimesh.creation.icosphere(3, radius=0.01),
@@ -159,7 +159,7 @@ def test_a_bead_smaller_than_the_panels_asked_keeps_its_shape():
         ]
     )
     panels = surface_of(pair).panelled(5.5e-3)
-    small = panels.six_nodes[panels.six_nodes[:, 0, 0] > 0.012]
+    small = panels.quadratic_triangles[panels.quadratic_triangles[:, 0, 0] > 0.012]
     assert enclosed_volume(small) == pytest.approx(4 / 3 * np.pi * 0.0005**3, rel=3e-2)
 
 

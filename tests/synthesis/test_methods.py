@@ -12,7 +12,7 @@ from airtact.synthesis.gradient import gradient
 from airtact.synthesis.inverse_filter import inverse_filter, iterated_time_reversal
 from airtact.synthesis.max_min import max_min
 from airtact.synthesis.methods import HEED_QUIET, METHODS
-from airtact.synthesis.reach import share_reached
+from airtact.synthesis.reach import achieved_fraction
 from airtact.transfer import TransferMatrix
 from closed_form_transfers import WAVELENGTH, any_points, open_air, random_matrix, scattered, worst
 
@@ -42,18 +42,18 @@ def test_one_focus_with_every_method(name):
 def test_the_worst_focus_gets_what_it_asked_where_that_is_possible(name):
     transfer, target = random_matrix(2, 4), Target(any_points(4), np.array([100.0, 200.0, 150.0, 300.0]))
     drive = METHODS[name](transfer, target)
-    assert share_reached(transfer, target, drive).min() == pytest.approx(1.0, rel=1e-9)
+    assert achieved_fraction(transfer, target, drive).min() == pytest.approx(1.0, rel=1e-9)
     greedy = Target(any_points(4), 1e6)
     drive = METHODS[name](transfer, greedy)
     assert np.abs(drive.amplitudes).max() == pytest.approx(1.0)
-    assert share_reached(transfer, greedy, drive).min() < 0.1
+    assert achieved_fraction(transfer, greedy, drive).min() < 0.1
 
 
 @pytest.mark.parametrize("name", METHODS)
 def test_a_focus_that_asks_for_nothing_does_not_hold_the_others_back(name):
     transfer = random_matrix(5, 3)
     target = Target(any_points(3), np.array([300.0, 0.0, 200.0]))
-    assert np.nanmin(share_reached(transfer, target, METHODS[name](transfer, target))) == pytest.approx(1.0)
+    assert np.nanmin(achieved_fraction(transfer, target, METHODS[name](transfer, target))) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -211,7 +211,7 @@ def test_bits_that_cannot_be_are_refused():
 @pytest.mark.parametrize("name", HEED_QUIET)
 def test_quiet_points_are_quiet(name):
     points, quiet = scattered(6, 3), 0.004 + scattered(7, 12)
-    target = Target(points, quiet=quiet)
+    target = Target(points, suppression_points=quiet)
     transfer = open_air(np.concatenate([points, quiet]))
     drive, loud = METHODS[name](transfer, target), max_min(transfer, target)
     after, before = (np.abs(transfer.pressure(one)) for one in (drive, loud))
@@ -227,7 +227,7 @@ def test_quiet_points_are_quiet(name):
 def test_other_methods_do_not_mind_quiet_points(name):
     points = scattered(8, 3)
     whole = np.concatenate([points, 0.004 + scattered(9, 4)])
-    heard = METHODS[name](open_air(whole), Target(points, quiet=whole[3:]))
+    heard = METHODS[name](open_air(whole), Target(points, suppression_points=whole[3:]))
     np.testing.assert_allclose(heard.amplitudes, METHODS[name](open_air(points), Target(points)).amplitudes, atol=1e-6)
 
 

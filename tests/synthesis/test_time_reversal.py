@@ -9,7 +9,7 @@ from hypothesis.extra import numpy as hnp
 from airtact.conventions import InvalidInput
 from airtact.scene.medium import Medium
 from airtact.scene.target import Target
-from airtact.synthesis.reach import share_reached
+from airtact.synthesis.reach import achieved_fraction
 from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
 from airtact.transducers.layout import PhasedArray, surrounding_box
 from airtact.transfer import Drive, TransferMatrix, focus_by_distance, focus_by_distance_phase_only
@@ -85,7 +85,7 @@ def test_with_no_pressure_asked_all_foci_count_alike_and_the_loudest_element_is_
     assert np.abs(drive.amplitudes).max() == pytest.approx(1.0, rel=1e-12)
     expected = transfer.matrix.conj().sum(axis=0)
     np.testing.assert_allclose(drive.amplitudes, expected / np.abs(expected).max(), rtol=1e-12)
-    assert np.isnan(share_reached(transfer, Target(any_points(3)), drive)).all()
+    assert np.isnan(achieved_fraction(transfer, Target(any_points(3)), drive)).all()
 
 
 @pytest.mark.parametrize("method", [time_reversal, phase_conjugate])
@@ -95,7 +95,7 @@ def test_the_worst_focus_gets_what_it_asked_or_full_scale_is_used_up(method, see
     transfer = random_matrix(seed, foci)
     target = Target(any_points(foci), asked * np.linspace(1.0, 2.0, foci))
     drive = method(transfer, target)
-    shares = share_reached(transfer, target, drive)
+    shares = achieved_fraction(transfer, target, drive)
     np.testing.assert_allclose(shares * target.pressures, np.abs(transfer.matrix @ drive.amplitudes), rtol=1e-12)
     loudest = np.abs(drive.amplitudes).max()
     if loudest < 1.0 - 1e-9:
@@ -110,9 +110,9 @@ def test_a_modest_and_a_greedy_target_take_the_two_ways() -> None:
     modest, greedy = Target(any_points(2), 500.0), Target(any_points(2), 1e6)
     for method in (time_reversal, phase_conjugate):
         quiet, loud = method(transfer, modest), method(transfer, greedy)
-        assert share_reached(transfer, modest, quiet).min() == pytest.approx(1.0, rel=1e-12)
+        assert achieved_fraction(transfer, modest, quiet).min() == pytest.approx(1.0, rel=1e-12)
         assert np.abs(quiet.amplitudes).max() < 0.5
-        assert share_reached(transfer, greedy, loud).min() < 0.1
+        assert achieved_fraction(transfer, greedy, loud).min() < 0.1
         assert np.abs(loud.amplitudes).max() == pytest.approx(1.0, rel=1e-12)
     np.testing.assert_allclose(np.abs(loud.amplitudes), 1.0, rtol=1e-12)
 
@@ -120,7 +120,7 @@ def test_a_modest_and_a_greedy_target_take_the_two_ways() -> None:
 def test_a_focus_that_asks_for_nothing_does_not_hold_the_others_back() -> None:
     transfer = random_matrix(5, foci=2)
     target = Target(any_points(2), np.array([300.0, 0.0]))
-    shares = share_reached(transfer, target, time_reversal(transfer, target))
+    shares = achieved_fraction(transfer, target, time_reversal(transfer, target))
     assert shares[0] == pytest.approx(1.0, rel=1e-12)
     assert np.isnan(shares[1])
 
@@ -143,7 +143,7 @@ def test_wrong_sizes_and_foci_that_cancel_are_refused(method) -> None:
     with pytest.raises(InvalidInput, match="2 foci does not fit a target of 3"):
         method(transfer, Target(any_points(3)))
     with pytest.raises(InvalidInput, match=r"drive of 39 elements .* matrix of 40"):
-        share_reached(transfer, Target(any_points(2)), Drive(np.ones(39, dtype=np.complex128)))
+        achieved_fraction(transfer, Target(any_points(2)), Drive(np.ones(39, dtype=np.complex128)))
     opposite = TransferMatrix(np.concatenate([transfer.matrix[:1], -transfer.matrix[:1]]), 0.0)
     with pytest.raises(InvalidInput, match="all 40 amplitudes are 0"):
         method(opposite, Target(any_points(2)))

@@ -99,7 +99,7 @@ def test_a_method_that_refuses_is_told_and_the_others_stand(tmp_path, capsys, mo
     assert "2 foci are 0.1 mm apart" in (tmp_path / "methods.html").read_text(encoding="utf-8")
 
 
-def test_when_all_refuse_nothing_is_written_but_the_folder(tmp_path, capsys, monkeypatch):
+def test_when_all_check_nothing_is_written_but_the_folder(tmp_path, capsys, monkeypatch):
     def refuse(transfer, target):
         raise InvalidInput("2 foci are 0.1 mm apart; part them.")
 

@@ -13,7 +13,7 @@ from airtact.evaluation.microphone import Microphone
 from airtact.evaluation.scan import load_scan
 from airtact.scene_file.building import read_setup
 from airtact.solvers.spherical.sphere_series import SphereSeries
-from airtact.steps import Clock, heard_foci
+from airtact.steps import Clock, solve_foci
 from airtact.synthesis.quantise import quantise
 from airtact.workflows.compare_scan import FILES, compare_scan
 from paths import SCENES
@@ -34,7 +34,7 @@ def write_scan(path: Path, points: np.ndarray, pressures: np.ndarray) -> Path:
 def scan_file(tmp_path_factory):
     """A virtual measurement by the series for a sphere: a plane above the ball and across it, with 2 % of noise."""
     setup = read_setup(BALL)
-    transfer, _ = heard_foci(setup, Clock(lambda step: None))
+    transfer, _ = solve_foci(setup, Clock(lambda step: None))
     drive = quantise(setup.synthesise(transfer, setup.target)).drive()
     field = SphereSeries().radiate(setup.scene, drive_sources(setup.array, [drive]))
     x, z = np.meshgrid(np.arange(-16e-3, 16.1e-3, 2e-3), np.arange(-8e-3, 12.1e-3, 2e-3))

@@ -305,7 +305,7 @@ def test_what_cannot_be_emitted_is_refused(capsys, drive, name, monkeypatch: pyt
         (1100, 100.0, r"keeps 2 to 1024 frames, not 1100"),
     ],
 )
-def test_sequences_that_boards_refuse_are_told_the_nearest(capsys, tmp_path, frames, rate, sentence) -> None:
+def test_sequences_that_boards_check_are_told_the_nearest(capsys, tmp_path, frames, rate, sentence) -> None:
     path = write(tmp_path / "sequence.h5", board_array("autd3"), frames=frames, rate=rate)
     code, _, errors = output(capsys, "emit", path, *AUDIT)
     assert code == 2

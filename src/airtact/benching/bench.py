@@ -39,14 +39,14 @@ def bench(
     bempp: str | None = None,
     hand: Path | None = None,
     quick: bool = False,
-    tell: Callable[[str], None] = lambda step: None,
+    report_step: Callable[[str], None] = lambda step: None,
 ) -> Bench:
     """Measure everything and write it into a folder.
 
     Parameters
     ----------
     folder : for `FILES`; truths that were computed before are taken from it.
-    acoustools, bempp : interpreters of environments with these packages; left out, and said so, if not given.
+    acoustools, bempp : interpreters of environments with these packages; left out, and notes so, if not given.
     hand : pose of an open hand (.json); its rows are left out if not given.
     quick : do less of everything.
     tell : is told each step as it begins.
@@ -54,19 +54,21 @@ def bench(
     Raises
     ------
     InvalidInput
-        The folder takes no files, or the hand's file is at fault. A package that fails is left out and said.
+        The folder takes no files, or the hand's file is at fault. A package that fails is left out and notes.
     """
     writable_folder(folder)
     truths = folder / "truths"
-    said: list[str] = []
+    notes: list[str] = []
     machine = _machine()
     bodies, elements = contested(), surrounding_box().positions
-    tell("the truth of the contest, by fundamental solutions")
+    report_step("the truth of the contest, by fundamental solutions")
     truth = true_pressure(bodies, elements, bodies.foci, truths)
-    contest = _contest(bodies, elements, truth, {"AcousTools": acoustools, "bempp-cl": bempp}, quick, said, tell)
-    rows = _rows(truths, hand, quick, said, tell)
-    unknowns = by_unknowns(3 if quick else 7, 2000 if quick else 16000, tell)
-    tell("larger arrays")
+    contest = _contest(
+        bodies, elements, truth, {"AcousTools": acoustools, "bempp-cl": bempp}, quick, notes, report_step
+    )
+    rows = _rows(truths, hand, quick, notes, report_step)
+    unknowns = by_unknowns(3 if quick else 7, 2000 if quick else 16000, report_step)
+    report_step("larger arrays")
     found = Bench(
         machine,
         tuple(contest),
@@ -74,9 +76,9 @@ def bench(
         tuple(rows),
         tuple(unknowns),
         tuple(by_elements(3 if quick else 7, BOARDS[:2] if quick else BOARDS)),
-        tuple(said),
+        tuple(notes),
     )
-    tell("writing")
+    report_step("writing")
     write(folder, found)
     return found
 
@@ -125,29 +127,31 @@ def _contest(
     truth: Truth,
     others: dict[str, str | None],
     quick: bool,
-    said: list[str],
-    tell: Callable[[str], None],
+    notes: list[str],
+    report_step: Callable[[str], None],
 ) -> list[Solved]:
     matrix = truth.pressure
     contest = (
-        ours(bodies, elements, matrix, 7, QUICK_ACCURACIES, tell)
+        ours(bodies, elements, matrix, 7, QUICK_ACCURACIES, report_step)
         if quick
-        else ours(bodies, elements, matrix, 9, tell=tell)
+        else ours(bodies, elements, matrix, 9, report_step=report_step)
     )
     for package, python in others.items():
         if python is None:
             option = package.lower().removesuffix("-cl")
-            said.append(f"{package} is left out: no --{option} PYTHON was given.")
+            notes.append(f"{package} is left out: no --{option} PYTHON was given.")
             continue
         try:
             edges = QUICK_EDGES if quick else EDGES[package]
-            contest += theirs(package, python, bodies, elements, matrix, 1 if quick else 3, edges, tell)
+            contest += theirs(package, python, bodies, elements, matrix, 1 if quick else 3, edges, report_step)
         except InvalidInput as fault:
-            said.append(f"{package} is left out: {fault}")
+            notes.append(f"{package} is left out: {fault}")
     return contest
 
 
-def _rows(truths: Path, hand: Path | None, quick: bool, said: list[str], tell: Callable[[str], None]) -> list[Row]:
+def _rows(
+    truths: Path, hand: Path | None, quick: bool, notes: list[str], report_step: Callable[[str], None]
+) -> list[Row]:
     fingers = RealTime(truths, 3 if quick else 9)
     jobs: list[Callable[[], Row]] = [
         fingers.deformed_to_drive,
@@ -158,7 +162,7 @@ def _rows(truths: Path, hand: Path | None, quick: bool, said: list[str], tell: C
         fingers.slice_beside,
     ]
     if hand is None:
-        said.append("The open hand is left out: no --hand POSE.json was given.")
+        notes.append("The open hand is left out: no --hand POSE.json was given.")
     else:
         open_hand = OpenHand(load_hand(hand), truths, 3 if quick else 7)
         jobs += [open_hand.drive_only, open_hand.pressures]
@@ -166,11 +170,11 @@ def _rows(truths: Path, hand: Path | None, quick: bool, said: list[str], tell: C
         jobs.append(memory_over_matrix)
     rows = []
     for job in jobs:
-        tell(job.__name__.replace("_", " "))
+        report_step(job.__name__.replace("_", " "))
         rows.append(job())
-    tell("other accuracies")
+    report_step("other accuracies")
     rows += fingers.at_accuracies()
-    tell("kernels against the matrix product")
+    report_step("kernels against the matrix product")
     return rows + kernels_against_product(7)
 
 

@@ -122,7 +122,7 @@ def ours(
     truth: Complex128[np.ndarray, "foci elements"],
     runs: int,
     accuracies: Sequence[float] = ACCURACIES,
-    tell: Callable[[str], None] = lambda step: None,
+    report_step: Callable[[str], None] = lambda step: None,
 ) -> list[Solved]:
     """Solve with airtact at several accuracies, with its estimate and without, each in a process of its own.
 
@@ -137,7 +137,7 @@ def ours(
     """
     found = []
     for estimate, accuracy in product((True, False), accuracies):
-        tell(f"airtact at {accuracy:.1%}" + ("" if estimate else NO_ESTIMATE))
+        report_step(f"airtact at {accuracy:.1%}" + ("" if estimate else NO_ESTIMATE))
         case = {
             **_shared(bodies, elements, runs),
             "axes": np.array([one.axis for one in bodies.capsules]),
@@ -160,7 +160,7 @@ def theirs(
     truth: Complex128[np.ndarray, "foci elements"],
     runs: int,
     edges: Sequence[float],
-    tell: Callable[[str], None] = lambda step: None,
+    report_step: Callable[[str], None] = lambda step: None,
 ) -> list[Solved]:
     """Solve with another package on meshes of several sizes, each in a process of its own.
 
@@ -175,7 +175,7 @@ def theirs(
     small, found = flat_triangles(bodies, 6e-3), []
     for edge in edges:
         vertices, triangles = flat_triangles(bodies, edge)
-        tell(f"{package} on {len(triangles)} triangles")
+        report_step(f"{package} on {len(triangles)} triangles")
         case = {
             **_shared(bodies, elements, runs),
             "wavenumber": bodies.scene.wavenumber.real,

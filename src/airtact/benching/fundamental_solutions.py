@@ -99,7 +99,7 @@ def slopes(
     return (1j * wavenumber - 1.0 / distance) * np.exp(1j * wavenumber * distance) * (along / square)
 
 
-def skin_points(
+def surface_points(
     capsule: Capsule, number: int, start: float = 0.5
 ) -> tuple[Float64[np.ndarray, "points 3"], Float64[np.ndarray, "points 3"]]:
     """Spread points over a capsule by the golden angle (equal steps of z are equal areas), with their normals."""
@@ -174,7 +174,7 @@ class Fit:
         """Norm of ∂p/∂n at skin points that were not fitted over that of the incident sound."""
         defect, incident = 0.0, 0.0
         for capsule in self.capsules:
-            points, normals = skin_points(capsule, 1009, start=0.31)
+            points, normals = surface_points(capsule, 1009, start=0.31)
             arriving = together(slopes(points, normals, self.sources, self.wavenumber), self.spoken)
             total = arriving + slopes(points, normals, self.monopoles, self.wavenumber) @ self.strengths
             incident += capsule.area * np.linalg.norm(arriving) ** 2
@@ -193,9 +193,9 @@ def fitted(
     places, points, normals, sides = [], [], [], []
     for index, capsule in enumerate(capsules):
         others = [other for position, other in enumerate(capsules) if position != index]
-        sample, _ = skin_points(capsule, 2000)
+        sample, _ = surface_points(capsule, 2000)
         finest = monopole_depths(capsule, others, sample, wavenumber).min() / fineness
-        skin, outward = skin_points(capsule, min(60_000, int(5.0 * capsule.area / finest**2)))
+        skin, outward = surface_points(capsule, min(60_000, int(5.0 * capsule.area / finest**2)))
         depth = monopole_depths(capsule, others, skin, wavenumber)
         spacing = np.minimum(depth / fineness, np.pi / abs(wavenumber) / fineness)
         inner = skin - depth[:, None] * outward

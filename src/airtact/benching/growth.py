@@ -42,7 +42,9 @@ class Grown:
     timed: Timed
 
 
-def by_unknowns(runs: int, most: int = max(UNKNOWNS), tell: Callable[[str], None] = lambda step: None) -> list[Grown]:
+def by_unknowns(
+    runs: int, most: int = max(UNKNOWNS), report_step: Callable[[str], None] = lambda step: None
+) -> list[Grown]:
     """Time solves of two fingers with more and more unknowns.
 
     Parameters
@@ -53,7 +55,7 @@ def by_unknowns(runs: int, most: int = max(UNKNOWNS), tell: Callable[[str], None
     """
     scene, beacons, found = evenly_covered(two_fingers()).scene, Target(AFAR).beacons(), []
     for wanted in (one for one in UNKNOWNS if one <= most):
-        tell(f"solving {wanted} unknowns")
+        report_step(f"solving {wanted} unknowns")
         solver = BoundaryElement(accuracy=_accuracy_for(wanted, scene))
         count = runs if wanted < 8000 else max(1, runs // 3)
         took, fields = timed([partial(solver.radiate, scene, beacons)] * (count + 1))

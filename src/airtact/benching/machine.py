@@ -13,7 +13,7 @@ from airtact.benching.peers.peak_memory import forget_peak, peak
 from airtact.benching.real_time import Row
 from airtact.benching.scenes import two_fingers
 from airtact.benching.timing import Timed, timed
-from airtact.solvers.bem.blocks import tiles_of
+from airtact.solvers.bem.blocks import blocks_of
 from airtact.solvers.bem.layer_potentials import NearRule
 from airtact.solvers.bem.operator import DualMatrix, dual_surface
 from airtact.solvers.bem.quadrature import Nodes, place_nodes
@@ -39,7 +39,7 @@ def kernels_against_product(runs: int = 7) -> list[Row]:
     bodies = two_fingers()
     scene = bodies.scene
     panels = BoundaryElement(accuracy=0.02)._panels(scene, bodies.foci)
-    nodes = place_nodes(panels.six_nodes, panels.body, panels.deviation)
+    nodes = place_nodes(panels.quadratic_triangles, panels.body, panels.deviation)
     wavenumber, shifted = (
         scene.wavenumber,
         dual_surface(nodes, scene.wavenumber, NearRule(1.6, (4, 4)), "float32").shifted,
@@ -58,7 +58,7 @@ def _kernel_row(
     variant: str, nodes: Nodes, shifted: Float64[np.ndarray, "groups 3"], wavenumber: complex, runs: int
 ) -> Row:
     count = len(nodes.points)
-    tiles = tiles_of(count)
+    tiles = blocks_of(count)
     matrix = DualMatrix.empty(count, "bfloat16", np.ones((tiles, tiles), dtype=bool))
     nobody = np.zeros(0, dtype=np.int64), np.zeros((0, 6), dtype=np.complex128)
     first, first_shifted = np.zeros(count + 1, dtype=np.int64), np.zeros(len(shifted) + 1, dtype=np.int64)

@@ -51,7 +51,7 @@ class Bench:
     rows: tuple[Row, ...]
     unknowns: tuple[Grown, ...]
     elements: tuple[Grown, ...]
-    said: tuple[str, ...]
+    notes: tuple[str, ...]
 
 
 def page_of(found: Bench) -> str:
@@ -63,8 +63,8 @@ def page_of(found: Bench) -> str:
     """
     parts = [HEAD, f"Machine: {found.machine}.\n", CONTEST.format(own=found.own_error), _contest(found), _rows(found)]
     parts.append(_growth(found))
-    if found.said:
-        parts.append("## Left out\n\n" + "\n".join(f"- {sentence}" for sentence in found.said) + "\n")
+    if found.notes:
+        parts.append("## Left out\n\n" + "\n".join(f"- {sentence}" for sentence in found.notes) + "\n")
     return "\n".join(parts)
 
 

@@ -18,7 +18,7 @@ from airtact.evaluation.field import drive_sources
 from airtact.printing import in_short
 from airtact.solvers.bem.solver import BoundaryElement
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport
-from airtact.solvers.spherical.multipole_field import outgoing_waves
+from airtact.solvers.spherical.multipole_field import multipole_expansion
 from airtact.synthesis.time_reversal import time_reversal
 from airtact.transducers.layout import PhasedArray, surrounding_box
 from airtact.transfer import Drive, TransferMatrix, transfer_matrix
@@ -151,7 +151,7 @@ class RealTime:
         """
         bodies = self.rest
         beacons = self._quick(self.accuracy).radiate(bodies.scene, bodies.target.beacons())
-        waves = outgoing_waves(beacons)
+        waves = multipole_expansion(beacons)
 
         def again(field: RadiatedField, frame: int) -> Made:
             transfer = transfer_matrix(field, self.array.seen_from(whole_motion(frame)))

@@ -105,17 +105,17 @@ def check(scene: Path, folder: Path | None, **settings: float | None) -> None:
 
     given = _given(**settings)
     console = Console()
-    with progress() as tell:
+    with progress() as report_step:
         if scene.suffix.lower() in SUFFIXES:
-            facts = surface_tables(scene.name, check_surface_file(scene, folder, tell, **given))
+            facts = surface_tables(scene.name, check_surface_file(scene, folder, report_step, **given))
         elif given:
             key, value = next(iter(given.items()))
             raise InvalidInput(
                 f"{key} = {value:g} stands in a scene file, beside its surface, not on the command line."
             )
         else:
-            facts = scene_tables(check_scene(scene, folder, tell))
-        tell("counting unknowns")
+            facts = scene_tables(check_scene(scene, folder, report_step))
+        report_step("counting unknowns")
         tables = list(facts)
     for table in tables:
         console.print(table)
@@ -137,11 +137,11 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None
     """
     from rich.console import Console
 
-    with progress() as tell:
+    with progress() as report_step:
         from airtact.cli.tables import quality_tables
         from airtact.workflows.mesh import mesh as run_mesh
 
-        meshed = run_mesh(surface, file, edge, tell, **_given(**settings))
+        meshed = run_mesh(surface, file, edge, report_step, **_given(**settings))
     console = Console()
     for table in quality_tables(meshed):
         console.print(table)
@@ -160,15 +160,15 @@ def render(scene: Path, folder: Path, store: Path | None) -> None:
     """Compute the drive and the field for SCENE and write drive.csv, drive.h5, field.vtkhdf and report.html."""
     from rich.console import Console
 
-    with progress() as tell:
-        tell("starting")
+    with progress() as report_step:
+        report_step("starting")
         from airtact.cli.tables import run_table
         from airtact.workflows.render import render as run_render
 
-        run = run_render(scene, folder, tell, store)
+        run = run_render(scene, folder, report_step, store)
     console = Console()
     console.print(run_table(run))
-    warn(console, run.said)
+    warn(console, run.notes)
     console.print(f"The page of this run: {folder / 'report.html'}", soft_wrap=True, highlight=False)
 
 
@@ -186,15 +186,15 @@ def compare(scene: Path, folder: Path, store: Path | None) -> None:
     """
     from rich.console import Console
 
-    with progress() as tell:
-        tell("starting")
+    with progress() as report_step:
+        report_step("starting")
         from airtact.cli.tables import methods_table
         from airtact.workflows.compare import compare_methods
 
-        contest = compare_methods(scene, folder, tell, store)
+        contest = compare_methods(scene, folder, report_step, store)
     console = Console()
     console.print(methods_table(contest))
-    warn(console, contest.said)
+    warn(console, contest.notes)
     console.print(f"The page of this comparison: {folder / 'methods.html'}", soft_wrap=True, highlight=False)
 
 
@@ -219,15 +219,15 @@ def compare_scan(
     """
     from rich.console import Console
 
-    with progress() as tell:
-        tell("starting")
+    with progress() as report_step:
+        report_step("starting")
         from airtact.cli.tables import scan_table
         from airtact.evaluation.microphone import Microphone
         from airtact.workflows.compare_scan import compare_scan as run_compare_scan
 
         given = {name: value for name, value in microphone.items() if value is not None}
-        compared = run_compare_scan(scan, scene, folder, Microphone(**given), tell)  # pyright: ignore[reportArgumentType]
+        compared = run_compare_scan(scan, scene, folder, Microphone(**given), report_step)  # pyright: ignore[reportArgumentType]
     console = Console()
     console.print(scan_table(compared))
-    warn(console, [*compared.said, *compared.overlay.warnings, *compared.report.warnings])
+    warn(console, [*compared.notes, *compared.overlay.warnings, *compared.report.warnings])
     console.print(f"The overlay: {folder / 'overlay.png'}", soft_wrap=True, highlight=False)

@@ -24,13 +24,13 @@ def bench(folder: Path, acoustools: str | None, bempp: str | None, hand: Path | 
     """
     from rich.console import Console
 
-    with progress() as tell:
-        tell("starting")
+    with progress() as report_step:
+        report_step("starting")
         from airtact.benching.bench import bench as run
         from airtact.benching.performance_page import page_of
 
-        found = run(folder, acoustools, bempp, hand, quick, tell)
+        found = run(folder, acoustools, bempp, hand, quick, report_step)
     console = Console()
     console.print(page_of(found), markup=False, highlight=False, soft_wrap=True)
-    warn(console, found.said)
+    warn(console, found.notes)
     console.print(f"The page: {folder / 'performance.md'}", soft_wrap=True, highlight=False)

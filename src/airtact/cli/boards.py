@@ -94,8 +94,8 @@ def emit(drive: Path, board: str, link: str, cap: float, seconds: float, yes: bo
     _print_warnings(made, console)
     if not yes:
         _ask(f"Emit for {seconds:g} s through {link} to {way.devices}?")
-    with progress() as tell:
-        played = run(made, way, seconds, tell)
+    with progress() as report_step:
+        played = run(made, way, seconds, report_step)
     console.print(f"{way.sent} frames were sent; the last was silence, {_confirmed(link, board)}.", highlight=False)
     if played is not None:
         console.print(

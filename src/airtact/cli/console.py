@@ -33,11 +33,11 @@ def progress() -> Iterator[Callable[[str], None]]:
             for task in steps.tasks:
                 steps.update(task.id, completed=1)
 
-        def tell(step: str) -> None:
+        def report_step(step: str) -> None:
             finish()
             steps.add_task(step, total=1)
 
-        yield tell
+        yield report_step
         finish()
 
 

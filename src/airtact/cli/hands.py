@@ -68,13 +68,13 @@ def hand(
     if frames or leave_out:
         raise InvalidInput(f"{pose.name} is 1 pose, no recording; leave --frame and --leave-out out.")
 
-    with progress() as tell:
+    with progress() as report_step:
         from airtact.workflows.hand import pose as run_pose
 
-        posed = run_pose(pose, file, gap, edge, tell)
+        posed = run_pose(pose, file, gap, edge, report_step)
     console = Console()
     console.print(_facts(posed))
-    for touch in posed.hand.surface.mended:
+    for touch in posed.hand.surface.repairs:
         console.print(f"Merged: {touch}.", soft_wrap=True, highlight=False)
     console.print(f"The skin: {posed.file}, its picture: {posed.picture}", soft_wrap=True, highlight=False)
 
@@ -84,10 +84,10 @@ def _show_cloud(
 ) -> None:
     from rich.console import Console
 
-    with progress() as tell:
+    with progress() as report_step:
         from airtact.workflows.hand import fit
 
-        done = fit(cloud, landmarks, file, camera, edge, tell)
+        done = fit(cloud, landmarks, file, camera, edge, report_step)
     console, fitted = Console(), done.fitted
     table = _facts(done, done.errors)
     used = ~fitted.strays
@@ -107,7 +107,7 @@ def _facts(posed: "Posed", errors: "Mapping[str, float] | None" = None) -> "Tabl
     table = Table(box=SIMPLE, show_header=False)
     table.add_row("hand", f"{posed.hand.side}, {1e3 * shape.extent:.0f} mm across")
     table.add_row("area, volume", f"{1e4 * shape.area:.0f} cm², {1e6 * shape.volume:.0f} cm³")
-    table.add_row("panels", f"{len(posed.panels.six_nodes):,}, smallest angle {posed.smallest_angle:.0f}°")
+    table.add_row("panels", f"{len(posed.panels.quadratic_triangles):,}, smallest angle {posed.smallest_angle:.0f}°")
     for name, point in posed.places.items():
         depth = float(shape.depth(point[None])[0])
         where = ", ".join(f"{1e3 * number:.1f}" for number in point)

@@ -26,11 +26,11 @@ def reproduce(paper: str, folder: Path, quick: bool) -> None:
     """
     from rich.console import Console
 
-    with progress() as tell:
-        tell(f"starting {paper}")
+    with progress() as report_step:
+        report_step(f"starting {paper}")
         from airtact.experiments.inoue2014 import reproduce as run
 
-        done = run(folder, quick, tell)
+        done = run(folder, quick, report_step)
     console = Console()
     for number, what in done.facts:
         console.print(f"{number:>8}  {what}", highlight=False)

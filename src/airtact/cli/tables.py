@@ -32,7 +32,7 @@ def scene_tables(setup: Setup) -> Iterator[Table]:
     if setup.bodies:
         yield bodies
     notes = [(name, one.surface) for name, one in zip(setup.bodies, setup.scene.obstacles, strict=True)]
-    yield from (_mended(surface, name) for name, surface in notes if surface.mended)
+    yield from (_mended(surface, name) for name, surface in notes if surface.repairs)
     foci = plain_table("foci", "x", "y", "z", "off the skin", "pressure")
     asked = setup.target.pressures
     off_skin = -setup.scene.depth(setup.target.points)
@@ -47,8 +47,8 @@ def scene_tables(setup: Setup) -> Iterator[Table]:
     sensitivity = f"{elements.element.sensitivity:g} Pa·m, uncalibrated"
     away = f", {1e3 * clearance:.0f} mm off the bodies or more" if setup.bodies else ""
     facts.add_row("transducers", f"{len(elements)}, {sensitivity}{away}")
-    if len(setup.target.quiet):
-        facts.add_row("quiet points", f"{len(setup.target.quiet)}")
+    if len(setup.target.suppression_points):
+        facts.add_row("quiet points", f"{len(setup.target.suppression_points)}")
     facts.add_row("wavelength", f"{1e3 * wavelength:.2f} mm at {setup.scene.frequency / 1e3:g} kHz")
     facts.add_row("drive", f"{setup.method.replace('_', ' ')}, accuracy {setup.accuracy:g}")
     if isinstance(setup.solver, BoundaryElement):
@@ -76,7 +76,9 @@ def surface_tables(name: str, scene: Scene) -> Iterator[Table]:
 def quality_tables(meshed: Meshed) -> Iterator[Table]:
     """Tables of panels beside the triangles that they were made from."""
     sizes = plain_table("", "given", "panels")
-    sizes.add_row("triangles, panels", f"{len(meshed.surface.triangles):,}", f"{len(meshed.panels.six_nodes):,}")
+    sizes.add_row(
+        "triangles, panels", f"{len(meshed.surface.triangles):,}", f"{len(meshed.panels.quadratic_triangles):,}"
+    )
     sizes.add_row("area", f"{1e4 * meshed.given_area:.4g} cm²", f"{1e4 * meshed.area:.4g} cm²")
     sizes.add_row("volume", f"{1e6 * meshed.given_volume:.4g} cm³", f"{1e6 * meshed.volume:.4g} cm³")
     yield sizes
@@ -97,8 +99,8 @@ def quality_tables(meshed: Meshed) -> Iterator[Table]:
 
 def _mended(surface: Surface, name: str = "") -> Table:
     table = plain_table("", "")
-    for index, note in enumerate(surface.mended or ("nothing",)):
-        table.add_row(escape(f"mended in {name}" if name else "mended") if index == 0 else "", escape(note))
+    for index, note in enumerate(surface.repairs or ("nothing",)):
+        table.add_row(escape(f"mended in {name}" if name else "repairs") if index == 0 else "", escape(note))
     return table
 
 
@@ -137,13 +139,13 @@ def run_table(run: Run) -> Table:
 
 def methods_table(contest: Contest) -> Table:
     """Tabulate what the worst focus gets by each method, best first."""
-    quiet = ["quiet points"] if len(contest.target.quiet) else []
+    quiet = ["quiet points"] if len(contest.target.suppression_points) else []
     table = plain_table("method", "worst focus", "of the bound", "mean", "time", *quiet)
     table.title = "What the foci get; of the bound: at full scale, of what no drive can pass"
     for one in sorted(contest.contenders, key=contest.of_the_bound, reverse=True):
         worst, mean = one.pressures.min(), one.pressures.mean()
         share = contest.of_the_bound(one)
-        level = [f"{one.quiet_level:+.1f} dB"] if quiet else []
+        level = [f"{one.suppression_level:+.1f} dB"] if quiet else []
         time = f"{1e3 * one.seconds:,.3g} ms" if one.seconds < 1.0 else f"{one.seconds:.1f} s"
         table.add_row(one.name, f"{worst:,.0f} Pa", f"{share:.0%}", f"{mean:,.0f} Pa", time, *level)
     return table

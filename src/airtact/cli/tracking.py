@@ -24,11 +24,11 @@ def show_recording(path: Path, file: Path, chosen: tuple[int, ...], leave_out: b
     """
     from rich.console import Console
 
-    with progress() as tell:
+    with progress() as report_step:
         from airtact.files.panels import EDGE
         from airtact.workflows.recording import replay_recording
 
-        replayed = replay_recording(path, file, chosen, leave_out, EDGE if edge is None else edge, tell)
+        replayed = replay_recording(path, file, chosen, leave_out, EDGE if edge is None else edge, report_step)
     console = Console()
     console.print(_facts(replayed))
     skins = ", ".join(str(skin) for skin in replayed.skins)

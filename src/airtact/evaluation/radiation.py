@@ -7,7 +7,7 @@ from jaxtyping import Bool, Complex128, Float64, Int64, Real
 
 from airtact.conventions import InvalidInput
 from airtact.evaluation.field import check_solver, drive_sources
-from airtact.mesh.quadratic_triangles import SixNodes
+from airtact.mesh.quadratic_triangles import QuadraticTriangles
 from airtact.printing import in_short
 from airtact.scene.medium import Medium
 from airtact.scene.scene import Scene
@@ -17,7 +17,7 @@ from airtact.surfaces.panels import panels_of
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
 from airtact.transfer import Drive
-from airtact.validation import place, positive
+from airtact.validation import in_mm, positive
 
 EDGE = 1.0 / 3.0
 """Edge of the panels on which the skin is heard, in wavelengths: radiation pressure varies over half a wavelength."""
@@ -72,12 +72,12 @@ class Pad:
 
 
 @dataclass(frozen=True, eq=False)
-class SkinMap:
+class RadiationMap:
     """Sound on the skin of all bodies of a scene under one drive.
 
     Attributes
     ----------
-    six_nodes : (T, 6, 3) panels of the skin [m]; panel t has the points 6 t to 6 t + 5.
+    quadratic_triangles : (T, 6, 3) panels of the skin [m]; panel t has the points 6 t to 6 t + 5.
     body : (T,) the body of each panel.
     points, normals, areas : (Q, 3) [m], (Q, 3) outward and (Q,) [m²] that each point stands for.
     pressure : (Q,) total peak pressure [Pa].
@@ -86,7 +86,7 @@ class SkinMap:
     report : how the solver came to it.
     """
 
-    six_nodes: SixNodes
+    quadratic_triangles: QuadraticTriangles
     body: Int64[np.ndarray, "panels"]
     points: Float64[np.ndarray, "points 3"]
     normals: Float64[np.ndarray, "points 3"]
@@ -136,7 +136,7 @@ class SkinMap:
         if not chosen.any():
             nearest = np.linalg.norm(self.points - centre, axis=1).min()
             raise InvalidInput(
-                f"a pad of {1e3 * radius:.3g} mm round the focus at {place(np.asarray(focus))} holds 0 points of the "
+                f"a pad of {1e3 * radius:.3g} mm round the focus at {in_mm(np.asarray(focus))} holds 0 points of the "
                 f"skin, the nearest being {1e3 * nearest:.3g} mm away; give a larger radius."
             )
         force = float(np.sum((self.areas * self.radiation_pressure)[chosen]))
@@ -164,7 +164,7 @@ class SkinMap:
         return (np.linalg.norm(self.points - centre, axis=1) < radius) & facing & (body == body[nearest]), centre
 
 
-def skin_map(scene: Scene, array: PhasedArray, drive: Drive, *, solver: Solver) -> SkinMap:
+def radiation_map(scene: Scene, array: PhasedArray, drive: Drive, *, solver: Solver) -> RadiationMap:
     """Hear the skin of all bodies under a drive, and tell how hard the sound presses on it.
 
     Parameters
@@ -182,11 +182,11 @@ def skin_map(scene: Scene, array: PhasedArray, drive: Drive, *, solver: Solver) 
     check_solver(solver)
     sources = drive_sources(array, [drive])
     check_placement(scene, array)
-    _refuse_soft(scene)
+    _check_soft(scene)
     return skin_of(solver.radiate(scene, sources), 0)
 
 
-def skin_of(field: RadiatedField, sound: int) -> SkinMap:
+def skin_of(field: RadiatedField, sound: int) -> RadiationMap:
     """Hear the skin of a field that was solved.
 
     Parameters
@@ -201,11 +201,11 @@ def skin_of(field: RadiatedField, sound: int) -> SkinMap:
         points).
     """
     scene = field.scene
-    _refuse_soft(scene)
+    _check_soft(scene)
     shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
     edge = EDGE * scene.wavelength
     panels = panels_of(shapes, edge, np.empty((0, 3)), smallest=edge)
-    nodes = place_nodes(panels.six_nodes, panels.body, panels.deviation)
+    nodes = place_nodes(panels.quadratic_triangles, panels.body, panels.deviation)
     points = np.array(nodes.points)
     for index, shape in enumerate(shapes):
         own = nodes.body == index
@@ -218,12 +218,20 @@ def skin_of(field: RadiatedField, sound: int) -> SkinMap:
             "BoundaryElement for radiation pressure."
         )
     pushing = radiation_pressure(pressure, velocity, scene.medium)
-    return SkinMap(
-        panels.six_nodes, panels.body, points, nodes.normals, nodes.weights, pressure, velocity, pushing, field.report
+    return RadiationMap(
+        panels.quadratic_triangles,
+        panels.body,
+        points,
+        nodes.normals,
+        nodes.weights,
+        pressure,
+        velocity,
+        pushing,
+        field.report,
     )
 
 
-def _refuse_soft(scene: Scene) -> None:
+def _check_soft(scene: Scene) -> None:
     if not scene.obstacles:
         raise InvalidInput("the scene has 0 obstacles, so there is no skin to press on.")
     for index, obstacle in enumerate(scene.obstacles):

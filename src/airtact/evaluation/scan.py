@@ -9,7 +9,7 @@ from jaxtyping import Bool, Complex128, Float64
 from airtact.conventions import InvalidInput, about
 from airtact.printing import in_short
 from airtact.text_table import read_text_table
-from airtact.validation import complex_numbers, counted, place, points_of, refuse_not_finite
+from airtact.validation import check_finite, complex_numbers, counted, in_mm, points_of
 
 PLACE, PRESSURE, PHASE = ("x", "y", "z"), "pressure", "phase"
 """Columns of a scan: metres, the pressure in any unit, and, where it was measured, its phase [rad]."""
@@ -48,7 +48,7 @@ class Scan:
         pressures = complex_numbers(self.pressures, "pressures of a scan")
         if pressures.shape != (len(points),):
             raise InvalidInput(f"a scan of {len(points)} positions has pressures of shape {pressures.shape}.")
-        refuse_not_finite(pressures, "pressures of a scan")
+        check_finite(pressures, "pressures of a scan")
         away = np.linalg.norm(points, axis=1)
         if away.max() > FARTHEST:
             worst = int(away.argmax())
@@ -64,7 +64,7 @@ class Scan:
             where = points[_first_repeated(points)]
             raise InvalidInput(
                 f"{counted(repeated, 'position of the scan is', 'positions of the scan are')} repeated, the first at "
-                f"{place(where)}; average them first.",
+                f"{in_mm(where)}; average them first.",
                 where,
             )
         for name, value in (("points", points), ("pressures", pressures)):

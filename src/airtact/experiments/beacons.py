@@ -15,7 +15,7 @@ from airtact.experiments.solved import CONSIDERED, Solved
 from airtact.figures.field_figure import cut_bodies
 from airtact.figures.panel_figure import draw_panels
 from airtact.figures.phase_figure import draw_phases
-from airtact.mesh.quadratic_triangles import SixNodes
+from airtact.mesh.quadratic_triangles import QuadraticTriangles
 from airtact.pages.page import paragraph, picture
 from airtact.solvers.fem.system import System
 from airtact.solvers.problem import SolveReport
@@ -151,19 +151,19 @@ def _workspace(middle: Float64[np.ndarray, "3"], step: float) -> Window:
     return Window(np.zeros(3), AXES["x"], up, 0.14, 0.18 if up[2] else 0.14, step)
 
 
-def whole_skin(system: System) -> SixNodes:
+def whole_skin(system: System) -> QuadraticTriangles:
     """Meshed skins with their mirror images (T, 6, 3) [λ].
 
     Parameters
     ----------
     system : what was meshed.
     """
-    six_nodes = system.panels.six_nodes
+    quadratic_triangles = system.panels.quadratic_triangles
     for mirror in system.box.mirrors:
-        image = np.array(six_nodes[:, [0, 2, 1, 5, 4, 3]])
+        image = np.array(quadratic_triangles[:, [0, 2, 1, 5, 4, 3]])
         image[:, :, mirror.axis] = 2 * mirror.place / system.scene.wavelength - image[:, :, mirror.axis]
-        six_nodes = np.concatenate([six_nodes, image])
-    return six_nodes
+        quadratic_triangles = np.concatenate([quadratic_triangles, image])
+    return quadratic_triangles
 
 
 def on_plane(system: System, axis: int) -> tuple[Float64[np.ndarray, "faces 3 3"], Bool[np.ndarray, "faces"]]:

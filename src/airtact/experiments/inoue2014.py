@@ -45,7 +45,7 @@ class Reproduced:
 def reproduce(
     folder: Path,
     quick: bool = False,
-    tell: Callable[[str], None] = lambda step: None,
+    report_step: Callable[[str], None] = lambda step: None,
     settings: Settings | None = None,
 ) -> Reproduced:
     """Do the paper's experiment and write a page about it, with the numbers behind each figure beside it.
@@ -69,7 +69,7 @@ def reproduce(
     """
     chosen = settings or (QUICK if quick else FULL)
     data = writable_folder(folder / "data")
-    clock = Clock(tell)
+    clock = Clock(report_step)
     made = solved(chosen, clock)
     makers: dict[str, Callable[[], Part]] = {
         "The model and the phases": lambda: beacons(made, chosen, data, clock),

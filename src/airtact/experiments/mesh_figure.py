@@ -41,12 +41,12 @@ def draw_costs(rows: Sequence[Row], settings: Settings) -> Figure:
         costs = (row.seconds, row.most_bytes / 2**30, one.elements_per_wavelength)
         style = {"color": colour[one.order], "linestyle": "", "markersize": 5.0, "mfc": "none"}
         for axes, cost, limit in zip(above, costs, limits, strict=True):
-            if row.said:
+            if row.notes:
                 marker = MARKERS[one.domain] if cost < limit else ">"
                 axes.plot(min(cost, limit), one.order + _lift(one.domain), marker=marker, **style)
     for domain, order in ((domain, order) for domain in MARKERS for order in orders):
         line = [row for row in rows if (row.combination.domain, row.combination.order) == (domain, order)]
-        _draw_line(below, [row for row in line if not row.said], colour[order], domain)
+        _draw_line(below, [row for row in line if not row.notes], colour[order], domain)
     _furnish(above, below, settings)
     keys = [Line2D([], [], color=colour[order], label=f"order {order}") for order in orders]
     keys += [

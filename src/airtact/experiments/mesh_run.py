@@ -85,7 +85,7 @@ class Row:
     seconds: float
     most_bytes: float
     error: float
-    said: str
+    notes: str
 
 
 def run_apart(combination: Combination, limit: float) -> Ran | str:

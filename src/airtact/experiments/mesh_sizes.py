@@ -43,7 +43,7 @@ def mesh_sizes(settings: Settings, folder: Path, clock: Clock) -> Part:
         truth, uncertain = _truth(settings.truth)
     rows = study(settings, truth, clock, run_apart, lambda found: _write(found, folder))
     _write(rows, folder)
-    ran = [row for row in rows if not row.said]
+    ran = [row for row in rows if not row.notes]
     best, facts = _best(ran)
     pieces = (
         paragraph(
@@ -79,7 +79,7 @@ def how_many(rows: Sequence[Row], settings: Settings) -> str:
     rows : all combinations.
     settings : the limits.
     """
-    ran, over, cut = (sum(row.said == words for row in rows) for words in ("", OVER_LIMIT, NO_TIME))
+    ran, over, cut = (sum(row.notes == words for row in rows) for words in ("", OVER_LIMIT, NO_TIME))
     sentences = [
         f"{ran} of {len(rows)} combinations of order, mesh and domain were run, each in its own process, the cheapest "
         "first; from what they took the next are predicted.",
@@ -149,11 +149,11 @@ def study(
     ]
     begun, rows = time.perf_counter(), []
     while left:
-        ran = [row for row in rows if not row.said]
+        ran = [row for row in rows if not row.notes]
         spent = time.perf_counter() - begun if rows else 0.0  # at least one is tried
         waiting = [_unrun(one, ran, spent, settings) for one in left]
         keep(_in_order([*rows, *waiting]))
-        fitting = [row for row in waiting if row.said == WAITS]
+        fitting = [row for row in waiting if row.notes == WAITS]
         if not fitting:
             rows += waiting
             break
@@ -190,13 +190,13 @@ def _run(
     with clock.step(words, f"finite elements of {words} (about {expected.seconds:.0f} s)"):
         ran = run(one, OVERDUE * settings.study_seconds + STARTING)
     if isinstance(ran, str):
-        return replace(expected, said=ran)
+        return replace(expected, notes=ran)
     error = relative_error(ran.heard, truth)
     return Row(one, ran.tetrahedra, ran.unknowns, ran.seconds, ran.most_bytes, error, "")
 
 
 def _cells(row: Row) -> list[str]:
-    sign = "~" if row.said else ""
+    sign = "~" if row.notes else ""
     one = row.combination
     return [
         one.domain,
@@ -205,7 +205,7 @@ def _cells(row: Row) -> list[str]:
         f"{sign}{row.unknowns:,.0f}",
         f"{sign}{row.seconds:.3g} s",
         f"{sign}{row.most_bytes / 2**30:.2g} GiB",
-        f"not run: {row.said}" if row.said else f"{100 * row.error:.2f} %",
+        f"not run: {row.notes}" if row.notes else f"{100 * row.error:.2f} %",
     ]
 
 
@@ -225,6 +225,6 @@ def _write(rows: Sequence[Row], folder: Path) -> None:
             "time": ("s", column([row.seconds for row in rows])),
             "memory": ("B", column([row.most_bytes for row in rows])),
             "error": ("", column([row.error for row in rows])),
-            "said": ("", [row.said or "run" for row in rows]),
+            "said": ("", [row.notes or "run" for row in rows]),
         },
     )

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from airtact.figures.solids import solid
 from airtact.figures.space_axes import broad_view, frame, two_sides, wide_figure
 from airtact.hand.fitting.fit import FittedHand
-from airtact.mesh.quadratic_triangles import SixNodes, cut
+from airtact.mesh.quadratic_triangles import QuadraticTriangles, cut
 
 OFF = Normalize(-5.0, 5.0)
 """Range of the colours [mm]."""
@@ -19,17 +19,19 @@ OFF = Normalize(-5.0, 5.0)
 COLOURS, SKIN, STRAY = "RdBu", (0.82, 0.82, 0.80, 1.0), "#9775fa"
 
 
-def draw_cloud(six_nodes: SixNodes, fitted: FittedHand, distances: Float64[np.ndarray, "points"]) -> Figure:
+def draw_cloud(
+    quadratic_triangles: QuadraticTriangles, fitted: FittedHand, distances: Float64[np.ndarray, "points"]
+) -> Figure:
     """Draw points over the skin fitted to them: blue outside it, red inside, strays as crosses.
 
     Parameters
     ----------
-    six_nodes : (T, 6, 3) panels of the skin [m].
+    quadratic_triangles : (T, 6, 3) panels of the skin [m].
     fitted : the hand and its points.
     distances : (N,) of these from the skin, positive outside [m].
     """
     figure = wide_figure(6.4)
-    pieces, _ = cut(1e3 * six_nodes, np.full(len(six_nodes), 1))
+    pieces, _ = cut(1e3 * quadratic_triangles, np.full(len(quadratic_triangles), 1))
     points, used = 1e3 * fitted.points, ~fitted.strays
     everything = [pieces.reshape(-1, 3)]
     sides = two_sides(figure, broad_view(pieces.reshape(-1, 3)))

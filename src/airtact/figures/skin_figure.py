@@ -8,7 +8,7 @@ from matplotlib.colors import PowerNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from airtact.evaluation.radiation import SkinMap
+from airtact.evaluation.radiation import RadiationMap
 from airtact.figures.solids import solid
 from airtact.figures.space_axes import broad_view, frame, two_sides, wide_figure
 from airtact.mesh.quadratic_triangles import NODE_PLACES, cut
@@ -23,17 +23,17 @@ PARTS = 3
 FOCUS = "#1864ab"
 
 
-def draw_skin(skin: SkinMap, foci: Real[np.ndarray, "foci 3"] | None = None, most: float | None = None) -> Figure:
+def draw_skin(skin: RadiationMap, foci: Real[np.ndarray, "foci 3"] | None = None, most: float | None = None) -> Figure:
     """Draw the radiation pressure on the skin, and the foci as rings.
 
     Parameters
     ----------
-    skin : sound on the skin, as ``skin_map`` gives it.
+    skin : sound on the skin, as ``radiation_map`` gives it.
     foci : (F, 3) [m], or none.
     most : the brightest colour [Pa], to compare pictures; None for the largest pressure that there is.
     """
     figure = wide_figure(6.4)
-    pieces, _ = cut(1e3 * skin.six_nodes, np.full(len(skin.six_nodes), PARTS))
+    pieces, _ = cut(1e3 * skin.quadratic_triangles, np.full(len(skin.quadratic_triangles), PARTS))
     pressing = _on_pieces(skin)
     largest = float(skin.radiation_pressure.max()) if most is None else most
     scale = PowerNorm(0.5, 0.0, max(largest, 1e-12))  # as even as the pressure of the sound is
@@ -54,7 +54,7 @@ def draw_skin(skin: SkinMap, foci: Real[np.ndarray, "foci 3"] | None = None, mos
     return figure
 
 
-def _on_pieces(skin: SkinMap) -> Float64[np.ndarray, "pieces"]:
+def _on_pieces(skin: RadiationMap) -> Float64[np.ndarray, "pieces"]:
     """Radiation pressure in the middle of every piece, by the quadratic through the six points of its panel."""
     flat = np.concatenate([NODE_PLACES, np.zeros((6, 1))], axis=1)[None]
     middles = cut(flat, np.array([PARTS]))[0][:, :3].mean(axis=1)[:, :2]

@@ -16,7 +16,7 @@ from airtact.synthesis.quantise import Frame
 from airtact.synthesis.sequence import Sequence
 from airtact.transducers.layout import PhasedArray
 from airtact.transfer import FULL_SCALE, Drive, TransferMatrix
-from airtact.validation import points_of, positive, real_numbers, refuse_not_finite
+from airtact.validation import check_finite, points_of, positive, real_numbers
 
 COLUMNS = ("index", "x", "y", "z", "nx", "ny", "nz", "amplitude", "phase", "amplitude_level", "phase_level")
 """Columns of drive.csv: metres, a share of full scale, radians of Re[u e^{−iωt}], and bytes."""
@@ -201,8 +201,8 @@ def _drives(
     if amplitude.size == 0:
         raise InvalidInput("the sequence has 0 frames.")
     amplitude, phase = np.atleast_2d(amplitude), np.atleast_2d(phase)
-    refuse_not_finite(amplitude, "amplitude")
-    refuse_not_finite(phase, "phase")
+    check_finite(amplitude, "amplitude")
+    check_finite(phase, "phase")
     bad = np.argwhere((amplitude < 0.0) | (amplitude > FULL_SCALE))
     if len(bad):
         frame, element = (int(index) for index in bad[0])

@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from airtact.mesh.quadratic_triangles import SixNodes, edge_lengths
+from airtact.mesh.quadratic_triangles import QuadraticTriangles, edge_lengths
 from airtact.mesh.topology import edge_twins
 
 PARTED = (1e-6, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
@@ -30,20 +30,22 @@ FOUR = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
 """The nodes of the four flat triangles of a panel."""
 
 
-def flat_triangles(six_nodes: SixNodes) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
+def flat_triangles(
+    quadratic_triangles: QuadraticTriangles,
+) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
     """Cut each panel into four flat triangles and join neighbours.
 
     Parameters
     ----------
-    six_nodes : (T, 6, 3) the panels [m].
+    quadratic_triangles : (T, 6, 3) the panels [m].
 
     Returns
     -------
     vertices : (V, 3) [m], where neighbours part the mean of their nodes.
     triangles : (T, 3) vertex indices; four for each panel, and more for panels that meet smaller ones.
     """
-    points = six_nodes.reshape(-1, 3)
-    shortest = np.repeat(edge_lengths(six_nodes).min(axis=1), 6)
+    points = quadratic_triangles.reshape(-1, 3)
+    shortest = np.repeat(edge_lengths(quadratic_triangles).min(axis=1), 6)
     node = np.arange(len(points))
     vertices, sizes, triangles = points, shortest, node.reshape(-1, 6)[:, FOUR].reshape(-1, 3)
     for share in PARTED:

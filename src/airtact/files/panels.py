@@ -78,7 +78,7 @@ def write_panels(path: Path, panels: Panels) -> int:
         return 0
     import trimesh  # takes as long to import as all the rest of airtact
 
-    vertices, triangles = flat_triangles(panels.six_nodes)
+    vertices, triangles = flat_triangles(panels.quadratic_triangles)
     content = trimesh.Trimesh(vertices, triangles, process=False).export(file_type=path.suffix.lower()[1:])
     with whole_file(path) as partial:
         partial.write_bytes(content if isinstance(content, bytes) else str(content).encode())

@@ -63,10 +63,10 @@ def write_panels_vtkhdf(path: Path, panels: Panels) -> None:
     """
     import h5py
 
-    count = len(panels.six_nodes)
+    count = len(panels.quadratic_triangles)
     numbers = {
-        "smallest_angle": smallest_angles(panels.six_nodes),
-        "area": panel_areas(panels.six_nodes),
+        "smallest_angle": smallest_angles(panels.quadratic_triangles),
+        "area": panel_areas(panels.quadratic_triangles),
         "deviation": panels.deviation,
         "body": panels.body,
     }
@@ -74,7 +74,7 @@ def write_panels_vtkhdf(path: Path, panels: Panels) -> None:
         root = _group(file, "VTKHDF", "UnstructuredGrid")
         for name, number in (("Points", 6 * count), ("Cells", count), ("ConnectivityIds", 6 * count)):
             root.create_dataset(f"NumberOf{name}", data=np.array([number]))
-        root.create_dataset("Points", data=panels.six_nodes.reshape(-1, 3))
+        root.create_dataset("Points", data=panels.quadratic_triangles.reshape(-1, 3))
         root.create_dataset("Connectivity", data=np.arange(6 * count))
         root.create_dataset("Offsets", data=6 * np.arange(count + 1))
         root.create_dataset("Types", data=np.full(count, QUADRATIC_TRIANGLE, dtype=np.uint8))

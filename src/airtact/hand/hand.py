@@ -29,7 +29,7 @@ from airtact.hand.sphere_mesh import Hulls
 from airtact.pose import Pose
 from airtact.printing import in_short
 from airtact.surfaces.surface import Surface
-from airtact.validation import fixed, place, within
+from airtact.validation import fixed, in_mm, within
 
 COARSE, FINE = 7e-3, 2.5e-3
 """Edges of the triangles of ``Hand.surface`` far from the pads and beside them [m]; solvers make their own panels."""
@@ -80,12 +80,12 @@ class Hand:
         """The closed skin, with exact points over the middles of edges; fine at the pads, coarse at the wrist."""
         skin = even_skin(self.shape.hulls, COARSE, Graded(COARSE, FINE, self.pads))
         notes = tuple(
-            f"the {touch.one} and the {touch.other} are one near {place(touch.place)}, their skins being "
+            f"the {touch.one} and the {touch.other} are one near {in_mm(touch.place)}, their skins being "
             + (f"{1e3 * touch.gap:.2g} mm apart" if touch.gap > 0.0 else f"{-1e3 * touch.gap:.2g} mm in each other")
             for touch in self.touches
         )
         middles = midpoints(self.shape.hulls, skin)
-        return Surface(skin.vertices, skin.triangles, middles, self.shape, mended=notes)
+        return Surface(skin.vertices, skin.triangles, middles, self.shape, repairs=notes)
 
     @cached_property
     def pads(self) -> Float64[np.ndarray, "5 3"]:
@@ -120,7 +120,7 @@ class Hand:
         depth = float(self.shape.depth(point[None])[0])
         if depth > 1e-6:
             raise InvalidInput(
-                f"{name} at {place(point)} lies {1e3 * depth:.2g} mm inside the body, where skins are one"
+                f"{name} at {in_mm(point)} lies {1e3 * depth:.2g} mm inside the body, where skins are one"
                 f"{self._freeing(name)}.",
                 point,
             )

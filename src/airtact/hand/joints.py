@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float64, Int64, Real
 
 from airtact.conventions import InvalidInput
-from airtact.validation import counted, fixed, number, points_of, real_numbers, refuse_not_finite
+from airtact.validation import check_finite, counted, fixed, number, points_of, real_numbers
 
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 
@@ -106,7 +106,7 @@ def joints_of(given: Real[np.ndarray, "joints 3"], rough: float = 0.0) -> Float6
     if spread > LARGEST:
         raise InvalidInput(f"the joints span {spread:.4g} m: are they in millimetres? Give metres.")
     joints = joints if len(joints) == 25 else _with_bases(joints)
-    _refuse_impossible_bones(joints, rough)
+    _check_impossible_bones(joints, rough)
     return fixed(joints)
 
 
@@ -154,7 +154,7 @@ def radii_of(
     radii = real_numbers(given, "radii of a hand")
     if radii.shape not in ((25,), (21,)):
         raise InvalidInput(f"radii of a hand have shape {radii.shape}, but there are 25, or 21, one for each joint.")
-    refuse_not_finite(radii, "radii of a hand")
+    check_finite(radii, "radii of a hand")
     if len(radii) == 21:
         scale = hand_length(joints) / LENGTH
         full = scale * RADII
@@ -279,7 +279,7 @@ def bone_kinds() -> Int64[np.ndarray, "bones"]:
     return np.array(kinds)
 
 
-def _refuse_impossible_bones(joints: Float64[np.ndarray, "25 3"], rough: float) -> None:
+def _check_impossible_bones(joints: Float64[np.ndarray, "25 3"], rough: float) -> None:
     ends = np.array(BONES)
     lengths = np.linalg.norm(joints[ends[:, 0]] - joints[ends[:, 1]], axis=1)
     kinds = bone_kinds()

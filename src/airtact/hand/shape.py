@@ -9,7 +9,7 @@ from jaxtyping import Float64, Real
 from airtact.hand.mesh_tracking import Followed
 from airtact.hand.skin_mesh import Skin, even_skin, midpoints
 from airtact.hand.sphere_mesh import Hulls
-from airtact.mesh.quadratic_triangles import SixNodes, enclosed_volume, panel_areas
+from airtact.mesh.quadratic_triangles import QuadraticTriangles, enclosed_volume, panel_areas
 from airtact.mesh.remeshing import Ridged
 from airtact.pose import Pose
 from airtact.printing import in_short
@@ -67,7 +67,7 @@ class HandShape:
         """Bring points (P, 3) [m] near the skin onto it."""
         return self.pose.apply(self.hulls.project(self.pose.inverse().apply(points)))
 
-    def fitted(self, panels: SixNodes) -> SixNodes:
+    def fitted(self, panels: QuadraticTriangles) -> QuadraticTriangles:
         """Bring the nodes of panels (P, 6, 3) near the skin onto it [m]."""
         return self.project(panels.reshape(-1, 3)).reshape(panels.shape)
 
@@ -75,7 +75,7 @@ class HandShape:
         """Return 0 for each of the points (P, 3) [m]: the body was made from no triangles."""
         return np.zeros(len(points))
 
-    def panels(self, edge: float, bend: float = BEND) -> SixNodes:
+    def panels(self, edge: float, bend: float = BEND) -> QuadraticTriangles:
         """Cover it with curved panels about as large as equilateral triangles of a given edge [m]."""
         return self.pose.apply(curved_panels(self.hulls, self.skin(edge)))
 
@@ -112,7 +112,7 @@ class HandShape:
         return float(panel_areas(panels).sum()), enclosed_volume(panels)
 
 
-def curved_panels(hulls: Hulls, skin: Skin) -> SixNodes:
+def curved_panels(hulls: Hulls, skin: Skin) -> QuadraticTriangles:
     """Curve triangles by the points of the skin over the middles of their edges.
 
     Parameters

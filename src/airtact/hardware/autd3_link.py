@@ -157,13 +157,13 @@ class AUTD3Link(Link):
         self._controller = pyautd3.Controller.open(devices, self._way())
         if self.sound_speed is not None:
             self._controller.environment.sound_speed = 1e3 * self.sound_speed
-        self._refuse_other_firmware(pyautd3)
+        self._check_other_firmware(pyautd3)
         # A table of one's own in Python is asked once an element: threads of pyautd3 would fight for the interpreter.
         option = pyautd3.SenderOption(parallel=pyautd3.ParallelMode.Off)
         self._sender = self._controller.sender(option, pyautd3.FixedSchedule())
         self._silence()
 
-    def _refuse_other_firmware(self, pyautd3: Any) -> None:
+    def _check_other_firmware(self, pyautd3: Any) -> None:
         from pyautd3.driver.firmware_version import FirmwareInfo
 
         latest = FirmwareInfo.latest_version()

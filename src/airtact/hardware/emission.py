@@ -157,7 +157,7 @@ class Emission:
             If the link fails, or the emission was ended before, by whatever.
         """
         check_drive(drive, "what is emitted")
-        self._refuse_other_size(len(drive))
+        self._check_other_size(len(drive))
         share = share_under_cap(drive.amplitudes[None], self.link.levels, self._cap)
         if not self._speaking and drive.amplitudes.any():
             self._rise(drive, share)
@@ -171,7 +171,7 @@ class Emission:
         LinkFailed
             If the emission was ended before.
         """
-        self._refuse_over()
+        self._check_over()
         self._fed = time.monotonic()
 
     def hold(self, seconds: float) -> None:
@@ -217,7 +217,7 @@ class Emission:
         """
         of_kind(sequence, Sequence, "what is played", "Sequence(drives, rate)")
         drives, rate = sequence.drives, sequence.rate
-        self._refuse_other_size(drives.shape[1])
+        self._check_other_size(drives.shape[1])
         self.link.check_sequence(len(drives), rate)
         share = share_under_cap(drives, self.link.levels, self._cap)
         frames = [faded(Drive(row), self.link.levels, share) for row in drives]
@@ -250,7 +250,7 @@ class Emission:
             self._say(faded(drive, self.link.levels, share * step / steps))
             self.hold(self._ramp / steps)
 
-    def _refuse_other_size(self, elements: int) -> None:
+    def _check_other_size(self, elements: int) -> None:
         if elements != self.link.elements:
             board = self.link.codec.board
             raise InvalidInput(
@@ -267,7 +267,7 @@ class Emission:
         self._shield(1)
         try:
             with self._lock:
-                self._refuse_over()
+                self._check_over()
                 self._fed = time.monotonic()
                 self._speaking = self._speaking or speaking
                 work()
@@ -282,7 +282,7 @@ class Emission:
         if threading.current_thread() is threading.main_thread():
             self._inside += step
 
-    def _refuse_over(self) -> None:
+    def _check_over(self) -> None:
         if self._failure is not None:
             raise self._failure
         if self._over is not None:

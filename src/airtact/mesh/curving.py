@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float64, Int, Int64, Real
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from airtact.mesh.quadratic_triangles import NODE_PLACES, SixNodes, edge_lengths, points_at
+from airtact.mesh.quadratic_triangles import NODE_PLACES, QuadraticTriangles, edge_lengths, points_at
 from airtact.mesh.topology import edge_twins
 
 SHARP_DEGREES = 75.0
@@ -86,13 +86,17 @@ def _rises(
     return length / 4 * (_half_tangent(start, along) - _half_tangent(end, along))
 
 
-def _is_folded(six_nodes: SixNodes, flat: Float64[np.ndarray, "triangles 3"]) -> Bool[np.ndarray, "triangles"]:
+def _is_folded(
+    quadratic_triangles: QuadraticTriangles, flat: Float64[np.ndarray, "triangles 3"]
+) -> Bool[np.ndarray, "triangles"]:
     """Whether a curved panel turns by more than 60 degrees from its flat triangle at any of its nodes."""
-    corners = six_nodes[:, :3]
-    rise = np.abs(six_nodes[:, 3:] - 0.5 * (corners + np.roll(corners, -1, axis=1))).max(axis=(1, 2))
+    corners = quadratic_triangles[:, :3]
+    rise = np.abs(quadratic_triangles[:, 3:] - 0.5 * (corners + np.roll(corners, -1, axis=1))).max(axis=(1, 2))
     twice_area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    folded = rise * edge_lengths(six_nodes).max(axis=1) > 0.05 * twice_area  # far from it are those that rise little
-    some = six_nodes[folded]
+    folded = (
+        rise * edge_lengths(quadratic_triangles).max(axis=1) > 0.05 * twice_area
+    )  # far from it are those that rise little
+    some = quadratic_triangles[folded]
     steep = np.zeros(len(some), dtype=bool)
     for node in NODE_PLACES:
         _, normal = points_at(some, np.broadcast_to(node, (len(some), 2)))

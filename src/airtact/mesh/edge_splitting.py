@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
-from airtact.mesh.quadratic_triangles import SixNodes, edge_lengths, shape_functions, with_middles
+from airtact.mesh.quadratic_triangles import QuadraticTriangles, edge_lengths, shape_functions, with_middles
 from airtact.mesh.topology import edge_twins
 
 _CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
@@ -18,13 +18,16 @@ _PARTS = {
 
 
 def split(
-    six_nodes: SixNodes, triangles: Int64[np.ndarray, "panels 3"], sharp: Bool[np.ndarray, "panels 3"], longest: float
+    quadratic_triangles: QuadraticTriangles,
+    triangles: Int64[np.ndarray, "panels 3"],
+    sharp: Bool[np.ndarray, "panels 3"],
+    longest: float,
 ) -> tuple[Float64[np.ndarray, "pieces 6 3"], Int64[np.ndarray, "pieces 3"], Bool[np.ndarray, "pieces 3"]]:
     """Halve edges until none is longer than a length.
 
     Parameters
     ----------
-    six_nodes : (T, 6, 3) panels of a closed mesh, neighbours sharing corners and middles [m].
+    quadratic_triangles : (T, 6, 3) panels of a closed mesh, neighbours sharing corners and middles [m].
     triangles : (T, 3) vertex indices.
     sharp : (T, 3) which of the edges 01, 12, 20 are sharp.
     longest : longest straight edge left [m].
@@ -34,14 +37,14 @@ def split(
     The pieces, their vertex indices and which of their edges are sharp; all lie on the panels that they come from.
     """
     while True:
-        long = edge_lengths(six_nodes) > longest
+        long = edge_lengths(quadratic_triangles) > longest
         if not long.any():
-            return six_nodes, triangles, sharp
-        six_nodes, triangles, sharp = _split_once(six_nodes, triangles, sharp, long)
+            return quadratic_triangles, triangles, sharp
+        quadratic_triangles, triangles, sharp = _split_once(quadratic_triangles, triangles, sharp, long)
 
 
 def _split_once(
-    six_nodes: SixNodes,
+    quadratic_triangles: QuadraticTriangles,
     triangles: Int64[np.ndarray, "panels 3"],
     sharp: Bool[np.ndarray, "panels 3"],
     long: Bool[np.ndarray, "panels 3"],
@@ -51,7 +54,7 @@ def _split_once(
     names = np.unique(edge[long])
     middle = int(triangles.max()) + 1 + np.searchsorted(names, edge)
     panels, indices, creases = (
-        [six_nodes[~long.any(axis=1)]],
+        [quadratic_triangles[~long.any(axis=1)]],
         [triangles[~long.any(axis=1)]],
         [sharp[~long.any(axis=1)]],
     )
@@ -67,7 +70,7 @@ def _split_once(
             bent = np.concatenate([sharp[chosen][:, order], np.zeros((len(chosen), 1), dtype=bool)], axis=1)
             for part in parts:
                 shape = shape_functions(with_middles(places[part][None])[0])
-                panels.append(np.einsum("na,tad->tnd", shape, six_nodes[chosen]))
+                panels.append(np.einsum("na,tad->tnd", shape, quadratic_triangles[chosen]))
                 indices.append(vertices[:, part])
                 creases.append(bent[:, [_edge_between(part[i], part[(i + 1) % 3]) for i in range(3)]])
     return np.concatenate(panels), np.concatenate(indices), np.concatenate(creases)

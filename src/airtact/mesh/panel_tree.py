@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float64, Int64, Real
 
 from airtact import _kernels
-from airtact.mesh.quadratic_triangles import SixNodes
+from airtact.mesh.quadratic_triangles import QuadraticTriangles
 
 
 @dataclass(frozen=True, eq=False)
@@ -15,12 +15,12 @@ class PanelTree:
 
     Attributes
     ----------
-    six_nodes : (T, 6, 3) [m].
+    quadratic_triangles : (T, 6, 3) [m].
     order : (T,) the panels as the leaves hold them.
     lower, upper : (2 L, 3) corners of the boxes, as a heap: box 1 holds all, box b holds 2 b and 2 b + 1 [m].
     """
 
-    six_nodes: SixNodes
+    quadratic_triangles: QuadraticTriangles
     order: Int64[np.ndarray, "panels"]
     lower: Float64[np.ndarray, "boxes 3"]
     upper: Float64[np.ndarray, "boxes 3"]
@@ -32,16 +32,18 @@ class PanelTree:
         points = np.ascontiguousarray(points, dtype=np.float64)
         panel, foot = np.zeros(len(points), dtype=np.int64), np.empty((len(points), 2))
         distance = np.empty(len(points))
-        _kernels.closest_on_panels(points, self.six_nodes, self.order, self.lower, self.upper, panel, foot, distance)
+        _kernels.closest_on_panels(
+            points, self.quadratic_triangles, self.order, self.lower, self.upper, panel, foot, distance
+        )
         return panel, foot, distance
 
 
-def panel_tree(six_nodes: SixNodes) -> PanelTree:
+def panel_tree(quadratic_triangles: QuadraticTriangles) -> PanelTree:
     """Sort panels (T, 6, 3) along a space-filling curve and box them by halves."""
-    six_nodes = np.ascontiguousarray(six_nodes)
-    corners, middles = six_nodes[:, :3], six_nodes[:, 3:]
+    quadratic_triangles = np.ascontiguousarray(quadratic_triangles)
+    corners, middles = quadratic_triangles[:, :3], quadratic_triangles[:, 3:]
     hull = np.concatenate([corners, 2 * middles - 0.5 * (corners + np.roll(corners, -1, axis=1))], axis=1)
-    order = np.argsort(_morton(six_nodes.mean(axis=1)), kind="stable")
+    order = np.argsort(_morton(quadratic_triangles.mean(axis=1)), kind="stable")
     leaves = 1 << (len(order) - 1).bit_length()
     padded = np.full(leaves, order[-1])
     padded[: len(order)] = order
@@ -52,7 +54,7 @@ def panel_tree(six_nodes: SixNodes) -> PanelTree:
         leaves //= 2
         lower[leaves : 2 * leaves] = lower[2 * leaves : 4 * leaves].reshape(leaves, 2, 3).min(axis=1)
         upper[leaves : 2 * leaves] = upper[2 * leaves : 4 * leaves].reshape(leaves, 2, 3).max(axis=1)
-    return PanelTree(six_nodes, order, lower, upper)
+    return PanelTree(quadratic_triangles, order, lower, upper)
 
 
 def _morton(points: Float64[np.ndarray, "points 3"]) -> Int64[np.ndarray, "points"]:

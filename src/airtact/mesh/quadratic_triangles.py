@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 from jaxtyping import Float64, Int, Int64, Real
 
-SixNodes = Float64[np.ndarray, "panels 6 3"]
+QuadraticTriangles = Float64[np.ndarray, "panels 6 3"]
 
 NODE_PLACES = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0], [0.5, 0.5], [0, 0.5]])
 """Reference coordinates of the six nodes."""
@@ -21,7 +21,7 @@ def shape_functions(points: Real[np.ndarray, "points 2"]) -> Float64[np.ndarray,
     return np.stack([w * (2 * w - 1), u * (2 * u - 1), v * (2 * v - 1), 4 * w * u, 4 * u * v, 4 * v * w], axis=1)
 
 
-def shape_slopes(points: Real[np.ndarray, "points 2"]) -> tuple[Float64[np.ndarray, "points 6"], ...]:
+def shape_gradients(points: Real[np.ndarray, "points 2"]) -> tuple[Float64[np.ndarray, "points 6"], ...]:
     """Differentiate the shape functions along u and v."""
     u, v = points[:, 0], points[:, 1]
     w, zero = 1 - u - v, np.zeros_like(u)
@@ -31,17 +31,17 @@ def shape_slopes(points: Real[np.ndarray, "points 2"]) -> tuple[Float64[np.ndarr
 
 
 def points_at(
-    six_nodes: SixNodes, references: Real[np.ndarray, "panels 2"]
+    quadratic_triangles: QuadraticTriangles, references: Real[np.ndarray, "panels 2"]
 ) -> tuple[Float64[np.ndarray, "panels 3"], Float64[np.ndarray, "panels 3"]]:
     """One point of each panel, and the outward normal there, as long as twice the panel's area is round it.
 
     Parameters
     ----------
-    six_nodes : (T, 6, 3) the panels [m].
+    quadratic_triangles : (T, 6, 3) the panels [m].
     references : (T, 2) reference coordinates of the point of each.
     """
-    along_u, along_v = (np.einsum("tn,tnd->td", slope, six_nodes) for slope in shape_slopes(references))
-    return np.einsum("tn,tnd->td", shape_functions(references), six_nodes), np.cross(along_u, along_v)
+    along_u, along_v = (np.einsum("tn,tnd->td", slope, quadratic_triangles) for slope in shape_gradients(references))
+    return np.einsum("tn,tnd->td", shape_functions(references), quadratic_triangles), np.cross(along_u, along_v)
 
 
 def with_middles(corners: Float64[np.ndarray, "triangles 3 axes"]) -> Float64[np.ndarray, "triangles 6 axes"]:
@@ -49,20 +49,20 @@ def with_middles(corners: Float64[np.ndarray, "triangles 3 axes"]) -> Float64[np
     return np.concatenate([corners, 0.5 * (corners + np.roll(corners, -1, axis=1))], axis=1)
 
 
-def edge_lengths(six_nodes: SixNodes) -> Float64[np.ndarray, "panels 3"]:
+def edge_lengths(quadratic_triangles: QuadraticTriangles) -> Float64[np.ndarray, "panels 3"]:
     """Corner-to-corner lengths of edges 01, 12, 20 [m]."""
-    corners = six_nodes[:, :3]
+    corners = quadratic_triangles[:, :3]
     return np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
 
 
-def longest_edges(six_nodes: SixNodes) -> Float64[np.ndarray, "panels"]:
+def longest_edges(quadratic_triangles: QuadraticTriangles) -> Float64[np.ndarray, "panels"]:
     """Longest corner-to-corner edge of each panel [m]."""
-    return edge_lengths(six_nodes).max(axis=1)
+    return edge_lengths(quadratic_triangles).max(axis=1)
 
 
-def smallest_angles(six_nodes: SixNodes) -> Float64[np.ndarray, "panels"]:
+def smallest_angles(quadratic_triangles: QuadraticTriangles) -> Float64[np.ndarray, "panels"]:
     """Smallest angle between the straight edges of each panel [degrees]."""
-    corners = six_nodes[:, :3]
+    corners = quadratic_triangles[:, :3]
     along = np.roll(corners, -1, axis=1) - corners
     along = along / np.linalg.norm(along, axis=2, keepdims=True)
     cosine = -np.einsum("tki,tki->tk", along, np.roll(along, 1, axis=1))
@@ -70,7 +70,7 @@ def smallest_angles(six_nodes: SixNodes) -> Float64[np.ndarray, "panels"]:
 
 
 def cut(
-    six_nodes: SixNodes, parts: Int[np.ndarray, "panels"]
+    quadratic_triangles: QuadraticTriangles, parts: Int[np.ndarray, "panels"]
 ) -> tuple[Float64[np.ndarray, "pieces 6 3"], Int64[np.ndarray, "pieces"]]:
     """Cut each panel into ``parts``² pieces of the same quadratic surface.
 
@@ -82,7 +82,7 @@ def cut(
     for count in np.unique(parts):
         chosen = np.flatnonzero(parts == count)
         shape = _piece_shapes(int(count))
-        pieces.append((shape.reshape(-1, 6) @ six_nodes[chosen]).reshape(-1, 6, 3))
+        pieces.append((shape.reshape(-1, 6) @ quadratic_triangles[chosen]).reshape(-1, 6, 3))
         parents.append(np.repeat(chosen, len(shape)))
     order = np.argsort(np.concatenate(parents), kind="stable")
     return np.concatenate(pieces)[order], np.concatenate(parents)[order]
@@ -109,20 +109,22 @@ def gauss_square(points: int) -> tuple[Float64[np.ndarray, "points 2"], Float64[
     return np.stack([u, v * (1 - u)], axis=1), np.outer(weights, weights).ravel() / 4 * (1 - u)
 
 
-def enclosed_volume(six_nodes: SixNodes) -> float:
+def enclosed_volume(quadratic_triangles: QuadraticTriangles) -> float:
     """Volume inside closed panels [m³], exact for the quadratic surface."""
     references, weights = gauss_square(3)
-    places = shape_functions(references) @ (six_nodes - six_nodes.mean(axis=(0, 1)))
-    return float(weights @ np.einsum("tqd,tqd->q", places, _normals(six_nodes, references)) / 3)
+    places = shape_functions(references) @ (quadratic_triangles - quadratic_triangles.mean(axis=(0, 1)))
+    return float(weights @ np.einsum("tqd,tqd->q", places, _normals(quadratic_triangles, references)) / 3)
 
 
-def panel_areas(six_nodes: SixNodes) -> Float64[np.ndarray, "panels"]:
+def panel_areas(quadratic_triangles: QuadraticTriangles) -> Float64[np.ndarray, "panels"]:
     """Area of each panel [m²], exact for flat ones."""
     references, weights = gauss_square(3)
-    return np.linalg.norm(_normals(six_nodes, references), axis=2) @ weights
+    return np.linalg.norm(_normals(quadratic_triangles, references), axis=2) @ weights
 
 
-def _normals(six_nodes: SixNodes, references: Real[np.ndarray, "points 2"]) -> Float64[np.ndarray, "panels points 3"]:
+def _normals(
+    quadratic_triangles: QuadraticTriangles, references: Real[np.ndarray, "points 2"]
+) -> Float64[np.ndarray, "panels points 3"]:
     """Outward normals of all panels at the same reference points, as long as twice the panel's area is round them."""
-    along_u, along_v = (slopes @ six_nodes for slopes in shape_slopes(references))
+    along_u, along_v = (slopes @ quadratic_triangles for slopes in shape_gradients(references))
     return np.cross(along_u, along_v)

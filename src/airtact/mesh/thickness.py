@@ -36,7 +36,7 @@ _TRIED = 64  # balls that are looked at at a time
 _INSIDE = 0.9  # share of its radius that a ball must be in: balls that touch beside an edge may leave the body there
 
 
-def thin_place(
+def thin_position(
     corners: Real[np.ndarray, "triangles 3 3"],
     triangles: Int[np.ndarray, "triangles 3"],
     depth: Depth,

@@ -6,7 +6,7 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 from airtact.conventions import InvalidInput
-from airtact.validation import counted, place
+from airtact.validation import counted, in_mm
 
 THINNEST = 1e-6
 """A triangle whose height is below this share of its longest edge counts as degenerate."""
@@ -57,7 +57,7 @@ def edge_keys(triangles: Int[np.ndarray, "triangles 3"]) -> Int64[np.ndarray, "t
     return np.minimum(start, end) * count + np.maximum(start, end)
 
 
-def refuse_wrong_size(extent: float) -> None:
+def check_size(extent: float) -> None:
     """Refuse bodies so large or small that they must be in another unit.
 
     Parameters
@@ -81,7 +81,7 @@ def refuse_wrong_size(extent: float) -> None:
         )
 
 
-def refuse_bad_indices(count: int, triangles: Int[np.ndarray, "triangles 3"]) -> None:
+def check_indices(count: int, triangles: Int[np.ndarray, "triangles 3"]) -> None:
     """Refuse triangles that name vertices which do not exist.
 
     Parameters
@@ -104,7 +104,7 @@ def refuse_bad_indices(count: int, triangles: Int[np.ndarray, "triangles 3"]) ->
         )
 
 
-def refuse_degenerate(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[np.ndarray, "triangles 3"]) -> None:
+def check_not_degenerate(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[np.ndarray, "triangles 3"]) -> None:
     """Refuse triangles without an area.
 
     Parameters
@@ -127,12 +127,12 @@ def refuse_degenerate(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[n
         where = corners[thin[0]].mean(axis=0)
         raise InvalidInput(
             f"{many} degenerate (no area), the first is triangle {int(thin[0])} near "
-            f"{place(where)}; remove them or merge their vertices.",
+            f"{in_mm(where)}; remove them or merge their vertices.",
             where,
         )
 
 
-def refuse_open(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[np.ndarray, "triangles 3"]) -> None:
+def check_closed(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[np.ndarray, "triangles 3"]) -> None:
     """Refuse a mesh that is not closed and consistently oriented.
 
     Parameters
@@ -161,7 +161,7 @@ def refuse_open(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[np.ndar
             count = len(np.unique(np.sort(ends, axis=1), axis=0))
             where = vertices[ends[0]].mean(axis=0)
             edges = counted(count, f"edge {one}", f"edges {many}")
-            raise InvalidInput(f"{edges} {fault}; the first is near {place(where)}: repair the mesh.", where)
+            raise InvalidInput(f"{edges} {fault}; the first is near {in_mm(where)}: repair the mesh.", where)
 
 
 def pieces(twins: Int64[np.ndarray, "triangles 3"]) -> Int[np.ndarray, "triangles"]:
@@ -208,7 +208,7 @@ def cone_volumes(corners: Real[np.ndarray, "triangles 3 3"]) -> Float64[np.ndarr
     return np.einsum("ti,ti->t", a, np.cross(b, c)) / 6.0
 
 
-def refuse_inside_out(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[np.ndarray, "triangles 3"]) -> None:
+def check_orientation(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[np.ndarray, "triangles 3"]) -> None:
     """Refuse closed pieces whose normals look inward.
 
     Parameters
@@ -229,7 +229,7 @@ def refuse_inside_out(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[n
         first = int(np.flatnonzero(piece == inward[0])[0])
         number = int(np.isin(piece, inward).sum())
         where = corners[first].mean(axis=0)
-        encloses = f"encloses {volumes[inward[0]] * 1e6:.4g} cm³, near {place(where)}"
+        encloses = f"encloses {volumes[inward[0]] * 1e6:.4g} cm³, near {in_mm(where)}"
         if len(volumes) == 1:
             raise InvalidInput(f"the surface is inside out (it {encloses}); turn its {number} triangles round.", where)
         raise InvalidInput(

@@ -37,7 +37,7 @@ class Contender:
     drive: Drive
     emitted: Drive
     pressures: Float64[np.ndarray, "foci"]
-    quiet: Float64[np.ndarray, "quiet"]
+    suppression_points: Float64[np.ndarray, "quiet"]
     seconds: float
 
     @property
@@ -46,11 +46,11 @@ class Contender:
         return float(np.mean(np.abs(self.drive.amplitudes) ** 2))
 
     @property
-    def quiet_level(self) -> float:
+    def suppression_level(self) -> float:
         """Mean of p² in the quiet points against that in the foci [dB]; NaN without quiet points."""
-        if not len(self.quiet):
+        if not len(self.suppression_points):
             return float("nan")
-        return float(10.0 * np.log10(np.mean(self.quiet**2) / np.mean(self.pressures**2)))
+        return float(10.0 * np.log10(np.mean(self.suppression_points**2) / np.mean(self.pressures**2)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ class Contest:
     foci: Sequence[str]
     bodies: Sequence[str]
     contenders: Sequence[Contender]
-    said: Sequence[str]
+    notes: Sequence[str]
     transfer: TransferMatrix
     bound: float
     report: SolveReport
@@ -131,7 +131,7 @@ def _summary(contest: Contest) -> Iterable[str]:
             (f"{1e3 * best.seconds:.3g} ms", "to make that drive"),
         ]
     )
-    yield from (paragraph(words, "warning") for words in (*contest.said, *contest.report.warnings))
+    yield from (paragraph(words, "warning") for words in (*contest.notes, *contest.report.warnings))
 
 
 def _unit(contest: Contest) -> str:
@@ -158,7 +158,7 @@ def _table(contest: Contest) -> Iterable[str]:
                 f"{one.energy:.2f}",
                 f"{np.abs(rounded / exact - 1).max():.2%}",
                 f"{1e3 * one.seconds:.3g}",
-                *([f"{one.quiet_level:+.1f}"] if len(one.quiet) else []),
+                *([f"{one.suppression_level:+.1f}"] if len(one.suppression_points) else []),
             ]
         )
     header = [
@@ -170,14 +170,14 @@ def _table(contest: Contest) -> Iterable[str]:
         "energy",
         "rounding",
         "time [ms]",
-        *(["quiet points [dB]"] if len(contest.target.quiet) else []),
+        *(["quiet points [dB]"] if len(contest.target.suppression_points) else []),
     ]
     yield table(header, rows)
     yield paragraph(
         "The bound is certified for amplitudes up to full scale on this transfer matrix; no drive passes it, and "
         "it need not be reachable. Energy is the mean of |d|² over the transducers. Rounding is how much "
         "256 levels change the pressure at the foci at most. The control, hand ignored, is made from distances alone."
-        + (" Quiet points: their mean p² over that of the foci." if len(contest.target.quiet) else "")
+        + (" Quiet points: their mean p² over that of the foci." if len(contest.target.suppression_points) else "")
     )
     focus_rows = [[one.name, *(f"{pressure:,.0f}" for pressure in one.pressures)] for one in contest.contenders]
     yield table(["peak pressure [Pa]", *contest.foci], focus_rows)

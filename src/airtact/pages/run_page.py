@@ -73,7 +73,7 @@ class Run:
     comparison: Comparison
     plane: Cut
     close_ups: Sequence[Cut]
-    said: Sequence[str]
+    notes: Sequence[str]
     seconds: Mapping[str, float]
 
 
@@ -112,7 +112,7 @@ def _summary(run: Run) -> Iterable[str]:
             (_percent(run.comparison.report.estimated_error), "estimated error of these pressures"),
         ]
     )
-    warnings = [*run.said, *run.beacons.warnings, *run.comparison.report.warnings]
+    warnings = [*run.notes, *run.beacons.warnings, *run.comparison.report.warnings]
     if run.reached.max() > LOUD:
         warnings.append(
             f"The computation is linear; at {_rounded(run.reached.max())} Pa real air steepens the wave, and a real "
@@ -247,7 +247,7 @@ def _how(run: Run) -> Iterable[str]:
         ["medium", f"{medium.sound_speed:g} m/s, {medium.density:g} kg/m³, absorption {medium.absorption:g} Np/m"],
         ["frequency", f"{scene.frequency:g} Hz, wavelength {1e3 * scene.wavelength:.2f} mm"],
         ["bodies", ", ".join(_body(*pair) for pair in zip(run.bodies, scene.obstacles, strict=True))],
-        ["mended", _mended(run) or "nothing"],
+        ["repairs", _mended(run) or "nothing"],
         ["array", f"{_transducers(run)} of {run.array.element.sensitivity:g} Pa·m (peak, uncalibrated)"],
         ["not in the model", NOT_MODELLED],
         ["wall time", _listed({name: f"{time:.2f} s" for name, time in run.seconds.items()})],
@@ -264,7 +264,7 @@ def _body(name: str, obstacle) -> str:
 
 def _mended(run: Run) -> str:
     pairs = zip(run.bodies, run.scene.obstacles, strict=True)
-    return " ".join(f"{name}: {note}" for name, obstacle in pairs for note in obstacle.surface.mended)
+    return " ".join(f"{name}: {note}" for name, obstacle in pairs for note in obstacle.surface.repairs)
 
 
 def _off_triangles(report: SolveReport) -> str:

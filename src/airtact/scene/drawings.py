@@ -9,7 +9,7 @@ from jaxtyping import Float64, Real
 
 from airtact.conventions import InvalidInput, Vector
 from airtact.scene.target_points import Points, frame_of, segment, thinned
-from airtact.validation import positive, real_numbers, refuse_not_finite
+from airtact.validation import check_finite, positive, real_numbers
 
 FONT = "futural"
 """The Hershey font of single strokes without serifs: what is felt is the stroke, not the outline of a letter."""
@@ -205,7 +205,7 @@ MOST_CELLS = 4096
 def _brightness(image: str | Path | Real[np.ndarray, "rows columns"]) -> Float64[np.ndarray, "rows columns"]:
     """Read a picture, or refuse what is black or none."""
     bright = _read(image) if isinstance(image, str | Path) else real_numbers(image, "the brightness")
-    refuse_not_finite(bright, "the brightness")
+    check_finite(bright, "the brightness")
     if bright.ndim != 2 or bright.size == 0 or bright.min() < 0.0 or bright.max() == 0.0:
         least = f", its smallest value {bright.min():g}" if bright.size else ""
         raise InvalidInput(

@@ -14,7 +14,7 @@ from airtact.scene.sources import Monopoles
 from airtact.scene.target import Beacons, Target
 from airtact.surfaces.checks import check_apart, check_surface
 from airtact.surfaces.surface import Surface, extent_of
-from airtact.validation import check_frequency, of_kind, place, points_of
+from airtact.validation import check_frequency, in_mm, of_kind, points_of
 
 CONTACT = 1e-9
 """Points up to this deep in a body stand on its skin [m]."""
@@ -144,14 +144,14 @@ class Scene:
         of_kind(self.medium, Medium, "the medium of a scene", "air() or Medium(sound_speed, density)")
         object.__setattr__(self, "frequency", check_frequency(self.frequency))
         object.__setattr__(self, "obstacles", _obstacles_of(self.obstacles))
-        self._refuse_far_too_small()
-        self._refuse_too_far()
-        self._refuse_soundless()
+        self._check_far_too_small()
+        self._check_too_far()
+        self._check_soundless()
         for obstacle in self.obstacles:
             check_surface(obstacle.surface)
         check_apart([obstacle.surface for obstacle in self.obstacles])
 
-    def _refuse_far_too_small(self) -> None:
+    def _check_far_too_small(self) -> None:
         extent = max((extent_of(obstacle.surface) for obstacle in self.obstacles), default=np.inf)
         if extent < SMALLEST_SHARE * self.wavelength:
             raise InvalidInput(
@@ -159,7 +159,7 @@ class Scene:
                 f"{self.wavelength * 1e3:.4g} mm at {self.frequency:g} Hz: is the frequency in kHz? Give hertz."
             )
 
-    def _refuse_too_far(self) -> None:
+    def _check_too_far(self) -> None:
         for index, obstacle in enumerate(self.obstacles):
             away = float(np.linalg.norm(obstacle.surface.corners[0, 0]))
             if away > FARTHEST:
@@ -168,7 +168,7 @@ class Scene:
                     "millimetres? Give metres."
                 )
 
-    def _refuse_soundless(self) -> None:
+    def _check_soundless(self) -> None:
         decay = self.medium.absorption * self.wavelength
         if decay > 1.0:
             raise InvalidInput(
@@ -220,10 +220,10 @@ def check_outside(scene: Scene, points: Real[np.ndarray, "points 3"], what: str)
         With how many lie inside, the deepest one and how deep it is.
     """
     given = points_of(points, f"{what} points")
-    refuse_inside(scene.depth(given), given, what)
+    check_not_inside(scene.depth(given), given, what)
 
 
-def refuse_inside(depth: Float64[np.ndarray, "points"], points: Float64[np.ndarray, "points 3"], what: str) -> None:
+def check_not_inside(depth: Float64[np.ndarray, "points"], points: Float64[np.ndarray, "points 3"], what: str) -> None:
     """Refuse points (P, 3) [m] by their depths (P,) [m], as ``check_outside`` does."""
     inside = np.flatnonzero(depth > CONTACT)
     if len(inside):
@@ -231,7 +231,7 @@ def refuse_inside(depth: Float64[np.ndarray, "points"], points: Float64[np.ndarr
         several = f"{len(inside)} of {len(points)} {what} points {'lies' if len(inside) == 1 else 'lie'}"
         raise InvalidInput(
             f"{several if len(points) > 1 else f'a {what} lies'} inside a body: {what} {deepest} at "
-            f"{place(points[deepest])} is {depth[deepest] * 1e3:.3g} mm deep; move it out or the body away.",
+            f"{in_mm(points[deepest])} is {depth[deepest] * 1e3:.3g} mm deep; move it out or the body away.",
             points[deepest],
         )
 

@@ -9,7 +9,7 @@ from scipy.spatial.distance import cdist
 
 from airtact.conventions import InvalidInput
 from airtact.printing import in_short
-from airtact.validation import complex_numbers, points_of, refuse_not_finite
+from airtact.validation import check_finite, complex_numbers, points_of
 
 STANDS_ON = 1e-9
 """A point nearer to a source than this stands on it [m]."""
@@ -48,7 +48,7 @@ class Monopoles:
     __repr__ = in_short
 
     @property
-    def heard_finely(self) -> Real[np.ndarray, "fine 3"]:
+    def refined_positions(self) -> Real[np.ndarray, "fine 3"]:
         """Positions beside which a solver spends finer panels: all of them here."""
         return self.positions
 
@@ -65,7 +65,7 @@ class Monopoles:
             )
         if strengths.shape[1] == 0:
             raise InvalidInput("monopole strengths hold 0 sounds; give at least one.")
-        refuse_not_finite(strengths, "monopole strengths")
+        check_finite(strengths, "monopole strengths")
         strengths.flags.writeable = False
         object.__setattr__(self, "positions", positions)
         object.__setattr__(self, "strengths", strengths)

@@ -1,4 +1,4 @@
-"""What a person shall feel: points in the obstacles' frame, what is wanted there, and where it shall stay quiet."""
+"""What a person shall feel: points in the obstacles' frame, what is wanted there, and where it is to stay silent."""
 
 from dataclasses import dataclass
 
@@ -8,13 +8,13 @@ from jaxtyping import Complex128, Float64, Num, Real
 from airtact.conventions import InvalidInput
 from airtact.printing import in_short
 from airtact.scene.sources import Monopoles
-from airtact.validation import complex_numbers, counted, fixed, place, points_of, real_numbers, refuse_not_finite
+from airtact.validation import check_finite, complex_numbers, counted, fixed, in_mm, points_of, real_numbers
 
 FARTHEST = 2.0
 """Farthest that a focus may be from the origin of the obstacles' frame [m], the largest extent of a body."""
 
 SAME_PLACE = 1e-6
-"""A quiet point nearer than this to a focus stands on it [m]."""
+"""A suppression point nearer than this to a focus stands on it [m]."""
 
 Wanted = Num[np.ndarray, "foci"] | complex | float | int
 """What every focus is asked: (F,) numbers, or one for all."""
@@ -26,20 +26,20 @@ class Beacons(Monopoles):
 
     Attributes
     ----------
-    foci : how many of them, the first, are foci; the others are quiet points, which need no finer panels beside them.
+    foci : how many of them, the first, are foci; the others are suppression points, with no finer panels beside.
     """
 
     foci: int = 0
 
     @property
-    def heard_finely(self) -> Real[np.ndarray, "fine 3"]:
+    def refined_positions(self) -> Real[np.ndarray, "fine 3"]:
         """Positions of the foci."""
         return self.positions[: self.foci]
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Foci that ride with the hand, and points beside them that shall stay quiet.
+    """Foci that ride with the hand, and points beside them that is to stay silent.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Target:
     pressures : (F,) peak pressures wanted [Pa], or None for as strong as possible.
     shares : (F,) pressures wanted in proportion to each other, as strong as possible, or None for all alike.
     phases : (F,) phases wanted [rad] where complex numbers were given, or None to leave them to the method.
-    quiet : (Q, 3) points of the zones that shall stay quiet [m], none by default.
+    suppression_points : (Q, 3) points of the zones that is to stay silent [m], none by default.
 
     Examples
     --------
@@ -62,7 +62,7 @@ class Target:
     pressures: Float64[np.ndarray, "foci"] | None
     shares: Float64[np.ndarray, "foci"] | None
     phases: Float64[np.ndarray, "foci"] | None
-    quiet: Float64[np.ndarray, "quiet 3"]
+    suppression_points: Float64[np.ndarray, "suppressed 3"]
 
     __repr__ = in_short
 
@@ -72,7 +72,7 @@ class Target:
         pressures: Wanted | None = None,
         *,
         shares: Wanted | None = None,
-        quiet: Real[np.ndarray, "quiet 3"] | None = None,
+        suppression_points: Real[np.ndarray, "suppressed 3"] | None = None,
     ) -> None:
         """Check the points and bring what is wanted to one number per focus.
 
@@ -82,18 +82,22 @@ class Target:
         pressures : (F,) peak pressures [Pa], one number for all foci, or None. Complex numbers fix the phases too,
             real ones leave them to the method.
         shares : the same in proportion only; give one of the two, or none for all foci alike.
-        quiet : (Q, 3) where it shall stay quiet [m].
+        suppression_points : (Q, 3) where it is to stay silent [m].
 
         Raises
         ------
         InvalidInput
             No points, NaN or infinity, a point over 2 m from the origin, a negative number, none above zero, not one
-            per focus, pressures together with shares, or a quiet point nearer than 1 µm to a focus.
+            per focus, pressures together with shares, or a suppression point nearer than 1 µm to a focus.
         """
         object.__setattr__(self, "points", _near_enough(points_of(points, "target points"), "focus"))
-        none = np.empty((0, 3)) if quiet is None else quiet
-        object.__setattr__(self, "quiet", _near_enough(points_of(none, "quiet points", least=0), "quiet point"))
-        self._refuse_quiet_foci()
+        none = np.empty((0, 3)) if suppression_points is None else suppression_points
+        object.__setattr__(
+            self,
+            "suppression_points",
+            _near_enough(points_of(none, "suppression points", least=0), "suppression point"),
+        )
+        self._check_suppressed_foci()
         if pressures is not None and shares is not None:
             raise InvalidInput(
                 "a target has both pressures and shares; give 1 of the 2: pressures in pascal, or shares."
@@ -109,7 +113,7 @@ class Target:
     def _wanted(self, asked: Wanted, what: str, unit: str) -> Num[np.ndarray, "foci"]:
         whole = np.iscomplexobj(asked)
         given = complex_numbers(np.asarray(asked), f"{what}s") if whole else real_numbers(np.asarray(asked), f"{what}s")
-        refuse_not_finite(given, f"{what}s")
+        check_finite(given, f"{what}s")
         if given.ndim != 0 and given.shape != (len(self.points),):
             raise InvalidInput(
                 f"{what}s have shape {given.shape}, but the target has "
@@ -123,13 +127,13 @@ class Target:
             raise InvalidInput(f"every {what} is 0{unit}; ask at least one focus for more.")
         return np.broadcast_to(given, (len(self.points),))
 
-    def _refuse_quiet_foci(self) -> None:
+    def _check_suppressed_foci(self) -> None:
         for index, point in enumerate(self.points):
-            apart = np.linalg.norm(self.quiet - point, axis=1)
+            apart = np.linalg.norm(self.suppression_points - point, axis=1)
             if len(apart) and apart.min() < SAME_PLACE:
                 raise InvalidInput(
-                    f"quiet point {int(apart.argmin())} is {1e3 * apart.min():.2g} mm from focus {index} at "
-                    f"{place(point)}, so both cannot be had; leave it out of the quiet zone.",
+                    f"suppression point {int(apart.argmin())} is {1e3 * apart.min():.2g} mm from focus {index} at "
+                    f"{in_mm(point)}, so both cannot be had; leave it out of the suppression zone.",
                     point,
                 )
 
@@ -145,14 +149,14 @@ class Target:
         """(F,) weights with the phases wanted, or with phase 0 where they are left to the method."""
         return self.weights * np.exp(1j * (np.zeros(len(self.points)) if self.phases is None else self.phases))
 
-    def beacons(self, quiet: bool = False) -> Monopoles:
+    def beacons(self, suppression: bool = False) -> Monopoles:
         """One imagined source of 1 Pa·m in every focus, each its own sound: strengths are the identity (F, F).
 
         Parameters
         ----------
-        quiet : whether the quiet points follow as further beacons, (F + Q, F + Q).
+        suppression : whether the suppression points follow as further beacons, (F + Q, F + Q).
         """
-        points = np.concatenate([self.points, self.quiet]) if quiet else self.points
+        points = np.concatenate([self.points, self.suppression_points]) if suppression else self.points
         return Beacons(points, np.eye(len(points), dtype=np.complex128), foci=len(self.points))
 
 
@@ -162,7 +166,7 @@ def _near_enough(points: Float64[np.ndarray, "points 3"], what: str) -> Float64[
     if len(away) and away.max() > FARTHEST:
         worst = int(away.argmax())
         raise InvalidInput(
-            f"{what} {worst} at {place(points[worst])} is {away[worst]:.4g} m from the origin of "
+            f"{what} {worst} at {in_mm(points[worst])} is {away[worst]:.4g} m from the origin of "
             f"the obstacles' frame, more than {FARTHEST:g} m: is this in millimetres? Give metres.",
             points[worst],
         )

@@ -14,7 +14,7 @@ from airtact.conventions import InvalidInput, Vector
 from airtact.mesh.quadratic_triangles import points_at
 from airtact.surfaces.panels import panels_of
 from airtact.surfaces.surface import Surface
-from airtact.validation import number, of_kind, place, points_of, positive
+from airtact.validation import in_mm, number, of_kind, points_of, positive
 
 MOST_POINTS = 4096
 """A shape of more points than this has a spacing in the wrong unit."""
@@ -85,7 +85,7 @@ def polyline(corners: Real[np.ndarray, "corners 3"], spacing: float, closed: boo
             f"line {int(lengths.argmin())} of a polyline has a length of 0 mm: its two ends are one point."
         )
     counts = np.maximum(np.ceil(lengths / spacing - 1e-9), 1.0)
-    _refuse_many(counts.sum() + 1.0, spacing)
+    _check_many(counts.sum() + 1.0, spacing)
     parts = [
         one + np.linspace(0.0, 1.0, int(count), endpoint=False)[:, None] * (other - one)
         for one, other, count in zip(corners, ends, counts, strict=False)
@@ -120,7 +120,7 @@ def circle(centre: Vector, radius: float, spacing: float, normal: Vector = (0.0,
     """
     radius, spacing = positive(radius, "the radius", "m"), positive(spacing, "the spacing", "m")
     count = max(3.0, np.ceil(2.0 * np.pi * radius / spacing - 1e-9))
-    _refuse_many(count, spacing)
+    _check_many(count, spacing)
     right, up, _ = frame_of(normal)
     angle = 2.0 * np.pi * np.arange(int(count)) / count
     return _vector(centre, "the centre") + radius * (np.outer(np.cos(angle), right) + np.outer(np.sin(angle), up))
@@ -152,7 +152,7 @@ def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
     radius, spacing = positive(radius, "the radius", "m"), positive(spacing, "the spacing", "m")
     # in a hexagonal lattice each point has √3/2 of the square of the spacing to itself
     count = max(4.0, np.ceil(4.0 * np.pi * radius**2 / (np.sqrt(0.75) * spacing**2)))
-    _refuse_many(count, spacing)
+    _check_many(count, spacing)
     index = np.arange(int(count)) + 0.5
     height, turn = 1.0 - 2.0 * index / count, np.pi * (1.0 + np.sqrt(5.0)) * index
     across = np.sqrt(1.0 - height**2)
@@ -160,7 +160,7 @@ def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
     return _vector(centre, "the centre") + radius * directions
 
 
-def skin_points(surface: Surface, spacing: float, facing: Vector | None = None, within: float = 90.0) -> Points:
+def surface_points(surface: Surface, spacing: float, facing: Vector | None = None, within: float = 90.0) -> Points:
     """Points spread over the skin of a body, or over the side of it that looks somewhere: zones to keep quiet.
 
     Parameters
@@ -181,9 +181,9 @@ def skin_points(surface: Surface, spacing: float, facing: Vector | None = None, 
     """
     of_kind(surface, Surface, "the surface", "one Surface, such as pinch().surfaces[0]")
     spacing = positive(spacing, "the spacing", "m")
-    _refuse_many(surface.area / (np.sqrt(0.75) * spacing**2), spacing)
+    _check_many(surface.area / (np.sqrt(0.75) * spacing**2), spacing)
     edge = spacing / 3.0
-    panels = panels_of([surface.shape], edge, np.empty((0, 3)), smallest=edge).six_nodes
+    panels = panels_of([surface.shape], edge, np.empty((0, 3)), smallest=edge).quadratic_triangles
     centres, normals = points_at(panels, np.full((len(panels), 2), 1.0 / 3.0))
     if facing is not None:
         towards = _vector(facing, "the direction")
@@ -195,7 +195,7 @@ def skin_points(surface: Surface, spacing: float, facing: Vector | None = None, 
     return thinned(surface.shape.project(centres), 0.85 * spacing)
 
 
-def onto_skin(points: Points, surface: Surface, offset: float = 0.5e-3) -> Points:
+def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Points:
     """Bring points to the nearest places of a skin, and off it again: a drawing becomes one on the hand.
 
     Parameters
@@ -218,7 +218,7 @@ def onto_skin(points: Points, surface: Surface, offset: float = 0.5e-3) -> Point
     --------
     >>> from airtact.surfaces.primitives import sphere
     >>> ball = sphere(0.01, edge=2e-3)
-    >>> onto_skin(np.array([[0.0, 0.0, 0.03]]), ball, offset=1e-3).round(6).tolist()
+    >>> onto_surface(np.array([[0.0, 0.0, 0.03]]), ball, offset=1e-3).round(6).tolist()
     [[0.0, 0.0, 0.011]]
     """
     of_kind(surface, Surface, "the surface", "one Surface, such as pinch().surfaces[0]")
@@ -230,7 +230,7 @@ def onto_skin(points: Points, surface: Surface, offset: float = 0.5e-3) -> Point
     short = np.flatnonzero(-surface.depth(stood) < 0.5 * offset)
     if len(short):
         raise InvalidInput(
-            f"point {int(short[0])}, brought {1e3 * offset:.3g} mm off the skin at {place(feet[short[0]])}, stands in "
+            f"point {int(short[0])}, brought {1e3 * offset:.3g} mm off the skin at {in_mm(feet[short[0]])}, stands in "
             "a crevice or before another part of it; move the drawing.",
             feet[short[0]],
         )
@@ -289,7 +289,7 @@ def _vector(given: Vector, what: str) -> Float64[np.ndarray, "3"]:
     return points_of(np.reshape(np.asarray(given), (1, -1)), what)[0]
 
 
-def _refuse_many(count: float, spacing: float) -> None:
+def _check_many(count: float, spacing: float) -> None:
     if count > MOST_POINTS:
         raise InvalidInput(
             f"a spacing of {1e3 * spacing:.3g} mm gives {count:.0f} points, more than {MOST_POINTS}: are the "

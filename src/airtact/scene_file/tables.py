@@ -239,7 +239,7 @@ class SceneFile(Table, frozen=True):
     medium: MediumTable
     array: ArrayTable
     foci: list[FocusTable]
-    quiet: list[QuietTable] = []
+    suppression_points: list[QuietTable] = []
     obstacles: list[ObstacleTable] = []
     frequency: float = 40e3
     merge_bodies: bool = False
@@ -266,7 +266,7 @@ def parse_scene(text: str) -> SceneFile:
         data = msgspec.toml.decode(text.encode())
     except msgspec.DecodeError as error:
         raise InvalidInput(f"this is not TOML: {str(error)[:1].lower()}{str(error)[1:]}.") from None
-    _refuse_unknown_keys(data, SceneFile, "")
+    _check_unknown_keys(data, SceneFile, "")
     try:
         return msgspec.convert(data, SceneFile)
     except msgspec.ValidationError as error:
@@ -284,7 +284,7 @@ def nearest(word: str, known: Iterable[str], prefix: str = "") -> str:
     return f"did you mean {prefix}{close[0]}?" if close else f"there is {', '.join(prefix + name for name in known)}."
 
 
-def _refuse_unknown_keys(data: Any, table: type[Table], path: str) -> None:
+def _check_unknown_keys(data: Any, table: type[Table], path: str) -> None:
     if not isinstance(data, dict):
         return
     kinds = typing.get_type_hints(table)
@@ -294,9 +294,9 @@ def _refuse_unknown_keys(data: Any, table: type[Table], path: str) -> None:
         inner = _table_in(kinds[key])
         if inner and isinstance(value, list):
             for index, item in enumerate(value):
-                _refuse_unknown_keys(item, inner, f"{path}{key}[{index}].")
+                _check_unknown_keys(item, inner, f"{path}{key}[{index}].")
         elif inner:
-            _refuse_unknown_keys(value, inner, f"{path}{key}.")
+            _check_unknown_keys(value, inner, f"{path}{key}.")
 
 
 def _table_in(kind: Any) -> type[Table] | None:

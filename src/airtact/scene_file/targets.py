@@ -12,7 +12,7 @@ from jaxtyping import Float64, Num
 from airtact.conventions import InvalidInput, about
 from airtact.scene.drawings import picture, svg_path, text
 from airtact.scene.target import Target
-from airtact.scene.target_points import Points, circle, onto_skin, polyline, segment, skin_points, sphere_shell
+from airtact.scene.target_points import Points, circle, onto_surface, polyline, segment, sphere_shell, surface_points
 from airtact.scene_file.keys import goes_with, one_of
 from airtact.scene_file.tables import FocusTable, QuietTable, SvgTable, Table, nearest
 from airtact.surfaces.surface import Surface
@@ -61,7 +61,7 @@ def target_of(
             found, part = _foci(table, places, folder)
             if table.onto is not None:
                 offset = 0.5e-3 if table.offset is None else table.offset
-                found = onto_skin(found, _body(table.onto, bodies, "onto"), offset)
+                found = onto_surface(found, _body(table.onto, bodies, "onto"), offset)
             names += _names(table, index, len(found))
             points.append(found)
             parts.append(part)
@@ -71,7 +71,7 @@ def target_of(
             zones.append(_zone(table, bodies, folder))
     with about("foci"):
         wanted = _wanted(tables, parts[1:])
-        return Target(np.concatenate(points), quiet=np.concatenate(zones), **wanted), tuple(names)
+        return Target(np.concatenate(points), suppression_points=np.concatenate(zones), **wanted), tuple(names)
 
 
 def _wanted(
@@ -149,7 +149,7 @@ def _zone(table: QuietTable, bodies: Mapping[str, Surface], folder: Path) -> Poi
     kind = one_of(table, (*DRAWN, "skin"))
     if table.skin is None:
         return _drawn(table, kind, folder)
-    return skin_points(_body(table.skin.body, bodies, "body"), **_arguments(table.skin, leave_out=("body",)))
+    return surface_points(_body(table.skin.body, bodies, "body"), **_arguments(table.skin, leave_out=("body",)))
 
 
 def _body(name: str, bodies: Mapping[str, Surface], key: str) -> Surface:

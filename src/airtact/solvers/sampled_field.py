@@ -16,7 +16,7 @@ from airtact.scene.sources import Monopoles, check_off_sources
 from airtact.solvers.problem import RadiatedField, Skin, SolveReport
 from airtact.solvers.tetrahedra import Tetrahedra
 from airtact.text_table import read_text_table
-from airtact.validation import place, points_of, positive, refuse_not_finite
+from airtact.validation import check_finite, in_mm, points_of, positive
 
 TimeSign = Literal["e^{-iωt}", "e^{+jωt}"]
 
@@ -78,8 +78,8 @@ class SampledField(RadiatedField):
                 f"the pressures have shape {pressures.shape}, but {len(nodes)} nodes and sources of {sounds} sounds "
                 f"ask for ({len(nodes)}, {sounds})."
             )
-        refuse_not_finite(pressures, "pressures")
-        _refuse_repeated(nodes)
+        check_finite(pressures, "pressures")
+        _check_repeated(nodes)
         object.__setattr__(self, "nodes", nodes)
         object.__setattr__(self, "pressures", pressures)
         object.__setattr__(self, "report", self._made())
@@ -213,12 +213,12 @@ def load_samples(
             raise InvalidInput(f"all {pressures.size} pressures are 0; export a field that sounds.")
         pressures = np.conj(pressures) if time_sign == "e^{+jωt}" else pressures
         sampled = SampledField(scene, sources, scale * nodes, pressures, cells)
-        warning = _refuse_contradiction(sampled, time_sign, scale)
+        warning = _check_contradiction(sampled, time_sign, scale)
         object.__setattr__(sampled, "report", replace(sampled.report, warnings=warning))
     return sampled
 
 
-def _refuse_contradiction(sampled: SampledField, time_sign: str, scale: float) -> tuple[str, ...]:
+def _check_contradiction(sampled: SampledField, time_sign: str, scale: float) -> tuple[str, ...]:
     """Refuse pressures whose phase falls away from the sources, or turns too fast or slowly; say if it does not tell.
 
     Round a source in open air all fits are 1 or near 0; round sources on bodies 0.57 to 1 and up to 0.16.
@@ -268,12 +268,12 @@ def _fits(sampled: SampledField, longer: float) -> Float64[np.ndarray, "2"]:
     return fits / most if most else fits
 
 
-def _refuse_repeated(nodes: Float64[np.ndarray, "nodes 3"]) -> None:
+def _check_repeated(nodes: Float64[np.ndarray, "nodes 3"]) -> None:
     pairs = KDTree(nodes).query_pairs(REPEATED, output_type="ndarray")
     if len(pairs):
         one, other = pairs[0]
         raise InvalidInput(
-            f"{len(pairs)} pairs of nodes stand on the same place, nodes {one} and {other} at {place(nodes[one])}; "
+            f"{len(pairs)} pairs of nodes stand on the same place, nodes {one} and {other} at {in_mm(nodes[one])}; "
             "keep one of each, or check the scale.",
             nodes[one],
         )

@@ -11,12 +11,12 @@ from airtact.conventions import InvalidInput
 from airtact.mesh.closest_point import segment_distances, signed_distance
 from airtact.mesh.intersections import crossings_between, segment_triangle_distances
 from airtact.mesh.mesh_distance import nearest_between, segment_to_triangle
-from airtact.mesh.thickness import thin_place
+from airtact.mesh.thickness import thin_position
 from airtact.mesh.topology import shells
 from airtact.surfaces.flattening import AWAY, bulge, corners_of, flattened, skin_panels
 from airtact.surfaces.primitives import Capsule
 from airtact.surfaces.surface import Surface
-from airtact.validation import counted, place
+from airtact.validation import counted, in_mm
 
 TOUCH = 1e-9
 """Bodies nearer than this touch [m]."""
@@ -69,11 +69,11 @@ def refuse_crossed(surface: Surface) -> None:
         meet = counted(len(pairs), "pair of triangles meets", "pairs of triangles meet")
         raise InvalidInput(
             f"the surface crosses itself: {meet}, the first are triangles "
-            f"{int(first[0])} and {int(first[1])} near {place(where)}; repair it.",
+            f"{int(first[0])} and {int(first[1])} near {in_mm(where)}; repair it.",
             where,
         )
     if surface.primitive is None:
-        _refuse_nested(surface)
+        _check_nested(surface)
 
 
 def refuse_too_thin(surface: Surface, thinnest: float = THINNEST) -> None:
@@ -95,7 +95,7 @@ def refuse_too_thin(surface: Surface, thinnest: float = THINNEST) -> None:
     found = thin_spot(surface, thinnest, short=thinnest)
     if found is not None:
         raise InvalidInput(
-            f"the body is {found[0] * 1e3:.3g} mm thick near {place(found[1])}, less than {thinnest * 1e3:g} mm; make "
+            f"the body is {found[0] * 1e3:.3g} mm thick near {in_mm(found[1])}, less than {thinnest * 1e3:g} mm; make "
             "it thicker there, or cut that part off.",
             found[1],
         )
@@ -112,7 +112,7 @@ def thin_spot(surface: Surface, thinnest: float, short: float) -> tuple[float, F
     """
     if not isinstance(surface.primitive, Capsule):
         thick = (1.0 - ROUGH) * thinnest
-        return thin_place(_curved_out(surface), surface.triangles, surface.depth, thick, short)
+        return thin_position(_curved_out(surface), surface.triangles, surface.depth, thick, short)
     thick = 2.0 * surface.primitive.radius
     return None if thick >= thinnest * (1.0 - 1e-9) else (thick, surface.primitive.axis.mean(axis=0))
 
@@ -124,7 +124,7 @@ def _curved_out(surface: Surface) -> Float64[np.ndarray, "triangles 3 3"]:
     return surface.corners + rise[:, None]
 
 
-def _refuse_nested(surface: Surface) -> None:
+def _check_nested(surface: Surface) -> None:
     piece = shells(surface.triangles)
     seeds = surface.corners[np.unique(piece, return_index=True)[1], 0]
     if len(seeds) == 1:
@@ -136,7 +136,7 @@ def _refuse_nested(surface: Surface) -> None:
         if depth[inner] > 0.0:
             raise InvalidInput(
                 f"closed piece {inner} of {len(seeds)} lies inside piece {outer}, {depth[inner] * 1e3:.3g} mm deep "
-                f"near {place(seeds[inner])}: no sound gets there, so remove it.",
+                f"near {in_mm(seeds[inner])}: no sound gets there, so remove it.",
                 seeds[inner],
             )
 
@@ -176,7 +176,7 @@ def check_apart(surfaces: Sequence[Surface]) -> None:
             raise InvalidInput(f"bodies {i} and {j} overlap or touch: {found.overlap}; {APART}.", found.place)
         if found is not None:
             raise InvalidInput(
-                f"bodies {i} and {j} are {found.distance * 1e3:.3g} mm apart near {place(found.place)}, nearer than "
+                f"bodies {i} and {j} are {found.distance * 1e3:.3g} mm apart near {in_mm(found.place)}, nearer than "
                 f"{NEAREST * 1e3:g} mm; {APART}.",
                 found.place,
             )
@@ -209,7 +209,7 @@ def _round_bodies(
     gap = distance - radius - other
     middle = here + (radius + gap / 2.0) * (there - here) / distance if distance > 0.0 else here
     if gap <= TOUCH:
-        return Approach(0.0, middle, f"{-gap * 1e3:.3g} mm deep near {place(middle)}")
+        return Approach(0.0, middle, f"{-gap * 1e3:.3g} mm deep near {in_mm(middle)}")
     return Approach(gap, middle)
 
 
@@ -226,7 +226,7 @@ def _capsule_and_mesh(rod: Capsule, mesh: Surface, within: float) -> Approach | 
     nearest = int(distances.argmin())
     if inside > 0.0 or distances[nearest] == 0.0:
         where = corners[nearest].mean(axis=0)
-        return Approach(0.0, where, f"{(rod.radius + inside) * 1e3:.3g} mm deep near {place(where)}")
+        return Approach(0.0, where, f"{(rod.radius + inside) * 1e3:.3g} mm deep near {in_mm(where)}")
     distance, here, there = segment_to_triangle(axes[nearest : nearest + 1], corners[nearest : nearest + 1])
     return _round_bodies(float(distance[0]), here[0], there[0], rod.radius, 0.0)
 
@@ -246,7 +246,7 @@ def _meshes(one: Surface, two: Surface, within: float) -> Approach | None:
         depth = outer.depth(seeds)
         if depth.max() > 0.0:
             where = seeds[depth.argmax()]
-            lies = f"one lies {depth.max() * 1e3:.3g} mm inside the other near {place(where)}"
+            lies = f"one lies {depth.max() * 1e3:.3g} mm inside the other near {in_mm(where)}"
             return Approach(0.0, where, lies)
     return found
 
@@ -258,6 +258,6 @@ def _skins(
     if len(pairs):
         where = one[pairs[0, 0]].mean(axis=0)
         meet = counted(len(pairs), "pair of triangles meets", "pairs of triangles meet")
-        return Approach(0.0, where, f"{meet}, the first near {place(where)}")
+        return Approach(0.0, where, f"{meet}, the first near {in_mm(where)}")
     nearest = nearest_between(one, two, within)
     return None if nearest is None else Approach(nearest[0], (nearest[1] + nearest[2]) / 2.0)

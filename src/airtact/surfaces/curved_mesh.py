@@ -10,7 +10,7 @@ from scipy.spatial import KDTree
 from airtact.mesh.panel_tree import PanelTree, panel_tree
 from airtact.mesh.quadratic_triangles import (
     NODE_PLACES,
-    SixNodes,
+    QuadraticTriangles,
     enclosed_volume,
     gauss_square,
     panel_areas,
@@ -43,13 +43,13 @@ class CurvedMesh:
     Attributes
     ----------
     vertices : (V, 3) [m].
-    six_nodes : (T, 6, 3) the panels, neighbours sharing corners and middles [m].
+    quadratic_triangles : (T, 6, 3) the panels, neighbours sharing corners and middles [m].
     triangles : (T, 3) vertex indices, which tell who is whose neighbour.
     sharp : (T, 3) which of the edges 01, 12, 20 are sharp.
     """
 
     vertices: Float64[np.ndarray, "vertices 3"]
-    six_nodes: SixNodes
+    quadratic_triangles: QuadraticTriangles
     triangles: Int[np.ndarray, "triangles 3"]
     sharp: Bool[np.ndarray, "triangles 3"]
 
@@ -58,12 +58,12 @@ class CurvedMesh:
     @cached_property
     def tree(self) -> PanelTree:
         """The panels, ready to be searched."""
-        return panel_tree(self.six_nodes)
+        return panel_tree(self.quadratic_triangles)
 
     @cached_property
     def flat_tree(self) -> PanelTree:
         """The flat triangles under the panels, ready to be searched."""
-        corners = self.six_nodes[:, :3]
+        corners = self.quadratic_triangles[:, :3]
         return panel_tree(with_middles(corners))
 
     @cached_property
@@ -80,7 +80,7 @@ class CurvedMesh:
     @cached_property
     def creases(self) -> Float64[np.ndarray, "creases 3 3"]:
         """Start, middle and end of each sharp edge (K, 3, 3) [m]."""
-        (triangle, edge), nodes = self.sharp_once, self.six_nodes
+        (triangle, edge), nodes = self.sharp_once, self.quadratic_triangles
         return np.stack([nodes[triangle, edge], nodes[triangle, 3 + edge], nodes[triangle, (edge + 1) % 3]], axis=1)
 
     @cached_property
@@ -88,10 +88,16 @@ class CurvedMesh:
         """Normals of the panels round each vertex, weighted by their angles there."""
         total = np.zeros((int(self.triangles.max()) + 1, 3))
         for corner, reference in enumerate(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))):
-            _, normal = points_at(self.six_nodes, np.broadcast_to(reference, (len(self.six_nodes), 2)))
-            here, following = self.six_nodes[:, corner], (corner + 1) % 3
-            out = 4 * self.six_nodes[:, 3 + corner] - 3 * here - self.six_nodes[:, following]
-            back = 4 * self.six_nodes[:, 3 + (corner + 2) % 3] - 3 * here - self.six_nodes[:, (corner + 2) % 3]
+            _, normal = points_at(
+                self.quadratic_triangles, np.broadcast_to(reference, (len(self.quadratic_triangles), 2))
+            )
+            here, following = self.quadratic_triangles[:, corner], (corner + 1) % 3
+            out = 4 * self.quadratic_triangles[:, 3 + corner] - 3 * here - self.quadratic_triangles[:, following]
+            back = (
+                4 * self.quadratic_triangles[:, 3 + (corner + 2) % 3]
+                - 3 * here
+                - self.quadratic_triangles[:, (corner + 2) % 3]
+            )
             cosine = np.einsum("td,td->t", _unit(out), _unit(back))
             angle = np.arccos(np.clip(cosine, -1.0, 1.0))
             np.add.at(total, self.triangles[:, corner], angle[:, None] * _unit(normal))
@@ -104,7 +110,7 @@ class CurvedMesh:
         Bærentzen, H. Aanæs, IEEE Trans. Vis. Comput. Graph. 11, 243 (2005)).
         """
         panel, foot, distance = self.tree.closest(points)
-        place, normal = points_at(self.six_nodes[panel], foot)
+        place, normal = points_at(self.quadratic_triangles[panel], foot)
         weights = np.stack([1 - foot.sum(axis=1), foot[:, 0], foot[:, 1]], axis=1)
         gone = weights < EDGE
         lying = np.flatnonzero(gone.sum(axis=1) == 1)
@@ -123,19 +129,19 @@ class CurvedMesh:
     ) -> Float64[np.ndarray, "points 3"]:
         """Sum of the unit normals of the two panels at a point of their edge."""
         rows = np.arange(len(panel))
-        total = _unit(points_at(self.six_nodes[panel], weights[:, 1:])[1])
+        total = _unit(points_at(self.quadratic_triangles[panel], weights[:, 1:])[1])
         other, across = np.divmod(self._twins[panel, edge], 3)
         mirrored = np.zeros_like(weights)
         mirrored[rows, across] = weights[rows, (edge + 1) % 3]
         mirrored[rows, (across + 1) % 3] = weights[rows, edge]
-        return total + _unit(points_at(self.six_nodes[other], mirrored[:, 1:])[1])
+        return total + _unit(points_at(self.quadratic_triangles[other], mirrored[:, 1:])[1])
 
     def project(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
         """Nearest points of the skin (P, 3) [m] to points (P, 3) [m]."""
         panel, foot, _ = self.tree.closest(points)
-        return np.einsum("pn,pnd->pd", shape_functions(foot), self.six_nodes[panel])
+        return np.einsum("pn,pnd->pd", shape_functions(foot), self.quadratic_triangles[panel])
 
-    def project_on_creases(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
+    def project_on_sharp_edges(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
         """Nearest points of the sharp edges (P, 3) [m] to points (P, 3) [m]."""
         steps = np.arange(CREASE_PIECES + 1) / CREASE_PIECES
         shape = _along_crease(steps)[0]
@@ -162,20 +168,20 @@ class CurvedMesh:
         for number in range(label.max() + 1):
             own = label == number
             used, triangles = np.unique(self.triangles[own], return_inverse=True)
-            nodes, sharp = self.six_nodes[own], self.sharp[own]
+            nodes, sharp = self.quadratic_triangles[own], self.sharp[own]
             pieces.append(CurvedMesh(self.vertices[used], nodes, triangles.reshape(-1, 3), sharp))
         return tuple(pieces)
 
-    def leaving(self, panels: SixNodes) -> Float64[np.ndarray, "panels"]:
+    def leaving(self, panels: QuadraticTriangles) -> Float64[np.ndarray, "panels"]:
         """Root mean square distance of panels (P, 6, 3) from the skin [m]."""
         points = np.einsum("qn,tnd->tqd", LEVEL_SHAPE, panels).reshape(-1, 3)
         return np.sqrt(self.tree.closest(points)[2].reshape(-1, len(LEVEL_PLACES)) ** 2 @ (2 * LEVEL_WEIGHTS))
 
-    def fitted(self, panels: SixNodes) -> SixNodes:
+    def fitted(self, panels: QuadraticTriangles) -> QuadraticTriangles:
         """Bring panels (P, 6, 3) near the skin to where it lies evenly on both sides of each [m]."""
         return self.levelled(self.project(panels.reshape(-1, 3)).reshape(-1, 6, 3))
 
-    def levelled(self, panels: SixNodes) -> SixNodes:
+    def levelled(self, panels: QuadraticTriangles) -> QuadraticTriangles:
         """Move the nodes of panels (P, 6, 3) along their normals until the skin lies evenly on both sides of each.
 
         Panels whose nodes stand on a round skin run inside it, and those on a rough one follow the roughness at their
@@ -191,12 +197,12 @@ class CurvedMesh:
     @cached_property
     def area(self) -> float:
         """Area of the skin [m²]."""
-        return float(panel_areas(self.six_nodes).sum())
+        return float(panel_areas(self.quadratic_triangles).sum())
 
     @cached_property
     def volume(self) -> float:
         """Enclosed volume [m³]."""
-        return enclosed_volume(self.six_nodes)
+        return enclosed_volume(self.quadratic_triangles)
 
 
 def _along_crease(

@@ -25,7 +25,7 @@ def load_surface(
 
     The nodes of a scene graph are put where their transforms place them and joined; vertices at the same place are
     merged, whatever their texture or normal. What was mended stands in ``mended`` of the surface, a sentence each; see
-    ``airtact.mesh.repair.pipeline.mended`` for what can be.
+    ``airtact.mesh.repair.pipeline.repairs`` for what can be.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def load_surface(
     vertices, triangles = _joined(path)
     with about(path.name):
         whole = mended(vertices * scale, triangles, largest_hole)
-        return Surface(whole.vertices, whole.triangles, sharp_degrees=sharp_degrees, mended=whole.notes)
+        return Surface(whole.vertices, whole.triangles, sharp_degrees=sharp_degrees, repairs=whole.notes)
 
 
 def _joined(path: Path) -> tuple[Float[np.ndarray, "vertices 3"], Int[np.ndarray, "triangles 3"]]:

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
-from airtact.mesh.quadratic_triangles import SixNodes, shape_functions
+from airtact.mesh.quadratic_triangles import QuadraticTriangles, shape_functions
 from airtact.mesh.topology import edge_twins
 from airtact.surfaces.mesh_shape import CurvedShape
 from airtact.surfaces.primitives import Capsule
@@ -80,10 +80,10 @@ def bulge(surface: Surface) -> float:
     return float(np.linalg.norm(skin_panels(surface)[:, 3:] - straight, axis=2).max()) / MIDDLE
 
 
-def skin_panels(surface: Surface) -> SixNodes:
+def skin_panels(surface: Surface) -> QuadraticTriangles:
     """Curved panels (T, 6, 3) of a surface's triangles [m]."""
     if isinstance(surface.shape, CurvedShape):
-        return surface.shape.six_nodes
+        return surface.shape.quadratic_triangles
     middles = surface.midpoints
     if middles is None:
         middles = 0.5 * (surface.corners + np.roll(surface.corners, -1, axis=1))

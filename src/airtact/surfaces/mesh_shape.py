@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float64, Real
 
 from airtact.mesh.edge_splitting import split
-from airtact.mesh.quadratic_triangles import SixNodes
+from airtact.mesh.quadratic_triangles import QuadraticTriangles
 from airtact.mesh.remeshing import Ridged, thinned
 from airtact.pose import Pose
 from airtact.printing import in_short
@@ -28,14 +28,14 @@ class CurvedShape:
 
     mesh: CurvedMesh
     pose: Pose
-    kept: dict[float, SixNodes] = field(default_factory=dict, compare=False)
+    kept: dict[float, QuadraticTriangles] = field(default_factory=dict, compare=False)
 
     __repr__ = in_short
 
     @property
     def extent(self) -> float:
         """Largest side of the upright box round it at rest [m]."""
-        return float(np.ptp(self.mesh.six_nodes.reshape(-1, 3), axis=0).max())
+        return float(np.ptp(self.mesh.quadratic_triangles.reshape(-1, 3), axis=0).max())
 
     @property
     def area(self) -> float:
@@ -53,9 +53,9 @@ class CurvedShape:
         return 0.0
 
     @property
-    def six_nodes(self) -> SixNodes:
+    def quadratic_triangles(self) -> QuadraticTriangles:
         """Its panels (T, 6, 3) [m]."""
-        return self.pose.apply(self.mesh.six_nodes)
+        return self.pose.apply(self.mesh.quadratic_triangles)
 
     def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
         """Distance to the skin [m] of points (P, 3) [m], positive inside."""
@@ -65,7 +65,7 @@ class CurvedShape:
         """Nearest points of the skin (P, 3) [m] to points (P, 3) [m]."""
         return self.pose.apply(self.mesh.project(self.pose.inverse().apply(points)))
 
-    def fitted(self, panels: SixNodes) -> SixNodes:
+    def fitted(self, panels: QuadraticTriangles) -> QuadraticTriangles:
         """Bring panels (P, 6, 3) near the skin to where it lies evenly on both sides of each [m]."""
         return self.pose.apply(self.mesh.fitted(self.pose.inverse().apply(panels)))
 
@@ -73,7 +73,7 @@ class CurvedShape:
         """Distance of points (P, 3) [m] from the flat triangles that it was made from [m]."""
         return self.mesh.flat_tree.closest(self.pose.inverse().apply(points))[2]
 
-    def panels(self, edge: float, bend: float = BEND) -> SixNodes:
+    def panels(self, edge: float, bend: float = BEND) -> QuadraticTriangles:
         """Cover it with curved panels about as large as equilateral triangles of a given edge [m]."""
         if edge not in self.kept:
             self.kept[edge] = covered(self.mesh, edge)
@@ -81,15 +81,15 @@ class CurvedShape:
 
     def extreme_points(self) -> Float64[np.ndarray, "points 3"]:
         """Nodes (P, 3) of all panels [m]."""
-        return self.six_nodes.reshape(-1, 3)
+        return self.quadratic_triangles.reshape(-1, 3)
 
     def coarse_meshes(self, edge: float) -> list[Ridged]:
         """Triangles to start a mesh from, with edges of at most ``edge`` [m] where they are not sharp."""
         found = []
         for mesh in self.mesh.pieces:
-            six_nodes, triangles, sharp = split(mesh.six_nodes, mesh.triangles, mesh.sharp, edge)
+            quadratic_triangles, triangles, sharp = split(mesh.quadratic_triangles, mesh.triangles, mesh.sharp, edge)
             vertices = np.empty((int(triangles.max()) + 1, 3))
-            vertices[triangles] = self.pose.apply(six_nodes[:, :3])
+            vertices[triangles] = self.pose.apply(quadratic_triangles[:, :3])
             triangle, corner = np.nonzero(sharp)
             ridges = np.stack([triangles[triangle, corner], triangles[triangle, (corner + 1) % 3]], axis=1)
             found.append(thinned(Ridged(vertices, triangles, ridges[ridges[:, 0] < ridges[:, 1]]), edge / 1.5))

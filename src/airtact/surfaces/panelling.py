@@ -5,7 +5,7 @@ from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
 from airtact.mesh.edge_splitting import split
-from airtact.mesh.quadratic_triangles import SixNodes, cut, enclosed_volume, longest_edges, points_at
+from airtact.mesh.quadratic_triangles import QuadraticTriangles, cut, enclosed_volume, longest_edges, points_at
 from airtact.mesh.remeshing import Ridged, remeshed, thinned
 from airtact.mesh.sizing import bend_sizes, strip_sizes
 from airtact.surfaces.curved_mesh import CurvedMesh
@@ -41,7 +41,7 @@ ASTRAY = 0.3
 """A corner that would move by more than this share of the edge stays where MMG put it."""
 
 
-def covered(mesh: CurvedMesh, edge: float) -> SixNodes:
+def covered(mesh: CurvedMesh, edge: float) -> QuadraticTriangles:
     """Cover a skin with curved panels about as large as equilateral triangles of a given edge [m].
 
     MMG makes the triangles; their corners and middles are brought onto the skin, those of sharp edges onto the creases;
@@ -61,7 +61,7 @@ def covered(mesh: CurvedMesh, edge: float) -> SixNodes:
     return np.concatenate([_enclosing(piece, edge) for piece in mesh.pieces])
 
 
-def _enclosing(mesh: CurvedMesh, edge: float) -> SixNodes:
+def _enclosing(mesh: CurvedMesh, edge: float) -> QuadraticTriangles:
     """Make panels whose volume is that of the body, with shorter edges if need be."""
     extent = float(np.ptp(mesh.vertices, axis=0).max())
     shorter, fault = min(edge, LARGEST_SHARE * extent), None
@@ -80,7 +80,7 @@ def _enclosing(mesh: CurvedMesh, edge: float) -> SixNodes:
     )
 
 
-def _meshed_anew(mesh: CurvedMesh, edge: float) -> SixNodes:
+def _meshed_anew(mesh: CurvedMesh, edge: float) -> QuadraticTriangles:
     given = thinned(_split(mesh, SPLIT * edge), edge)
     sizes = np.minimum(
         strip_sizes(given.vertices, given.ridges, LARGEST * edge),
@@ -92,21 +92,21 @@ def _meshed_anew(mesh: CurvedMesh, edge: float) -> SixNodes:
 
 def _split(mesh: CurvedMesh, longest: float) -> Ridged:
     """Mesh the skin with triangles that have no edge longer than that [m]."""
-    six_nodes, triangles, sharp = split(mesh.six_nodes, mesh.triangles, mesh.sharp, longest)
+    quadratic_triangles, triangles, sharp = split(mesh.quadratic_triangles, mesh.triangles, mesh.sharp, longest)
     vertices = np.empty((int(triangles.max()) + 1, 3))
-    vertices[triangles] = six_nodes[:, :3]
+    vertices[triangles] = quadratic_triangles[:, :3]
     triangle, corner = np.nonzero(sharp)
     ridges = np.stack([triangles[triangle, corner], triangles[triangle, (corner + 1) % 3]], axis=1)
     return Ridged(vertices, triangles, ridges[ridges[:, 0] < ridges[:, 1]])
 
 
-def _on_the_skin(mesh: CurvedMesh, anew: Ridged, edge: float) -> SixNodes:
+def _on_the_skin(mesh: CurvedMesh, anew: Ridged, edge: float) -> QuadraticTriangles:
     """Bring new triangles onto the skin."""
     vertices, triangles, ridges = anew.vertices, anew.triangles, anew.ridges
     corners = mesh.project(vertices)
     creased = np.unique(ridges)
     if len(creased):
-        corners[creased] = mesh.project_on_creases(vertices[creased])
+        corners[creased] = mesh.project_on_sharp_edges(vertices[creased])
     astray = np.linalg.norm(corners - vertices, axis=1) > ASTRAY * edge
     corners[astray] = vertices[astray]
     ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
@@ -116,12 +116,12 @@ def _on_the_skin(mesh: CurvedMesh, anew: Ridged, edge: float) -> SixNodes:
     if len(creased):
         key = len(vertices)
         along = np.isin(unique @ [key, 1], np.sort(ridges, axis=1) @ [key, 1])
-        middles[along] = mesh.project_on_creases(straight[along])
+        middles[along] = mesh.project_on_sharp_edges(straight[along])
     panels = np.concatenate([corners[triangles], middles[inverse.ravel()].reshape(-1, 3, 3)], axis=1)
     return mesh.levelled(panels)
 
 
-def _cut_where_it_helps(mesh: CurvedMesh, panels: SixNodes, edge: float) -> Float64[np.ndarray, "pieces 6 3"]:
+def _cut_where_it_helps(mesh: CurvedMesh, panels: QuadraticTriangles, edge: float) -> Float64[np.ndarray, "pieces 6 3"]:
     """Cut panels in four that turn too far, or leave the skin by too much, unless their pieces leave it as much.
 
     The latter is so where the skin is rough.
@@ -142,7 +142,7 @@ def _cut_where_it_helps(mesh: CurvedMesh, panels: SixNodes, edge: float) -> Floa
     return np.concatenate([*done, panels])
 
 
-def _turning(panels: SixNodes) -> Float64[np.ndarray, "panels"]:
+def _turning(panels: QuadraticTriangles) -> Float64[np.ndarray, "panels"]:
     """Largest angle between the normals at the corners of each panel [rad]."""
     normals = []
     for corner in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)):

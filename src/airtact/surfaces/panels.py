@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float64, Int64, Real
 from scipy.spatial import KDTree
 
-from airtact.mesh.quadratic_triangles import SixNodes, cut, longest_edges, panel_areas, shape_functions
+from airtact.mesh.quadratic_triangles import QuadraticTriangles, cut, longest_edges, panel_areas, shape_functions
 from airtact.surfaces.shape import BEND, Shape
 
 LONGEST_TO_EQUILATERAL = 1.2
@@ -38,14 +38,14 @@ class Panels:
 
     Attributes
     ----------
-    six_nodes : (T, 6, 3) corners 0, 1, 2 and mid-edge points 01, 12, 20 of each panel [m], outward.
+    quadratic_triangles : (T, 6, 3) corners 0, 1, 2 and mid-edge points 01, 12, 20 of each panel [m], outward.
     body : (T,) which obstacle each panel belongs to.
     deviation : (T,) how far the panel lies from the true skin at most [m].
     farthest : (B,) how far the panels of each body lie from the triangles that it was given as, at most [m].
     mean_distance : (B,) the same in the mean over the panels [m].
     """
 
-    six_nodes: SixNodes
+    quadratic_triangles: QuadraticTriangles
     body: Int64[np.ndarray, "panels"]
     deviation: Float64[np.ndarray, "panels"]
     farthest: Float64[np.ndarray, "bodies"]
@@ -77,7 +77,7 @@ def panels_of(
     probes = [(PROBES @ body).reshape(-1, 3) for body in bodies]
     distances = [_off_triangles(*one) for one in zip(bodies, shapes, probes, strict=True)]
     return Panels(
-        six_nodes=np.concatenate(bodies),
+        quadratic_triangles=np.concatenate(bodies),
         body=np.repeat(np.arange(len(bodies)), [len(body) for body in bodies]),
         deviation=np.concatenate([_deviation(*one) for one in zip(bodies, shapes, probes, strict=True)]),
         farthest=np.array([farthest for farthest, _ in distances]),
@@ -86,7 +86,7 @@ def panels_of(
 
 
 def _refined(
-    panels: SixNodes,
+    panels: QuadraticTriangles,
     shape: Shape,
     points: Real[np.ndarray, "points 3"],
     others: Real[np.ndarray, "others 3"],
@@ -110,7 +110,10 @@ def _refined(
 
 
 def _allowed(
-    panels: SixNodes, edges: Float64[np.ndarray, "panels"], points: Float64[np.ndarray, "points 3"], factor: float
+    panels: QuadraticTriangles,
+    edges: Float64[np.ndarray, "panels"],
+    points: Float64[np.ndarray, "points 3"],
+    factor: float,
 ) -> Float64[np.ndarray, "panels"]:
     """Longest edge that some points allow each panel [m]; infinite where they allow more than any has."""
     allowed = np.full(len(panels), np.inf)
@@ -128,13 +131,15 @@ def _allowed(
 
 
 def _deviation(
-    panels: SixNodes, shape: Shape, probes: Float64[np.ndarray, "probes 3"]
+    panels: QuadraticTriangles, shape: Shape, probes: Float64[np.ndarray, "probes 3"]
 ) -> Float64[np.ndarray, "panels"]:
     """How far panels lie from the true skin at their nodes, centre and the middles between them [m]."""
     return np.abs(shape.depth(probes)).reshape(len(panels), -1).max(axis=1)
 
 
-def _off_triangles(panels: SixNodes, shape: Shape, probes: Float64[np.ndarray, "probes 3"]) -> tuple[float, float]:
+def _off_triangles(
+    panels: QuadraticTriangles, shape: Shape, probes: Float64[np.ndarray, "probes 3"]
+) -> tuple[float, float]:
     """Largest and mean distance of panels from the triangles that the body was given as [m]."""
     distance = shape.off_triangles(probes).reshape(len(panels), -1)
     if not distance.any():

@@ -8,14 +8,14 @@ import numpy as np
 from jaxtyping import Float64, Int64, Real
 
 from airtact.conventions import InvalidInput, Vector
-from airtact.mesh.quadratic_triangles import SixNodes, enclosed_volume, with_middles
+from airtact.mesh.quadratic_triangles import QuadraticTriangles, enclosed_volume, with_middles
 from airtact.mesh.remeshing import Ridged
-from airtact.mesh.topology import refuse_wrong_size
+from airtact.mesh.topology import check_size
 from airtact.pose import Pose
 from airtact.printing import in_short
 from airtact.surfaces.shape import BEND
 from airtact.surfaces.surface import Surface
-from airtact.validation import number, positive, real_numbers, refuse_not_finite
+from airtact.validation import check_finite, number, positive, real_numbers
 
 _SECTORS = 5  # triangles round a pole; five keep every angle above 30 degrees
 _MOST_RINGS = 400  # 1.6 million triangles: beyond it the edge is a slip of units
@@ -114,7 +114,7 @@ class Capsule:
         surface = self.mesh(min(edge / 3.0, 0.5 * self.radius))
         return [Ridged(np.array(surface.vertices), np.array(surface.triangles), np.empty((0, 2), dtype=np.int64))]
 
-    def fitted(self, panels: SixNodes) -> SixNodes:
+    def fitted(self, panels: QuadraticTriangles) -> QuadraticTriangles:
         """Bring the nodes of panels (P, 6, 3) near the skin onto it [m]."""
         return self.project(panels.reshape(-1, 3)).reshape(panels.shape)
 
@@ -122,7 +122,7 @@ class Capsule:
         """Return 0 for each of the points (P, 3) [m]: a closed form was made from no triangles."""
         return np.zeros(len(points))
 
-    def panels(self, edge: float, bend: float = BEND) -> SixNodes:
+    def panels(self, edge: float, bend: float = BEND) -> QuadraticTriangles:
         """Cover it with curved panels about as large as equilateral triangles of a given edge [m].
 
         They turn by at most ``bend`` [rad] from edge to edge.
@@ -160,7 +160,7 @@ class Capsule:
             2 m or under 0.5 mm.
         """
         edge = positive(edge, "edge", "m")
-        refuse_wrong_size(self.extent)
+        check_size(self.extent)
         rings = max(2, math.ceil(1.6 * self.radius / edge)) if edge > self.radius / _MOST_RINGS else _MOST_RINGS + 1
         while rings <= _MOST_RINGS:
             vertices, triangles = _mesh(rings, _SECTORS, self.length / self.radius)
@@ -234,7 +234,7 @@ def _point(given: Vector, what: str) -> Float64[np.ndarray, "3"]:
     point = real_numbers(np.asarray(given), what)
     if point.shape != (3,):
         raise InvalidInput(f"{what} has shape {point.shape}, but a point has shape (3,).")
-    refuse_not_finite(point, what)
+    check_finite(point, what)
     return point
 
 

@@ -6,7 +6,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float64, Real
 
-from airtact.mesh.quadratic_triangles import SixNodes
+from airtact.mesh.quadratic_triangles import QuadraticTriangles
 from airtact.mesh.remeshing import Ridged
 from airtact.pose import Pose
 
@@ -46,7 +46,7 @@ class Shape(Protocol):
         """Nearest points of the skin (P, 3) [m] to points (P, 3) [m]."""
         ...
 
-    def fitted(self, panels: SixNodes) -> SixNodes:
+    def fitted(self, panels: QuadraticTriangles) -> QuadraticTriangles:
         """Bring the nodes of panels (P, 6, 3) near the skin to where the panels follow it best [m]."""
         ...
 
@@ -54,7 +54,7 @@ class Shape(Protocol):
         """Distance of points (P, 3) [m] from the flat triangles that it was made from [m]; 0 for a closed form."""
         ...
 
-    def panels(self, edge: float, bend: float = BEND) -> SixNodes:
+    def panels(self, edge: float, bend: float = BEND) -> QuadraticTriangles:
         """Cover it with curved panels about as large as equilateral triangles of a given edge [m].
 
         Panels of a round skin in closed form turn by at most about ``bend`` [rad] from edge to edge.

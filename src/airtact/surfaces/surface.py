@@ -10,12 +10,12 @@ from airtact.conventions import InvalidInput
 from airtact.mesh.curving import SHARP_DEGREES, curved
 from airtact.mesh.intersections import self_crossings
 from airtact.mesh.topology import (
+    check_closed,
+    check_indices,
+    check_not_degenerate,
+    check_orientation,
+    check_size,
     edge_twins,
-    refuse_bad_indices,
-    refuse_degenerate,
-    refuse_inside_out,
-    refuse_open,
-    refuse_wrong_size,
 )
 from airtact.pose import Pose
 from airtact.printing import in_short
@@ -24,15 +24,15 @@ from airtact.surfaces.mesh_shape import CurvedShape
 from airtact.surfaces.panels import Panels, panels_of
 from airtact.surfaces.shape import Shape
 from airtact.validation import (
+    check_finite,
     counted,
     fixed,
+    in_mm,
     number,
     of_kind,
-    place,
     points_of,
     positive,
     real_numbers,
-    refuse_not_finite,
 )
 
 
@@ -70,26 +70,26 @@ class Surface:
     midpoints: Real[np.ndarray, "triangles 3 3"] | None = None
     primitive: Shape | None = None
     sharp_degrees: float = SHARP_DEGREES
-    mended: tuple[str, ...] = ()
+    repairs: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check everything that is quick to check and keep read-only copies."""
         vertices = points_of(self.vertices, "surface vertices")
         triangles = _triangles_of(self.triangles)
-        refuse_bad_indices(len(vertices), triangles)
-        _refuse_wrong_angle(self.sharp_degrees)
+        check_indices(len(vertices), triangles)
+        _check_wrong_angle(self.sharp_degrees)
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "triangles", triangles)
-        refuse_wrong_size(extent_of(self))
-        refuse_degenerate(vertices, triangles)
-        refuse_open(vertices, triangles)
-        refuse_inside_out(vertices, triangles)
+        check_size(extent_of(self))
+        check_not_degenerate(vertices, triangles)
+        check_closed(vertices, triangles)
+        check_orientation(vertices, triangles)
         if self.midpoints is not None:
             midpoints = real_numbers(self.midpoints, "surface midpoints")
-            _refuse_bad_midpoints(midpoints, vertices, triangles)
+            _check_bad_midpoints(midpoints, vertices, triangles)
             object.__setattr__(self, "midpoints", midpoints)
         if self.primitive is not None:
-            _refuse_other_shape(self.primitive, self.corners)
+            _check_other_shape(self.primitive, self.corners)
 
     __repr__ = in_short
 
@@ -109,8 +109,10 @@ class Surface:
         if self.primitive is not None:
             return self.primitive
         middles, sharp = curved(self.vertices, self.triangles, self.sharp_degrees)
-        six_nodes = np.concatenate([self.corners, middles if self.midpoints is None else self.midpoints], axis=1)
-        return CurvedShape(CurvedMesh(self.vertices, six_nodes, self.triangles, sharp), Pose.identity())
+        quadratic_triangles = np.concatenate(
+            [self.corners, middles if self.midpoints is None else self.midpoints], axis=1
+        )
+        return CurvedShape(CurvedMesh(self.vertices, quadratic_triangles, self.triangles, sharp), Pose.identity())
 
     @property
     def area(self) -> float:
@@ -174,7 +176,7 @@ class Surface:
         object.__setattr__(copy, "midpoints", None if self.midpoints is None else fixed(pose.apply(self.midpoints)))
         object.__setattr__(copy, "primitive", None if self.primitive is None else self.primitive.moved(pose))
         object.__setattr__(copy, "sharp_degrees", self.sharp_degrees)
-        object.__setattr__(copy, "mended", self.mended)
+        object.__setattr__(copy, "repairs", self.repairs)
         copy.__dict__["shape"] = self.shape.moved(pose)
         if "crossings" in self.__dict__:
             copy.__dict__["crossings"] = self.crossings
@@ -209,12 +211,12 @@ def _triangles_of(given: np.ndarray) -> Int64[np.ndarray, "triangles 3"]:
     return triangles
 
 
-def _refuse_wrong_angle(degrees: float) -> None:
+def _check_wrong_angle(degrees: float) -> None:
     if not 0.0 <= number(degrees, "sharp_degrees", "degrees") <= 180.0:
         raise InvalidInput(f"sharp_degrees is {degrees:g}, but edges turn by 0 to 180 degrees.")
 
 
-def _refuse_other_shape(primitive: Shape, corners: Float64[np.ndarray, "triangles 3 3"]) -> None:
+def _check_other_shape(primitive: Shape, corners: Float64[np.ndarray, "triangles 3 3"]) -> None:
     off = np.abs(primitive.depth(corners.reshape(-1, 3)))
     if off.max() > 1e-6 * primitive.extent:
         raise InvalidInput(
@@ -223,7 +225,7 @@ def _refuse_other_shape(primitive: Shape, corners: Float64[np.ndarray, "triangle
         )
 
 
-def _refuse_bad_midpoints(
+def _check_bad_midpoints(
     midpoints: np.ndarray, vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"]
 ) -> None:
     if midpoints.shape != (len(triangles), 3, 3):
@@ -231,7 +233,7 @@ def _refuse_bad_midpoints(
             f"surface midpoints have shape {midpoints.shape}, but {len(triangles)} triangles need "
             f"({len(triangles)}, 3, 3)."
         )
-    refuse_not_finite(midpoints, "surface midpoints")
+    check_finite(midpoints, "surface midpoints")
     flat = midpoints.reshape(-1, 3)
     gap = np.linalg.norm(flat - flat[edge_twins(triangles).ravel()], axis=1)
     parted = np.flatnonzero(gap > 1e-9 * np.ptp(vertices, axis=0).max())
@@ -239,7 +241,7 @@ def _refuse_bad_midpoints(
         raise InvalidInput(
             f"{counted(len(parted) // 2, 'edge has a midpoint', 'edges have midpoints')} that the two triangles do not "
             f"share, the first near "
-            f"{place(flat[parted[0]])}, {gap[parted[0]] * 1e3:.3g} mm apart; the curved skin would be open there.",
+            f"{in_mm(flat[parted[0]])}, {gap[parted[0]] * 1e3:.3g} mm apart; the curved skin would be open there.",
             flat[parted[0]],
         )
     ends = vertices[triangles]

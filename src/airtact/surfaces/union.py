@@ -27,7 +27,7 @@ from airtact.surfaces.checks import (
 from airtact.surfaces.flattening import AWAY, Mesh, corners_of, flattened
 from airtact.surfaces.primitives import Capsule
 from airtact.surfaces.surface import Surface
-from airtact.validation import of_kind, place, within
+from airtact.validation import in_mm, of_kind, within
 
 NARROWEST, WIDEST = 0.1e-3, 2e-3
 """Gaps that may be asked to be bridged [m]."""
@@ -114,7 +114,7 @@ def _bridged(bodies: Sequence[Surface], meshes: dict[int, Mesh], links: Sequence
     """Make one body with bridges as wide as the gap, or thicker ones where these are too thin."""
     kept = [bodies[index] for index in meshes]
     pieces = sum(int(shells(triangles).max()) + 1 for _, triangles in meshes.values()) - len(meshes) + 1
-    mended = tuple(sentence for body in kept for sentence in body.mended)
+    mended = tuple(sentence for body in kept for sentence in body.repairs)
     found = kept[0]
     for radius in (0.0, max(THICK, 0.6 * gap)):
         bridges = [bridge for link in links for bridge in _bridges(bodies, meshes, link, gap, radius)]
@@ -123,7 +123,7 @@ def _bridged(bodies: Sequence[Surface], meshes: dict[int, Mesh], links: Sequence
         for simple in SIMPLE:
             vertices, triangles = _united(meshes.values(), bridges, simple)
             middles = _middles(kept, vertices, triangles)
-            found = Surface(vertices, triangles, middles, sharp_degrees=SHARP_DEGREES, mended=mended)
+            found = Surface(vertices, triangles, middles, sharp_degrees=SHARP_DEGREES, repairs=mended)
             if len(found.crossings) == 0:
                 break
         if shells(found.triangles).max() < pieces and thin_spot(found, THINNEST, short=0.0) is None:
@@ -160,7 +160,7 @@ def _links(bodies: Sequence[Surface], chosen: list[int], gap: float) -> list[_Li
     if away:
         distance, one, two, where = min(away, key=itemgetter(0))
         raise InvalidInput(
-            f"bodies {one} and {two} are {distance * 1e3:.3g} mm apart near {place(where)}, the nearest of those that "
+            f"bodies {one} and {two} are {distance * 1e3:.3g} mm apart near {in_mm(where)}, the nearest of those that "
             f"do not hang together, but only {gap * 1e3:.3g} mm are bridged; move them together, leave one out, or "
             "give a larger gap.",
             where,

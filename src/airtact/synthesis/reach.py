@@ -7,7 +7,7 @@ from airtact.conventions import InvalidInput
 from airtact.scene.target import Target
 from airtact.synthesis.constraint import AT_MOST_ONE, Constraint
 from airtact.transfer import Drive, TransferMatrix
-from airtact.validation import counted, of_kind, place
+from airtact.validation import counted, in_mm, of_kind
 
 SAME_PLACE = 1e-6
 """Foci nearer than this to each other are the same [m]."""
@@ -30,13 +30,17 @@ def check_foci(transfer: TransferMatrix, target: Target) -> None:
     of_kind(transfer, TransferMatrix, "the transfer matrix", "transfer_matrix(beacons, array)")
     of_kind(target, Target, "the target", "Target(points, pressures)")
     rows, count = len(transfer.matrix), len(target.points)
-    if rows not in (count, count + len(target.quiet)):
-        quiet = f" and {counted(len(target.quiet), 'quiet point', 'quiet points')}" if len(target.quiet) else ""
+    if rows not in (count, count + len(target.suppression_points)):
+        quiet = (
+            f" and {counted(len(target.suppression_points), 'quiet point', 'quiet points')}"
+            if len(target.suppression_points)
+            else ""
+        )
         raise InvalidInput(
             f"a transfer matrix for {counted(rows, 'focus', 'foci')} does not fit a target of {count}{quiet}."
         )
     if transfer.foci is not None:
-        points = np.concatenate([target.points, target.quiet])[:rows]
+        points = np.concatenate([target.points, target.suppression_points])[:rows]
         apart = np.linalg.norm(points - transfer.foci, axis=1)
         if apart.max() > SAME_PLACE:
             raise InvalidInput(
@@ -77,7 +81,7 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> None:
             f"{len(rows)} foci are more than the {counted(rows.shape[1], 'element', 'elements')} of the array, which "
             "cannot serve them separately; ask for fewer."
         )
-    _refuse_near_foci(transfer, target)
+    _check_near_foci(transfer, target)
     asked = target.weights > 0.0
     attainable = np.abs(rows).sum(axis=1)[asked]
     shares = attainable / target.weights[asked]
@@ -86,13 +90,13 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> None:
         return
     index, others = int(np.flatnonzero(asked)[worst]), float(np.median(np.delete(attainable, worst)))
     raise InvalidInput(
-        f"focus {index} at {place(target.points[index])} is shadowed: it can get {attainable[worst]:.3g} Pa at most, "
+        f"focus {index} at {in_mm(target.points[index])} is shadowed: it can get {attainable[worst]:.3g} Pa at most, "
         f"the rest {others:.3g} Pa in the median; move it, leave it out or ask for less there.",
         target.points[index],
     )
 
 
-def _refuse_near_foci(transfer: TransferMatrix, target: Target) -> None:
+def _check_near_foci(transfer: TransferMatrix, target: Target) -> None:
     count = len(target.points)
     apart = np.linalg.norm(target.points[:, None] - target.points, axis=2)
     if transfer.wavelength is None:
@@ -105,8 +109,8 @@ def _refuse_near_foci(transfer: TransferMatrix, target: Target) -> None:
     if near.any():
         one, other = divmod(int(np.argmin(np.where(near, apart, np.inf))), count)
         raise InvalidInput(
-            f"foci {one} and {other} are {1e3 * apart[one, other]:.3g} mm apart, at {place(target.points[one])} and "
-            f"{place(target.points[other])}, too near to be told apart: leave one out, or move them a tenth of the "
+            f"foci {one} and {other} are {1e3 * apart[one, other]:.3g} mm apart, at {in_mm(target.points[one])} and "
+            f"{in_mm(target.points[other])}, too near to be told apart: leave one out, or move them a tenth of the "
             "wavelength apart or more.",
             target.points[one],
         )
@@ -121,15 +125,15 @@ def quiet_rows(transfer: TransferMatrix, target: Target) -> Complex128[np.ndarra
         As ``check_foci``, or the target has quiet points (how many) that the matrix does not hear.
     """
     check_foci(transfer, target)
-    if len(transfer.matrix) == len(target.points) and len(target.quiet):
+    if len(transfer.matrix) == len(target.points) and len(target.suppression_points):
         raise InvalidInput(
-            f"the target keeps {counted(len(target.quiet), 'point', 'points')} quiet that the transfer matrix does not "
-            "hear; solve for target.beacons(quiet=True)."
+            f"the target keeps {counted(len(target.suppression_points), 'point', 'points')} quiet, but the matrix "
+            "has no rows for; solve for target.beacons(suppression=True)."
         )
     return transfer.matrix[len(target.points) :]
 
 
-def share_reached(transfer: TransferMatrix, target: Target, drive: Drive) -> Float64[np.ndarray, "foci"]:
+def achieved_fraction(transfer: TransferMatrix, target: Target, drive: Drive) -> Float64[np.ndarray, "foci"]:
     """Pressure that each focus gets over the pressure that it asked for.
 
     This is how a method says that full scale was not enough: the smallest share is 1 where the target was reached and
@@ -180,7 +184,7 @@ def scaled_to_target(
 
     Returns
     -------
-    The amplitudes times one positive number: the one with which the smallest share of ``share_reached`` is 1, or, where
+    The amplitudes times one positive number: that with which the smallest share of ``achieved_fraction`` is 1, or if
     that takes more than full scale or nothing is asked, the one with which the loudest element is 1; then rounded to
     what the constraint has, which with phases only is full scale.
 
@@ -195,5 +199,5 @@ def scaled_to_target(
     full = Drive(amplitudes / loudest)
     if target.pressures is None:
         return Drive(constraint.nearest(full.amplitudes))
-    worst = np.nanmin(share_reached(transfer, target, full))
+    worst = np.nanmin(achieved_fraction(transfer, target, full))
     return Drive(constraint.nearest(full.amplitudes / max(worst, 1.0)))

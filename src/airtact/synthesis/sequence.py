@@ -17,7 +17,7 @@ from airtact.scene.target import Target
 from airtact.synthesis.reach import foci_rows
 from airtact.synthesis.time_reversal import phase_conjugate
 from airtact.transfer import FULL_SCALE, Drive, TransferMatrix, check_drive
-from airtact.validation import complex_numbers, counted, of_kind, positive, refuse_not_finite
+from airtact.validation import check_finite, complex_numbers, counted, of_kind, positive
 
 FEWEST = 4
 """Frames that one period of a modulation takes at least."""
@@ -51,7 +51,7 @@ class Sequence:
         drives = complex_numbers(self.drives, "the drives of a sequence")
         if drives.ndim != 2 or drives.size == 0:
             raise InvalidInput(f"a sequence has the shape (frames, elements), not {drives.shape}.")
-        refuse_not_finite(drives, "the drives of a sequence (frame, element)")
+        check_finite(drives, "the drives of a sequence (frame, element)")
         loudest = np.abs(drives).max(axis=1)
         if loudest.max() > FULL_SCALE:
             raise InvalidInput(

@@ -24,7 +24,7 @@ def time_reversal(transfer: TransferMatrix, target: Target) -> Drive:
     Returns
     -------
     The drive, scaled so that the worst focus reaches what it asked; where that takes more than full scale, or no
-    pressure is asked, the loudest element is 1. ``share_reached`` tells what each focus gets of what it asked.
+    pressure is asked, the loudest element is 1. ``achieved_fraction`` tells what each focus gets of what it asked.
 
     Raises
     ------
@@ -46,8 +46,8 @@ def phase_conjugate(transfer: TransferMatrix, target: Target) -> Drive:
 
     Returns
     -------
-    The drive, all at full scale, or all scaled down alike where the worst focus asks for less. ``share_reached`` tells
-    what each focus gets of what it asked.
+    The drive, all at full scale, or all scaled down alike where the worst focus asks for less. ``achieved_fraction``
+    says what each focus gets of what it asked.
 
     Raises
     ------

@@ -155,7 +155,7 @@ def _checked_landmarks(given: Real[np.ndarray, "landmarks 3"], side: str) -> Flo
     try:
         joints = joints_of(landmarks)
     except InvalidInput as fault:
-        raise FaultyFrame("impossible", str(fault), fault.place) from None
+        raise FaultyFrame("impossible", str(fault), fault.position) from None
     if side_of(joints) not in (side, "unknown"):
         raise FaultyFrame(
             "mirrored",

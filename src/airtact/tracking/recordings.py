@@ -72,7 +72,7 @@ def load_recording(path: Path, leave_out: bool = False) -> Recording:
             if fault is None:
                 frames.append(found)
             elif not leave_out:
-                raise InvalidInput(f"{where}: {fault}", fault.place)
+                raise InvalidInput(f"{where}: {fault}", fault.position)
         if not frames:
             raise InvalidInput(f"there are 0 frames of a hand that can be used ({stream.health}).")
         return Recording(tuple(frames), stream.health)

@@ -11,7 +11,7 @@ from airtact.pose import Pose
 from airtact.printing import in_short
 from airtact.transducers.boards import Board, board_named
 from airtact.transducers.element import Element, monopole
-from airtact.validation import complex_numbers, counted, fixed, of_kind, points_of, real_numbers, refuse_not_finite
+from airtact.validation import check_finite, complex_numbers, counted, fixed, of_kind, points_of, real_numbers
 
 WIDEST = 10.0
 """Largest extent of an array [m]."""
@@ -173,7 +173,7 @@ def _gains(given: Num[np.ndarray, "gains"], count: int) -> Complex128[np.ndarray
     if gains.shape != (count,):
         need = counted(count, "element needs one gain", "elements need as many gains")
         raise InvalidInput(f"{need}, not an array of shape {gains.shape}.")
-    refuse_not_finite(gains, "element gains")
+    check_finite(gains, "element gains")
     if not gains.any():
         raise InvalidInput(f"all {count} elements are dead: their gains are 0, so nothing would be heard.")
     gains.flags.writeable = False

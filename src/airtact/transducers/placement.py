@@ -5,10 +5,10 @@ from jaxtyping import Float64, Real
 from scipy.spatial import ConvexHull
 
 from airtact.conventions import InvalidInput
-from airtact.scene.scene import CONTACT, Scene, refuse_inside
+from airtact.scene.scene import CONTACT, Scene, check_not_inside
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
-from airtact.validation import counted, of_kind, place
+from airtact.validation import counted, in_mm, of_kind
 
 FARTHEST = 10.0
 """Farthest that an element may stand from a focus or the nearest body [m]."""
@@ -46,9 +46,9 @@ def _check_outside_bodies(scene: Scene, array: PhasedArray) -> None:
     """Refuse elements whose centre or face points lie in a body; only faces near a skin are looked at in full."""
     depth = scene.depth(array.positions)
     if scene.obstacles:
-        _refuse_far(-depth, "the nearest body")
+        _check_far(-depth, "the nearest body")
     if array.element.reach == 0.0:
-        refuse_inside(depth, array.positions, "element")
+        check_not_inside(depth, array.positions, "element")
         return
     near = np.flatnonzero(depth > -array.element.reach)
     if len(near):
@@ -59,11 +59,11 @@ def _check_outside_bodies(scene: Scene, array: PhasedArray) -> None:
         count = counted(len(array), "element", "elements")
         raise InvalidInput(
             f"the faces of {len(inside)} of {count} reach into a body: element {deepest} at "
-            f"{place(array.positions[deepest])} by {depth[deepest] * 1e3:.3g} mm; move the array or the body away."
+            f"{in_mm(array.positions[deepest])} by {depth[deepest] * 1e3:.3g} mm; move the array or the body away."
         )
 
 
-def _refuse_far(distance: Float64[np.ndarray, "elements"], what: str) -> None:
+def _check_far(distance: Float64[np.ndarray, "elements"], what: str) -> None:
     farthest = int(distance.argmax())
     if distance[farthest] > FARTHEST:
         raise InvalidInput(
@@ -87,7 +87,7 @@ def check_reach(array: PhasedArray, foci: Real[np.ndarray, "foci 3"]) -> None:
     """
     for index, focus in enumerate(foci):
         offsets = array.positions - focus
-        _refuse_far(np.sqrt(np.einsum("ed,ed->e", offsets, offsets)), f"focus {index}")
+        _check_far(np.sqrt(np.einsum("ed,ed->e", offsets, offsets)), f"focus {index}")
     if array.element.directional:
         check_before_faces(array, foci, "focus")
 

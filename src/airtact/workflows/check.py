@@ -25,7 +25,7 @@ BODIES, FAULT = "bodies.png", "fault.png"
 Tell = Callable[[str], None]
 
 
-def check_scene(path: Path, folder: Path | None = None, tell: Tell = lambda step: None) -> Setup:
+def check_scene(path: Path, folder: Path | None = None, report_step: Tell = lambda step: None) -> Setup:
     """Read a scene file and build what it describes.
 
     Parameters
@@ -39,18 +39,18 @@ def check_scene(path: Path, folder: Path | None = None, tell: Tell = lambda step
     InvalidInput
         The file is at fault, or the folder; a picture of the bodies, with the place of the fault, is written before.
     """
-    tell(f"reading {path.name}")
-    with _pictured(folder, lambda: drawable_bodies(path), tell):
+    report_step(f"reading {path.name}")
+    with _pictured(folder, lambda: drawable_bodies(path), report_step):
         setup = read_setup(path)
     if folder is not None:
-        tell(f"drawing {folder / BODIES}")
+        report_step(f"drawing {folder / BODIES}")
         bodies = [obstacle.surface for obstacle in setup.scene.obstacles]
         write_picture(folder / BODIES, draw_bodies(bodies, setup.bodies, setup.target.points))
     return setup
 
 
 def check_surface_file(
-    path: Path, folder: Path | None = None, tell: Tell = lambda step: None, **settings: float
+    path: Path, folder: Path | None = None, report_step: Tell = lambda step: None, **settings: float
 ) -> Scene:
     """Read a surface file and put it into air as a sound-hard body, as a scene at 40 kHz would.
 
@@ -72,13 +72,13 @@ def check_surface_file(
         bare = bare_triangles(path, settings.get("scale", 1.0))
         return [] if bare is None else [bare]
 
-    tell(f"reading {path.name}")
-    with _pictured(folder, triangles, tell):
+    report_step(f"reading {path.name}")
+    with _pictured(folder, triangles, report_step):
         surface = load_surface(path, **settings)
         with about(path.name):
             scene = Scene(air(), [sound_hard(surface)])
     if folder is not None:
-        tell(f"drawing {folder / BODIES}")
+        report_step(f"drawing {folder / BODIES}")
         write_picture(folder / BODIES, draw_bodies([surface], [path.name]))
     return scene
 
@@ -96,7 +96,7 @@ def unknowns_by_accuracy(scene: Scene) -> dict[float, int]:
 
 
 @contextmanager
-def _pictured(folder: Path | None, bodies: Callable[[], list[Triangles]], tell: Tell) -> Iterator[None]:
+def _pictured(folder: Path | None, bodies: Callable[[], list[Triangles]], report_step: Tell) -> Iterator[None]:
     """Draw the fault of what is refused inside."""
     if folder is None:
         yield
@@ -110,11 +110,11 @@ def _pictured(folder: Path | None, bodies: Callable[[], list[Triangles]], tell: 
             drawable = []
         if drawable:
             _clear(folder)
-            tell(f"drawing the fault into {folder / FAULT}")
+            report_step(f"drawing the fault into {folder / FAULT}")
             starts = np.cumsum([0] + [len(vertices) for vertices, _ in drawable])
             vertices = np.concatenate([vertices for vertices, _ in drawable])
             triangles = np.concatenate([named + start for (_, named), start in zip(drawable, starts, strict=False)])
-            write_picture(folder / FAULT, draw_fault(vertices, triangles, str(fault), fault.place))
+            write_picture(folder / FAULT, draw_fault(vertices, triangles, str(fault), fault.position))
         raise
     _clear(folder)
 

@@ -18,7 +18,7 @@ from airtact.files.drives import write_drive_h5
 from airtact.pages.methods_page import Contender, Contest, write_methods_page
 from airtact.scene_file.building import Setup, read_setup
 from airtact.solvers.problem import SolveReport
-from airtact.steps import Clock, Keeping, finer, heard_foci, kept, synthesised
+from airtact.steps import Clock, Keeping, finer, kept, solve_foci, synthesised
 from airtact.synthesis.methods import METHODS
 from airtact.synthesis.quantise import quantise
 from airtact.synthesis.upper_bound import upper_bound
@@ -32,7 +32,7 @@ IGNORED = "hand ignored"
 
 
 def compare_methods(
-    path: Path, folder: Path, tell: Callable[[str], None] = lambda step: None, store: Path | None = None
+    path: Path, folder: Path, report_step: Callable[[str], None] = lambda step: None, store: Path | None = None
 ) -> Contest:
     """Make the drive of a scene file by every method, judge all by one finer solution, and write a page about it.
 
@@ -54,19 +54,19 @@ def compare_methods(
     NotConverged
         A solver stopped early; drives that were written stay.
     """
-    clock = Clock(tell)
+    clock = Clock(report_step)
     with clock.step("scene", f"reading {path.name}"):
         setup = _fresh_setup(path, folder)
-    transfer, beacons = heard_foci(setup, clock, store)
+    transfer, beacons = solve_foci(setup, clock, store)
     with clock.step("drives", f"making the drive by {len(METHODS)} methods"):
         drives, seconds, said = _all_drives(setup, transfer)
         bound = upper_bound(transfer, setup.target).worst
     _write_drives(folder / "drives", setup, transfer, beacons, drives)
     emitted = {name: quantise(drive).drive() for name, drive in drives.items()}
-    with clock.step("judge", f"judging {len(drives)} drives by a finer solution with all transducers as sources"):
+    with clock.step("verify", f"judging {len(drives)} drives by a finer solution with all transducers as sources"):
         judge = Keeping(kept(finer(setup), store))
         heard, report = pressures_at_foci(setup.scene, setup.array, list(emitted.values()), setup.target, judge)
-        quiet = np.abs(judge.field.at(setup.target.quiet).T)
+        quiet = np.abs(judge.field.at(setup.target.suppression_points).T)
     with clock.step("cuts", "computing the fields in the pictures"):
         cut = _cut(setup, judge, list(drives))
     contenders = [
@@ -80,14 +80,14 @@ def compare_methods(
         foci=setup.foci,
         bodies=setup.bodies,
         contenders=contenders,
-        said=said,
+        notes=said,
         transfer=transfer,
         bound=bound,
         report=report,
         cut=cut,
         seconds=clock.seconds,
     )
-    tell("drawing the page")
+    report_step("drawing the page")
     _write_table(folder / FILES[0], contest)
     write_methods_page(folder / FILES[1], contest)
     return contest

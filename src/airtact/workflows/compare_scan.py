@@ -16,7 +16,7 @@ from airtact.figures.scan_figure import draw_overlay
 from airtact.files.atomic import whole_file, writable_folder
 from airtact.scene_file.building import read_setup
 from airtact.solvers.problem import SolveReport
-from airtact.steps import Clock, finer, heard_foci, synthesised
+from airtact.steps import Clock, finer, solve_foci, synthesised
 from airtact.synthesis.quantise import quantise
 
 FILES = ("overlay.csv", "overlay.png")
@@ -36,7 +36,7 @@ class Compared:
 
     overlay: Overlay
     report: SolveReport
-    said: tuple[str, ...]
+    notes: tuple[str, ...]
 
 
 def compare_scan(
@@ -44,7 +44,7 @@ def compare_scan(
     scene_file: Path,
     folder: Path,
     microphone: Microphone,
-    tell: Callable[[str], None] = lambda step: None,
+    report_step: Callable[[str], None] = lambda step: None,
 ) -> Compared:
     """Predict what a microphone reads in a scene, and hold a measured scan against it after one complex scale.
 
@@ -63,14 +63,14 @@ def compare_scan(
     NotConverged
         A solver stopped early.
     """
-    clock = Clock(tell)
+    clock = Clock(report_step)
     with clock.step("scene", f"reading {scan_file.name} and {scene_file.name}"):
         scan, setup = load_scan(scan_file), read_setup(scene_file)
         writable_folder(folder)
-    transfer, _ = heard_foci(setup, clock)
+    transfer, _ = solve_foci(setup, clock)
     made, said = synthesised(setup.synthesise, transfer, setup.target)
     drive = quantise(made).drive()
-    with clock.step("judge", "predicting by a finer solution with all transducers as sources"):
+    with clock.step("verify", "predicting by a finer solution with all transducers as sources"):
         field = finer(setup).radiate(setup.scene, drive_sources(setup.array, [drive]))
     with clock.step("scan", f"listening at {len(scan.points)} positions"):
         predicted = microphone.hear(field, scan.points)[:, 0]

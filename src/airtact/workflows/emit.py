@@ -177,7 +177,9 @@ def link_for(
     return AUTD3Link(made.poses, link, address, _sound_speed(made.stored))
 
 
-def emit(made: Plan, link: Link, seconds: float, tell: Callable[[str], None] = lambda step: None) -> Played | None:
+def emit(
+    made: Plan, link: Link, seconds: float, report_step: Callable[[str], None] = lambda step: None
+) -> Played | None:
     """Play a plan for some time, then silence the boards.
 
     Parameters
@@ -202,15 +204,15 @@ def emit(made: Plan, link: Link, seconds: float, tell: Callable[[str], None] = l
     stored, played = made.stored, None
     if stored.rate is not None and len(stored.drives) > 1:
         link.check_sequence(len(stored.drives), stored.rate)
-    tell(f"opening the {link.name} link to {link.devices}")
+    report_step(f"opening the {link.name} link to {link.devices}")
     with Emission(link, cap=made.cap) as emission:
-        tell(f"emitting for {seconds:g} s")
+        report_step(f"emitting for {seconds:g} s")
         if stored.rate is not None and len(stored.drives) > 1:
             played = emission.play(Sequence(stored.drives, stored.rate), seconds)
         else:
             emission.send(Drive(stored.drives[0]))
             emission.hold(seconds)
-        tell("silencing")
+        report_step("silencing")
     return played
 
 

@@ -19,7 +19,7 @@ from airtact.hand.fitting.cloud_files import load_cloud
 from airtact.hand.fitting.fit import FittedHand, fit_hand
 from airtact.hand.hand import Hand, Side
 from airtact.hand.joints import CHAINS, FINGERS
-from airtact.mesh.quadratic_triangles import SixNodes, smallest_angles
+from airtact.mesh.quadratic_triangles import QuadraticTriangles, smallest_angles
 from airtact.surfaces.mesh_shape import CurvedShape
 from airtact.surfaces.panels import Panels
 from airtact.surfaces.surface import Surface
@@ -51,7 +51,7 @@ class Posed:
     @property
     def smallest_angle(self) -> float:
         """Smallest angle of the worst panel [degrees]."""
-        return float(smallest_angles(self.panels.six_nodes).min())
+        return float(smallest_angles(self.panels.quadratic_triangles).min())
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ def pose(
     file: Path,
     gap: float | None = None,
     edge: float | None = None,
-    tell: Callable[[str], None] = lambda step: None,
+    report_step: Callable[[str], None] = lambda step: None,
 ) -> Posed:
     """Read a pose, make the skin of the hand and write it, with a picture of the same name beside it.
 
@@ -108,18 +108,18 @@ def pose(
     InvalidInput
         The pose or a number is at fault, or the skin cannot be written there.
     """
-    tell(f"reading {path.name}")
+    report_step(f"reading {path.name}")
     check_ending(file)
     if path.resolve() == file.resolve():
         raise InvalidInput(f"the skin would take the place of {path.name}, the 1 file that it is made from.")
     edge = EDGE if edge is None else checked_edge(edge)
     hand = load_hand(path, gap)
     writable_folder(file.parent)
-    tell(f"making triangles of {1e3 * edge:.3g} mm")
-    panels = _written(hand.shape.panels(edge), file, tell)
+    report_step(f"making triangles of {1e3 * edge:.3g} mm")
+    panels = _written(hand.shape.panels(edge), file, report_step)
     picture = file.with_suffix(".png")
-    tell(f"drawing {picture.name}")
-    write_picture(picture, draw_panels(panels.six_nodes))
+    report_step(f"drawing {picture.name}")
+    write_picture(picture, draw_panels(panels.quadratic_triangles))
     return Posed(hand, hand.surface, panels, file, picture)
 
 
@@ -129,7 +129,7 @@ def fit(
     file: Path,
     camera: tuple[float, float, float] | None = None,
     edge: float | None = None,
-    tell: Callable[[str], None] = lambda step: None,
+    report_step: Callable[[str], None] = lambda step: None,
 ) -> Fitted:
     """Read a cloud and rough landmarks, fit a hand to them and write its skin, with a picture beside it.
 
@@ -149,30 +149,32 @@ def fit(
     InvalidInput
         A file or a number is at fault, the hand is refused, or the skin cannot be written there.
     """
-    tell(f"reading {cloud.name}")
+    report_step(f"reading {cloud.name}")
     check_ending(file)
     if file.resolve() in (cloud.resolve(), landmarks.resolve()):
         raise InvalidInput(f"the skin would take the place of {file.name}, 1 of the files that it is made from.")
     edge = None if edge is None else checked_edge(edge)
     points, (joints, side) = load_cloud(cloud), load_landmarks(landmarks)
     writable_folder(file.parent)
-    tell(f"fitting a hand to {len(points):,} points")
+    report_step(f"fitting a hand to {len(points):,} points")
     eye = None if camera is None else np.array(camera, dtype=np.float64)
     fitted = fit_hand(points, joints, cast("Side | None", side), eye)
-    tell("bringing its skin to the points")
+    report_step("bringing its skin to the points")
     surface = fitted.surface if edge is None else fitted.skin(edge)
     shape = surface.shape
-    panels = _written(shape.six_nodes if isinstance(shape, CurvedShape) else shape.panels(edge or EDGE), file, tell)
+    panels = _written(
+        shape.quadratic_triangles if isinstance(shape, CurvedShape) else shape.panels(edge or EDGE), file, report_step
+    )
     picture = file.with_suffix(".png")
-    tell(f"drawing {picture.name}")
+    report_step(f"drawing {picture.name}")
     distances = -shape.depth(fitted.points)
-    write_picture(picture, draw_cloud(panels.six_nodes, fitted, distances))
+    write_picture(picture, draw_cloud(panels.quadratic_triangles, fitted, distances))
     return Fitted(fitted.hand, surface, panels, file, picture, fitted, distances)
 
 
-def _written(six_nodes: SixNodes, file: Path, tell: Callable[[str], None]) -> Panels:
-    ones = np.zeros(len(six_nodes))
-    panels = Panels(six_nodes, ones.astype(np.int64), ones, np.zeros(1), np.zeros(1))
-    tell(f"writing {file.name}")
+def _written(quadratic_triangles: QuadraticTriangles, file: Path, report_step: Callable[[str], None]) -> Panels:
+    ones = np.zeros(len(quadratic_triangles))
+    panels = Panels(quadratic_triangles, ones.astype(np.int64), ones, np.zeros(1), np.zeros(1))
+    report_step(f"writing {file.name}")
     write_panels(file, panels)
     return panels

@@ -55,12 +55,12 @@ class Meshed:
     @property
     def area(self) -> float:
         """Area of the panels [m²]."""
-        return float(panel_areas(self.panels.six_nodes).sum())
+        return float(panel_areas(self.panels.quadratic_triangles).sum())
 
     @property
     def volume(self) -> float:
         """Volume inside the panels [m³]."""
-        return enclosed_volume(self.panels.six_nodes)
+        return enclosed_volume(self.panels.quadratic_triangles)
 
     @property
     def given_area(self) -> float:
@@ -75,13 +75,13 @@ class Meshed:
     @property
     def angles(self) -> tuple[float, float]:
         """Smallest angle of the worst panel and of the first percentile [degrees]."""
-        angles = smallest_angles(self.panels.six_nodes)
+        angles = smallest_angles(self.panels.quadratic_triangles)
         return float(angles.min()), float(np.percentile(angles, 1))
 
     @property
     def longest_edge(self) -> float:
         """Longest edge of a panel, from corner to corner [m]."""
-        return float(longest_edges(self.panels.six_nodes).max())
+        return float(longest_edges(self.panels.quadratic_triangles).max())
 
     @property
     def warning(self) -> str | None:
@@ -109,7 +109,7 @@ def mesh(
     path: Path,
     file: Path,
     edge: float | None = None,
-    tell: Callable[[str], None] = lambda step: None,
+    report_step: Callable[[str], None] = lambda step: None,
     **settings: float,
 ) -> Meshed:
     """Read a surface, cover it with curved panels and write them with a picture of the same name beside them.
@@ -127,7 +127,7 @@ def mesh(
     InvalidInput
         The surface or a number is at fault, or the panels cannot be written there.
     """
-    tell(f"reading {path.name}")
+    report_step(f"reading {path.name}")
     check_ending(file)
     if path.resolve() == file.resolve():
         raise InvalidInput(f"the panels would take the place of {path.name}, the 1 file that they are made from.")
@@ -136,13 +136,13 @@ def mesh(
         check_surface(surface)
     edge = usual_edge() if edge is None else _checked_edge(edge, surface)
     writable_folder(file.parent)
-    tell(f"making panels of {1e3 * edge:.3g} mm")
+    report_step(f"making panels of {1e3 * edge:.3g} mm")
     panels = surface.panelled(edge)
-    tell(f"writing {file.name}")
+    report_step(f"writing {file.name}")
     open_edges = write_panels(file, panels)
     picture = file.with_suffix(".png")
-    tell(f"drawing {picture.name}")
-    write_picture(picture, draw_panels(panels.six_nodes))
+    report_step(f"drawing {picture.name}")
+    write_picture(picture, draw_panels(panels.quadratic_triangles))
     return Meshed(surface, edge, panels, file, picture, open_edges)
 
 

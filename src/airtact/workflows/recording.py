@@ -44,7 +44,7 @@ def replay_recording(
     chosen: Sequence[int] = (),
     leave_out: bool = False,
     edge: float = EDGE,
-    tell: Callable[[str], None] = lambda step: None,
+    report_step: Callable[[str], None] = lambda step: None,
 ) -> Replayed:
     """Read a recording, draw the pads over time, and write the skins of chosen frames.
 
@@ -65,24 +65,24 @@ def replay_recording(
     """
     check_ending(file)
     edge = checked_edge(edge)
-    tell(f"reading {path.name}")
+    report_step(f"reading {path.name}")
     recording = load_recording(path, leave_out)
     with about(path.name):
         frames = _chosen(recording, chosen)
-    tell(f"finding the pads in {len(recording.frames):,} frames")
+    report_step(f"finding the pads in {len(recording.frames):,} frames")
     seen = {frame.side for frame in recording.frames if frame.landmarks is not None}
     tracks = tuple(pads_over_time(recording.frames, side) for side in SIDES if side in seen)
     writable_folder(file.parent)
     skins = []
     for frame in frames:
         named = file if len(frames) == 1 else file.with_stem(f"{file.stem}_{frame.side}_{frame.sequence}")
-        tell(f"writing {named.name}")
-        six_nodes = frame.hand().shape.panels(edge)
-        ones = np.zeros(len(six_nodes))
-        write_panels(named, Panels(six_nodes, ones.astype(np.int64), ones, np.zeros(1), np.zeros(1)))
+        report_step(f"writing {named.name}")
+        quadratic_triangles = frame.hand().shape.panels(edge)
+        ones = np.zeros(len(quadratic_triangles))
+        write_panels(named, Panels(quadratic_triangles, ones.astype(np.int64), ones, np.zeros(1), np.zeros(1)))
         skins.append(named)
     picture = file.with_suffix(".png")
-    tell(f"drawing {picture.name}")
+    report_step(f"drawing {picture.name}")
     write_picture(picture, draw_tracks(tracks, f"{path.name}: {recording.health}"))
     return Replayed(recording, tracks, tuple(skins), picture)
 

@@ -17,7 +17,7 @@ from airtact.pages.run_page import Run, write_page
 from airtact.scene.target_points import outward
 from airtact.scene_file.building import Setup, read_setup
 from airtact.solvers.problem import RadiatedField, SolveReport
-from airtact.steps import Clock, Keeping, finer, heard_foci, kept, synthesised
+from airtact.steps import Clock, Keeping, finer, kept, solve_foci, synthesised
 from airtact.synthesis.quantise import Frame, quantise
 from airtact.transfer import Drive, TransferMatrix, focus_by_distance
 
@@ -35,10 +35,12 @@ class _Made:
     transfer: TransferMatrix
     drive: Drive
     frame: Frame
-    said: tuple[str, ...]
+    notes: tuple[str, ...]
 
 
-def render(path: Path, folder: Path, tell: Callable[[str], None] = lambda step: None, store: Path | None = None) -> Run:
+def render(
+    path: Path, folder: Path, report_step: Callable[[str], None] = lambda step: None, store: Path | None = None
+) -> Run:
     """Compute what a scene file asks for and write it into a folder, each file as soon as it is there.
 
     Parameters
@@ -59,7 +61,7 @@ def render(path: Path, folder: Path, tell: Callable[[str], None] = lambda step: 
     NotConverged
         A solver stopped early; what was written before stays.
     """
-    clock = Clock(tell)
+    clock = Clock(report_step)
     with clock.step("scene", f"reading {path.name}"):
         setup = read_setup(path)
         writable_folder(folder)
@@ -90,16 +92,16 @@ def render(path: Path, folder: Path, tell: Callable[[str], None] = lambda step: 
         comparison=comparison,
         plane=plane,
         close_ups=close_ups,
-        said=made.said,
+        notes=made.notes,
         seconds=clock.seconds,
     )
-    tell("drawing the report")
+    report_step("drawing the report")
     write_page(folder / "report.html", run)
     return run
 
 
 def _make_drive(setup: Setup, clock: Clock, store: Path | None) -> _Made:
-    transfer, report = heard_foci(setup, clock, store)
+    transfer, report = solve_foci(setup, clock, store)
     with clock.step("drive", f"making the drive by {setup.method.replace('_', ' ')}"):
         drive, said = synthesised(setup.synthesise, transfer, setup.target)
     return _Made(report, transfer, drive, quantise(drive), said)
@@ -118,7 +120,7 @@ def _judge(setup: Setup, made: _Made, clock: Clock, store: Path | None) -> tuple
     """Compare the drive with the one that ignores the bodies; the field's first two sounds are these two, loudest 1."""
     control = focus_by_distance(setup.array, setup.target, setup.scene.medium, setup.scene.frequency)
     drives = {CONSIDERED: made.drive, IGNORED: control}
-    with clock.step("judge", "judging it by a finer solution with all transducers as sources"):
+    with clock.step("verify", "judging it by a finer solution with all transducers as sources"):
         judge = Keeping(kept(finer(setup), store))
         comparison = compare(setup.scene, setup.array, drives, setup.target, solver=judge)
     return comparison, judge.field

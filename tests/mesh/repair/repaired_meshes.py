@@ -45,7 +45,7 @@ def volume(vertices: np.ndarray, triangles: np.ndarray) -> float:
 def accepted(vertices: np.ndarray, triangles: np.ndarray, **settings) -> Mended:
     """Mend, and let the checks of a scene look at what came out."""
     result = mended(vertices, triangles, **settings)
-    check_surface(Surface(result.vertices, result.triangles, mended=result.notes))
+    check_surface(Surface(result.vertices, result.triangles, repairs=result.notes))
     return result
 
 

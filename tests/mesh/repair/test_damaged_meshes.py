@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from airtact.conventions import InvalidInput
-from airtact.validation import place
+from airtact.validation import in_mm
 from mesh.repair.damage import DAMAGES, Mesh, body, damaged
 from mesh.repair.repaired_meshes import accepted, apart, volume
 
@@ -23,12 +23,12 @@ def check_refusal(fault: InvalidInput) -> None:
     assert re.search(r"\d", said), said
     assert " mm" in said or re.search(r"triangle \d+ names|0 triangles", said), said
     if shown := re.search(r"\([-\d., ]+\) mm", said):
-        assert fault.place is not None, said
-        assert shown.group() == place(fault.place)
+        assert fault.position is not None, said
+        assert shown.group() == in_mm(fault.position)
 
 
 def outcome(name: str, whole: Mesh, torn: Mesh) -> str:
-    """Mend a mesh and hold it against the undamaged one; "mended" or "refused"."""
+    """Mend a mesh and hold it against the undamaged one; "repairs" or "refused"."""
     try:
         result = accepted(*torn)
     except InvalidInput as fault:
@@ -38,7 +38,7 @@ def outcome(name: str, whole: Mesh, torn: Mesh) -> str:
     bound = HAIR + SHARE_OF_HOLE * 1e-3 * max(filled, default=0.0)
     assert apart((result.vertices, result.triangles), whole) <= bound, (name, result.notes)
     assert volume(result.vertices, result.triangles) == pytest.approx(volume(*whole), rel=5e-3), (name, result.notes)
-    return "mended"
+    return "repairs"
 
 
 def outcomes(seeds: range) -> Counter:
@@ -48,13 +48,13 @@ def outcomes(seeds: range) -> Counter:
 @pytest.mark.parametrize("first", range(0, 80, 20))
 def test_80_damaged_meshes_are_mended_or_refused(first):
     found = outcomes(range(first, first + 20))
-    assert min(found["mended"], found["refused"]) >= 3
+    assert min(found["repairs"], found["refused"]) >= 3
 
 
 @pytest.mark.slow
 def test_500_damaged_meshes_are_mended_or_refused():
     found = outcomes(range(1000, 1500))
-    assert found["mended"] >= 150
+    assert found["repairs"] >= 150
     assert found["refused"] >= 150
 
 
@@ -78,7 +78,7 @@ def test_what_leaves_the_shape_known_is_always_mended(kind):
     for seed in range(5):
         rng = np.random.default_rng(seed)
         name, whole = body(rng)
-        assert outcome(f"{name}: {kind}", whole, DAMAGES[kind](rng, *whole)) == "mended", name
+        assert outcome(f"{name}: {kind}", whole, DAMAGES[kind](rng, *whole)) == "repairs", name
 
 
 NEVER = [

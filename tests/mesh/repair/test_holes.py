@@ -7,7 +7,7 @@ import trimesh
 from airtact.conventions import InvalidInput
 from airtact.mesh.repair.holes import find_holes
 from airtact.mesh.repair.pipeline import mended
-from airtact.validation import place
+from airtact.validation import in_mm
 from mesh.meshes import box_mesh
 from mesh.repair.repaired_meshes import accepted, apart, ball, fine_box, joined, near, tube, volume
 
@@ -25,7 +25,7 @@ def test_a_missing_triangle_comes_back():
     assert np.array_equal(np.sort(np.sort(result.triangles), axis=0), np.sort(np.sort(t), axis=0))
     widest = np.linalg.norm(np.ptp(v[t[123]], axis=0))
     assert result.notes[0].startswith("1 hole of up to ")
-    assert result.notes[0].endswith(f"was filled, the first near {place(v[t[123]].mean(axis=0))}.")
+    assert result.notes[0].endswith(f"was filled, the first near {in_mm(v[t[123]].mean(axis=0))}.")
     assert 0.3e-3 < widest < 2e-3
 
 

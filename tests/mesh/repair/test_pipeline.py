@@ -8,7 +8,7 @@ from airtact.conventions import InvalidInput
 from airtact.mesh.repair.pipeline import mended
 from airtact.surfaces.checks import check_surface
 from airtact.surfaces.surface import Surface
-from airtact.validation import place
+from airtact.validation import in_mm
 from mesh.meshes import box_mesh, torus_mesh
 from mesh.repair.repaired_meshes import accepted, apart, ball, fine_box, joined, near, tube, volume
 
@@ -136,7 +136,7 @@ def test_caps_are_mended_by_flipping(height, sharp):
     v = np.vstack([v, middle + height * up / np.linalg.norm(up)])
     flat = np.vstack([np.delete(t, 3, axis=0), [[a, b, n], [b, c, n], [c, a, n]]])
     result = accepted(v, flat)
-    said = f"1 flat cap was mended by flipping its longest edge, the first near {place(v[[a, b, n]].mean(axis=0))}."
+    said = f"1 flat cap was mended by flipping its longest edge, the first near {in_mm(v[[a, b, n]].mean(axis=0))}."
     assert result.notes == (said,)
     assert len(result.triangles) == len(flat)
     assert apart((result.vertices, result.triangles), (v[:n], t)) < 5e-7

@@ -6,7 +6,7 @@ import trimesh
 from scipy.spatial.distance import pdist
 
 import airtact as at
-from airtact.solvers.bem.blocks import PANELS, Pairs, in_tiles, near_tiles, tiles_of
+from airtact.solvers.bem.blocks import PANELS, Pairs, blocks_of, in_blocks, near_tiles
 from airtact.solvers.bem.layer_potentials import NearRule
 from airtact.solvers.bem.operator import assemble, dual_surface
 from airtact.solvers.bem.quadrature import place_nodes
@@ -22,10 +22,10 @@ def stick(length: float) -> np.ndarray:
 
 def test_panels_of_a_tile_lie_together_and_no_panel_is_lost():
     centres = stick(0.08)[:, :3].mean(axis=1)
-    order = in_tiles(centres)
+    order = in_blocks(centres)
     assert (np.sort(order) == np.arange(len(centres))).all()
     tiles = [centres[order[begin : begin + PANELS]] for begin in range(0, len(centres), PANELS)]
-    assert len(tiles) == tiles_of(6 * len(centres)) > 4
+    assert len(tiles) == blocks_of(6 * len(centres)) > 4
     assert max(pdist(tile).max() for tile in tiles) < 0.014  # across the stick it is 0.01, and 0.09 along it
 
 
@@ -33,11 +33,11 @@ def test_panels_of_a_tile_lie_together_and_no_panel_is_lost():
 def test_tiles_move_with_the_panels(seed):
     centres = stick(0.08)[:, :3].mean(axis=1)
     pose = at.Pose.turn(np.random.default_rng(seed).normal(size=3), 2.0, translation=(0.1, 0.2, -0.3))
-    assert (in_tiles(pose.apply(centres)) == in_tiles(centres)).all()
+    assert (in_blocks(pose.apply(centres)) == in_blocks(centres)).all()
 
 
 def test_few_panels_are_one_tile():
-    assert (in_tiles(np.zeros((3, 3))) == np.arange(3)).all()
+    assert (in_blocks(np.zeros((3, 3))) == np.arange(3)).all()
 
 
 def test_tiles_are_near_where_any_panel_is():
@@ -70,7 +70,7 @@ def boxes(*places: float, size: tuple[float, float, float]) -> np.ndarray:
 def test_crosses_miss_nothing(panels):
     """Each far tile is held against its entries: rows may hide a part of it that others show."""
     centres = panels()[:, :3].mean(axis=1)
-    order, nothing = in_tiles(centres), np.zeros(len(centres))
+    order, nothing = in_blocks(centres), np.zeros(len(centres))
     nodes = place_nodes(panels()[order], nothing.astype(np.int64), nothing)
     surface = dual_surface(nodes, WAVENUMBER, NearRule(1.6, (4, 4)), "float32")
     dense, lanes, error = assemble(surface, "float32").dense(), 6 * PANELS, 5e-3
@@ -90,7 +90,7 @@ def test_crosses_miss_nothing(panels):
 @pytest.mark.parametrize("store", ["bfloat16", "float32", "float64"])
 def test_a_matrix_of_crosses_is_as_good_as_asked_and_better_when_more_is(store):
     panels = stick(0.08)
-    order = in_tiles(panels[:, :3].mean(axis=1))
+    order = in_blocks(panels[:, :3].mean(axis=1))
     nothing = np.zeros(len(panels))
     nodes = place_nodes(panels[order], nothing.astype(np.int64), nothing)
     precision = "float64" if store == "float64" else "float32"

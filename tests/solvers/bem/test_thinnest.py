@@ -17,7 +17,7 @@ LARGEST = 60e-3
 )
 def test_round_bodies_are_as_thick_as_they_say(surface, diameter):
     panels = panels_of([surface.shape], 2e-3, np.empty((0, 3)), 1e-3)
-    nodes = place_nodes(panels.six_nodes, panels.body, panels.deviation)
+    nodes = place_nodes(panels.quadratic_triangles, panels.body, panels.deviation)
     assert surface.shape.thinnest == diameter
     assert np.allclose(thickness(nodes, LARGEST), diameter, rtol=0.05)
     assert (thickness(nodes, diameter, np.array([diameter])) == diameter).all()
@@ -26,7 +26,7 @@ def test_round_bodies_are_as_thick_as_they_say(surface, diameter):
 def test_a_thin_body_beside_a_thick_one_is_still_measured():
     shapes = [at.sphere(3e-3, 1e-3).shape, at.sphere(1e-3, 5e-4, (9e-3, 0, 0)).shape]
     panels = panels_of(shapes, 1e-3, np.empty((0, 3)), 5e-4)
-    nodes = place_nodes(panels.six_nodes, panels.body, panels.deviation)
+    nodes = place_nodes(panels.quadratic_triangles, panels.body, panels.deviation)
     known = thickness(nodes, 5e-3, np.array([shape.thinnest for shape in shapes]))
     assert (known[nodes.body == 0] == 5e-3).all()
     assert np.allclose(known[nodes.body == 1], 2e-3, rtol=0.05)

@@ -43,7 +43,7 @@ def errors(found: np.ndarray, exact: np.ndarray) -> np.ndarray:
 )
 def test_waves_equal_the_closed_form_of_a_ball(radius, medium, law):
     field = beside_a_ball(radius, medium, law)
-    waves = at.outgoing_waves(field)
+    waves = at.multipole_expansion(field)
     points = around(field.scene.obstacles[0].surface.corners.mean(axis=(0, 1)), radius + 1.1 * field.scene.wavelength)
     off = errors(waves.at(points), field.at(points))
     assert off.max() < 3e-4
@@ -75,7 +75,7 @@ def test_a_hand_that_moves_as_a_whole_is_heard_as_by_the_sum_over_its_skin():
     scene = at.Scene(AIR, [at.sound_hard(finger) for finger in fingers], frequency=40e3)
     target = at.Target(np.array([[-0.0025, 0, 0], [0.0025, 0, 0]]))
     field = at.BoundaryElement(accuracy=0.1, estimate=False).radiate(scene, target.beacons())
-    waves, array = at.outgoing_waves(field), at.surrounding_box()
+    waves, array = at.multipole_expansion(field), at.surrounding_box()
     for turn in (0.0, 0.4):
         seen = array.seen_from(at.Pose.turn((1, 2, 3), turn, (0.005, -0.01, 0.0)))
         told, exact = at.transfer_matrix(waves, seen), at.transfer_matrix(field, seen)
@@ -85,7 +85,7 @@ def test_a_hand_that_moves_as_a_whole_is_heard_as_by_the_sum_over_its_skin():
 
 def test_near_the_bodies_the_solution_itself_is_heard():
     field = beside_a_ball(5e-3)
-    waves = at.outgoing_waves(field)
+    waves = at.multipole_expansion(field)
     centre = field.scene.obstacles[0].surface.corners.mean(axis=(0, 1))
     near = centre + np.array([[0, 6e-3, 0], [0, 0, -13e-3], [1e-3, 0, 0]])
     both = np.concatenate([near, centre + [[0.1, 0, 0]]])
@@ -100,7 +100,7 @@ def test_near_the_bodies_the_solution_itself_is_heard():
 def test_a_scene_without_bodies_is_refused():
     open_air = at.FreeField().radiate(at.Scene(AIR, [], 40e3), at.Monopoles(np.zeros((1, 3)), np.ones(1)))
     with pytest.raises(at.InvalidInput, match="0 obstacles"):
-        at.outgoing_waves(open_air)
+        at.multipole_expansion(open_air)
 
 
 def test_a_field_that_is_not_known_all_around_is_refused():
@@ -109,7 +109,7 @@ def test_a_field_that_is_not_known_all_around_is_refused():
     nodes = centre + np.array([[0, 0, 0], [0.03, 0, 0], [0, 0.03, 0], [0, 0, 0.03]])
     sampled = at.SampledField(field.scene, field.sources, nodes, np.ones((4, 3), dtype=np.complex128))
     with pytest.raises(at.InvalidInput, match=r"not known at \d+ of \d+ points 10.6 mm"):
-        at.outgoing_waves(sampled)
+        at.multipole_expansion(sampled)
 
 
 def test_waves_that_do_not_fit_into_memory_are_refused(monkeypatch):
@@ -118,4 +118,4 @@ def test_waves_that_do_not_fit_into_memory_are_refused(monkeypatch):
     scene = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(ball)], frequency=40e3)
     field = at.SphereSeries().radiate(scene, at.Monopoles(np.array([[0, 0, 8e-3]]), np.ones(1)))
     with pytest.raises(at.InvalidInput, match=r"orders need 0\.0\d+ GiB for their shells, but 0\.00024 GiB"):
-        at.outgoing_waves(field)
+        at.multipole_expansion(field)

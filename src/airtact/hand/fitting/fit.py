@@ -24,7 +24,7 @@ from airtact.hand.mesh_tracking import Followed
 from airtact.pose import nearest_motion
 from airtact.printing import in_short
 from airtact.surfaces.surface import Surface
-from airtact.validation import fixed, of_kind, place, real_numbers, refuse_not_finite
+from airtact.validation import check_finite, fixed, in_mm, of_kind, real_numbers
 
 ROUGH = 6e-3
 """Standard deviation of each coordinate of a landmark [m]."""
@@ -158,7 +158,7 @@ def fit_hand(
         of_kind(before, FittedHand, "the frame before", "what fit_hand gave")
     cloud = checked_cloud(points, joints)
     if eye is not None:
-        _refuse_camera_inside(eye, cloud)
+        _check_camera_inside(eye, cloud)
     person = anatomy or (before.anatomy if before is not None else None)
     known = person if person is not None and person.settled else anybody(joints)
     spread = np.full(25, ROUGH)
@@ -176,7 +176,7 @@ def fit_hand(
         else:
             found = followed(seen, start, sizes, hold=known.settled)
         fitted = _told(seen, found, side, before, person or known)
-        _refuse_poor(seen, fitted, cloud)
+        _check_poor(seen, fitted, cloud)
         return fitted
 
 
@@ -231,7 +231,7 @@ def _checked_camera(camera: Real[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
     eye = real_numbers(camera, "the place of the camera")
     if eye.shape != (3,):
         raise InvalidInput(f"the place of the camera has shape {eye.shape}, but it is 3 numbers, in metres.")
-    refuse_not_finite(eye, "the place of the camera")
+    check_finite(eye, "the place of the camera")
     return eye
 
 
@@ -242,7 +242,7 @@ def _carried(before: FittedHand, joints: Float64[np.ndarray, "25 3"]) -> Float64
     return moved if np.linalg.norm(moved - joints, axis=1).max() < JUMP else None
 
 
-def _refuse_poor(seen: Seen, fitted: FittedHand, cloud: Float64[np.ndarray, "near 3"]) -> None:
+def _check_poor(seen: Seen, fitted: FittedHand, cloud: Float64[np.ndarray, "near 3"]) -> None:
     some = cloud[:: max(len(cloud) // ASKED, 1)]
     used = float((np.abs(gaps_to(some, fitted.hand.shape.hulls, seen.camera).distance) < CLOSE).mean())
     elsewhere = "" if seen.camera is None else ", or does the camera stand elsewhere"
@@ -262,12 +262,12 @@ def _refuse_poor(seen: Seen, fitted: FittedHand, cloud: Float64[np.ndarray, "nea
         )
 
 
-def _refuse_camera_inside(camera: Float64[np.ndarray, "3"], cloud: Float64[np.ndarray, "near 3"]) -> None:
+def _check_camera_inside(camera: Float64[np.ndarray, "3"], cloud: Float64[np.ndarray, "near 3"]) -> None:
     sight = np.median(cloud, axis=0) - camera
     ahead = (cloud - camera) @ sight / max(float(np.linalg.norm(sight)), BEFORE)
     if ahead.min() < BEFORE:
         raise InvalidInput(
-            f"the camera stands at {place(camera)}, and {(ahead < BEFORE).sum()} of {len(cloud)} points lie beside it, "
+            f"the camera stands at {in_mm(camera)}, and {(ahead < BEFORE).sum()} of {len(cloud)} points lie beside it, "
             f"behind it or less than {1e3 * BEFORE:g} mm before it: give the place they were seen from, in metres.",
             camera,
         )

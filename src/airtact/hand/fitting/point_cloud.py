@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float64, Real
 from airtact.conventions import InvalidInput
 from airtact.hand.joints import BONES, CHAINS, unit
 from airtact.hand.sphere_mesh import Hulls
-from airtact.validation import place, points_of
+from airtact.validation import in_mm, points_of
 
 FEWEST = 200
 """Points that a hand is not told from fewer of."""
@@ -73,7 +73,7 @@ def checked_cloud(
     if other.mean() > ELSEWHERE:
         raise InvalidInput(
             f"{other.sum()} of {len(cloud)} points lie more than {1e3 * AROUND:g} mm from the landmarks, half of them "
-            f"around {place(np.median(cloud[other], axis=0))}: a second hand or a background? Cut them away.",
+            f"around {in_mm(np.median(cloud[other], axis=0))}: a second hand or a background? Cut them away.",
             np.median(cloud[other], axis=0),
         )
     return cloud[near]

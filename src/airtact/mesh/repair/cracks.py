@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from airtact.mesh.topology import edge_keys
-from airtact.validation import counted, place
+from airtact.validation import counted, in_mm
 
 CRACK = 5e-6
 """Border vertices nearer than this to each other, or to a border edge, are the two sides of a crack [m] ..."""
@@ -48,7 +48,7 @@ def without_cracks(
             "vertex lay on an edge of a neighbour, which was",
             "vertices lay on edges of neighbours, which were",
         )
-        notes.append(f"{lies} split there to close the crack, the first near {place(vertices[split[0]])}.")
+        notes.append(f"{lies} split there to close the crack, the first near {in_mm(vertices[split[0]])}.")
     return triangles
 
 
@@ -82,7 +82,7 @@ def _joined(
         return triangles
     gap = float(np.linalg.norm(vertices[joined] - vertices[first[joined]], axis=1).max())
     across = counted(len(joined), "vertex was joined with another across a crack", "vertices were joined across cracks")
-    notes.append(f"{across} of up to {gap * 1e6:.2g} micrometres, the first near {place(vertices[joined[0]])}.")
+    notes.append(f"{across} of up to {gap * 1e6:.2g} micrometres, the first near {in_mm(vertices[joined[0]])}.")
     return first[triangles]
 
 

@@ -15,7 +15,7 @@ from scipy.spatial.distance import pdist
 from airtact.conventions import InvalidInput
 from airtact.mesh.repair.hole_filling import patch
 from airtact.mesh.topology import cone_volumes, edge_keys, edge_twins, pieces
-from airtact.validation import counted, place
+from airtact.validation import counted, in_mm
 
 LARGEST_SHARE = 5e-3
 """Share of a body's volume that may be missing with its holes."""
@@ -69,7 +69,7 @@ def without_holes(
     holes = find_holes(vertices, triangles)
     if not holes:
         return triangles
-    _refuse_wide(holes, largest)
+    _check_wide(holes, largest)
     normals = _normals(vertices[triangles])
     missing = np.array([_missing(vertices, normals, hole) for hole in holes])
     _refuse(
@@ -86,24 +86,24 @@ def without_holes(
     whole = np.concatenate([triangles, *(filling for filling in fillings if filling is not None)])
     twins = edge_twins(whole)
     _refuse([hole for hole in holes if _still_open(hole, whole, twins)], no_way, no_way)
-    _refuse_doubtful(vertices, whole, twins, holes, missing)
+    _check_doubtful(vertices, whole, twins, holes, missing)
     widest = max(hole.width for hole in holes)
     filled = counted(len(holes), "hole", "holes")
     notes.append(
         f"{filled} of up to {widest * 1e3:.2g} mm {'was' if len(holes) == 1 else 'were'} filled, the first near "
-        f"{place(holes[0].middle)}."
+        f"{in_mm(holes[0].middle)}."
     )
     return whole
 
 
-def _refuse_wide(holes: list[Hole], largest: float) -> None:
+def _check_wide(holes: list[Hole], largest: float) -> None:
     wide = [hole for hole in holes if hole.width > largest]
     if wide:
         widest = max(wide, key=lambda hole: hole.width)
         are = counted(len(wide), "hole is", "holes are")
         raise InvalidInput(
             f"the surface is open: {are} wider than {largest * 1e3:g} mm, the largest {widest.width * 1e3:.3g} mm "
-            f"across near {place(widest.middle)}; close it in the file, or let wider ones be filled with largest_hole.",
+            f"across near {in_mm(widest.middle)}; close it in the file, or let wider ones be filled with largest_hole.",
             widest.middle,
         )
     long = [hole for hole in holes if len(hole.rim) > MOST_EDGES]
@@ -123,12 +123,12 @@ def _refuse(holes: list[Hole], one: str, many: str) -> None:
         widest = max(holes, key=lambda hole: hole.width)
         raise InvalidInput(
             f"the surface is open: {counted(len(holes), 'hole ' + one, 'holes ' + many)}, the largest "
-            f"{widest.width * 1e3:.3g} mm across near {place(widest.middle)}; close it in the file.",
+            f"{widest.width * 1e3:.3g} mm across near {in_mm(widest.middle)}; close it in the file.",
             widest.middle,
         )
 
 
-def _refuse_doubtful(
+def _check_doubtful(
     vertices: Float64[np.ndarray, "vertices 3"],
     whole: Int64[np.ndarray, "triangles 3"],
     twins: Int64[np.ndarray, "triangles 3"],
@@ -140,7 +140,7 @@ def _refuse_doubtful(
     volumes = np.bincount(piece, weights=cone_volumes(vertices[whole]))
     where = piece[[hole.skin[0] for hole in holes]]
     turned = np.sign(volumes[where])  # a body that is still inside out looks the other way
-    _refuse_facing(holes, turned[:, None] * [_ahead(vertices, hole) for hole in holes])
+    _check_facing(holes, turned[:, None] * [_ahead(vertices, hole) for hole in holes])
     share = np.bincount(where, weights=missing, minlength=len(volumes)) / np.maximum(np.abs(volumes), 1e-30)
     worst = float(share.max())
     if worst > LARGEST_SHARE:
@@ -149,7 +149,7 @@ def _refuse_doubtful(
         _refuse(here, taken, taken)
 
 
-def _refuse_facing(holes: list[Hole], ahead: Float64[np.ndarray, "holes 3"]) -> None:
+def _check_facing(holes: list[Hole], ahead: Float64[np.ndarray, "holes 3"]) -> None:
     """Refuse holes between which a bridge is missing: filled, they would part what belongs together."""
     middles = np.array([hole.middle for hole in holes])
     widths = np.array([hole.width for hole in holes])
@@ -164,7 +164,7 @@ def _refuse_facing(holes: list[Hole], ahead: Float64[np.ndarray, "holes 3"]) -> 
         between = middles[pairs[first]].mean(axis=0)
         raise InvalidInput(
             f"the surface is open: {counted(int(faces.sum()), 'pair of holes faces', 'pairs of holes face')} each "
-            f"other, the first {gap[first] * 1e3:.2g} mm apart near {place(between)}, so "
+            f"other, the first {gap[first] * 1e3:.2g} mm apart near {in_mm(between)}, so "
             "the bridge between them may be missing; close them in the file.",
             between,
         )

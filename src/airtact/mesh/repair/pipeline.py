@@ -20,9 +20,9 @@ from airtact.mesh.repair.cracks import without_cracks
 from airtact.mesh.repair.holes import without_holes
 from airtact.mesh.repair.slivers import without_slivers
 from airtact.mesh.repair.winding import refuse_bow_ties, turned_outward, wound_alike
-from airtact.mesh.topology import edge_twins, refuse_bad_indices, refuse_wrong_size
+from airtact.mesh.topology import check_indices, check_size, edge_twins
 from airtact.printing import in_short
-from airtact.validation import counted, number, place, real_numbers
+from airtact.validation import counted, in_mm, number, real_numbers
 
 SAME_PLACE = 1e-6
 """Vertices nearer than this share of the whole extent are one vertex ..."""
@@ -83,12 +83,12 @@ def mended(
     """
     largest_hole = _width(largest_hole)
     vertices, triangles = real_numbers(vertices, "surface vertices"), triangles.astype(np.int64)
-    refuse_bad_indices(len(vertices), triangles)
+    check_indices(len(vertices), triangles)
     if len(triangles) == 0:
         raise InvalidInput("the surface holds 0 triangles; give a closed one.")
     notes: list[str] = []
     vertices, triangles = _with_named_vertices(vertices, triangles, notes)
-    refuse_wrong_size(float(np.ptp(vertices, axis=0).max()))
+    check_size(float(np.ptp(vertices, axis=0).max()))
     vertices, triangles = _with_merged_vertices(vertices, triangles, notes)
     triangles = _with_three_corners(vertices, triangles, notes)
     triangles = _without_repeats(vertices, triangles, notes)
@@ -153,7 +153,7 @@ def _with_named_vertices(
         neighbours = vertices[triangles[(triangles == wrong[0]).any(axis=1)]].reshape(-1, 3)
         known = neighbours[np.isfinite(neighbours).all(axis=1)]
         beside = known.mean(axis=0) if len(known) else None
-        near = "" if beside is None else f" beside {place(beside)}"
+        near = "" if beside is None else f" beside {in_mm(beside)}"
         raise InvalidInput(
             f"{count} NaN or infinite, the first is vertex {int(wrong[0])}{near}; give it a place or remove its "
             "triangles.",
@@ -185,7 +185,7 @@ def _with_merged_vertices(
     merged = counted(int((~own).sum()), "vertex was", "vertices were")
     notes.append(
         f"{merged} merged with another within {near * 1e6:.2g} micrometres, the first near "
-        f"{place(vertices[(~own).argmax()])}."
+        f"{in_mm(vertices[(~own).argmax()])}."
     )
     return _kept(vertices, first[triangles], own)
 
@@ -218,7 +218,7 @@ def _with_three_corners(
         "triangle with two corners in one vertex was",
         "triangles with two corners in one vertex were",
     )
-    notes.append(f"{count} removed, the first near {place(vertices[triangles[collapsed.argmax()]].mean(axis=0))}.")
+    notes.append(f"{count} removed, the first near {in_mm(vertices[triangles[collapsed.argmax()]].mean(axis=0))}.")
     return _some_left(triangles[~collapsed])
 
 
@@ -239,5 +239,5 @@ def _without_repeats(
     if not again.any():
         return triangles
     count = counted(int(again.sum()), "triangle that repeats another was", "triangles that repeat others were")
-    notes.append(f"{count} dropped, the first near {place(vertices[triangles[again.argmax()]].mean(axis=0))}.")
+    notes.append(f"{count} dropped, the first near {in_mm(vertices[triangles[again.argmax()]].mean(axis=0))}.")
     return triangles[~again]

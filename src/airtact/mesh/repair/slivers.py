@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from airtact.mesh.intersections import self_crossings
-from airtact.validation import counted, place
+from airtact.validation import counted, in_mm
 
 FLATTEST = 1e-3
 """A triangle is a sliver when its height is below this share of its longest edge ..."""
@@ -57,7 +57,7 @@ def without_slivers(
     ):
         if found:
             middle = vertices[triangles[found[0]]].mean(axis=0)
-            notes.append(f"{counted(len(found), one, many)}, the first near {place(middle)}.")
+            notes.append(f"{counted(len(found), one, many)}, the first near {in_mm(middle)}.")
     return fabric.triangles[fabric.alive]
 
 

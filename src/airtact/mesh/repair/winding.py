@@ -7,7 +7,7 @@ from scipy.sparse.csgraph import connected_components
 
 from airtact.conventions import InvalidInput
 from airtact.mesh.topology import cone_volumes, edge_keys, pieces
-from airtact.validation import counted, place
+from airtact.validation import counted, in_mm
 
 
 def wound_alike(
@@ -41,7 +41,7 @@ def wound_alike(
         where = vertices[triangles[one_sided[0]]].mean(axis=0)
         raise InvalidInput(
             f"{counted(len(one_sided), 'triangle belongs', 'triangles belong')} to a one-sided piece, as a Moebius "
-            f"strip is, the first near {place(where)}: nobody can tell what "
+            f"strip is, the first near {in_mm(where)}: nobody can tell what "
             "is outside of it; remove it.",
             where,
         )
@@ -54,7 +54,7 @@ def wound_alike(
         "triangle ran against its neighbours and was",
         "triangles ran against their neighbours and were",
     )
-    notes.append(f"{ran} turned, the first near {place(vertices[triangles[flip.argmax()]].mean(axis=0))}.")
+    notes.append(f"{ran} turned, the first near {in_mm(vertices[triangles[flip.argmax()]].mean(axis=0))}.")
     return np.where(flip[:, None], triangles[:, ::-1], triangles)
 
 
@@ -74,7 +74,7 @@ def _neighbours(
         edges = counted(len(crowded), "edge has", "edges have")
         raise InvalidInput(
             f"{edges} more than two triangles, the first {int(sizes[(order[starts] == first).argmax()])} of them near "
-            f"{place(ends.mean(axis=0))}: bodies meet there or a fin stands out; part them or remove it.",
+            f"{in_mm(ends.mean(axis=0))}: bodies meet there or a fin stands out; part them or remove it.",
             ends.mean(axis=0),
         )
     twice = starts[sizes == 2]
@@ -107,7 +107,7 @@ def turned_outward(
     were = counted(len(inward), "closed piece was", "closed pieces were")
     notes.append(
         f"{were} inside out and turned round, the first of {int((piece == inward[0]).sum())} triangles near "
-        f"{place(vertices[triangles[flip.argmax()]].mean(axis=0))}."
+        f"{in_mm(vertices[triangles[flip.argmax()]].mean(axis=0))}."
     )
     return np.where(flip[:, None], triangles[:, ::-1], triangles)
 
@@ -142,7 +142,7 @@ def refuse_bow_ties(
     if len(tied):
         hang = counted(len(tied), "vertex joins", "vertices join")
         raise InvalidInput(
-            f"{hang} parts of the surface that touch nowhere else, the first near {place(vertices[tied[0]])}: a body "
+            f"{hang} parts of the surface that touch nowhere else, the first near {in_mm(vertices[tied[0]])}: a body "
             "cannot hang by a point; move the parts apart or join them.",
             vertices[tied[0]],
         )

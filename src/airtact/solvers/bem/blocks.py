@@ -39,12 +39,12 @@ class Pairs:
         return np.repeat(np.arange(len(self.first) - 1), np.diff(self.first))
 
 
-def tiles_of(unknowns: int) -> int:
+def blocks_of(unknowns: int) -> int:
     """How many tiles so many unknowns have."""
     return -(-unknowns // _kernels.lanes)
 
 
-def in_tiles(centres: Float64[np.ndarray, "panels 3"]) -> Int64[np.ndarray, "panels"]:
+def in_blocks(centres: Float64[np.ndarray, "panels 3"]) -> Int64[np.ndarray, "panels"]:
     """Order of panels with centres (T, 3) in which each tile's panels lie together.
 
     The panels are parted across the direction in which they reach farthest, and each part again. Bodies that move

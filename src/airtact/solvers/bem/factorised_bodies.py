@@ -15,9 +15,9 @@ from airtact.printing import in_short
 from airtact.scene.scene import Obstacle, Scene, check_sources
 from airtact.scene.sources import Monopoles
 from airtact.solvers.bem.layer_potentials import project_contacts
-from airtact.solvers.bem.placed_body import Coupling, PartsField, PlacedPart
+from airtact.solvers.bem.placed_body import Coupling, PartsField, PlacedBody
 from airtact.solvers.bem.quadrature import OFF_SKIN
-from airtact.solvers.bem.reduced_body import ScatteringPart
+from airtact.solvers.bem.reduced_body import ReducedBody
 from airtact.solvers.gmres import GmresResult, gmres
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.surfaces.panels import LARGEST_TO_POINT, LONGEST_TO_EQUILATERAL
@@ -42,7 +42,7 @@ class FactorisedBodies(Solver):
     """
 
     scene: Scene
-    parts: tuple[ScatteringPart, ...]
+    parts: tuple[ReducedBody, ...]
     whole: Solver
     report: SolveReport
     smallest: float
@@ -87,11 +87,11 @@ class FactorisedBodies(Solver):
         )
         return PartsField(scene, sources, placed, result.solution.T.astype(np.complex128), factors, report)
 
-    def _coarse(self, placed: Sequence[PlacedPart], sources: Monopoles) -> Iterator[str]:
+    def _coarse(self, placed: Sequence[PlacedBody], sources: Monopoles) -> Iterator[str]:
         """Warn of sources so near a skin that its panels should be finer than they are."""
         for body, one in enumerate(placed):
             distance, node = one.part.tree.query(one.local.apply(sources.positions))
-            panels = one.part.surface.nodes.six_nodes[np.asarray(node) // 6]
+            panels = one.part.surface.nodes.quadratic_triangles[np.asarray(node) // 6]
             for source, edge in enumerate(longest_edges(panels)):
                 if edge > 1.001 * max(LONGEST_TO_EQUILATERAL * self.smallest, LARGEST_TO_POINT * distance[source]):
                     yield (
@@ -119,17 +119,17 @@ class FactorisedBodies(Solver):
     @cached_property
     def _at_rest(self) -> Coupling | None:
         """The bodies as they were factorised."""
-        return _coupled([PlacedPart(part, Pose.identity()) for part in self.parts])
+        return _coupled([PlacedBody(part, Pose.identity()) for part in self.parts])
 
     def _coupling(self, scene: Scene) -> Coupling | None:
         """Put the bodies where the scene has them; None where they are too near each other."""
-        self._refuse_others(scene)
+        self._check_others(scene)
         pairs = list(zip(self.scene.obstacles, scene.obstacles, self.parts, strict=True))
         if all(before.surface is after.surface and before.boundary == after.boundary for before, after, _ in pairs):
             return self._at_rest
         return _coupled([self._where(index, *pair) for index, pair in enumerate(pairs)])
 
-    def _refuse_others(self, scene: Scene) -> None:
+    def _check_others(self, scene: Scene) -> None:
         if scene.medium != self.scene.medium or scene.frequency != self.scene.frequency:
             raise InvalidInput(
                 f"the bodies were factorised for {self.scene.frequency:g} Hz in {self.scene.medium}, but the scene has "
@@ -141,7 +141,7 @@ class FactorisedBodies(Solver):
                 f"{len(scene.obstacles)}; factorise those."
             )
 
-    def _where(self, index: int, before: Obstacle, after: Obstacle, part: ScatteringPart) -> PlacedPart:
+    def _where(self, index: int, before: Obstacle, after: Obstacle, part: ReducedBody) -> PlacedBody:
         pose, off = rigid_motion(before.surface, after.surface)
         if off > MOVED * self.scene.wavelength or after.boundary != before.boundary:
             why = (
@@ -154,10 +154,10 @@ class FactorisedBodies(Solver):
                 f"body {index} is not the one that was factorised, moved rigidly: {why}; factorise the scene again, or "
                 "solve it with BoundaryElement."
             )
-        return PlacedPart(part, pose)
+        return PlacedBody(part, pose)
 
 
-def _coupled(placed: Sequence[PlacedPart]) -> Coupling | None:
+def _coupled(placed: Sequence[PlacedBody]) -> Coupling | None:
     """How bodies hear each other; None where two of them stand too near for what is kept."""
     if any(first.meets(second) for index, first in enumerate(placed) for second in placed[:index]):
         return None
@@ -165,7 +165,7 @@ def _coupled(placed: Sequence[PlacedPart]) -> Coupling | None:
 
 
 def _on_skins(
-    scene: Scene, placed: Sequence[PlacedPart], sources: Monopoles
+    scene: Scene, placed: Sequence[PlacedBody], sources: Monopoles
 ) -> tuple[Monopoles, Float64[np.ndarray, "sources"]]:
     """Put sources that touch a skin exactly on its panel, and count them twice: they speak with their image."""
     positions, factors = np.array(sources.positions), np.ones(len(sources.positions))

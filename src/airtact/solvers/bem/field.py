@@ -136,7 +136,7 @@ class BoundaryField(RadiatedField):
         between, away = outside & near, outside & ~near
         between[target] = away[target] = False
         if len(target):
-            feet, normals = points_at(nodes.six_nodes[close.panel], close.foot)
+            feet, normals = points_at(nodes.quadratic_triangles[close.panel], close.foot)
             normals /= np.linalg.norm(normals, axis=1, keepdims=True)
             height = np.where(close.distance < nodes.contact[close.panel], 0.0, close.distance / least)
             slopes[target] = skin_slopes(nodes, close.panel, close.foot, self.direct_at)
@@ -245,12 +245,12 @@ class BoundaryField(RadiatedField):
             return nodes, self._skin_pressure
         close = np.zeros(len(nodes.centres), dtype=bool)
         close[find_near(nodes, points, self.surface.near_rule.reach)[1]] = True
-        pieces, parents = cut(nodes.six_nodes[close], np.full(int(close.sum()), 2))
+        pieces, parents = cut(nodes.quadratic_triangles[close], np.full(int(close.sum()), 2))
         contact = nodes.contact[close][parents]
         fine = place_nodes(pieces, np.zeros(len(pieces), dtype=np.int64), contact)
         touching = np.ones(len(fine.points), dtype=bool)
         fine_pressure = self._heard_from_skin((nodes, self._skin_pressure), fine.points, touching, nodal=True)
-        mixed = np.concatenate([nodes.six_nodes[~close], pieces])
+        mixed = np.concatenate([nodes.quadratic_triangles[~close], pieces])
         contact = np.concatenate([nodes.contact[~close], contact])
         coarse = self._skin_pressure[np.repeat(~close, 6)]
         placed = place_nodes(mixed, np.zeros(len(mixed), dtype=np.int64), contact)

@@ -76,7 +76,7 @@ def near_rows(
         np.ascontiguousarray(points, dtype=np.float64),
         first,
         panel,
-        nodes.six_nodes,
+        nodes.quadratic_triangles,
         nodes.contact,
         nodes.points,
         nodes.weighted_normals,
@@ -229,7 +229,7 @@ def project_contacts(
     found = find_contacts(nodes, points)
     contact = np.zeros(len(points), dtype=bool)
     contact[found.target] = True
-    points[found.target] = np.einsum("en,end->ed", shape_functions(found.foot), nodes.six_nodes[found.panel])
+    points[found.target] = np.einsum("en,end->ed", shape_functions(found.foot), nodes.quadratic_triangles[found.panel])
     return points, contact
 
 

@@ -22,7 +22,7 @@ from jaxtyping import Bool, Complex, Complex128, Float64, Int64, Real, Shaped, U
 from airtact import _kernels
 from airtact.conventions import InvalidInput
 from airtact.printing import in_short
-from airtact.solvers.bem.blocks import Pairs, near_tiles, tiles_of
+from airtact.solvers.bem.blocks import Pairs, blocks_of, near_tiles
 from airtact.solvers.bem.layer_potentials import NearRule, double_layer_heard, near_rows, project_contacts
 from airtact.solvers.bem.quadrature import Nodes, near_lists, thickness
 from airtact.solvers.memory import available_memory as _available_memory
@@ -200,7 +200,7 @@ def assemble(surface: DualSurface, store: Store, error: float | None = None) -> 
     """
     nodes, rule, precision = surface.nodes, surface.near_rule, surface.precision
     near = [near_rows(nodes, points, surface.wavenumber, rule, precision) for points in (nodes.points, surface.shifted)]
-    tiles = tiles_of(len(nodes.points))
+    tiles = blocks_of(len(nodes.points))
     whole = np.ones((tiles, tiles), dtype=bool)
     if error is not None:
         beside = near_lists(nodes, nodes.centres, 2 * nodes.radii + APART * 2 * np.pi / surface.wavenumber.real)
@@ -220,7 +220,7 @@ def _crossed(surface: DualSurface, store: Store, whole: Bool[np.ndarray, "tiles 
     needed = 2 * EXPECTED * (whole.size - kept)
     while True:
         room = needed
-        refuse_too_large(count, store, kept, room // 2)
+        check_memory(count, store, kept, room // 2)
         matrix = DualMatrix.empty(count, store, whole, room)
         if not room:
             return matrix
@@ -261,7 +261,7 @@ def heard(
     return double_layer_heard(positions, surface.nodes, weights, surface.wavenumber, rule, precision, contact), factors
 
 
-def refuse_too_large(count: int, store: Store, tiles: int, rows: int) -> None:
+def check_memory(count: int, store: Store, tiles: int, rows: int) -> None:
     """Raise where the matrix of ``count`` unknowns, in whole tiles and rows of crosses, does not fit into memory."""
     word, numbers = KEPT_AS[store]
     size = (tiles * _kernels.lanes + rows) * _kernels.lanes * 2 * np.dtype(word).itemsize // numbers

@@ -15,14 +15,14 @@ from airtact.printing import in_short
 from airtact.scene.scene import Scene
 from airtact.scene.sources import Monopoles, check_off_sources
 from airtact.solvers.bem.layer_potentials import double_layer_heard
-from airtact.solvers.bem.reduced_body import ScatteringPart
+from airtact.solvers.bem.reduced_body import ReducedBody
 from airtact.solvers.monopoles import monopole_pressure
 from airtact.solvers.problem import RadiatedField, Skin, SolveReport
 from airtact.validation import points_of
 
 
 @dataclass(frozen=True, eq=False)
-class PlacedPart:
+class PlacedBody:
     """A part somewhere.
 
     Attributes
@@ -31,7 +31,7 @@ class PlacedPart:
     pose : from there to the scene.
     """
 
-    part: ScatteringPart
+    part: ReducedBody
     pose: Pose
 
     __repr__ = in_short
@@ -66,7 +66,7 @@ class PlacedPart:
         tree, local = self.part.tree, self.local.apply(points)
         return ((local > tree.mins - beyond) & (local < tree.maxes + beyond)).all(axis=1)
 
-    def meets(self, other: "PlacedPart") -> bool:
+    def meets(self, other: "PlacedBody") -> bool:
         """Whether another body stands too near."""
         return bool(self.reaches(other.pose.apply(other.part.surface.nodes.points)).any())
 
@@ -82,7 +82,7 @@ class PlacedPart:
         heard = double_layer_heard(local, surface.nodes, spoken, surface.wavenumber, rule, surface.precision, contact)
         return part.solved @ heard.astype(part.solved.dtype)
 
-    def hears(self, other: "PlacedPart") -> Complex[np.ndarray, "hearing speaking"]:
+    def hears(self, other: "PlacedBody") -> Complex[np.ndarray, "hearing speaking"]:
         """−D(x) + i D(x') at the hearing skeleton, D the double layer of the other's speaking skeleton."""
         count, surface = len(self.part.hears), self.part.surface
         places, normals = other.part.speaking
@@ -107,13 +107,13 @@ class Coupling:
     heard : for each two of them what the first hears of the second's skin, (R, Q).
     """
 
-    placed: tuple[PlacedPart, ...]
+    placed: tuple[PlacedBody, ...]
     heard: dict[tuple[int, int], Complex[np.ndarray, "hearing speaking"]]
 
     __repr__ = in_short
 
     @classmethod
-    def of(cls, placed: Sequence[PlacedPart]) -> "Coupling":
+    def of(cls, placed: Sequence[PlacedBody]) -> "Coupling":
         """Let each body hear each other one."""
         pairs = permutations(range(len(placed)), 2)
         return cls(tuple(placed), {(one, other): placed[one].hears(placed[other]) for one, other in pairs})
@@ -143,7 +143,7 @@ class PartsField(RadiatedField):
 
     scene: Scene
     sources: Monopoles
-    placed: tuple[PlacedPart, ...]
+    placed: tuple[PlacedBody, ...]
     strengths: Complex128[np.ndarray, "hearing sounds"]
     factors: Float64[np.ndarray, "sources"]
     report: SolveReport

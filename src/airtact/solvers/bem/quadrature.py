@@ -12,7 +12,7 @@ from jaxtyping import Complex128, Float64, Int64, Real
 
 from airtact import _kernels
 from airtact.mesh.panel_tree import panel_tree
-from airtact.mesh.quadratic_triangles import SixNodes, points_at, shape_functions, shape_slopes
+from airtact.mesh.quadratic_triangles import QuadraticTriangles, points_at, shape_functions, shape_gradients
 from airtact.printing import in_short
 
 
@@ -62,7 +62,7 @@ class Nodes:
     normals : (M, 3) outward unit normals.
     weights : (M,) area that each node stands for [m²].
     body : (M,) obstacle of each node.
-    six_nodes : (T, 6, 3) the panels [m].
+    quadratic_triangles : (T, 6, 3) the panels [m].
     contact : (T,) points nearer to the panel than this are taken to lie on it [m].
     centres : (T, 3) the panels' centres [m].
     radii : (T,) distance from the centre to the farthest of the six nodes [m].
@@ -72,7 +72,7 @@ class Nodes:
     normals: Float64[np.ndarray, "nodes 3"]
     weights: Float64[np.ndarray, "nodes"]
     body: Int64[np.ndarray, "nodes"]
-    six_nodes: Float64[np.ndarray, "panels 6 3"]
+    quadratic_triangles: Float64[np.ndarray, "panels 6 3"]
     contact: Float64[np.ndarray, "panels"]
     centres: Float64[np.ndarray, "panels 3"]
     radii: Float64[np.ndarray, "panels"]
@@ -86,29 +86,29 @@ class Nodes:
 
 
 def place_nodes(
-    six_nodes: SixNodes, body: Int64[np.ndarray, "panels"], deviation: Float64[np.ndarray, "panels"]
+    quadratic_triangles: QuadraticTriangles, body: Int64[np.ndarray, "panels"], deviation: Float64[np.ndarray, "panels"]
 ) -> Nodes:
     """Put the six nodes of the degree-4 rule on every panel.
 
     Parameters
     ----------
-    six_nodes : (T, 6, 3) the panels [m].
+    quadratic_triangles : (T, 6, 3) the panels [m].
     body : (T,) the obstacle of each.
     deviation : (T,) how far each lies from the true skin at most [m].
     """
     shape = shape_functions(RULE_POINTS)
-    along_u, along_v = shape_slopes(RULE_POINTS)
-    points = shape @ six_nodes
-    cross = np.cross(along_u @ six_nodes, along_v @ six_nodes)
+    along_u, along_v = shape_gradients(RULE_POINTS)
+    points = shape @ quadratic_triangles
+    cross = np.cross(along_u @ quadratic_triangles, along_v @ quadratic_triangles)
     size = np.linalg.norm(cross, axis=2)
-    centres = shape_functions(np.full((1, 2), 1 / 3))[0] @ six_nodes
-    radii = np.linalg.norm(six_nodes - centres[:, None], axis=2).max(axis=1)
+    centres = shape_functions(np.full((1, 2), 1 / 3))[0] @ quadratic_triangles
+    radii = np.linalg.norm(quadratic_triangles - centres[:, None], axis=2).max(axis=1)
     return Nodes(
         points=points.reshape(-1, 3),
         normals=(cross / size[:, :, None]).reshape(-1, 3),
         weights=(size * RULE_WEIGHTS).ravel(),
         body=np.repeat(body, 6),
-        six_nodes=np.ascontiguousarray(six_nodes),
+        quadratic_triangles=np.ascontiguousarray(quadratic_triangles),
         contact=np.maximum(CONTACT * radii, 1.5 * deviation),
         centres=np.ascontiguousarray(centres),
         radii=radii,
@@ -208,7 +208,7 @@ def integrate_near(
         np.ascontiguousarray(points, dtype=np.float64),
         target,
         panel,
-        nodes.six_nodes,
+        nodes.quadratic_triangles,
         nodes.contact,
         complex(wavenumber),
         *rules,
@@ -240,11 +240,11 @@ def thickness(
         node, panel = node[thin], panel[thin]
     np.minimum.at(diameter, node, _meeting_diameters(nodes, node, panel))
     some = np.unique(node)
-    tree = panel_tree(nodes.six_nodes)
+    tree = panel_tree(nodes.quadratic_triangles)
     for _ in range(SHRINKINGS):
         centres = nodes.points[some] - 0.5 * diameter[some, None] * nodes.normals[some]
         panel, foot, distance = tree.closest(centres)
-        touched, facing = points_at(nodes.six_nodes[panel], foot)
+        touched, facing = points_at(nodes.quadratic_triangles[panel], foot)
         gap = nodes.points[some] - touched
         depth = np.einsum("nd,nd->n", gap, nodes.normals[some])
         opposite = np.einsum("nd,nd->n", facing, nodes.normals[some]) <= 0  # or a crease would count as thin

@@ -50,7 +50,7 @@ LEFT_OVER = 0.7
 
 
 @dataclass(frozen=True, eq=False)
-class ScatteringPart:
+class ReducedBody:
     """One body in its own frame, as its skeletons hear and speak.
 
     Attributes
@@ -89,7 +89,7 @@ class ScatteringPart:
         return nodes.points[self.speaks], nodes.weighted_normals[self.speaks]
 
 
-def scattering_part(surface: DualSurface, reach: float, wanted: float) -> ScatteringPart:
+def reduced_body(surface: DualSurface, reach: float, wanted: float) -> ReducedBody:
     """Invert a body's own matrix and find its skeletons, larger ones until they are right.
 
     Parameters
@@ -121,7 +121,7 @@ def _kept(
     factors: tuple[Complex[np.ndarray, "nodes nodes"], Int32[np.ndarray, "nodes"]],
     tolerance: float,
     checks: "_Checks",
-) -> ScatteringPart:
+) -> ReducedBody:
     """Find skeletons to a tolerance, and what that leaves of the scattering."""
     kind = factors[0].dtype.type
     area = float(surface.nodes.weights.sum()) * (surface.wavenumber.real / (2 * np.pi)) ** 2
@@ -131,7 +131,7 @@ def _kept(
     solved = np.ascontiguousarray(scipy.linalg.lu_solve(factors, hearing.T.astype(kind), check_finite=False).T)
     scatters = solved @ speaking.T.astype(kind)
     error = checks.error(hears, speaks, solved, scatters)
-    return ScatteringPart(surface, reach, hears, speaks, solved, scatters, error, tree)
+    return ReducedBody(surface, reach, hears, speaks, solved, scatters, error, tree)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Complex128, Float64, Int64, Real
 
 from airtact.conventions import InvalidInput
-from airtact.mesh.quadratic_triangles import SixNodes
+from airtact.mesh.quadratic_triangles import QuadraticTriangles
 from airtact.scene.scene import Scene, check_near, check_outside, check_sources
 from airtact.scene.sources import Monopoles
-from airtact.solvers.bem.blocks import in_tiles, tiles_of
+from airtact.solvers.bem.blocks import blocks_of, in_blocks
 from airtact.solvers.bem.factorised_bodies import FactorisedBodies
 from airtact.solvers.bem.field import BoundaryField
 from airtact.solvers.bem.layer_potentials import NearRule
@@ -20,14 +20,14 @@ from airtact.solvers.bem.operator import (
     DualMatrix,
     Store,
     assemble,
+    check_memory,
     dual_surface,
     give_back,
     heard,
     incident,
-    refuse_too_large,
 )
 from airtact.solvers.bem.quadrature import place_nodes
-from airtact.solvers.bem.reduced_body import ScatteringPart, scattering_part
+from airtact.solvers.bem.reduced_body import ReducedBody, reduced_body
 from airtact.solvers.gmres import GmresResult, gmres
 from airtact.solvers.probes import surrounding_points
 from airtact.solvers.problem import Solver, SolveReport
@@ -116,7 +116,7 @@ class BoundaryElement(Solver):
 
     def unknowns(self, scene: Scene, sources: Monopoles) -> int:
         """Count the nodes that a solve would have."""
-        return 6 * len(self._panels(scene, sources.heard_finely).six_nodes)
+        return 6 * len(self._panels(scene, sources.refined_positions).quadratic_triangles)
 
     def radiate(self, scene: Scene, sources: Monopoles) -> BoundaryField:
         """Solve the scene for the monopoles.
@@ -133,9 +133,9 @@ class BoundaryElement(Solver):
         NotConverged
             GMRES did not reach its tolerance.
         """
-        _refuse_unfit(scene, sources)
+        _check_unfit(scene, sources)
         clock = _Clock()
-        panels = self._panels(scene, sources.heard_finely)
+        panels = self._panels(scene, sources.refined_positions)
         nodes = place_nodes(*_in_tiles(panels))
         clock.lap("panels")
         thinnest = np.array([obstacle.surface.shape.thinnest for obstacle in scene.obstacles])
@@ -192,7 +192,7 @@ class BoundaryElement(Solver):
             No bodies, a boundary other than sound-hard, or too little memory.
         """
         fine = np.empty((0, 3)) if beside is None else points_of(beside, "points beside the skin", least=0)
-        _refuse_bodies(scene)
+        _check_bodies(scene)
         if len(fine):
             check_outside(scene, fine, "beside")
             check_near(scene, fine, "beside")
@@ -223,16 +223,16 @@ class BoundaryElement(Solver):
         )
         return FactorisedBodies(scene, parts, self, report, self._smallest(scene))
 
-    def _part(self, panels: Panels, body: int, scene: Scene) -> ScatteringPart:
+    def _part(self, panels: Panels, body: int, scene: Scene) -> ReducedBody:
         """Factorise one body."""
         own = np.flatnonzero(panels.body == body)
-        nodes = place_nodes(panels.six_nodes[own], np.zeros(len(own), dtype=np.int64), panels.deviation[own])
-        whole = tiles_of(len(nodes.points)) ** 2
+        nodes = place_nodes(panels.quadratic_triangles[own], np.zeros(len(own), dtype=np.int64), panels.deviation[own])
+        whole = blocks_of(len(nodes.points)) ** 2
         copies = 4  # itself, its factors, what they are solved for
-        refuse_too_large(len(nodes.points), self.precision, copies * whole, rows=0)
+        check_memory(len(nodes.points), self.precision, copies * whole, rows=0)
         thinnest = np.array([scene.obstacles[body].surface.shape.thinnest])
         surface = dual_surface(nodes, scene.wavenumber, self._near_rule(), self.precision, thinnest)
-        return scattering_part(surface, REACH * scene.wavelength, KEPT * self.accuracy)
+        return reduced_body(surface, REACH * scene.wavelength, KEPT * self.accuracy)
 
     def _solved(
         self, matrix: DualMatrix, right: Complex128[np.ndarray, "nodes sounds"], transposed: bool
@@ -279,10 +279,10 @@ class BoundaryElement(Solver):
 
 def _in_tiles(
     panels: Panels,
-) -> tuple[SixNodes, Int64[np.ndarray, "panels"], Float64[np.ndarray, "panels"]]:
+) -> tuple[QuadraticTriangles, Int64[np.ndarray, "panels"], Float64[np.ndarray, "panels"]]:
     """Sort panels, their bodies and deviations so that those of a tile of the matrix lie together."""
-    order = in_tiles(panels.six_nodes[:, :3].mean(axis=1))
-    return panels.six_nodes[order], panels.body[order], panels.deviation[order]
+    order = in_blocks(panels.quadratic_triangles[:, :3].mean(axis=1))
+    return panels.quadratic_triangles[order], panels.body[order], panels.deviation[order]
 
 
 class _Clock:
@@ -298,12 +298,12 @@ class _Clock:
         self._last = now
 
 
-def _refuse_unfit(scene: Scene, sources: Monopoles) -> None:
+def _check_unfit(scene: Scene, sources: Monopoles) -> None:
     check_sources(scene, sources)
-    _refuse_bodies(scene)
+    _check_bodies(scene)
 
 
-def _refuse_bodies(scene: Scene) -> None:
+def _check_bodies(scene: Scene) -> None:
     if not scene.obstacles:
         raise InvalidInput("the scene has 0 obstacles; use FreeField for open air.")
     for index, obstacle in enumerate(scene.obstacles):
@@ -322,7 +322,7 @@ def _warnings(estimate: float, accuracy: float) -> Iterator[str]:
         )
 
 
-def _lost_by_keeping(parts: tuple[ScatteringPart, ...], wanted: float) -> Iterator[str]:
+def _lost_by_keeping(parts: tuple[ReducedBody, ...], wanted: float) -> Iterator[str]:
     for body, part in enumerate(parts):
         if part.error > 1.5 * wanted:
             yield (

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Complex128, Float64, Int64, Real
 
-from airtact.mesh.quadratic_triangles import shape_functions, shape_slopes
+from airtact.mesh.quadratic_triangles import shape_functions, shape_gradients
 from airtact.solvers.bem.quadrature import Nodes
 
 REACH = 0.3
@@ -50,13 +50,13 @@ def skin_slopes(
     slopes = []
     for first in range(0, len(panel), POINTS_AT_ONCE):
         block = slice(first, first + POINTS_AT_ONCE)
-        six, here = nodes.six_nodes[panel[block]], foot[block]
+        six, here = nodes.quadratic_triangles[panel[block]], foot[block]
         references = (1.0 - REACH) * here[:, None] + REACH * PLACES
         shape = shape_functions(references.reshape(-1, 2)).reshape(len(six), -1, 6)
         heard = pressure(np.einsum("tkn,tnd->tkd", shape, six).reshape(-1, 3)).reshape(len(six), len(PLACES), -1)
         # the point has the same reference coordinates in the shrunken triangle as in the panel
         rises = np.stack([np.einsum("tk,tks->ts", slope, heard) / REACH for slope in _cubic_slopes(here)], axis=1)
-        along = np.stack([np.einsum("tn,tnd->td", slope, six) for slope in shape_slopes(here)], axis=1)
+        along = np.stack([np.einsum("tn,tnd->td", slope, six) for slope in shape_gradients(here)], axis=1)
         metric = np.linalg.inv(along @ along.transpose(0, 2, 1))
         slopes.append(np.einsum("tad,tab,tbs->tds", along, metric, rises))
     return np.concatenate(slopes)

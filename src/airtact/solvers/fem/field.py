@@ -15,7 +15,7 @@ from airtact.solvers.fem.solution import ReadySystem, Solution, joined, nothing
 from airtact.solvers.monopoles import monopole_pressure
 from airtact.solvers.problem import DIFFERENCE, RadiatedField, Skin, SolveReport
 from airtact.solvers.velocity import differences, velocity_of
-from airtact.validation import place, points_of
+from airtact.validation import in_mm, points_of
 
 NEAR = 0.25
 """Distance from the skins, in wavelengths, up to which points and sources are taken to be beside the bodies."""
@@ -177,7 +177,7 @@ def rough_places(scene: Scene, sources: Monopoles) -> tuple[str, ...]:
         return ()
     return (
         f"{len(touching)} of {len(sources.positions)} sources touch impedance or filled bodies, the first at "
-        f"{place(sources.positions[touching[0]])}: within {1e3 * ROUGH * scene.wavelength:.3g} mm of such a "
+        f"{in_mm(sources.positions[touching[0]])}: within {1e3 * ROUGH * scene.wavelength:.3g} mm of such a "
         "source the pressure beside the bodies is 4 to 50 % off (elsewhere it is not); move sources "
         f"{1e3 * TOUCHING * scene.wavelength:.2g} mm off the body to hear it there.",
     )

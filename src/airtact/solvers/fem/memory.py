@@ -27,7 +27,7 @@ def expected_unknowns(box: Box, wavelength: float, order: int, elements_per_wave
     return TETRAHEDRA * volume * elements_per_wavelength**3 * order**3 / 6
 
 
-def refuse_too_large(box: Box, wavelength: float, order: int, elements_per_wavelength: float, method: str) -> float:
+def check_memory(box: Box, wavelength: float, order: int, elements_per_wavelength: float, method: str) -> float:
     """Bytes that a factorisation is expected to take.
 
     Parameters

@@ -17,7 +17,7 @@ from airtact.solvers.fem.quadrature import Spots
 from airtact.solvers.fem.system import System
 from airtact.solvers.monopoles import monopole_pressure
 from airtact.solvers.velocity import open_air_slopes
-from airtact.validation import place
+from airtact.validation import in_mm
 
 SILENT = 1e-10
 """A part whose load is below this share of all is left out."""
@@ -140,7 +140,7 @@ class ReadySystem:
         if (number < 0).any():
             lost = points[int(np.argmax(number < 0))] * self.system.scene.wavelength
             raise InvalidInput(
-                f"{int((number < 0).sum())} of {len(points)} points lie in no tetrahedron, the first at {place(lost)}; "
+                f"{int((number < 0).sum())} of {len(points)} points lie in no tetrahedron, the first at {in_mm(lost)}; "
                 "ask for more elements_per_wavelength, which follow the skin more closely."
             )
         return number, weights
@@ -150,7 +150,7 @@ class ReadySystem:
         folded, choice = self._folded(points)
         panels = self.system.panels
         panel, foot, _ = panels.closest(folded)
-        every = images(self.mirrors, points_at(panels.six_nodes[panel], foot)[0])
+        every = images(self.mirrors, points_at(panels.quadratic_triangles[panel], foot)[0])
         return np.stack([every[number][row] for row, number in enumerate(choice)])
 
     def near(self, solution: Solution, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
@@ -181,7 +181,7 @@ class ReadySystem:
         """Find the unit normals, out of the bodies, of the meshed skins nearest to points (P, 3) [λ]."""
         folded, choice = self._folded(points)
         panel, foot, _ = self.system.panels.closest(folded)
-        normals = points_at(self.system.panels.six_nodes[panel], foot)[1] * self._turned(choice)
+        normals = points_at(self.system.panels.quadratic_triangles[panel], foot)[1] * self._turned(choice)
         return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
     def _turned(self, choice: Int64[np.ndarray, "points"]) -> Float64[np.ndarray, "points 3"]:

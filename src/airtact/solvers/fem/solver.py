@@ -13,7 +13,7 @@ from airtact.printing import in_short
 from airtact.scene.scene import Scene, check_sources
 from airtact.scene.sources import Monopoles
 from airtact.solvers.fem.field import FiniteField, rough_places, solved_from_afar
-from airtact.solvers.fem.memory import refuse_too_large
+from airtact.solvers.fem.memory import check_memory
 from airtact.solvers.fem.meshing.meshing import meshed
 from airtact.solvers.fem.meshing.symmetry import AXES, Mirror, mirrors_of
 from airtact.solvers.fem.meshing.volume import Box
@@ -21,7 +21,7 @@ from airtact.solvers.fem.solution import ReadySystem
 from airtact.solvers.fem.system import assembled
 from airtact.solvers.probes import surrounding_points
 from airtact.solvers.problem import Solver, SolveReport
-from airtact.validation import counted, number, of_kind, place
+from airtact.validation import counted, in_mm, number, of_kind
 
 CITATIONS = (
     "S. Inoue, Y. Makino, H. Shinoda, SICE 2014, equation (8): finite elements with time reversal",
@@ -111,7 +111,7 @@ class FiniteElement(Solver):
         low, high = (np.array(corner, dtype=np.float64) for corner in self.box)
         if not (np.isfinite(low).all() and np.isfinite(high).all() and (high > low).all()):
             raise InvalidInput(
-                f"the workspace goes from {place(low)} to {place(high)}, but its second corner must lie above the "
+                f"the workspace goes from {in_mm(low)} to {in_mm(high)}, but its second corner must lie above the "
                 "first along x, y and z."
             )
         if self.factorisation not in ("found", "multifrontal", "sparsecholesky", "pardiso"):
@@ -174,7 +174,7 @@ class FiniteElement(Solver):
         asked = None if self.symmetry == "found" else tuple(self.symmetry)
         mirrors = mirrors_of(scene, asked)
         box = self._box(scene, mirrors)
-        refuse_too_large(box, scene.wavelength, self.order, self.elements_per_wavelength, self._method())
+        check_memory(box, scene.wavelength, self.order, self.elements_per_wavelength, self._method())
         clock.begin("meshing")
         mesh, skin, tetrahedra = meshed(scene, box, self.elements_per_wavelength)
         clock.begin("assembling")
@@ -215,7 +215,7 @@ class FiniteElement(Solver):
     def _box(self, scene: Scene, mirrors: tuple[Mirror, ...]) -> Box:
         if self.domain == "box":
             low, high = (np.array(corner, dtype=np.float64) for corner in self.box)
-            _refuse_beyond(scene, low, high)
+            _check_beyond(scene, low, high)
         else:
             places = np.concatenate([obstacle.surface.shape.extreme_points() for obstacle in scene.obstacles])
             low, high = places.min(axis=0) - MARGIN * scene.wavelength, places.max(axis=0) + MARGIN * scene.wavelength
@@ -270,7 +270,7 @@ class FactorisedScene(Solver):
             )
         check_sources(scene, sources)
         if self.workspace:
-            _refuse_in_layer(self.ready[0].system.box, sources)
+            _check_in_layer(self.ready[0].system.box, sources)
         self.clock.begin("factorising and solving")
         fields = [
             FiniteField(
@@ -294,7 +294,7 @@ class FactorisedScene(Solver):
         return replace(fields[0], report=replace(report, estimated_error=error))
 
 
-def _refuse_beyond(scene: Scene, low: Float64[np.ndarray, "3"], high: Float64[np.ndarray, "3"]) -> None:
+def _check_beyond(scene: Scene, low: Float64[np.ndarray, "3"], high: Float64[np.ndarray, "3"]) -> None:
     """Refuse bodies that reach beyond the workspace, or nearly so."""
     for body, obstacle in enumerate(scene.obstacles):
         places = obstacle.surface.shape.extreme_points()
@@ -302,14 +302,14 @@ def _refuse_beyond(scene: Scene, low: Float64[np.ndarray, "3"], high: Float64[np
         worst = int(beyond.argmax())
         if beyond[worst] > 0:
             raise InvalidInput(
-                f"body {body} reaches {1e3 * beyond[worst]:.3g} mm too far at {place(places[worst])} for the workspace "
-                f"from {place(low)} to {place(high)}, which must hold all bodies with "
+                f"body {body} reaches {1e3 * beyond[worst]:.3g} mm too far at {in_mm(places[worst])} for the workspace "
+                f"from {in_mm(low)} to {in_mm(high)}, which must hold all bodies with "
                 f"{1e3 * ROOM * scene.wavelength:.2g} mm to spare; take a larger box.",
                 places[worst],
             )
 
 
-def _refuse_in_layer(box: Box, sources: Monopoles) -> None:
+def _check_in_layer(box: Box, sources: Monopoles) -> None:
     """Refuse sources that a meshed workspace does not hold: the layer round it would swallow them."""
     low, high = np.array(box.low), np.array(box.high)
     for mirror in box.mirrors:
@@ -318,7 +318,7 @@ def _refuse_in_layer(box: Box, sources: Monopoles) -> None:
     worst = int(beyond.argmax())
     if beyond[worst] > 0:
         raise InvalidInput(
-            f"source {worst} at {place(sources.positions[worst])} stands {1e3 * beyond[worst]:.3g} mm outside the "
+            f"source {worst} at {in_mm(sources.positions[worst])} stands {1e3 * beyond[worst]:.3g} mm outside the "
             "workspace, in the matched layer that swallows sound; take a larger box, or domain 'tight'.",
             sources.positions[worst],
         )

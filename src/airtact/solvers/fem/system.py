@@ -291,7 +291,7 @@ def assembled(
         _bend(mesh, tetrahedra)
         space = ngsolve.H1(mesh, order=order, complex=True)
         if graded is not None:
-            places = skin.six_nodes.reshape(-1, 3) / scene.wavelength
+            places = skin.quadratic_triangles.reshape(-1, 3) / scene.wavelength
             grade_orders(space, mesh, scene, box, order, graded, None if workspace else places)
         form = ngsolve.BilinearForm(
             _weak_form(scene, box, mesh, space), symmetric=True, symmetric_storage=True, condense=True
@@ -300,7 +300,7 @@ def assembled(
         on_skin = quadrature(mesh, space, "skin", order + 2)
         sparse = quadrature(mesh, space, "skin", max(order - 1, 2))
         inner = quadrature(mesh, space, "body", min(order + 1, LARGEST_RULE))
-    panels = panel_tree(skin.six_nodes / scene.wavelength)
+    panels = panel_tree(skin.quadratic_triangles / scene.wavelength)
     return System(
         scene, box, tetrahedra, panels, order, mesh, space, form, on_skin, inner, sparse, _load_weights(scene)
     )

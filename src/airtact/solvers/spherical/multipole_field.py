@@ -87,7 +87,7 @@ class Shells:
 
 @dataclass(frozen=True, eq=False)
 class OutgoingWaves(RadiatedField):
-    """A solved field whose scattered sound is read off shells; ``outgoing_waves`` makes it.
+    """A solved field whose scattered sound is read off shells; ``multipole_expansion`` makes it.
 
     Attributes
     ----------
@@ -154,7 +154,7 @@ class OutgoingWaves(RadiatedField):
         return np.sqrt(np.einsum("pd,pd->p", offsets, offsets))
 
 
-def outgoing_waves(field: RadiatedField) -> RadiatedField:
+def multipole_expansion(field: RadiatedField) -> RadiatedField:
     """Keep what the bodies of a field scatter as outgoing spherical waves, for a hand that moves as a whole.
 
     Listening then takes the same short time whatever the number of unknowns: a transfer matrix of 996 elements after a
@@ -180,7 +180,7 @@ def outgoing_waves(field: RadiatedField) -> RadiatedField:
     >>> import airtact as at
     >>> scene = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(at.sphere(radius=5e-3, edge=2e-3))], frequency=40e3)
     >>> beacons = at.SphereSeries().radiate(scene, at.Monopoles(np.array([[0, 0, 0.01]]), np.ones(1)))
-    >>> moving, elements = at.outgoing_waves(beacons), np.array([[0.0, 0.05, 0.1]])
+    >>> moving, elements = at.multipole_expansion(beacons), np.array([[0.0, 0.05, 0.1]])
     >>> bool(abs(moving.at(elements) - beacons.at(elements)) < 1e-3 * abs(beacons.at(elements)))
     True
     """

@@ -10,7 +10,7 @@ from airtact.solvers.fem.meshing.skin import SkinMesh, skin_mesh
 from airtact.solvers.fem.meshing.tetrahedra import curved_tetrahedra
 from airtact.solvers.fem.meshing.volume import Box, flat_faces, tetrahedra
 from airtact.solvers.tetrahedra import Tetrahedra
-from airtact.validation import place
+from airtact.validation import in_mm
 
 FINER = (0.8, 0.5, 0.3)
 """Edges on the skins over the edge wanted, tried one after the other until the mesh is whole."""
@@ -59,7 +59,7 @@ def meshed(scene: Scene, box: Box, elements_per_wavelength: float) -> tuple[Netg
         spot = curved.corners[number].mean(axis=0) * length
         fault = InvalidInput(
             f"body {_nearest(scene, spot)} bends too much for tetrahedra of {1e3 * finer * size * length:.3g} mm at "
-            f"{place(spot)}: one is folded; ask for more elements_per_wavelength, or smooth the body there.",
+            f"{in_mm(spot)}: one is folded; ask for more elements_per_wavelength, or smooth the body there.",
             spot,
         )
     assert fault is not None
@@ -94,7 +94,7 @@ def _crossing(skin: SkinMesh, edge: float) -> InvalidInput:
     spot = skin.vertices[skin.triangles[pairs[0]]].mean(axis=(0, 1))
     whom = f"body {one} crosses itself" if one == other else f"bodies {one} and {other} cross"
     return InvalidInput(
-        f"{whom} at {place(spot)} when meshed with triangles of {1e3 * edge:.3g} mm ({len(pairs)} pairs of them): too "
+        f"{whom} at {in_mm(spot)} when meshed with triangles of {1e3 * edge:.3g} mm ({len(pairs)} pairs of them): too "
         "thin or too near for these; ask for more elements_per_wavelength, thicken the body or move it away.",
         spot,
     )

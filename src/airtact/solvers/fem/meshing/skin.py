@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64, Real
 from scipy.spatial import KDTree
 
-from airtact.mesh.quadratic_triangles import SixNodes
+from airtact.mesh.quadratic_triangles import QuadraticTriangles
 from airtact.mesh.remeshing import Ridged, remeshed
 from airtact.mesh.sizing import bend_sizes, strip_sizes
 from airtact.printing import in_short
@@ -57,7 +57,7 @@ class SkinMesh:
     __repr__ = in_short
 
     @property
-    def six_nodes(self) -> SixNodes:
+    def quadratic_triangles(self) -> QuadraticTriangles:
         """(T, 6, 3) the curved triangles as panels [m]."""
         return np.concatenate([self.vertices[self.triangles], self.middles], axis=1)
 
@@ -159,7 +159,7 @@ def _projected(
     if creased.any():
         assert isinstance(shape, CurvedShape)
         rest = shape.pose.inverse().apply(points[creased])
-        found[creased] = shape.pose.apply(shape.mesh.project_on_creases(rest))
+        found[creased] = shape.pose.apply(shape.mesh.project_on_sharp_edges(rest))
     return _put_on(found, held, mirrors)
 
 

@@ -1,4 +1,4 @@
-"""Every figure of a judgement, against closed forms in open air and beside a sphere."""
+"""Every figure of a verification, against closed forms in open air and beside a sphere."""
 
 from dataclasses import replace
 
@@ -7,8 +7,8 @@ import pytest
 
 from airtact.conventions import InvalidInput
 from airtact.evaluation.attainable import attainable
-from airtact.evaluation.judgement import Judgement, judge
 from airtact.evaluation.thresholds import THRESHOLDS, sound_pressure_level, thresholds_of
+from airtact.evaluation.verification import Verification
 from airtact.scene.medium import Medium
 from airtact.scene.scene import Scene, sound_hard
 from airtact.scene.target import Target
@@ -40,11 +40,11 @@ def in_open_air(target: Target) -> TransferMatrix:
 def test_a_focus_served_alone_attains_what_it_can() -> None:
     target = Target(TWO[:1])
     transfer = in_open_air(target)
-    loudest = judge(OPEN_AIR, ARRAY, phase_conjugate(transfer, target), target, solver=FreeField())
+    loudest = verify(OPEN_AIR, ARRAY, phase_conjugate(transfer, target), target, solver=FreeField())
     assert loudest.attained[0] == pytest.approx(1.0, abs=1e-12)
     assert loudest.energy == pytest.approx(24.0)
     # At equal energy nothing beats time reversal, and at full scale it gets less.
-    reversal = judge(OPEN_AIR, ARRAY, time_reversal(transfer, target), target, solver=FreeField())
+    reversal = verify(OPEN_AIR, ARRAY, time_reversal(transfer, target), target, solver=FreeField())
     got = reversal.evaluation.magnitudes[0]
     assert got == pytest.approx(reversal.attainable_at_energy[0], rel=1e-12)
     assert got < reversal.attainable[0]
@@ -65,7 +65,7 @@ def test_the_effect_of_rounding_is_that_of_the_rounded_drive() -> None:
     target = Target(TWO)
     transfer = in_open_air(target)
     drive = time_reversal(transfer, target)
-    result = judge(OPEN_AIR, ARRAY, drive, target, solver=FreeField(), transfer=transfer)
+    result = verify(OPEN_AIR, ARRAY, drive, target, solver=FreeField(), transfer=transfer)
     exact, rounded = (np.abs(transfer.pressure(one)) for one in (drive, quantise(drive).drive()))
     assert result.quantisation_loss == pytest.approx(np.max(np.abs(rounded - exact) / exact), rel=1e-9)
     assert 0 < result.quantisation_loss < 5e-3
@@ -73,20 +73,20 @@ def test_the_effect_of_rounding_is_that_of_the_rounded_drive() -> None:
 
 def test_the_strongest_stray_of_one_element_is_where_the_box_comes_nearest_to_it() -> None:
     speaker = PhasedArray(np.array([[0.0, 0.0, 0.1]]), np.array([[0.0, 0.0, -1.0]]), monopole(sensitivity=2.0))
-    target = Target(np.array([[0.0, 0.0, 0.0]]), quiet=np.array([[0.0, 0.0, -0.1]]))
-    result = judge(OPEN_AIR, speaker, Drive(np.array([1.0 + 0j])), target, solver=FreeField(), head=(0.0, 0.3, 0.1))
+    target = Target(np.array([[0.0, 0.0, 0.0]]), suppression_points=np.array([[0.0, 0.0, -0.1]]))
+    result = verify(OPEN_AIR, speaker, Drive(np.array([1.0 + 0j])), target, solver=FreeField(), head=(0.0, 0.3, 0.1))
     top = 2 * OPEN_AIR.wavelength
-    assert result.stray_in_box is not None
-    assert result.stray_in_box.point[2] == pytest.approx(top)
-    assert result.stray_in_box.pressure == pytest.approx(
-        2.0 / np.hypot(0.1 - top, result.stray_in_box.point[0] * 1.5), 0.03
+    assert result.side_lobe_in_box is not None
+    assert result.side_lobe_in_box.point[2] == pytest.approx(top)
+    assert result.side_lobe_in_box.pressure == pytest.approx(
+        2.0 / np.hypot(0.1 - top, result.side_lobe_in_box.point[0] * 1.5), 0.03
     )
-    assert result.contrast(result.stray_in_box) == pytest.approx(
-        20 * np.log10((2.0 / 0.1) / result.stray_in_box.pressure)
+    assert result.contrast(result.side_lobe_in_box) == pytest.approx(
+        20 * np.log10((2.0 / 0.1) / result.side_lobe_in_box.pressure)
     )
-    assert result.quiet_level == pytest.approx(20 * np.log10(0.1 / 0.2))
+    assert result.suppression_level == pytest.approx(20 * np.log10(0.1 / 0.2))
     assert result.head == pytest.approx([20 * np.log10(2.0 / 0.3 / np.sqrt(2) / 20e-6)])
-    assert (result.skin, result.pads, result.stray_on_skin) == (None, (None,), None)
+    assert (result.skin, result.pads, result.side_lobe_on_surface) == (None, (None,), None)
     assert np.isnan(result.contrast(None))
 
 
@@ -95,19 +95,19 @@ def test_the_strongest_stray_of_a_wide_target_is_not_lost_between_the_points_of_
     hidden = Target(np.array([[0.005, -0.0099, 0.0001]]))
     drive = phase_conjugate(in_open_air(hidden), hidden)
     wide = Target(np.array([[-0.05, -0.05, -0.04], [0.05, -0.05, 0.0], [0.0, 0.05, 0.06]]))
-    result = judge(OPEN_AIR, ARRAY, drive, wide, solver=FreeField())
+    result = verify(OPEN_AIR, ARRAY, drive, wide, solver=FreeField())
     peak = np.abs(in_open_air(hidden).pressure(drive))[0]
-    assert result.stray_in_box is not None
-    assert result.stray_in_box.pressure > peak
+    assert result.side_lobe_in_box is not None
+    assert result.side_lobe_in_box.pressure > peak
 
 
 @pytest.fixture(scope="module")
-def beside_a_ball() -> tuple[Judgement, Judgement]:
+def beside_a_ball() -> tuple[Verification, Verification]:
     scene = Scene(AIR, [sound_hard(sphere(6e-3, edge=2e-3))])
     target = Target(np.array([[0.0065, 0.0, 0.0], [0.0, 0.012, 0.0]]))
     drive = phase_conjugate(transfer_matrix(SphereSeries().radiate(scene, target.beacons()), ARRAY), target)
     exact, numeric = (
-        judge(scene, ARRAY, drive, target, solver=one) for one in (SphereSeries(), BoundaryElement(0.003))
+        verify(scene, ARRAY, drive, target, solver=one) for one in (SphereSeries(), BoundaryElement(0.003))
     )
     return exact, numeric
 
@@ -117,16 +117,16 @@ def test_two_solvers_judge_alike(beside_a_ball) -> None:
     np.testing.assert_allclose(numeric.attained, exact.attained, rtol=0.01)
     assert numeric.pads[0].force == pytest.approx(exact.pads[0].force, rel=0.02)
     assert numeric.pads[1] is exact.pads[1] is None  # 6 mm from the skin
-    assert numeric.stray_on_skin.pressure == pytest.approx(exact.stray_on_skin.pressure, rel=0.01)
-    assert numeric.stray_in_box.pressure == pytest.approx(exact.stray_in_box.pressure, rel=0.01)
-    np.testing.assert_allclose(numeric.stray_in_box.point, exact.stray_in_box.point, atol=1e-9)
+    assert numeric.side_lobe_on_surface.pressure == pytest.approx(exact.side_lobe_on_surface.pressure, rel=0.01)
+    assert numeric.side_lobe_in_box.pressure == pytest.approx(exact.side_lobe_in_box.pressure, rel=0.01)
+    np.testing.assert_allclose(numeric.side_lobe_in_box.point, exact.side_lobe_in_box.point, atol=1e-9)
 
 
 def test_stray_sound_is_the_strongest_farther_than_a_wavelength_from_the_foci(beside_a_ball) -> None:
     exact, _ = beside_a_ball
     away = np.linalg.norm(exact.skin.points[:, None] - exact.evaluation.target.points, axis=-1).min(axis=1)
     far = away > 343.1 / 40e3
-    assert exact.stray_on_skin.pressure == np.abs(exact.skin.pressure[far]).max()
+    assert exact.side_lobe_on_surface.pressure == np.abs(exact.skin.pressure[far]).max()
     assert 0 < far.sum() < len(far)
 
 
@@ -139,7 +139,7 @@ def test_a_judgement_reads_as_sentences(beside_a_ball) -> None:
     assert "Dalecki" in text
     assert "Howard" in text
     assert "safety" not in text
-    heard = str(replace(exact, head=np.array([101.0, 104.26]), quiet=np.array([1.0 + 0j])))
+    heard = str(replace(exact, head=np.array([101.0, 104.26]), suppression_points=np.array([1.0 + 0j])))
     assert "at the head at most 104.3 dB SPL. This is no safety assessment" in heard
     assert "mean p² of 1 quiet points is -" in heard
     assert "334 Pa, with spatiotemporal modulation" in str(replace(exact, modulation="spatiotemporal"))
@@ -158,12 +158,12 @@ def test_what_cannot_be_judged_is_refused() -> None:
     target = Target(TWO)
     drive = Drive(np.ones(24, dtype=complex))
     with pytest.raises(InvalidInput, match='"rotation" is not one of the 2 modulations with a threshold'):
-        judge(OPEN_AIR, ARRAY, drive, target, solver=FreeField(), modulation="rotation")
+        verify(OPEN_AIR, ARRAY, drive, target, solver=FreeField(), modulation="rotation")
     with pytest.raises(InvalidInput, match="point 1 stands on source 3"):
-        judge(OPEN_AIR, ARRAY, drive, target, solver=FreeField(), head=np.stack([np.zeros(3), ARRAY.positions[3]]))
+        verify(OPEN_AIR, ARRAY, drive, target, solver=FreeField(), head=np.stack([np.zeros(3), ARRAY.positions[3]]))
     scene = Scene(AIR, [sound_hard(sphere(4e-3, edge=2e-3, centre=(0.03, 0.0, 0.0)))])
-    loud = Target(TWO, quiet=np.array([[0.03, 0.0, 0.0]]))
+    loud = Target(TWO, suppression_points=np.array([[0.03, 0.0, 0.0]]))
     with pytest.raises(InvalidInput, match=r"a quiet point lies inside a body: .* is 4 mm deep"):
-        judge(scene, ARRAY, drive, loud, solver=SphereSeries())
+        verify(scene, ARRAY, drive, loud, solver=SphereSeries())
     with pytest.raises(InvalidInput, match=r"the energy is -1, but"):
         attainable(in_open_air(target), energy=-1.0)

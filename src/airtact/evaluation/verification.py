@@ -10,7 +10,7 @@ from airtact.conventions import Vector
 from airtact.evaluation.attainable import attainable
 from airtact.evaluation.field import check_solver, drive_sources
 from airtact.evaluation.metrics import Evaluation
-from airtact.evaluation.radiation import PAD_RADIUS, Pad, SkinMap, skin_of
+from airtact.evaluation.radiation import PAD_RADIUS, Pad, RadiationMap, skin_of
 from airtact.evaluation.thresholds import NO_SAFETY_ASSESSMENT, Threshold, sound_pressure_level, thresholds_of
 from airtact.printing import in_short
 from airtact.scene.scene import Scene, check_outside
@@ -21,7 +21,7 @@ from airtact.synthesis.quantise import quantise
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
 from airtact.transfer import Drive, TransferMatrix, transfer_matrix
-from airtact.validation import of_kind, place, points_of
+from airtact.validation import in_mm, of_kind, points_of
 
 OWN = 1.0
 """Within this many wavelengths of a focus sound counts as the focus's own, farther away as stray."""
@@ -40,7 +40,7 @@ CANDIDATES = 40
 
 
 @dataclass(frozen=True, eq=False)
-class Stray:
+class SideLobe:
     """The strongest sound where none was asked for.
 
     Attributes
@@ -54,7 +54,7 @@ class Stray:
 
 
 @dataclass(frozen=True, eq=False)
-class Judgement:
+class Verification:
     """What a drive gives and what it costs.
 
     Attributes
@@ -67,8 +67,8 @@ class Judgement:
     elements : how many there are.
     skin : sound on the skin, None in open air.
     pads : (F) the piece of skin round each focus, None where the skin is more than 2 mm away.
-    stray_on_skin : strongest sound on the skin more than a wavelength from every focus, None in open air.
-    stray_in_box : strongest sound in the air more than a wavelength from every focus, in a box two wavelengths wider
+    side_lobe_on_surface : strongest sound on the skin more than a wavelength from every focus, None in open air.
+    side_lobe_in_box : strongest in the air more than a wavelength from every focus, in a box two wavelengths wider
         than the foci.
     quiet : (Q,) pressure at the target's quiet points [Pa].
     head : (N,) level at the points of a head [dB SPL].
@@ -81,11 +81,11 @@ class Judgement:
     attainable_at_energy: Float64[np.ndarray, "foci"]
     energy: float
     elements: int
-    skin: SkinMap | None
+    skin: RadiationMap | None
     pads: tuple[Pad | None, ...]
-    stray_on_skin: Stray | None
-    stray_in_box: Stray | None
-    quiet: Complex128[np.ndarray, "quiet"]
+    side_lobe_on_surface: SideLobe | None
+    side_lobe_in_box: SideLobe | None
+    suppression_points: Complex128[np.ndarray, "quiet"]
     head: Float64[np.ndarray, "head"]
     modulation: str
 
@@ -103,12 +103,12 @@ class Judgement:
         change = np.abs(self.quantised.magnitudes - exact)[exact > 0.0] / exact[exact > 0.0]
         return float(change.max(initial=0.0))
 
-    def contrast(self, stray: Stray | None) -> float:
+    def contrast(self, stray: SideLobe | None) -> float:
         """Decibel of the weakest focus that asks for sound above a stray sound; NaN without one.
 
         Parameters
         ----------
-        stray : ``stray_on_skin`` or ``stray_in_box``.
+        stray : ``side_lobe_on_surface`` or ``side_lobe_in_box``.
         """
         asked = self.evaluation.target.weights > 0.0
         weakest = float(self.evaluation.magnitudes[asked].min())
@@ -117,12 +117,12 @@ class Judgement:
         return float(20.0 * np.log10(weakest / stray.pressure))
 
     @property
-    def quiet_level(self) -> float:
+    def suppression_level(self) -> float:
         """Mean of p² in the quiet points against that in the foci [dB]; NaN without quiet points."""
         foci = float(np.mean(self.evaluation.magnitudes**2))
-        if not (len(self.quiet) and foci > 0.0):
+        if not (len(self.suppression_points) and foci > 0.0):
             return float("nan")
-        return float(10.0 * np.log10(np.mean(np.abs(self.quiet) ** 2) / foci))
+        return float(10.0 * np.log10(np.mean(np.abs(self.suppression_points) ** 2) / foci))
 
     def __str__(self) -> str:
         return "\n".join(
@@ -140,14 +140,19 @@ class Judgement:
 
     def _stray_lines(self) -> list[str]:
         lines = []
-        for where, stray in (("on the skin", self.stray_on_skin), ("in the box round the foci", self.stray_in_box)):
+        for where, stray in (
+            ("on the skin", self.side_lobe_on_surface),
+            ("in the box round the foci", self.side_lobe_in_box),
+        ):
             if stray is not None:
                 lines.append(
-                    f"strongest stray {where} {stray.pressure:.1f} Pa at {place(stray.point)}: the weakest focus is "
+                    f"strongest stray {where} {stray.pressure:.1f} Pa at {in_mm(stray.point)}: the weakest focus is "
                     f"{self.contrast(stray):+.1f} dB above it"
                 )
-        if len(self.quiet):
-            lines.append(f"mean p² of {len(self.quiet)} quiet points is {self.quiet_level:+.1f} dB of the foci's")
+        if len(self.suppression_points):
+            lines.append(
+                f"mean p² of {len(self.suppression_points)} quiet points {self.suppression_level:+.1f} dB of the foci's"
+            )
         return lines
 
     def _felt_lines(self) -> list[str]:
@@ -187,7 +192,7 @@ def _amount(threshold: Threshold) -> str:
     return f"{1e3 * threshold.value:g} mN" if threshold.quantity == "force" else f"{threshold.value:g} Pa"
 
 
-def judge(
+def verify(
     scene: Scene,
     array: PhasedArray,
     drive: Drive,
@@ -198,7 +203,7 @@ def judge(
     head: Vector | Real[np.ndarray, "head 3"] | None = None,
     pad_radius: float = PAD_RADIUS,
     modulation: str = "amplitude",
-) -> Judgement:
+) -> Verification:
     """Judge a drive in every respect: foci, attainable maximum, stray sound, skin, threshold, levels, head.
 
     One forward solve with the drive and its rounded twin, and one with beacons in the foci where no transfer matrix is
@@ -236,14 +241,14 @@ def _judged(
     transfer: TransferMatrix,
     pad_radius: float,
     modulation: str,
-) -> Judgement:
+) -> Verification:
     """Hear everything in the field of a drive and its rounded twin."""
     count, energy = len(target.points), float(np.sum(np.abs(drive.amplitudes) ** 2))
-    heard = field.at(np.concatenate([target.points, target.quiet, ears]))
+    heard = field.at(np.concatenate([target.points, target.suppression_points, ears]))
     exact, rounded = np.ascontiguousarray(heard.T)
     skin = skin_of(field, 0) if field.scene.obstacles else None
     stray = None if skin is None else _strongest(skin.points, skin.pressure, _away(field.scene, target, skin.points))
-    return Judgement(
+    return Verification(
         evaluation=Evaluation(target, exact[:count], field.report),
         quantised=Evaluation(target, rounded[:count], field.report),
         attainable=attainable(transfer)[:count],
@@ -252,10 +257,10 @@ def _judged(
         elements=len(array),
         skin=skin,
         pads=tuple(None if skin is None else skin.pad(focus, pad_radius) for focus in target.points),
-        stray_on_skin=stray,
-        stray_in_box=_stray_in_box(field, array, target),
-        quiet=exact[count : count + len(target.quiet)],
-        head=sound_pressure_level(exact[count + len(target.quiet) :]),
+        side_lobe_on_surface=stray,
+        side_lobe_in_box=_stray_in_box(field, array, target),
+        suppression_points=exact[count : count + len(target.suppression_points)],
+        head=sound_pressure_level(exact[count + len(target.suppression_points) :]),
         modulation=modulation,
     )
 
@@ -274,7 +279,11 @@ def _spoken(
     rounded = quantise(drive).drive()
     sources = drive_sources(array, [drive, rounded if rounded.amplitudes.any() else drive])
     check_placement(scene, array, target.points)
-    for points, what in ((target.points, "focus"), (target.quiet, "quiet point"), (ears, "point of the head")):
+    for points, what in (
+        (target.points, "focus"),
+        (target.suppression_points, "quiet point"),
+        (ears, "point of the head"),
+    ):
         if len(points):
             check_outside(scene, points, what)
             check_off_sources(points, sources)
@@ -297,16 +306,16 @@ def _strongest(
     points: Float64[np.ndarray, "points 3"],
     pressure: Complex128[np.ndarray, "points"],
     chosen: Bool[np.ndarray, "points"],
-) -> Stray | None:
+) -> SideLobe | None:
     """Return the strongest sound at some of the points, None where there are none."""
     if not chosen.any():
         return None
     loudness = np.where(chosen & np.isfinite(pressure), np.abs(pressure), -1.0)
     strongest = int(loudness.argmax())
-    return Stray(float(loudness[strongest]), points[strongest])
+    return SideLobe(float(loudness[strongest]), points[strongest])
 
 
-def _stray_in_box(field: RadiatedField, array: PhasedArray, target: Target) -> Stray | None:
+def _stray_in_box(field: RadiatedField, array: PhasedArray, target: Target) -> SideLobe | None:
     """Return the strongest sound in the box round the foci, off them, off the bodies and off the elements."""
     margin = BOX_MARGIN * field.scene.wavelength
     lowest, highest = target.points.min(axis=0) - margin, target.points.max(axis=0) + margin
