@@ -120,7 +120,7 @@ def kept(solver: Solver, store: Path | None) -> Solver:
 
 
 def solve_foci(setup: Setup, clock: Clock, store: Path | None = None) -> tuple[TransferMatrix, SolveReport]:
-    """Solve for beacons in all foci and quiet points, and hear them at the transducers.
+    """Solve for beacons in all foci and suppression points, and hear them at the transducers.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def solve_foci(setup: Setup, clock: Clock, store: Path | None = None) -> tuple[T
     target = setup.target
     count = len(target.points)
     quiet = (
-        f" and {counted(len(target.suppression_points), 'quiet point', 'quiet points')}"
+        f" and {counted(len(target.suppression_points), 'suppression point', 'suppression points')}"
         if len(target.suppression_points)
         else ""
     )

@@ -141,7 +141,7 @@ def test_a_judgement_reads_as_sentences(beside_a_ball) -> None:
     assert "safety" not in text
     heard = str(replace(exact, head=np.array([101.0, 104.26]), suppression_points=np.array([1.0 + 0j])))
     assert "at the head at most 104.3 dB SPL. This is no safety assessment" in heard
-    assert "mean p² of 1 quiet points is -" in heard
+    assert "mean p² of 1 suppression points is -" in heard
     assert "334 Pa, with spatiotemporal modulation" in str(replace(exact, modulation="spatiotemporal"))
 
 
@@ -163,7 +163,7 @@ def test_what_cannot_be_judged_is_refused() -> None:
         verify(OPEN_AIR, ARRAY, drive, target, solver=FreeField(), head=np.stack([np.zeros(3), ARRAY.positions[3]]))
     scene = Scene(AIR, [sound_hard(sphere(4e-3, edge=2e-3, centre=(0.03, 0.0, 0.0)))])
     loud = Target(TWO, suppression_points=np.array([[0.03, 0.0, 0.0]]))
-    with pytest.raises(InvalidInput, match=r"a quiet point lies inside a body: .* is 4 mm deep"):
+    with pytest.raises(InvalidInput, match=r"a suppression point lies inside a body: .* is 4 mm deep"):
         verify(scene, ARRAY, drive, loud, solver=SphereSeries())
     with pytest.raises(InvalidInput, match=r"the energy is -1, but"):
         attainable(in_open_air(target), energy=-1.0)

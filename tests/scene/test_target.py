@@ -106,12 +106,12 @@ def test_quiet_points_follow_the_foci_as_beacons_where_asked():
         ({"shares": 1.0, "pressures": 2.0}, "both pressures and shares; give 1 of the 2"),
         ({"pressures": complex(np.nan, 0)}, "target pressures hold 1 NaN"),
         ({"pressures": np.array([1j, np.inf])}, r"target pressures hold 1 NaN or infinite value, the first at index"),
-        ({"quiet": np.zeros((2, 2))}, r"quiet points have shape \(2, 2\)"),
-        ({"quiet": np.array([[0.0, 0.0, np.nan]])}, "quiet points hold 1 NaN"),
-        ({"quiet": np.array([[0.0, 0.0, 3.0]])}, r"quiet point 0 at \(0.00, 0.00, 3000.00\) mm is 3 m from"),
+        ({"quiet": np.zeros((2, 2))}, r"suppression points have shape \(2, 2\)"),
+        ({"quiet": np.array([[0.0, 0.0, np.nan]])}, "suppression points hold 1 NaN"),
+        ({"quiet": np.array([[0.0, 0.0, 3.0]])}, r"suppression point 0 at \(0.00, 0.00, 3000.00\) mm is 3 m from"),
         (
             {"quiet": np.array([[0.0, 0.1, 0.0], [0.0, 2e-7, 0.01]])},
-            r"quiet point 1 is 0.0002 mm from focus 1 at \(0.00, 0.00, 10.00\) mm",
+            r"suppression point 1 is 0.0002 mm from focus 1 at \(0.00, 0.00, 10.00\) mm",
         ),
     ],
 )

@@ -1,4 +1,4 @@
-"""Shapes, shares, phases and quiet zones of a scene file become a target, or a sentence that names the table."""
+"""Shapes, shares, phases and suppression zones of a scene file become a target, or a sentence that names the table."""
 
 import numpy as np
 import pytest
@@ -91,8 +91,8 @@ def test_an_svg_file_lies_beside_the_scene(read, tmp_path) -> None:
 
 
 def test_quiet_zones_are_kept_beside_the_foci(read) -> None:
-    back = '[[quiet]]\nskin = { body = "finger", spacing = 4e-3, facing = [1, 0, 0], within = 60 }\n'
-    head = "[[quiet]]\nsphere_shell = { centre = [0, 0, 0.2], radius = 0.05, spacing = 0.03 }\n"
+    back = '[[suppression]]\nskin = { body = "finger", spacing = 4e-3, facing = [1, 0, 0], within = 60 }\n'
+    head = "[[suppression]]\nsphere_shell = { centre = [0, 0, 0.2], radius = 0.05, spacing = 0.03 }\n"
     target = read(FINGERS, '[[foci]]\nat = "thumb.pad"\n', back, head).target
     finger = surface_points(pinch().surfaces[1], 4e-3, facing=(1.0, 0.0, 0.0), within=60.0)
     np.testing.assert_allclose(target.suppression_points, [*finger, *sphere_shell((0, 0, 0.2), 0.05, 0.03)], atol=1e-12)
@@ -122,20 +122,20 @@ def test_quiet_zones_are_kept_beside_the_foci(read) -> None:
         ((POINT, "share = -1.0"), "foci: a target share is -1"),
         (("[[foci]]\nsvg = { width = 0.02, spacing = 3e-3 }",), r"foci\[0\]: svg: give file, or path"),
         (('[[foci]]\nsvg = { file = "no.svg", width = 0.02, spacing = 3e-3 }',), r"foci\[0\]: cannot read no.svg"),
-        ((POINT, "[[quiet]]\n"), r"quiet\[0\]: give exactly one of point, .*, skin; 0 given"),
+        ((POINT, "[[suppression]]\n"), r"suppression\[0\]: give exactly one of point, .*, skin; 0 given"),
         (
-            (POINT, "[[quiet]]\nskin = { body = 'palm', spacing = 4e-3 }"),
-            r"quiet\[0\]: body = .* is not .*; there is no",
+            (POINT, "[[suppression]]\nskin = { body = 'palm', spacing = 4e-3 }"),
+            r"suppression\[0\]: body = .* is not .*; there is no",
         ),
         (
-            (FINGERS, POINT, "[[quiet]]\nskin = { body = 'fingr', spacing = 4e-3 }"),
-            r'quiet\[0\]: body = "fingr" is not a body; did you mean finger',
+            (FINGERS, POINT, "[[suppression]]\nskin = { body = 'fingr', spacing = 4e-3 }"),
+            r'suppression\[0\]: body = "fingr" is not a body; did you mean finger',
         ),
         (
-            (FINGERS, POINT, "[[quiet]]\npoint = [0.014, 0, 0]"),
-            r"quiet: a quiet point lies inside a body: .* 8 mm",
+            (FINGERS, POINT, "[[suppression]]\npoint = [0.014, 0, 0]"),
+            r"suppression: a suppression point lies inside a body: .* 8 mm",
         ),
-        ((POINT, "[[quiet]]\npoint = [0.0, 0.0, 0.03]"), "foci: quiet point 0 is 0 mm from focus 0"),
+        ((POINT, "[[suppression]]\npoint = [0.0, 0.0, 0.03]"), "foci: suppression point 0 is 0 mm from focus 0"),
     ],
 )
 def test_what_cannot_be_is_refused_with_its_table(read, parts, sentence) -> None:

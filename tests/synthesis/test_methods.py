@@ -205,7 +205,7 @@ def test_bits_that_cannot_be_are_refused():
         Constraint(amplitude_bits=17)
 
 
-# --- quiet points ---------------------------------------------------------------------------------------------------
+# --- suppression points ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", HEED_QUIET)
@@ -219,7 +219,7 @@ def test_quiet_points_are_quiet(name):
     assert quieter < 10 ** (-10 / 20)
     if name == "gradient":
         assert after[:3].min() > 0.898 * before[:3].min()
-    with pytest.raises(InvalidInput, match="12 points quiet that the transfer matrix does not hear"):
+    with pytest.raises(InvalidInput, match="12 points quiet but the transfer matrix has no rows for them"):
         METHODS[name](open_air(points), target)
 
 

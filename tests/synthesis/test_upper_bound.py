@@ -96,7 +96,7 @@ def test_two_foci_against_every_phase_between_them():
 
 
 @pytest.mark.parametrize("verify", [upper_bound, at.max_min, at.inverse_filter, at.eigenvector, at.gs_pat])
-def test_foci_that_cannot_be_told_apart_are_refused(judge):
+def test_foci_that_cannot_be_told_apart_are_refused(verify):
     points = np.array([[0.0, 0, 0], [0.01, 0, 0], [0.0101, 0.0005, 0], [0, 0, 0.02]])
     with pytest.raises(
         InvalidInput, match=r"foci 1 and 2 are 0\.51 mm apart, at \(10\.00, 0\.00, 0\.00\) mm"

@@ -48,7 +48,7 @@ def scene_tables(setup: Setup) -> Iterator[Table]:
     away = f", {1e3 * clearance:.0f} mm off the bodies or more" if setup.bodies else ""
     facts.add_row("transducers", f"{len(elements)}, {sensitivity}{away}")
     if len(setup.target.suppression_points):
-        facts.add_row("quiet points", f"{len(setup.target.suppression_points)}")
+        facts.add_row("suppression points", f"{len(setup.target.suppression_points)}")
     facts.add_row("wavelength", f"{1e3 * wavelength:.2f} mm at {setup.scene.frequency / 1e3:g} kHz")
     facts.add_row("drive", f"{setup.method.replace('_', ' ')}, accuracy {setup.accuracy:g}")
     if isinstance(setup.solver, BoundaryElement):
@@ -100,7 +100,7 @@ def quality_tables(meshed: Meshed) -> Iterator[Table]:
 def _mended(surface: Surface, name: str = "") -> Table:
     table = plain_table("", "")
     for index, note in enumerate(surface.repairs or ("nothing",)):
-        table.add_row(escape(f"mended in {name}" if name else "repairs") if index == 0 else "", escape(note))
+        table.add_row(escape(f"mended in {name}" if name else "mended") if index == 0 else "", escape(note))
     return table
 
 
@@ -139,7 +139,7 @@ def run_table(run: Run) -> Table:
 
 def methods_table(contest: Contest) -> Table:
     """Tabulate what the worst focus gets by each method, best first."""
-    quiet = ["quiet points"] if len(contest.target.suppression_points) else []
+    quiet = ["suppression points"] if len(contest.target.suppression_points) else []
     table = plain_table("method", "worst focus", "of the bound", "mean", "time", *quiet)
     table.title = "What the foci get; of the bound: at full scale, of what no drive can pass"
     for one in sorted(contest.contenders, key=contest.of_the_bound, reverse=True):

@@ -70,7 +70,7 @@ class Verification:
     side_lobe_on_surface : strongest sound on the skin more than a wavelength from every focus, None in open air.
     side_lobe_in_box : strongest in the air more than a wavelength from every focus, in a box two wavelengths wider
         than the foci.
-    quiet : (Q,) pressure at the target's quiet points [Pa].
+    suppression_points : (Q,) pressure at the target's suppression points [Pa].
     head : (N,) level at the points of a head [dB SPL].
     modulation : how the drive is meant to be modulated, for the thresholds.
     """
@@ -85,7 +85,7 @@ class Verification:
     pads: tuple[Pad | None, ...]
     side_lobe_on_surface: SideLobe | None
     side_lobe_in_box: SideLobe | None
-    suppression_points: Complex128[np.ndarray, "quiet"]
+    suppression_points: Complex128[np.ndarray, "suppressed"]
     head: Float64[np.ndarray, "head"]
     modulation: str
 
@@ -118,7 +118,7 @@ class Verification:
 
     @property
     def suppression_level(self) -> float:
-        """Mean of p² in the quiet points against that in the foci [dB]; NaN without quiet points."""
+        """Mean of p² in the suppression points against that in the foci [dB]; NaN without suppression points."""
         foci = float(np.mean(self.evaluation.magnitudes**2))
         if not (len(self.suppression_points) and foci > 0.0):
             return float("nan")
@@ -151,7 +151,7 @@ class Verification:
                 )
         if len(self.suppression_points):
             lines.append(
-                f"mean p² of {len(self.suppression_points)} quiet points {self.suppression_level:+.1f} dB of the foci's"
+                f"mean p² of {len(self.suppression_points)} suppression points {self.suppression_level:+.1f} dB on foci"
             )
         return lines
 
@@ -212,7 +212,7 @@ def verify(
     Parameters
     ----------
     scene, array, drive, solver : as in ``evaluate``.
-    target : the foci and quiet points.
+    target : the foci and suppression points.
     transfer : of the foci, for what is attainable; None to have it solved by ``solver``.
     head : (3,) or (N, 3) points of a head [m], to tell the level there.
     pad_radius : of the skin round a focus whose force is told [m].
@@ -221,7 +221,7 @@ def verify(
     Raises
     ------
     InvalidInput
-        As ``evaluate``; a modulation without a threshold, a quiet point or a point of the head inside a body or on an
+        As ``evaluate``; a modulation without a threshold, a suppression or head point inside a body or on an
         element, or a skin that is not sound-hard.
     """
     thresholds_of(modulation)
@@ -281,7 +281,7 @@ def _spoken(
     check_placement(scene, array, target.points)
     for points, what in (
         (target.points, "focus"),
-        (target.suppression_points, "quiet point"),
+        (target.suppression_points, "suppression point"),
         (ears, "point of the head"),
     ):
         if len(points):

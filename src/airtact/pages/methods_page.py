@@ -29,7 +29,7 @@ class Contender:
     drive : what it gave.
     emitted : the same in 256 levels, which is what was judged.
     pressures : (F,) peak pressure at the foci, by the judging solver [Pa].
-    quiet : (Q,) peak pressure at the quiet points [Pa].
+    quiet : (Q,) peak pressure at the suppression points [Pa].
     seconds : how long it took [s].
     """
 
@@ -37,7 +37,7 @@ class Contender:
     drive: Drive
     emitted: Drive
     pressures: Float64[np.ndarray, "foci"]
-    suppression_points: Float64[np.ndarray, "quiet"]
+    suppression_points: Float64[np.ndarray, "suppressed"]
     seconds: float
 
     @property
@@ -47,7 +47,7 @@ class Contender:
 
     @property
     def suppression_level(self) -> float:
-        """Mean of p² in the quiet points against that in the foci [dB]; NaN without quiet points."""
+        """Mean of p² in the suppression points against that in the foci [dB]; NaN without suppression points."""
         if not len(self.suppression_points):
             return float("nan")
         return float(10.0 * np.log10(np.mean(self.suppression_points**2) / np.mean(self.pressures**2)))
@@ -170,14 +170,18 @@ def _table(contest: Contest) -> Iterable[str]:
         "energy",
         "rounding",
         "time [ms]",
-        *(["quiet points [dB]"] if len(contest.target.suppression_points) else []),
+        *(["suppression points [dB]"] if len(contest.target.suppression_points) else []),
     ]
     yield table(header, rows)
     yield paragraph(
         "The bound is certified for amplitudes up to full scale on this transfer matrix; no drive passes it, and "
         "it need not be reachable. Energy is the mean of |d|² over the transducers. Rounding is how much "
         "256 levels change the pressure at the foci at most. The control, hand ignored, is made from distances alone."
-        + (" Quiet points: their mean p² over that of the foci." if len(contest.target.suppression_points) else "")
+        + (
+            " Suppression points: their mean p² over that of the foci."
+            if len(contest.target.suppression_points)
+            else ""
+        )
     )
     focus_rows = [[one.name, *(f"{pressure:,.0f}" for pressure in one.pressures)] for one in contest.contenders]
     yield table(["peak pressure [Pa]", *contest.foci], focus_rows)

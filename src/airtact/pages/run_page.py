@@ -247,7 +247,7 @@ def _how(run: Run) -> Iterable[str]:
         ["medium", f"{medium.sound_speed:g} m/s, {medium.density:g} kg/m³, absorption {medium.absorption:g} Np/m"],
         ["frequency", f"{scene.frequency:g} Hz, wavelength {1e3 * scene.wavelength:.2f} mm"],
         ["bodies", ", ".join(_body(*pair) for pair in zip(run.bodies, scene.obstacles, strict=True))],
-        ["repairs", _mended(run) or "nothing"],
+        ["mended", _mended(run) or "nothing"],
         ["array", f"{_transducers(run)} of {run.array.element.sensitivity:g} Pa·m (peak, uncalibrated)"],
         ["not in the model", NOT_MODELLED],
         ["wall time", _listed({name: f"{time:.2f} s" for name, time in run.seconds.items()})],

@@ -119,13 +119,13 @@ def _set_up(path: Path, text: str, file: SceneFile) -> Setup:
     with about("array"):
         array = _array(file.array, path.parent)
     surfaces = {name: obstacle.surface for name, obstacle in zip(bodies, scene.obstacles, strict=True)}
-    target, foci = target_of(file.foci, file.suppression_points, places, surfaces, path.parent)
+    target, foci = target_of(file.foci, file.suppression, places, surfaces, path.parent)
     solver = _solver(file, scene)
     with about("foci"):
         check_outside(scene, target.points, "focus")
-    with about("quiet"):
+    with about("suppression"):
         if len(target.suppression_points):
-            check_outside(scene, target.suppression_points, "quiet point")
+            check_outside(scene, target.suppression_points, "suppression point")
     with about("array"):
         check_placement(scene, array, target.points)
     with about("drive"):

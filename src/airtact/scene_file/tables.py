@@ -206,7 +206,7 @@ class FocusTable(Table, frozen=True):
     name: str | None = None
 
 
-class QuietTable(Table, frozen=True):
+class SuppressionTable(Table, frozen=True):
     """What to keep quiet: a point, a shape, or ``skin`` of a body."""
 
     point: Triple | None = None
@@ -239,7 +239,7 @@ class SceneFile(Table, frozen=True):
     medium: MediumTable
     array: ArrayTable
     foci: list[FocusTable]
-    suppression_points: list[QuietTable] = []
+    suppression: list[SuppressionTable] = []
     obstacles: list[ObstacleTable] = []
     frequency: float = 40e3
     merge_bodies: bool = False

@@ -1,4 +1,4 @@
-"""From the tables of foci and quiet zones to a target."""
+"""From the tables of foci and suppression zones to a target."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ from airtact.scene.drawings import picture, svg_path, text
 from airtact.scene.target import Target
 from airtact.scene.target_points import Points, circle, onto_surface, polyline, segment, sphere_shell, surface_points
 from airtact.scene_file.keys import goes_with, one_of
-from airtact.scene_file.tables import FocusTable, QuietTable, SvgTable, Table, nearest
+from airtact.scene_file.tables import FocusTable, SuppressionTable, SvgTable, Table, nearest
 from airtact.surfaces.surface import Surface
 
 Places = dict[str, tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"], float]]
@@ -30,12 +30,12 @@ SHAPES = {
 """Shapes whose keys are the arguments of the function that makes them."""
 
 DRAWN = ("point", *SHAPES, "svg")
-"""What foci and quiet zones alike may be."""
+"""What foci and suppression zones alike may be."""
 
 
 def target_of(
     tables: Sequence[FocusTable],
-    quiet: Sequence[QuietTable],
+    suppression: Sequence[SuppressionTable],
     places: Places,
     bodies: Mapping[str, Surface],
     folder: Path,
@@ -45,7 +45,7 @@ def target_of(
     Parameters
     ----------
     tables : what shall be felt.
-    quiet : what shall stay quiet.
+    suppression : where the sound is suppressed.
     places : points of bodies that foci can name.
     bodies : surfaces of the bodies by name.
     folder : where drawings and pictures are found.
@@ -66,8 +66,8 @@ def target_of(
             points.append(found)
             parts.append(part)
     zones = [np.empty((0, 3))]
-    for index, table in enumerate(quiet):
-        with about(f"quiet[{index}]"):
+    for index, table in enumerate(suppression):
+        with about(f"suppression[{index}]"):
             zones.append(_zone(table, bodies, folder))
     with about("foci"):
         wanted = _wanted(tables, parts[1:])
@@ -124,8 +124,8 @@ def _foci(table: FocusTable, places: Places, folder: Path) -> tuple[Points, Floa
     return found, np.ones(len(found))
 
 
-def _drawn(table: FocusTable | QuietTable, kind: str, folder: Path) -> Points:
-    """Points of a shape that foci and quiet zones alike may be."""
+def _drawn(table: FocusTable | SuppressionTable, kind: str, folder: Path) -> Points:
+    """Points of a shape that foci and suppression zones alike may be."""
     shape = getattr(table, kind)
     if kind == "point":
         return np.array([shape], dtype=np.float64)
@@ -144,8 +144,8 @@ def _arguments(table: Table, leave_out: tuple[str, ...] = ()) -> dict[str, Any]:
     return {key: value for key, value in given.items() if key not in leave_out}
 
 
-def _zone(table: QuietTable, bodies: Mapping[str, Surface], folder: Path) -> Points:
-    """Points of one quiet zone."""
+def _zone(table: SuppressionTable, bodies: Mapping[str, Surface], folder: Path) -> Points:
+    """Points of one suppression zone."""
     kind = one_of(table, (*DRAWN, "skin"))
     if table.skin is None:
         return _drawn(table, kind, folder)

@@ -14,7 +14,7 @@ def eigenvector(transfer: TransferMatrix, target: Target, *, evenness: float = 1
     Long, Seah, Carter and Subramanian, ACM Trans. Graph. 33 (2014) 181: with R_fg what focus f hears when focus g is
     focused to its own pressure, the eigenvector of R of the largest eigenvalue gives phases under which the foci add to
     each other. The drive is least squares for those pressures with Tikhonov weights σ_e^γ, σ_e² = Σ_f |H_fe| w_f / E,
-    which keep loud elements down (their section 4.3). The phases are the method's, not the target's; quiet points are
+    which keep loud elements down (their section 4.3). Phases that the target asks for and suppression points are
     not heeded.
 
     Parameters

@@ -1,6 +1,6 @@
 """Gerchberg-Saxton and its kin: to and fro between elements at full scale and foci at the pressures asked.
 
-The foci choose their phases themselves, so phases that a target asks for are not heeded; nor are its quiet points.
+The foci choose their phases themselves; phases and suppression points of the target have no effect.
 """
 
 from dataclasses import dataclass

@@ -10,7 +10,7 @@ from airtact.scene.target import Target
 from airtact.synthesis.constraint import AT_MOST_ONE, Constraint
 from airtact.synthesis.gerchberg_saxton import check_iterations, phase
 from airtact.synthesis.max_min import strongest_sources
-from airtact.synthesis.reach import asked_rows, quiet_rows, scaled_to_target
+from airtact.synthesis.reach import asked_rows, scaled_to_target, suppression_rows
 from airtact.synthesis.stalling import warn_stalled, worst_share
 from airtact.transfer import Drive, TransferMatrix
 from airtact.validation import counted
@@ -19,7 +19,7 @@ SOFTNESS = 200.0
 """Power of the mean that stands for the smallest share: 16 equal shares count 1.4 % less than one."""
 
 SILENCE = 1e-3
-"""Quiet points that get less than this of the weakest focus are quiet enough; 60 dB."""
+"""Suppression points that get less than this of the weakest focus are quiet enough; 60 dB."""
 
 STEEPNESS = (1e2, 1e3, 1e4, 1e5)
 """What passing the allowed loss costs, per squared neper, in climbs one after another."""
@@ -36,18 +36,18 @@ def gradient(
     iterations: int = 500,
     constraint: Constraint = AT_MOST_ONE,
 ) -> Drive:
-    """Climb from the drive of ``max_min`` with amplitudes and phases free, and make the quiet points quiet.
+    """Climb from the drive of ``max_min`` with amplitudes and phases free, and make the suppression points quiet.
 
-    Without quiet points the smallest share is made larger, by a mean of the power −``SOFTNESS``, and the better of
-    start and end is kept. With quiet points their mean squared pressure is made smaller while the smallest share may
+    Without suppression points the smallest share grows, by a mean of the power −``SOFTNESS``, and the better of
+    start and end is kept. With suppression points their mean squared pressure falls while the smallest share may
     fall by ``loss``. The climb is L-BFGS-B (Byrd, Lu, Nocedal and Zhu, SIAM J. Sci. Comput. 16 (1995) 1190) on
     amplitudes between 0 and 1 and phases, or on phases alone. Phases that the target asks for are not heeded.
 
     Parameters
     ----------
-    transfer : the transfer matrix, of the quiet points too where the target has some.
+    transfer : the transfer matrix, of the suppression points too where the target has some.
     target : the foci and what they ask.
-    loss : part of the pressure at the foci that may be given for the quiet points, from 0 up to 1.
+    loss : part of the pressure at the foci that may be given for the suppression points, from 0 up to 1.
     iterations : most steps of a climb.
     constraint : what an element can play; levels are rounded to at the end.
 
@@ -58,7 +58,7 @@ def gradient(
     Raises
     ------
     InvalidInput
-        If the target does not fit the matrix, ``check_solvable`` refuses its foci, quiet points are not in it, the loss
+        If the target misfits the matrix, ``check_solvable`` refuses its foci, it lacks suppression points, the loss
         is not from 0 up to 1, or there is less than one iteration.
 
     Warns
@@ -67,7 +67,7 @@ def gradient(
         If the steps were too few; the best drive is returned.
     """
     matrix, wanted = asked_rows(transfer, target)
-    quiet = quiet_rows(transfer, target)
+    quiet = suppression_rows(transfer, target)
     check_iterations(iterations)
     if not 0.0 <= loss < 1.0:
         raise InvalidInput(f"the loss at the foci is {loss:g}, but it must be a share from 0 up to 1.")
@@ -92,7 +92,7 @@ def gradient(
 
 def _height(
     matrix: Complex128[np.ndarray, "foci elements"],
-    quiet: Complex128[np.ndarray, "quiet elements"],
+    quiet: Complex128[np.ndarray, "suppressed elements"],
     least: float,
     steepness: float,
 ) -> Climb:
@@ -122,9 +122,9 @@ def _soft_smallest(
 
 
 def _noise(
-    quiet: Complex128[np.ndarray, "quiet elements"], amplitudes: Complex128[np.ndarray, "elements"]
+    quiet: Complex128[np.ndarray, "suppressed elements"], amplitudes: Complex128[np.ndarray, "elements"]
 ) -> tuple[float, Complex128[np.ndarray, "elements"]]:
-    """Logarithm of the root of 1 and the mean squared pressure in the quiet points, and its gradient."""
+    """Logarithm of the root of 1 and the mean squared pressure in the suppression points, and its gradient."""
     pressure = quiet @ amplitudes
     energy = float(np.vdot(pressure, pressure).real) + len(quiet)
     return 0.5 * np.log(energy / len(quiet)), quiet.conj().T @ pressure / energy

@@ -5,7 +5,7 @@ from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
 from airtact.scene.target import Target
-from airtact.synthesis.reach import check_solvable, foci_rows, quiet_rows, scaled_to_target
+from airtact.synthesis.reach import check_solvable, foci_rows, scaled_to_target, suppression_rows
 from airtact.transfer import Drive, TransferMatrix
 from airtact.validation import positive
 
@@ -15,11 +15,11 @@ def inverse_filter(transfer: TransferMatrix, target: Target, *, weight: float | 
 
     With weight 0 every focus gets its pressure with its phase, by the drive of least energy that can. Tanter, Thomas
     and Fink, J. Acoust. Soc. Am. 108 (2000) 223; on the matrix of open air it is the least-squares method of
-    Hasegawa and Shinoda (IEEE World Haptics 2013). Quiet points are rows that ask for 0.
+    Hasegawa and Shinoda (IEEE World Haptics 2013). Suppression points are rows that ask for 0.
 
     Parameters
     ----------
-    transfer : the transfer matrix, of the quiet points too where the target has some.
+    transfer : the transfer matrix, of the suppression points too where the target has some.
     target : the foci and what they ask, with phases where they matter (0 otherwise).
     weight : Tikhonov's weight over the largest eigenvalue ‖H‖² of H Hᴴ; None for the corner of the L-curve (Hansen and
         O'Leary, SIAM J. Sci. Comput. 14 (1993) 1487).
@@ -31,11 +31,11 @@ def inverse_filter(transfer: TransferMatrix, target: Target, *, weight: float | 
     Raises
     ------
     InvalidInput
-        If the target does not fit the matrix, ``check_solvable`` refuses its foci, quiet points are not in it, or the
+        If the target does not fit the matrix, ``check_solvable`` refuses its foci, it lacks suppression points, or the
         weight is negative.
     """
     check_solvable(transfer, target)
-    matrix = np.concatenate([foci_rows(transfer, target), quiet_rows(transfer, target)])
+    matrix = np.concatenate([foci_rows(transfer, target), suppression_rows(transfer, target)])
     wanted = np.concatenate([target.wanted, np.zeros(len(matrix) - len(target.points))])
     squares, modes = np.linalg.eigh(matrix @ matrix.conj().T)
     asked = modes.conj().T @ wanted
@@ -51,7 +51,7 @@ def iterated_time_reversal(transfer: TransferMatrix, target: Target, *, passes: 
     d_0 = 0, d_{n+1} = d_n + Hᴴ s_n, s_n from the missing pressure w − H d_n, so that one pass is ``time_reversal`` with
     each focus made equally well heard, and many passes are ``inverse_filter`` with weight 0. Montaldo, Tanter and Fink,
     J. Acoust. Soc. Am. 115 (2004) 768; the steps are those of conjugate gradients (Craig's method, Saad, Iterative
-    Methods for Sparse Linear Systems, 2003, algorithm 8.5), which need no more listening than theirs. Quiet points are
+    Methods for Sparse Linear Systems, 2003, algorithm 8.5), with as many products as theirs. Suppression points are
     not heeded.
 
     Parameters

@@ -31,7 +31,7 @@ def max_min(
     Parameters
     ----------
     transfer : the transfer matrix.
-    target : the foci and what they ask; phases and quiet points are not heeded.
+    target : the foci and what they ask; phases and suppression points are not heeded.
     iterations : how often to go to and fro at the end.
     constraint : what an element can play.
 

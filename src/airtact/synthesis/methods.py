@@ -26,4 +26,4 @@ METHODS: dict[str, Callable[[TransferMatrix, Target], Drive]] = {
 """Each is a function of the transfer matrix and the target; its other settings have defaults."""
 
 HEED_QUIET = ("inverse_filter", "gradient")
-"""Those that keep the target's quiet points quiet; they need the beacons of ``target.beacons(suppression=True)``."""
+"""Methods that heed suppression points; they need the beacons of ``target.beacons(suppression=True)``."""

@@ -25,14 +25,14 @@ SHADOWED = 0.05
 def check_foci(transfer: TransferMatrix, target: Target) -> None:
     """Refuse a target whose points are not those of the transfer matrix (``InvalidInput``: how many, how far off).
 
-    The rows of the matrix are the target's foci, or its foci and after them its quiet points.
+    The rows of the matrix are the target's foci, or its foci and after them its suppression points.
     """
     of_kind(transfer, TransferMatrix, "the transfer matrix", "transfer_matrix(beacons, array)")
     of_kind(target, Target, "the target", "Target(points, pressures)")
     rows, count = len(transfer.matrix), len(target.points)
     if rows not in (count, count + len(target.suppression_points)):
         quiet = (
-            f" and {counted(len(target.suppression_points), 'quiet point', 'quiet points')}"
+            f" and {counted(len(target.suppression_points), 'suppression point', 'suppression points')}"
             if len(target.suppression_points)
             else ""
         )
@@ -116,19 +116,19 @@ def _check_near_foci(transfer: TransferMatrix, target: Target) -> None:
         )
 
 
-def quiet_rows(transfer: TransferMatrix, target: Target) -> Complex128[np.ndarray, "quiet elements"]:
-    """Return the rows of the matrix that hear the quiet points.
+def suppression_rows(transfer: TransferMatrix, target: Target) -> Complex128[np.ndarray, "suppressed elements"]:
+    """Return the rows of the matrix that hear the suppression points.
 
     Raises
     ------
     InvalidInput
-        As ``check_foci``, or the target has quiet points (how many) that the matrix does not hear.
+        As ``check_foci``, or the target has suppression points (how many) that the matrix does not hear.
     """
     check_foci(transfer, target)
     if len(transfer.matrix) == len(target.points) and len(target.suppression_points):
         raise InvalidInput(
-            f"the target keeps {counted(len(target.suppression_points), 'point', 'points')} quiet, but the matrix "
-            "has no rows for; solve for target.beacons(suppression=True)."
+            f"the target keeps {counted(len(target.suppression_points), 'point', 'points')} quiet, but the transfer "
+            "matrix has no rows for them; solve for target.beacons(suppression=True)."
         )
     return transfer.matrix[len(target.points) :]
 

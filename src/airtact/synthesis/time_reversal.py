@@ -14,7 +14,7 @@ def time_reversal(transfer: TransferMatrix, target: Target) -> Drive:
     Equations 9 and 10 of the paper, with equation 5 for several foci: w is the pressure or share that each focus asks
     for (1 for all where none does), with phase 0, as the paper has it, where the target asks for none. For one focus no
     drive of equal energy Σ|d|² gives more pressure (Cauchy-Schwarz); several foci also hear each other's sound, so that
-    their shares differ. Quiet points are not heeded.
+    their shares differ. Suppression points are not heeded.
 
     Parameters
     ----------

@@ -59,7 +59,7 @@ def upper_bound(transfer: TransferMatrix, target: Target, *, tolerance: float = 
     """Bound what any drive with amplitudes at most 1 can give its worst focus.
 
     The relaxation of Inoue, Makino and Shinoda (IEEE World Haptics 2015), in the form of a bound: its dual. What plays
-    phases only, or levels, plays such amplitudes too, so the bound is theirs as well. Quiet points are not heeded.
+    phases only, or levels, plays such amplitudes too, so the bound holds for it too. Suppression points are not heeded.
 
     Parameters
     ----------

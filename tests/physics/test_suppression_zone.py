@@ -1,4 +1,4 @@
-"""Quiet zones, measured by another solver on the whole zone and not only in the points that were asked."""
+"""Suppression zones, measured by another solver on the whole zone and not only in the points that were asked."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ ARRAY = surrounding_box()
 
 
 def drives_for(transfer: TransferMatrix, target: Target) -> tuple[Drive, Drive]:
-    """The strongest drive that knows no quiet zone, and the one that does, at full scale."""
+    """The strongest drive that knows no suppression zone, and the one that does, at full scale."""
     foci = TransferMatrix(transfer.matrix[: len(target.points)], 0.0, target.points)
     loud, quiet = max_min(foci, Target(target.points)), gradient(transfer, target, loss=0.09)
     return loud, quiet
