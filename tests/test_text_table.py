@@ -1,10 +1,10 @@
-"""Tables of text are read by the names of their columns, or refused with the line."""
+"""Tables of text are read by the names of their columns; a fault names its line."""
 
 import numpy as np
 import pytest
 
-from airtact.conventions import InvalidInput
 from airtact.text_table import read_text_table
+from faults import raises_code
 
 
 def table_of(folder, text: str):
@@ -26,31 +26,30 @@ def test_names_may_stand_in_the_last_comment_and_numbers_be_complex(tmp_path) ->
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    ("text", "code", "sentence"),
     [
-        ("", "a.csv has 0 rows of numbers, but no line that names its columns."),
-        ("1,2\n", "a.csv has 1 row of numbers, but no line that names its columns."),
-        ("x;y\n1;2\n", "line 1 of a.csv has no comma but 1 semicolon; put commas between cells."),
-        ("x\ty\tz\n1\t2\t3\n", "line 1 of a.csv has no comma but 2 tabs; put commas between cells."),
-        ("% x y z\n1 2 3\n", "line 2 of a.csv has no comma but 2 spaces; put commas between cells."),
-        ("x,y,X\n1,2,3\n", "a.csv has 2 columns of the name 'x'; give each its own."),
-        ("y\n1\n", "a.csv has no column x: it needs x, and has 1 column, y."),
-        ("x,y\n1,2\n\n1\n", "line 4 of a.csv has 1 cell, but there are 2 columns, x, y."),
-        ("x\n1\nloud\n", "line 3 of a.csv has 'loud' for x, which is no number."),
-        ("x,y\n1,2\n,2\n", "line 3 of a.csv has '' for x, which is no number."),
-        ("x\n1\n-inf\n", "line 3 of a.csv has '-inf' for x, which is not finite; leave such lines out."),
-        ("x\n1+2i\n", "line 2 of a.csv has '1+2i' for x, which is not a real number."),
+        ("", "header_missing", "a.csv has 0 rows of numbers"),
+        ("1,2\n", "header_missing", "a.csv has 1 row of numbers"),
+        ("x;y\n1;2\n", "wrong_separator", "line 1 of a.csv has no comma but 1 semicolon;"),
+        ("x\ty\tz\n1\t2\t3\n", "wrong_separator", "line 1 of a.csv has no comma but 2 tabs;"),
+        ("% x y z\n1 2 3\n", "wrong_separator", "line 2 of a.csv has no comma but 2 spaces;"),
+        ("x,y,X\n1,2,3\n", "column_twice", "a.csv has 2 columns of the name 'x'"),
+        ("y\n1\n", "column_missing", "a.csv has no column x: it needs x, and has 1 column, y."),
+        ("x,y\n1,2\n\n1\n", "wrong_cell_count", "line 4 of a.csv has 1 cell, but there are 2 columns, x, y."),
+        ("x\n1\nabc\n", "cell_unreadable", "line 3 of a.csv has 'abc' for x, which is not a number."),
+        ("x,y\n1,2\n,2\n", "cell_unreadable", "line 3 of a.csv has '' for x, which is not a number."),
+        ("x\n1\n-inf\n", "cell_unreadable", "line 3 of a.csv has '-inf' for x, which is not finite;"),
+        ("x\n1+2i\n", "cell_unreadable", "line 2 of a.csv has '1+2i' for x, which is not a real number."),
     ],
 )
-def test_what_is_no_table_is_refused_with_its_line(tmp_path, text: str, sentence: str) -> None:
-    with pytest.raises(InvalidInput) as caught:
+def test_what_is_not_a_table_is_rejected_with_its_line(tmp_path, text: str, code: str, sentence: str) -> None:
+    with raises_code(code, sentence):
         table_of(tmp_path, text).numbers("x")
-    assert str(caught.value) == sentence
 
 
-def test_files_that_are_not_there_or_no_text_are_refused(tmp_path) -> None:
-    with pytest.raises(InvalidInput, match=r"cannot read none\.csv: No such file"):
+def test_files_that_are_missing_or_not_text_are_rejected(tmp_path) -> None:
+    with raises_code("file_missing", str(tmp_path / "none.csv")):
         read_text_table(tmp_path / "none.csv")
     (tmp_path / "bytes.csv").write_bytes(b"x,y\xff")
-    with pytest.raises(InvalidInput, match=r"bytes\.csv is not a text file: byte 3 is not UTF-8"):
+    with raises_code("not_text", "bytes.csv is not a text file: byte 3 is not UTF-8"):
         read_text_table(tmp_path / "bytes.csv")

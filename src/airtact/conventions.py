@@ -2,7 +2,7 @@
 
 - Phasor p(t) = Re[P e^{-iωt}]; an outgoing wave is e^{+ikr}/r.
 - SI units: metre, hertz, pascal, radian. Amplitudes are peak values unless a name ends in ``_rms``.
-- Points are (N, 3) float64. Matrices: the first axis hears, the second axis speaks.
+- Points are (N, 3) float64. Matrices: the first axis is the receiver, the second axis the source.
 - A monopole of strength s [Pa·m] alone in open air gives p = s e^{ikr}/r.
 """
 
@@ -40,16 +40,12 @@ class InvalidInput(ValueError):  # noqa: N818 (reads as what it is in a tracebac
 
 @contextmanager
 def about(what: str) -> Iterator[None]:
-    """Put what a refusal is about in front of any sentence from inside, and keep the place of the fault.
-
-    Parameters
-    ----------
-    what : the name of a file or a table.
+    """Put the name of a file or a table in front of the sentence of any fault inside; keep its position and code.
 
     Examples
     --------
     >>> with about("hand.stl"):
-    ...     raise InvalidInput("0 triangles were read.")
+    ...     raise InvalidInput("0 triangles were read.", code="empty")
     Traceback (most recent call last):
     ...
     airtact.conventions.InvalidInput: hand.stl: 0 triangles were read.

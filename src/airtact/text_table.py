@@ -1,4 +1,4 @@
-"""Tables in text files: columns by name, numbers in cells, and the line in every refusal. The only reader of them."""
+"""Tables in text files: columns by name, numbers in cells, and the line in every error. The only reader of them."""
 
 import csv
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from jaxtyping import Complex128, Float64
 
 from airtact.conventions import InvalidInput
 from airtact.printing import in_short
-from airtact.validation import counted
+from airtact.validation import counted, file_fault
 
 COMMENTS = ("%", "#")
 """Lines that begin so are comments."""
@@ -38,39 +38,30 @@ class TextTable:
     __repr__ = in_short
 
     def require(self, *names: str) -> None:
-        """Refuse a table without some columns.
-
-        Raises
-        ------
-        InvalidInput
-            A column is missing.
-        """
+        """Raise "column_missing" where the table lacks one of the columns."""
         missing = [name for name in names if name not in self.names]
         if missing:
             raise InvalidInput(
                 f"{self.file} has no column {', '.join(missing)}: it needs {', '.join(names)}, and has "
-                f"{counted(len(self.names), 'column', 'columns')}, {', '.join(self.names)}."
+                f"{counted(len(self.names), 'column', 'columns')}, {', '.join(self.names)}.",
+                code="column_missing",
             )
 
     def numbers(self, name: str) -> Float64[np.ndarray, "rows"]:
         """Read a column as real numbers.
 
-        Parameters
-        ----------
-        name : of the column.
-
         Raises
         ------
         InvalidInput
-            The column is missing, or a cell is no number, NaN or infinite.
+            "column_missing", or "cell_unreadable": a cell is not a number, or is NaN or infinite.
         """
         found = self.complex_numbers(name)
         for row in np.flatnonzero(np.imag(found)):
-            raise self._refused(int(row), name, "which is not a real number")
+            raise self._unreadable(int(row), name, "which is not a real number")
         return np.ascontiguousarray(np.real(found))
 
     def complex_numbers(self, name: str) -> Complex128[np.ndarray, "rows"]:
-        """Read a column as complex numbers such as ``0.5-1.2i``; parameters and refusals as ``numbers``."""
+        """Read a column as complex numbers such as ``0.5-1.2i``; raise as ``numbers``."""
         self.require(name)
         column = self.names.index(name)
         found = np.empty(len(self.rows), dtype=np.complex128)
@@ -78,14 +69,16 @@ class TextTable:
             try:
                 found[row] = complex(_plain(cells[column]))
             except ValueError:
-                raise self._refused(row, name, "which is no number") from None
+                raise self._unreadable(row, name, "which is not a number") from None
             if not np.isfinite(found[row]):
-                raise self._refused(row, name, "which is not finite; leave such lines out")
+                raise self._unreadable(row, name, "which is not finite; leave such lines out")
         return found
 
-    def _refused(self, row: int, name: str, why: str) -> InvalidInput:
+    def _unreadable(self, row: int, name: str, why: str) -> InvalidInput:
         cell = self.rows[row][self.names.index(name)]
-        return InvalidInput(f"line {self.lines[row]} of {self.file} has {cell!r} for {name}, {why}.")
+        return InvalidInput(
+            f"line {self.lines[row]} of {self.file} has {cell!r} for {name}, {why}.", code="cell_unreadable"
+        )
 
 
 def read_text_table(path: Path) -> TextTable:
@@ -94,22 +87,20 @@ def read_text_table(path: Path) -> TextTable:
     The first line that is no comment names the columns; where it holds numbers already, the last comment before it
     does, as COMSOL writes it.
 
-    Parameters
-    ----------
-    path : the file.
-
     Raises
     ------
     InvalidInput
-        The file cannot be read or is no text, cells are parted by other signs, no line names the columns, a name is
-        given twice, or a row has more or fewer cells than there are columns.
+        "file_missing", "file_unreadable", "not_text", "wrong_separator", "header_missing", "column_twice", or
+        "wrong_cell_count".
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
-        raise InvalidInput(f"cannot read {path.name or path}: {error.strerror}.") from None
+        raise file_fault(path, error) from None
     except UnicodeDecodeError as error:
-        raise InvalidInput(f"{path.name} is not a text file: byte {error.start} is not UTF-8.") from None
+        raise InvalidInput(
+            f"{path.name} is not a text file: byte {error.start} is not UTF-8.", code="not_text"
+        ) from None
     head, commented, rows, lines = "", True, [], []
     for line, words in enumerate(text.splitlines(), start=1):
         if not words.strip():
@@ -129,7 +120,8 @@ def read_text_table(path: Path) -> TextTable:
         if len(cells) != len(names):
             raise InvalidInput(
                 f"line {line} of {path.name} has {counted(len(cells), 'cell', 'cells')}, but there are "
-                f"{counted(len(names), 'column', 'columns')}, {', '.join(names)}."
+                f"{counted(len(names), 'column', 'columns')}, {', '.join(names)}.",
+                code="wrong_cell_count",
             )
     return TextTable(path.name, names, tuple(rows), tuple(lines))
 
@@ -139,17 +131,24 @@ def _check_other_separators(file: str, line: int, words: str) -> None:
         count = len(words.strip().split(separator)) - 1
         if count and "," not in words:
             raise InvalidInput(
-                f"line {line} of {file} has no comma but {counted(count, name, f'{name}s')}; put commas between cells."
+                f"line {line} of {file} has no comma but {counted(count, name, f'{name}s')}; put commas between cells.",
+                code="wrong_separator",
             )
 
 
 def _named(file: str, head: str, rows: int) -> tuple[str, ...]:
     if not head:
-        raise InvalidInput(f"{file} has {counted(rows, 'row', 'rows')} of numbers, but no line that names its columns.")
+        raise InvalidInput(
+            f"{file} has {counted(rows, 'row', 'rows')} of numbers, but no line that names its columns.",
+            code="header_missing",
+        )
     names = tuple(name.lower() for name in _cells(head))
     twice = [name for name in names if names.count(name) > 1]
     if twice:
-        raise InvalidInput(f"{file} has {names.count(twice[0])} columns of the name {twice[0]!r}; give each its own.")
+        raise InvalidInput(
+            f"{file} has {names.count(twice[0])} columns of the name {twice[0]!r}; give each its own.",
+            code="column_twice",
+        )
     return names
 
 

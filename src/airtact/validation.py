@@ -1,5 +1,9 @@
-"""Sentences for bad input that every constructor of a scene says the same way."""
+"""Checks of input, with one sentence and one code for each kind of fault.
 
+``what`` is everywhere the name of the value in the sentence, ``unit`` its unit.
+"""
+
+from pathlib import Path
 from types import UnionType
 from typing import TypeVar
 
@@ -12,12 +16,7 @@ Given = TypeVar("Given")
 
 
 def counted(number: int, one: str, many: str) -> str:
-    """Say how many, in the singular for one.
-
-    Parameters
-    ----------
-    number : how many.
-    one, many : what follows the number, for one and for others.
+    """Write a number with its noun: ``one`` for 1, ``many`` for others.
 
     Examples
     --------
@@ -28,25 +27,18 @@ def counted(number: int, one: str, many: str) -> str:
 
 
 def of_kind(value: Given, kind: type | UnionType, what: str, instead: str) -> Given:
-    """Return an object, or refuse it where it is of the wrong kind, before it fails somewhere inside.
-
-    Parameters
-    ----------
-    value : what the caller gave.
-    kind : what it must be.
-    what : its name, for the sentence.
-    instead : what to give, for the sentence.
+    """Return an object of the right type; ``instead`` names what to give.
 
     Raises
     ------
     InvalidInput
-        Saying what was given and what to give.
+        "wrong_kind": the object has another type.
     """
     if not isinstance(value, kind):
         given = f"the class {value.__name__}" if isinstance(value, type) else _kind_of(value)
         name = kind.__name__ if isinstance(kind, type) else str(kind)
         wanted = f"{_article(name)} {name}"
-        raise InvalidInput(f"{what} is {given}, but it must be {wanted}: give {instead}.")
+        raise InvalidInput(f"{what} is {given}, but it must be {wanted}: give {instead}.", code="wrong_kind")
     return value
 
 
@@ -64,36 +56,28 @@ def _article(name: str) -> str:
 
 
 def number(value: float, what: str, unit: str) -> float:
-    """Return a real number as a float, or refuse what is none; NaN and infinity pass.
-
-    Parameters
-    ----------
-    value : the number.
-    what, unit : its name and unit, for the sentence.
+    """Return a real number as a float; NaN and infinity pass.
 
     Raises
     ------
     InvalidInput
-        When it is a string, an array, a complex number or nothing.
+        "not_a_number": it is a string, an array, a complex number or None.
     """
     given = np.asarray(value if np.isscalar(value) or isinstance(value, np.ndarray) else None)
     if given.ndim != 0 or given.dtype.kind not in "iuf":
-        raise InvalidInput(f"{what} is {_kind_of(value)}, but it must be one real number, in {unit}.")
+        raise InvalidInput(
+            f"{what} is {_kind_of(value)}, but it must be one real number, in {unit}.", code="not_a_number"
+        )
     return float(given)
 
 
 def positive(value: float, what: str, unit: str) -> float:
-    """Return a number as a float, or refuse it.
-
-    Parameters
-    ----------
-    value : the number.
-    what, unit : its name and unit, for the sentence.
+    """Return a finite number above zero as a float.
 
     Raises
     ------
     InvalidInput
-        When the value is no number, not finite or not above zero.
+        "not_a_number", or "not_positive": it is zero, negative, NaN or infinite.
 
     Examples
     --------
@@ -102,24 +86,21 @@ def positive(value: float, what: str, unit: str) -> float:
     """
     given = number(value, what, unit)
     if not np.isfinite(given) or given <= 0.0:
-        raise InvalidInput(f"{what} is {given:g} {unit}, but it must be a finite number above zero.")
+        raise InvalidInput(
+            f"{what} is {given:g} {unit}, but it must be a finite number above zero.", code="not_positive"
+        )
     return given
 
 
 def within(value: float, low: float, high: float, what: str, unit: str, slip: str) -> float:
-    """Return a number as a float, or refuse one so small or large that its unit must be wrong.
+    """Return a number from ``low`` to ``high`` as a float; outside, its unit is probably wrong.
 
-    Parameters
-    ----------
-    value : the number.
-    low, high : what it may be at least and at most.
-    what, unit : its name and unit, for the sentence.
-    slip : the question to ask, such as "is it in kHz?".
+    ``slip`` is the question to ask then, such as "is it in kHz?".
 
     Raises
     ------
     InvalidInput
-        When it is no number, not finite, not above zero or outside the range.
+        As ``positive``, or "out_of_range".
 
     Examples
     --------
@@ -130,131 +111,106 @@ def within(value: float, low: float, high: float, what: str, unit: str, slip: st
     """
     given = positive(value, what, unit)
     if not low <= given <= high:
-        raise InvalidInput(f"{what} is {given:g} {unit}, but it must lie between {low:g} and {high:g} {unit}: {slip}")
+        raise InvalidInput(
+            f"{what} is {given:g} {unit}, but it must lie between {low:g} and {high:g} {unit}: {slip}",
+            code="out_of_range",
+        )
     return given
 
 
-LOWEST, HIGHEST = 1e3, 1e6
-"""The frequencies that sound in the air of a scene may have [Hz]."""
+LOWEST_FREQUENCY, HIGHEST_FREQUENCY = 1e3, 1e6
+"""Frequencies that a scene may have [Hz]."""
 
 
 def check_frequency(frequency: float) -> float:
-    """Return a frequency [Hz] as a float, or refuse it.
-
-    Raises
-    ------
-    InvalidInput
-        When it is no number or outside ``LOWEST`` to ``HIGHEST``, asking whether it is in kHz.
-    """
-    return within(frequency, LOWEST, HIGHEST, "frequency", "Hz", "is it in kHz? Give hertz.")
+    """Return a frequency [Hz] as a float; raise as ``within`` outside 1 kHz to 1 MHz."""
+    return within(frequency, LOWEST_FREQUENCY, HIGHEST_FREQUENCY, "frequency", "Hz", "is it in kHz? Give hertz.")
 
 
 def fixed(array: Real[np.ndarray, "..."]) -> Float64[np.ndarray, "..."]:
-    """Copy an array to float64 that nobody can write to, so that what was checked stays true.
-
-    Parameters
-    ----------
-    array : any shape.
-    """
+    """Copy an array to read-only float64, so that what was checked stays true."""
     copy = np.array(array, dtype=np.float64, order="C")
     copy.flags.writeable = False
     return copy
 
 
 def points_of(array: Real[np.ndarray, "..."], what: str, least: int = 1) -> Float64[np.ndarray, "points 3"]:
-    """Return points (P, 3) as read-only float64, or refuse them.
-
-    Parameters
-    ----------
-    array : what the caller gave; one point (3,) is not taken for a list of points.
-    what : name of the points, for the sentence.
-    least : 1, or 0 where an empty list (0, 3) makes sense.
+    """Return at least ``least`` (0 or 1) points (P, 3) as read-only float64; one point (3,) is not a list of points.
 
     Raises
     ------
     InvalidInput
-        When they are no real numbers, the shape is not (P, 3), P is below ``least``, or a coordinate is NaN or
-        infinite.
+        As ``real_numbers``; "wrong_shape", "empty", or "not_finite".
     """
     points = real_numbers(array, what)
     if points.ndim != 2 or points.shape[1] != 3:
-        raise InvalidInput(f"{what} have shape {points.shape}, but points are an array of shape (number of points, 3).")
+        raise InvalidInput(
+            f"{what} have shape {points.shape}, but points are an array of shape (number of points, 3).",
+            code="wrong_shape",
+        )
     if len(points) < least:
-        raise InvalidInput(f"{what} are empty (0 points); give at least one.")
+        raise InvalidInput(f"{what} are empty (0 points); give at least one.", code="empty")
     check_finite(points, what)
     return points
 
 
 def real_numbers(array: Real[np.ndarray, "..."], what: str) -> Float64[np.ndarray, "..."]:
-    """Return numbers of any shape as read-only float64, or refuse what is no array of real numbers.
-
-    Parameters
-    ----------
-    array : what the caller gave: an array, or nested lists of numbers.
-    what : name of the numbers, for the sentence.
+    """Return an array, or nested lists, of real numbers of any shape as read-only float64.
 
     Raises
     ------
     InvalidInput
-        When it holds rows of different lengths, complex numbers, text or other things.
+        "wrong_shape": rows differ in length; "not_a_number": it holds complex numbers, text or other things.
     """
     try:
         given = np.asarray(array)
     except ValueError:
-        raise InvalidInput(f"{what} are {_kind_of(array)} whose rows differ in length; give an array.") from None
+        raise InvalidInput(
+            f"{what} are {_kind_of(array)} whose rows differ in length; give an array.", code="wrong_shape"
+        ) from None
     if given.dtype.kind not in "iuf" and given.size:
         raise InvalidInput(
-            f"{what} are {_kind_of(array)} of type {given.dtype} and shape {given.shape}; give real numbers."
+            f"{what} are {_kind_of(array)} of type {given.dtype} and shape {given.shape}; give real numbers.",
+            code="not_a_number",
         )
     return fixed(given)
 
 
 def complex_numbers(array: Num[np.ndarray, "..."], what: str) -> Complex128[np.ndarray, "..."]:
-    """Return numbers of any shape as a complex128 copy, or refuse what is no array of numbers.
-
-    Parameters
-    ----------
-    array : what the caller gave: an array, or nested lists of numbers.
-    what : name of the numbers, for the sentence.
+    """Return an array, or nested lists, of numbers of any shape as a complex128 copy.
 
     Raises
     ------
     InvalidInput
-        When it holds rows of different lengths, text or other things.
+        "not_a_number": rows differ in length, or it holds text or other things.
     """
     try:
         return np.array(array, dtype=np.complex128)
     except (TypeError, ValueError):
-        raise InvalidInput(f"{what} are {_kind_of(array)}, but they must be an array of numbers.") from None
+        raise InvalidInput(
+            f"{what} are {_kind_of(array)}, but they must be an array of numbers.", code="not_a_number"
+        ) from None
 
 
 def check_finite(array: np.ndarray, what: str) -> None:
-    """Refuse NaN and infinity.
-
-    Parameters
-    ----------
-    array : any shape, real or complex.
-    what : name of the values, for the sentence.
-
-    Raises
-    ------
-    InvalidInput
-        Saying how many values are not finite and where the first is.
-    """
+    """Raise "not_finite" where an array holds NaN or infinity, with their number and the index of the first."""
     finite = np.isfinite(array)
     if not finite.all():
         bad = np.argwhere(~finite)
         where = [int(i) for i in bad[0]]
         values = counted(len(bad), "NaN or infinite value", "NaN or infinite values")
-        raise InvalidInput(f"{what} hold {values}, the first at index {where}.")
+        raise InvalidInput(f"{what} hold {values}, the first at index {where}.", code="not_finite")
+
+
+def file_fault(path: Path, error: OSError) -> InvalidInput:
+    """Make the fault of a file that cannot be read: "file_missing", or else "file_unreadable"."""
+    if isinstance(error, FileNotFoundError):
+        return InvalidInput(f"the file {path} does not exist.", code="file_missing")
+    return InvalidInput(f"cannot read the file {path}: {error.strerror or error}.", code="file_unreadable")
 
 
 def in_mm(point: Real[np.ndarray, "3"]) -> str:
-    """Say a point in millimetres.
-
-    Parameters
-    ----------
-    point : (3,) [m].
+    """Write a point [m] in millimetres.
 
     Examples
     --------

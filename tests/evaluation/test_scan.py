@@ -87,7 +87,7 @@ def test_what_is_no_scan_is_refused(tmp_path, text, sentence):
 
 
 def test_files_that_are_not_there_or_no_text_are_refused(tmp_path):
-    with pytest.raises(InvalidInput, match=r"cannot read missing\.csv"):
+    with pytest.raises(InvalidInput, match=r"missing\.csv does not exist"):
         load_scan(tmp_path / "missing.csv")
     (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x00x,y")
     with pytest.raises(InvalidInput, match=r"bytes\.csv is not a text file: byte 0"):

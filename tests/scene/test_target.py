@@ -12,7 +12,7 @@ def test_one_number_is_asked_of_every_focus():
     assert Target(POINTS, 1500).pressures.dtype == np.float64
 
 
-def test_pressures_may_differ_and_one_may_be_quiet():
+def test_pressures_may_differ_and_one_may_be_zero():
     assert Target(POINTS, np.array([0, 200])).pressures.tolist() == [0.0, 200.0]
 
 
@@ -65,7 +65,7 @@ def test_foci_in_millimetres_are_asked_about():
 
 def test_printing_a_target_is_short():
     said = "Target(points=[[0.0, 0.0, 0.0], [0.0, 0.0, 0.01]], pressures=[3.0, 3.0], "
-    assert repr(Target(POINTS, 3.0)) == said + "shares=None, phases=None, quiet=[])"
+    assert repr(Target(POINTS, 3.0)) == said + "shares=None, phases=None, suppression_points=[])"
 
 
 def test_a_share_asks_for_proportions_only():
@@ -87,7 +87,7 @@ def test_complex_numbers_fix_the_phases_and_real_ones_leave_them():
     np.testing.assert_allclose(Target(POINTS, shares=1j).wanted, [1j, 1j], atol=1e-15)
 
 
-def test_quiet_points_follow_the_foci_as_beacons_where_asked():
+def test_suppression_points_follow_the_foci_as_beacons_where_asked():
     target = Target(POINTS, suppression_points=np.array([[0.01, 0.0, 0.0]]))
     assert np.array_equal(target.beacons().positions, POINTS)
     both = target.beacons(suppression=True)
@@ -106,11 +106,14 @@ def test_quiet_points_follow_the_foci_as_beacons_where_asked():
         ({"shares": 1.0, "pressures": 2.0}, "both pressures and shares; give 1 of the 2"),
         ({"pressures": complex(np.nan, 0)}, "target pressures hold 1 NaN"),
         ({"pressures": np.array([1j, np.inf])}, r"target pressures hold 1 NaN or infinite value, the first at index"),
-        ({"quiet": np.zeros((2, 2))}, r"suppression points have shape \(2, 2\)"),
-        ({"quiet": np.array([[0.0, 0.0, np.nan]])}, "suppression points hold 1 NaN"),
-        ({"quiet": np.array([[0.0, 0.0, 3.0]])}, r"suppression point 0 at \(0.00, 0.00, 3000.00\) mm is 3 m from"),
+        ({"suppression_points": np.zeros((2, 2))}, r"suppression points have shape \(2, 2\)"),
+        ({"suppression_points": np.array([[0.0, 0.0, np.nan]])}, "suppression points hold 1 NaN"),
         (
-            {"quiet": np.array([[0.0, 0.1, 0.0], [0.0, 2e-7, 0.01]])},
+            {"suppression_points": np.array([[0.0, 0.0, 3.0]])},
+            r"suppression point 0 at \(0.00, 0.00, 3000.00\) mm is 3 m from",
+        ),
+        (
+            {"suppression_points": np.array([[0.0, 0.1, 0.0], [0.0, 2e-7, 0.01]])},
             r"suppression point 1 is 0.0002 mm from focus 1 at \(0.00, 0.00, 10.00\) mm",
         ),
     ],

@@ -51,7 +51,7 @@ def test_nothing_is_told_beyond_the_samples():
     beyond = np.array([[0.0, 0.0, 0.05], [0.02, 0.0, 0.03]])
     assert not sampled.valid(beyond).any()
     assert np.isnan(sampled.at(beyond)).all()
-    assert len(sampled.on_surface.points) == 0
+    assert len(sampled.skin.points) == 0
 
 
 def test_transducers_beyond_the_samples_are_refused():
@@ -135,7 +135,7 @@ def test_samples_that_do_not_fit_are_refused():
         ("x,y,z\n0,0,1", "field.csv: it has 0 columns of pressure"),
         ("x,y,z,p_real\n0,0,1,2", "field.csv: it has 1 column p_real without its other half, p_imag"),
         ("x,y,z,p\n0,0,1", "line 2 of field.csv has 3 cells, but there are 4 columns, x, y, z, p"),
-        ("x,y,z,p\n0,0,1,loud", "line 2 of field.csv has 'loud' for p, which is no number"),
+        ("x,y,z,p\n0,0,1,loud", "line 2 of field.csv has 'loud' for p, which is not a number"),
         ("% x,y,z,p\n0,0,1,NaN", "line 2 of field.csv has 'NaN' for p, which is not finite"),
         ("x,y,z,p\n0,0,1+2i,3", r"line 2 of field.csv has '1\+2i' for z, which is not a real number"),
         ("% x y z p\n0 0 1 2", "line 2 of field.csv has no comma but 3 spaces; put commas between cells"),
@@ -151,7 +151,7 @@ def test_files_that_cannot_be_read_are_refused(tmp_path, text, sentence):
 
 
 def test_other_faults_of_loading_are_refused(tmp_path, monkeypatch):
-    with pytest.raises(at.InvalidInput, match=r"cannot read none.csv: No such file"):
+    with pytest.raises(at.InvalidInput, match=r"none.csv does not exist"):
         at.load_samples(tmp_path / "none.csv", SCENE, SOURCES, "e^{-iωt}")
     with pytest.raises(at.InvalidInput, match=r"cannot read none.vtu: No such file"):
         at.load_samples(tmp_path / "none.vtu", SCENE, SOURCES, "e^{-iωt}")

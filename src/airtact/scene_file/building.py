@@ -41,7 +41,7 @@ from airtact.transducers.element import Element, monopole, piston
 from airtact.transducers.layout import PhasedArray, board_array, flat_boards, surrounding_box
 from airtact.transducers.placement import check_placement
 from airtact.transfer import Drive, TransferMatrix
-from airtact.validation import counted
+from airtact.validation import counted, file_fault
 
 SOLVERS = ("boundary_element", "finite_element", "free_field")
 """The solvers that a file can name."""
@@ -107,7 +107,7 @@ def _text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except OSError as error:
-        raise InvalidInput(f"cannot read the scene file {path}: {error.strerror}.") from None
+        raise file_fault(path, error) from None
     except UnicodeDecodeError as error:
         raise InvalidInput(f"{path.name} is not a text file: byte {error.start} is not UTF-8.") from None
 
