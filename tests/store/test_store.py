@@ -18,7 +18,7 @@ from airtact.cli import main
 from airtact.scene_file.building import read_setup
 from airtact.steps import Clock, Keeping, solve_foci
 from airtact.store.entry import DamagedError, read, written
-from airtact.store.fingerprint import fingerprint, program
+from airtact.store.fingerprint import fingerprint
 from airtact.store.stored import ABANDONED, SUFFIX
 from paths import SCENES
 
@@ -147,7 +147,7 @@ OTHERS = {
 def test_whatever_determines_a_field_gives_it_another_name() -> None:
     names = {name: fingerprint(*parts) for name, parts in OTHERS.items()}
     names["mesh"] = fingerprint(SOLVER, MESH, SOURCE)
-    names["another airtact"] = fingerprint(SOLVER, SCENE, SOURCE, made_by=program() + "1")
+    names["another airtact"] = fingerprint(SOLVER, SCENE, SOURCE, made_by="airtact 0")
     assert len(set(names.values())) == len(names)
     assert fingerprint(SOLVER, ball(), at.Monopoles(AWAY.copy(), np.ones(1))) == names["closed form"]
     telling = at.FiniteElement(order=3, progress=print)
@@ -159,10 +159,6 @@ def test_what_was_found_out_about_a_shape_does_not_change_its_name() -> None:
     before = fingerprint(SOLVER, scene, SOURCE)
     SOLVER.radiate(scene, SOURCE)
     assert fingerprint(SOLVER, scene, SOURCE) == before
-
-
-def test_the_program_is_named_by_its_version_and_its_files() -> None:
-    assert program().startswith(f"airtact {at.__version__} ")
 
 
 @pytest.mark.parametrize("name", ["moved vertex", "other speed", "frequency", "strength", "accuracy", "solver"])
@@ -262,11 +258,11 @@ scene, source = at.Scene(at.Medium(343.1, 1.293), []), at.Monopoles(np.array([[0
 whole = [written(at.FreeField().radiate(scene, source), key) + bytes(10**6) for key in "abc"]
 random.seed(4)
 half_written = 0
-for _ in range(40):
+for attempt in range(40):
     child = os.fork()
     if child == 0:
         while True:
-            for key, one in zip("abc", whole):
+            for key, one in (list(zip("abc", whole)) * 2)[attempt % 3 :]:
                 save(folder / key, one)
     time.sleep(random.uniform(0.002, 0.03))
     os.kill(child, signal.SIGKILL)
