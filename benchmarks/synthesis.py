@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import airtact as at
-from airtact.scene_file.building import read_setup
+from airtact.scene_file.building import read_scene
 from airtact.synthesis.gerchberg_saxton import to_and_fro
 from airtact.synthesis.upper_bound import relaxed_bound
 
@@ -44,7 +44,7 @@ def transfers() -> dict[str, at.TransferMatrix]:
     if not KEPT.exists():
         random, arrays = np.random.default_rng(5), {}
         for name in names:
-            setup = read_setup(ROOT / f"examples/{name}.toml")
+            setup = read_scene(ROOT / f"examples/{name}.toml")
             target = at.Target(beside(setup.scene, random))
             transfer = at.transfer_matrix(setup.solver.radiate(setup.scene, target.beacons()), setup.array)
             arrays |= {f"{name}_matrix": transfer.matrix, f"{name}_points": target.points}

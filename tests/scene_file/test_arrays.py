@@ -5,7 +5,7 @@ import pytest
 
 from airtact.conventions import InvalidInput
 from airtact.pose import Pose
-from airtact.scene_file.building import read_setup
+from airtact.scene_file.building import read_scene
 from airtact.transducers.layout import board_array, surrounding_box
 
 SCENE = """
@@ -28,7 +28,7 @@ ONE_BOARD = 'layout = "boards"\nposes = [{ translation = [0.0, 0.0, -0.1] }]\n'
 
 def array_of(folder, text: str):
     (folder / "scene.toml").write_text(SCENE.format(array=text))
-    return read_setup(folder / "scene.toml").array
+    return read_scene(folder / "scene.toml").array
 
 
 def test_a_box_of_real_boards(tmp_path) -> None:

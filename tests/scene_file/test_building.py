@@ -6,7 +6,7 @@ import pytest
 from airtact.conventions import InvalidInput
 from airtact.figures.body_figure import sharp_edges
 from airtact.scene.medium import air
-from airtact.scene_file.building import drawable_bodies, read_setup
+from airtact.scene_file.building import drawable_bodies, read_scene
 from airtact.solvers.free_field import FreeField
 from airtact.surfaces.primitives import capsule
 from airtact.synthesis.methods import METHODS
@@ -26,7 +26,7 @@ def read(tmp_path):
     def reader(*parts):
         path = tmp_path / "scene.toml"
         path.write_text("".join(parts))
-        return read_setup(path)
+        return read_scene(path)
 
     return reader
 
@@ -41,7 +41,7 @@ def refusal(read, *parts):
 
 
 def test_the_papers_scene():
-    setup = read_setup(EXAMPLES / "pinch.toml")
+    setup = read_scene(EXAMPLES / "pinch.toml")
     assert (setup.scene.medium.sound_speed, setup.scene.medium.density) == (343.1, 1.293)
     assert len(setup.array) == 996
     assert setup.bodies == ("thumb", "finger")
@@ -52,7 +52,7 @@ def test_the_papers_scene():
 
 
 def test_the_open_hand_looks_at_the_boards():
-    setup = read_setup(EXAMPLES / "open_hand.toml")
+    setup = read_scene(EXAMPLES / "open_hand.toml")
     foci, array = setup.target.points, setup.array
     np.testing.assert_allclose(setup.scene.depth(foci), -0.5e-3, atol=5e-6)
     np.testing.assert_allclose(array.normals, np.tile([1.0, 0.0, 0.0], (996, 1)), atol=1e-12)
@@ -131,7 +131,7 @@ def test_bodies_that_can_be_drawn_are_found_though_the_scene_is_refused(tmp_path
     files = [f'[[obstacles]]\nsurface = "{name}"\nscale = 1e-3\n' for name in ("open.stl", "missing.stl")]
     path.write_text("".join([MEDIUM, ARRAY, BALL, *files, FOCUS]))
     with pytest.raises(InvalidInput, match=r"scene.toml: obstacles\[1\]: open.stl: "):
-        read_setup(path)
+        read_scene(path)
     ball, box = drawable_bodies(path)
     assert len(ball[1]) > 100
     assert len(box[1]) == 11
@@ -328,10 +328,10 @@ def test_a_transducer_inside_a_body_is_refused_with_its_depth(read, tmp_path):
 
 def test_a_file_that_cannot_be_read_is_refused(tmp_path):
     with pytest.raises(InvalidInput, match=r"the file .*no\.toml does not exist"):
-        read_setup(tmp_path / "no.toml")
+        read_scene(tmp_path / "no.toml")
     (tmp_path / "bytes.toml").write_bytes(b"frequency = 1\n\xff")
     with pytest.raises(InvalidInput, match=r"bytes\.toml is not a text file: byte 14"):
-        read_setup(tmp_path / "bytes.toml")
+        read_scene(tmp_path / "bytes.toml")
 
 
 @pytest.mark.parametrize("name", METHODS)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.scene_file.building import read_setup
+from airtact.scene_file.building import read_scene
 from airtact.steps import finer
 
 TEXT = """
@@ -31,14 +31,14 @@ accuracy = ACCURACY
 def test_finite_elements_are_taken_for_a_filled_body(tmp_path, accuracy, order):
     path = tmp_path / "scene.toml"
     path.write_text(TEXT.replace("ACCURACY", accuracy))
-    assert read_setup(path).solver == at.FiniteElement(order=order)
+    assert read_scene(path).solver == at.FiniteElement(order=order)
 
 
 def test_more_than_finite_elements_reach_is_refused(tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text(TEXT.replace("ACCURACY", "0.0001"))
     with pytest.raises(at.InvalidInput, match=r"accuracy is 0\.0001, but finite elements reach 0\.001 to 0\.3"):
-        read_setup(path)
+        read_scene(path)
 
 
 @pytest.mark.slow
@@ -46,7 +46,7 @@ def test_a_filled_body_is_judged_by_the_next_order(tmp_path):
     path = tmp_path / "scene.toml"
     small = TEXT.replace("radius = 0.004", "radius = 0.0015").replace("0.006", "0.003")
     path.write_text(small.replace("ACCURACY", "0.3"))
-    setup = read_setup(path)
+    setup = read_scene(path)
     field = setup.solver.radiate(setup.scene, setup.target.beacons())
     judged = finer(setup).radiate(setup.scene, setup.target.beacons())
     assert judged.report.settings["order"] == field.report.settings["order"] + 1

@@ -10,7 +10,7 @@ from airtact.cli import main
 from airtact.conventions import InvalidInput
 from airtact.hand.files import load_hand
 from airtact.mesh.topology import edge_twins
-from airtact.scene_file.building import read_setup
+from airtact.scene_file.building import read_scene
 from airtact.workflows.hand import pose
 from airtact.workflows.recording import replay_recording
 from paths import EXAMPLES
@@ -27,7 +27,7 @@ def scene_file(tmp_path: Path, old: str = "", new: str = "") -> Path:
 
 
 def test_the_example_has_its_foci_half_a_millimetre_before_the_pads():
-    setup = read_setup(EXAMPLES / "pinch_pose.toml")
+    setup = read_scene(EXAMPLES / "pinch_pose.toml")
     assert setup.bodies == ("hand",)
     assert setup.foci == ("thumb.pad", "index.pad")
     assert setup.scene.depth(setup.target.points) == pytest.approx([-0.5e-3, -0.5e-3], abs=1e-8)
@@ -35,13 +35,13 @@ def test_the_example_has_its_foci_half_a_millimetre_before_the_pads():
 
 def test_pads_inside_the_body_are_refused(tmp_path):
     with pytest.raises(InvalidInput, match=r"obstacles\[0\]: thumb.pad at .* mm inside the body.* would free it"):
-        read_setup(scene_file(tmp_path, "gap = 0.012\n"))
+        read_scene(scene_file(tmp_path, "gap = 0.012\n"))
 
 
 def test_a_gap_goes_with_a_hand_only(tmp_path):
     path = scene_file(tmp_path, f'hand = "{PINCH}"', "sphere = { radius = 0.01 }")
     with pytest.raises(InvalidInput, match=r"obstacles\[0\]: gap goes only with hand"):
-        read_setup(path)
+        read_scene(path)
 
 
 def test_the_command_writes_a_closed_skin_and_a_picture(tmp_path, capsys):

@@ -9,7 +9,7 @@ from airtact.hand.pinch import pinch
 from airtact.scene.drawings import svg_path, text
 from airtact.scene.target import Target
 from airtact.scene.target_points import circle, polyline, segment, sphere_shell, surface_points
-from airtact.scene_file.building import Setup, read_setup
+from airtact.scene_file.building import Setup, read_scene
 
 HEAD = '[medium]\nsound_speed = 343.1\ndensity = 1.293\n[array]\nlayout = "surrounding_box"\n'
 FINGERS = "[[obstacles]]\npinch = { gap = 0.012 }\n"
@@ -21,7 +21,7 @@ def read(tmp_path):
     def reader(*parts: str) -> Setup:
         path = tmp_path / "scene.toml"
         path.write_text(HEAD + "".join(parts))
-        return read_setup(path)
+        return read_scene(path)
 
     return reader
 

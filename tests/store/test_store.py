@@ -15,7 +15,7 @@ import pytest
 
 import airtact as at
 from airtact.cli import main
-from airtact.scene_file.building import read_setup
+from airtact.scene_file.building import read_scene
 from airtact.steps import Clock, Keeping, solve_foci
 from airtact.store.entry import DamagedError, read, written
 from airtact.store.fingerprint import fingerprint
@@ -371,7 +371,7 @@ def test_what_a_store_refuses(arguments: tuple, says: str) -> None:
 
 def test_a_rendered_scene_is_not_solved_twice(tmp_path: Path) -> None:
     path = SCENES / "ball.toml"
-    solve_foci(read_setup(path), Clock(lambda step: None), tmp_path / "kept")
+    solve_foci(read_scene(path), Clock(lambda step: None), tmp_path / "kept")
     assert main(["render", str(path), "--out", str(tmp_path / "out"), "--store", str(tmp_path / "kept")]) == 0
     with h5py.File(tmp_path / "out/drive.h5") as file:
         report = file["report"][()].decode()

@@ -9,7 +9,7 @@ import pytest
 from airtact.cli import main
 from airtact.conventions import InvalidInput
 from airtact.evaluation.field import drive_sources
-from airtact.scene_file.building import read_setup
+from airtact.scene_file.building import read_scene
 from airtact.solvers.spherical.sphere_series import SphereSeries
 from airtact.synthesis.methods import METHODS
 from airtact.transfer import Drive
@@ -36,7 +36,7 @@ def test_every_method_and_the_control_are_there(compared):
 
 
 def test_the_series_hears_what_was_judged(compared):
-    contest, setup = compared[1], read_setup(BALL)
+    contest, setup = compared[1], read_scene(BALL)
     sources = drive_sources(setup.array, [one.emitted for one in contest.contenders])
     true = np.abs(SphereSeries().radiate(setup.scene, sources).at(setup.target.points)).T
     for one, pressures in zip(contest.contenders, true, strict=True):

@@ -11,7 +11,7 @@ from airtact.cli import main
 from airtact.evaluation.field import drive_sources
 from airtact.evaluation.microphone import Microphone
 from airtact.evaluation.scan import load_scan
-from airtact.scene_file.building import read_setup
+from airtact.scene_file.building import read_scene
 from airtact.solvers.spherical.sphere_series import SphereSeries
 from airtact.steps import Clock, solve_foci
 from airtact.synthesis.quantise import quantise
@@ -33,7 +33,7 @@ def write_scan(path: Path, points: np.ndarray, pressures: np.ndarray) -> Path:
 @pytest.fixture(scope="module")
 def scan_file(tmp_path_factory):
     """A virtual measurement by the series for a sphere: a plane above the ball and across it, with 2 % of noise."""
-    setup = read_setup(BALL)
+    setup = read_scene(BALL)
     transfer, _ = solve_foci(setup, Clock(lambda step: None))
     drive = quantise(setup.synthesise(transfer, setup.target)).drive()
     field = SphereSeries().radiate(setup.scene, drive_sources(setup.array, [drive]))

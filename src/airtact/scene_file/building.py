@@ -85,7 +85,7 @@ class Setup:
     synthesise: Callable[[TransferMatrix, Target], Drive]
 
 
-def read_setup(path: Path) -> Setup:
+def read_scene(path: Path) -> Setup:
     """Read a scene file and build what it describes.
 
     Parameters

@@ -15,7 +15,7 @@ from airtact.scene.medium import air
 from airtact.scene.scene import Scene, sound_hard
 from airtact.scene.sources import Monopoles
 from airtact.scene_file.bare_triangles import Triangles, bare_triangles
-from airtact.scene_file.building import Setup, drawable_bodies, read_setup
+from airtact.scene_file.building import Setup, drawable_bodies, read_scene
 from airtact.solvers.bem.solver import BoundaryElement
 from airtact.surfaces.files import load_surface
 
@@ -41,7 +41,7 @@ def check_scene(path: Path, folder: Path | None = None, report_step: Tell = lamb
     """
     report_step(f"reading {path.name}")
     with _pictured(folder, lambda: drawable_bodies(path), report_step):
-        setup = read_setup(path)
+        setup = read_scene(path)
     if folder is not None:
         report_step(f"drawing {folder / BODIES}")
         bodies = [obstacle.surface for obstacle in setup.scene.obstacles]

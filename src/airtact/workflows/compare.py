@@ -16,7 +16,7 @@ from airtact.figures.field_figure import Cut, cut_bodies
 from airtact.files.atomic import whole_file, writable_folder
 from airtact.files.drives import write_drive_h5
 from airtact.pages.methods_page import Contender, Contest, write_methods_page
-from airtact.scene_file.building import Setup, read_setup
+from airtact.scene_file.building import Setup, read_scene
 from airtact.solvers.problem import SolveReport
 from airtact.steps import Clock, Keeping, finer, kept, solve_foci, synthesised
 from airtact.synthesis.methods import METHODS
@@ -94,7 +94,7 @@ def compare_methods(
 
 
 def _fresh_setup(path: Path, folder: Path) -> Setup:
-    setup = read_setup(path)
+    setup = read_scene(path)
     writable_folder(folder / "drives")
     for name in FILES:
         (folder / name).unlink(missing_ok=True)

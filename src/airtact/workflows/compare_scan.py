@@ -14,7 +14,7 @@ from airtact.evaluation.scan import Overlay, load_scan, overlay_scan
 from airtact.figures.picture_file import write_picture
 from airtact.figures.scan_figure import draw_overlay
 from airtact.files.atomic import whole_file, writable_folder
-from airtact.scene_file.building import read_setup
+from airtact.scene_file.building import read_scene
 from airtact.solvers.problem import SolveReport
 from airtact.steps import Clock, finer, solve_foci, synthesised
 from airtact.synthesis.quantise import quantise
@@ -65,7 +65,7 @@ def compare_scan(
     """
     clock = Clock(report_step)
     with clock.step("scene", f"reading {scan_file.name} and {scene_file.name}"):
-        scan, setup = load_scan(scan_file), read_setup(scene_file)
+        scan, setup = load_scan(scan_file), read_scene(scene_file)
         writable_folder(folder)
     transfer, _ = solve_foci(setup, clock)
     made, said = synthesised(setup.synthesise, transfer, setup.target)

@@ -15,7 +15,7 @@ from airtact.files.drives import write_drive_csv, write_drive_h5
 from airtact.files.vtkhdf import write_field
 from airtact.pages.run_page import Run, write_page
 from airtact.scene.target_points import outward
-from airtact.scene_file.building import Setup, read_setup
+from airtact.scene_file.building import Setup, read_scene
 from airtact.solvers.problem import RadiatedField, SolveReport
 from airtact.steps import Clock, Keeping, finer, kept, solve_foci, synthesised
 from airtact.synthesis.quantise import Frame, quantise
@@ -63,7 +63,7 @@ def render(
     """
     clock = Clock(report_step)
     with clock.step("scene", f"reading {path.name}"):
-        setup = read_setup(path)
+        setup = read_scene(path)
         writable_folder(folder)
     made = _make_drive(setup, clock, store)
     _write_drive(folder, setup, made)
