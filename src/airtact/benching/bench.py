@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from airtact import _kernels
+from airtact.atomic import whole_file, writable_folder
 from airtact.benching.contest import EDGES, Solved, ours, theirs
 from airtact.benching.growth import BOARDS, by_elements, by_unknowns
 from airtact.benching.machine import kernels_against_product, memory_over_matrix
@@ -20,7 +21,6 @@ from airtact.benching.real_time import RealTime, Row
 from airtact.benching.scenes import Bodies, two_fingers
 from airtact.benching.truth import Truth, true_pressure
 from airtact.conventions import InvalidInput
-from airtact.files.atomic import whole_file, writable_folder
 from airtact.hand.files import load_hand
 from airtact.transducers.layout import surrounding_box
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from airtact.atomic import whole_file, writable_folder
 from airtact.conventions import InvalidInput, NotConverged
 from airtact.experiments.beacons import beacons
 from airtact.experiments.differences import differences
@@ -16,7 +17,6 @@ from airtact.experiments.ratios import ratios
 from airtact.experiments.rigid_motion import rigid_motion
 from airtact.experiments.settings import FULL, QUICK, Settings
 from airtact.experiments.solved import solved
-from airtact.files.atomic import whole_file, writable_folder
 from airtact.pages.page import document, folded, paragraph, section, table, tiles
 from airtact.steps import Clock
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from airtact.files.atomic import whole_file
+from airtact.atomic import whole_file
 
 Column = Float64[np.ndarray, "rows"] | Int64[np.ndarray, "rows"] | list[str]
 """Numbers or words, one for each row."""

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Complex128, Float64, Real
 
+from airtact.atomic import whole_file
 from airtact.conventions import InvalidInput, about
-from airtact.files.atomic import whole_file
 from airtact.scene.target import Target
 from airtact.synthesis.quantise import Frame
 from airtact.synthesis.sequence import Sequence

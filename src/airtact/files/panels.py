@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from airtact.atomic import whole_file
 from airtact.conventions import InvalidInput
-from airtact.files.atomic import whole_file
 from airtact.files.flat_triangles import flat_triangles
 from airtact.files.vtkhdf import write_panels_vtkhdf
 from airtact.mesh.topology import edge_twins

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Complex
 
+from airtact.atomic import whole_file
 from airtact.conventions import InvalidInput
 from airtact.evaluation.windows import Box
-from airtact.files.atomic import whole_file
 from airtact.mesh.quadratic_triangles import panel_areas, smallest_angles
 from airtact.surfaces.panels import Panels
 from airtact.surfaces.surface import Surface

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
+from airtact.atomic import whole_file
 from airtact.evaluation.metrics import NOT_MODELLED
 from airtact.figures.field_figure import Cut, draw_fields
 from airtact.figures.method_figure import draw_bars
-from airtact.files.atomic import whole_file
 from airtact.pages.page import document, folded, paragraph, picture, section, table, tiles
 from airtact.scene.target import Target
 from airtact.solvers.problem import SolveReport

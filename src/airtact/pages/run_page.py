@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
+from airtact.atomic import whole_file
 from airtact.evaluation.comparison import HELD_EQUAL, Comparison
 from airtact.evaluation.metrics import NOT_MODELLED
 from airtact.figures.field_figure import Cut, draw_close_ups, draw_fields
 from airtact.figures.phase_figure import draw_phases
 from airtact.figures.scene_figure import draw_scene
-from airtact.files.atomic import whole_file
 from airtact.pages.page import document, folded, paragraph, picture, section, table, tiles
 from airtact.scene.scene import Scene
 from airtact.scene.target import Target

@@ -1,6 +1,5 @@
 """Recordings of hands: JSON lines, one frame in a line as it comes over a wire, or NumPy's .npz. And their replay."""
 
-import os
 import time
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64, Int64, Real
 
+from airtact.atomic import whole_file
 from airtact.conventions import InvalidInput, about
 from airtact.printing import in_short
 from airtact.tracking.frame import FaultyFrame, HandFrame
@@ -97,16 +97,11 @@ def save_recording(path: Path, frames: Iterable[HandFrame]) -> None:
             f"{counted(len(kept), 'frame', 'frames')} cannot be written to {path.name}: give at least 1, and an ending "
             f"of {' or '.join(ENDINGS)}."
         )
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        with partial.open("wb") as file:
-            if path.suffix == ".jsonl":
-                file.writelines(to_json(frame) + b"\n" for frame in kept)
-            else:
-                np.savez_compressed(file, allow_pickle=False, **_arrays(kept))
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
+    with whole_file(path) as partial, partial.open("wb") as file:
+        if path.suffix == ".jsonl":
+            file.writelines(to_json(frame) + b"\n" for frame in kept)
+        else:
+            np.savez_compressed(file, allow_pickle=False, **_arrays(kept))
 
 
 def replay(frames: Iterable[HandFrame], speed: float = 1.0) -> Iterator[HandFrame]:

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from airtact.atomic import writable_folder
 from airtact.conventions import InvalidInput, about
 from airtact.figures.body_figure import draw_bodies
 from airtact.figures.fault_figure import draw_fault
 from airtact.figures.picture_file import write_picture
-from airtact.files.atomic import writable_folder
 from airtact.scene.medium import air
 from airtact.scene.scene import Scene, sound_hard
 from airtact.scene.sources import Monopoles

@@ -9,11 +9,11 @@ import msgspec
 import numpy as np
 from jaxtyping import Complex128
 
+from airtact.atomic import whole_file, writable_folder
 from airtact.conventions import InvalidInput
 from airtact.evaluation.metrics import pressures_at_foci
 from airtact.evaluation.windows import plane_through
 from airtact.figures.field_figure import Cut, cut_bodies
-from airtact.files.atomic import whole_file, writable_folder
 from airtact.files.drives import write_drive_h5
 from airtact.pages.methods_page import Contender, Contest, write_methods_page
 from airtact.scene_file.building import Setup, read_scene

@@ -8,11 +8,11 @@ from typing import cast
 import numpy as np
 from jaxtyping import Float64
 
+from airtact.atomic import writable_folder
 from airtact.conventions import InvalidInput
 from airtact.figures.cloud_figure import draw_cloud
 from airtact.figures.panel_figure import draw_panels
 from airtact.figures.picture_file import write_picture
-from airtact.files.atomic import writable_folder
 from airtact.files.panels import EDGE, check_ending, checked_edge, write_panels
 from airtact.hand.files import load_hand, load_landmarks
 from airtact.hand.fitting.cloud_files import load_cloud

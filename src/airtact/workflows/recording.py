@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from airtact.atomic import writable_folder
 from airtact.conventions import InvalidInput, about
 from airtact.figures.picture_file import write_picture
 from airtact.figures.track_figure import draw_tracks
-from airtact.files.atomic import writable_folder
 from airtact.files.panels import EDGE, check_ending, checked_edge, write_panels
 from airtact.hand.hand import Side
 from airtact.surfaces.panels import Panels

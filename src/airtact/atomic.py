@@ -1,4 +1,4 @@
-"""Files that are either whole or not there, so that a run broken off leaves nothing half written."""
+"""Files that appear whole or not at all, so that an interrupted run leaves nothing half written."""
 
 import os
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
     Parameters
     ----------
-    path : where the finished file shall be.
+    path : of the finished file.
 
     Yields
     ------
@@ -42,6 +42,7 @@ def writable_folder(path: Path) -> Path:
         (path / "probe").unlink()
     except OSError as error:
         raise InvalidInput(
-            f"cannot write into the output folder {path}: {error.strerror} (error {error.errno})"
+            f"cannot write into the output folder {path}: {error.strerror} (error {error.errno})",
+            code="folder_not_writable",
         ) from None
     return path
