@@ -8,7 +8,7 @@ import pytest
 from airtact.conventions import InvalidInput
 from airtact.evaluation.attainable import attainable
 from airtact.evaluation.thresholds import THRESHOLDS, sound_pressure_level, thresholds_of
-from airtact.evaluation.verification import Verification
+from airtact.evaluation.verification import Verification, verify
 from airtact.scene.medium import Medium
 from airtact.scene.scene import Scene, sound_hard
 from airtact.scene.target import Target
@@ -141,7 +141,7 @@ def test_a_judgement_reads_as_sentences(beside_a_ball) -> None:
     assert "safety" not in text
     heard = str(replace(exact, head=np.array([101.0, 104.26]), suppression_points=np.array([1.0 + 0j])))
     assert "at the head at most 104.3 dB SPL. This is no safety assessment" in heard
-    assert "mean p² of 1 suppression points is -" in heard
+    assert "mean p² of 1 suppression points -" in heard
     assert "334 Pa, with spatiotemporal modulation" in str(replace(exact, modulation="spatiotemporal"))
 
 

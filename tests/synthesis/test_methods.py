@@ -219,7 +219,7 @@ def test_quiet_points_are_quiet(name):
     assert quieter < 10 ** (-10 / 20)
     if name == "gradient":
         assert after[:3].min() > 0.898 * before[:3].min()
-    with pytest.raises(InvalidInput, match="12 points quiet but the transfer matrix has no rows for them"):
+    with pytest.raises(InvalidInput, match="12 points quiet, but the transfer matrix has no rows for them"):
         METHODS[name](open_air(points), target)
 
 

@@ -95,20 +95,20 @@ def test_two_foci_against_every_phase_between_them():
 # --- bad input ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("verify", [upper_bound, at.max_min, at.inverse_filter, at.eigenvector, at.gs_pat])
-def test_foci_that_cannot_be_told_apart_are_refused(verify):
+@pytest.mark.parametrize("method", [upper_bound, at.max_min, at.inverse_filter, at.eigenvector, at.gs_pat])
+def test_foci_that_cannot_be_separated_raise(method):
     points = np.array([[0.0, 0, 0], [0.01, 0, 0], [0.0101, 0.0005, 0], [0, 0, 0.02]])
     with pytest.raises(
         InvalidInput, match=r"foci 1 and 2 are 0\.51 mm apart, at \(10\.00, 0\.00, 0\.00\) mm"
     ) as refused:
-        verify(open_air(points), Target(points))
-    assert refused.value.place is not None
+        method(open_air(points), Target(points))
+    assert refused.value.position is not None
     matrix = random_matrix(2, 3).matrix.copy()
     matrix[2] = 3j * matrix[0]
     with pytest.raises(InvalidInput, match="foci 0 and 2 are"):
-        verify(TransferMatrix(matrix, 0.0), Target(any_points(3)))
+        method(TransferMatrix(matrix, 0.0), Target(any_points(3)))
     with pytest.raises(InvalidInput, match="5 foci are more than the 4 elements"):
-        verify(random_matrix(3, 5, elements=4), Target(any_points(5)))
+        method(random_matrix(3, 5, elements=4), Target(any_points(5)))
 
 
 def test_a_transfer_matrix_knows_how_near_is_too_near():
