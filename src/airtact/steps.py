@@ -9,14 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from airtact.scene.scene import Scene
 from airtact.scene.sources import Monopoles
 from airtact.scene.target import Target
 from airtact.scene_file.building import Setup
 from airtact.solvers.bem.solver import BoundaryElement
 from airtact.solvers.fem.solver import FiniteElement
 from airtact.solvers.free_field import FreeField
-from airtact.solvers.problem import RadiatedField, Solver, SolveReport
+from airtact.solvers.problem import Solver, SolveReport
 from airtact.store.stored import Stored
 from airtact.synthesis.stalling import Stalled
 from airtact.transfer import Drive, TransferMatrix, transfer_matrix
@@ -51,25 +50,6 @@ class Clock:
         begun = time.perf_counter()
         yield
         self.seconds[name] = time.perf_counter() - begun
-
-
-class Keeping(Solver):
-    """A solver that keeps its field, so that one solution serves numbers and pictures.
-
-    Attributes
-    ----------
-    field : what it solved last.
-    """
-
-    field: RadiatedField
-
-    def __init__(self, solver: Solver) -> None:
-        self._solver = solver
-
-    def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
-        """Solve the scene for the monopoles."""
-        self.field = self._solver.radiate(scene, sources)
-        return self.field
 
 
 def finer(setup: Setup) -> Solver:

@@ -13,6 +13,7 @@ from airtact.solvers.free_field import FreeField
 from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
 from airtact.transducers.layout import flat_boards
 from airtact.transfer import Drive, focus_by_distance, transfer_matrix
+from faults import raises_code
 
 SCENE = Scene(Medium(343.1, 1.293), [])
 ARRAY = flat_boards(1, 1)
@@ -53,6 +54,23 @@ def test_ratios_are_to_the_first_drive_in_pressure_and_squared() -> None:
         np.testing.assert_array_equal(result.ratios(held_equal)[0], 1.0)
         np.testing.assert_allclose(result.ratios(held_equal) * pressures[0], pressures, rtol=1e-12)
         np.testing.assert_allclose(result.squared_ratios(held_equal), (pressures / pressures[0]) ** 2, rtol=1e-12)
+
+
+def test_the_field_of_each_drive_is_found_by_its_name() -> None:
+    given = drives()
+    result = compare(SCENE, ARRAY, given, TARGET, solver=FreeField())
+    points = np.array([[0.0, 0.0, 0.1], [0.01, -0.02, 0.09]])
+    found = result.at(points)
+    assert list(found) == list(given)
+    for name, drive in given.items():
+        loudest = Drive(drive.amplitudes / np.abs(drive.amplitudes).max())
+        expected = field_map(SCENE, ARRAY, loudest, points, solver=FreeField())
+        np.testing.assert_allclose(found[name], expected, rtol=1e-10)
+        phases = field_map(SCENE, ARRAY, drive.phase_only(), points, solver=FreeField())
+        column = result.field.at(points)[:, result.column(name, phase_only=True)]
+        np.testing.assert_allclose(column, phases, rtol=1e-10)
+    with raises_code("unknown_drive", "one of the 3 drives"):
+        result.column("no drive")
 
 
 def test_for_one_focus_the_normalisation_turns_the_conclusion_round() -> None:

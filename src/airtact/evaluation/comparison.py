@@ -4,14 +4,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Complex128, Float64, Real
 
 from airtact.conventions import InvalidInput
-from airtact.evaluation.metrics import NOT_MODELLED, pressures_at_foci
+from airtact.evaluation.metrics import NOT_MODELLED, radiate_drives
 from airtact.printing import in_short
 from airtact.scene.scene import Scene
 from airtact.scene.target import Target
-from airtact.solvers.problem import Solver, SolveReport
+from airtact.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.transducers.layout import PhasedArray
 from airtact.transfer import Drive, check_drive
 from airtact.validation import of_kind
@@ -33,15 +33,54 @@ class Comparison:
     names : of the D drives.
     target : the foci.
     pressures : for each normalisation of ``HELD_EQUAL``, (D, F) peak pressure of each drive at each focus [Pa].
-    report : how the solver that judges came to them.
+    field : the 2 D solved right-hand sides: each drive with its loudest element at full scale, then the phases of each
+        alone; ``column`` finds them by name.
     """
 
     names: tuple[str, ...]
     target: Target
     pressures: Mapping[str, Float64[np.ndarray, "drives foci"]]
-    report: SolveReport
+    field: RadiatedField
 
     __repr__ = in_short
+
+    @property
+    def report(self) -> SolveReport:
+        """How the solver came to the pressures."""
+        return self.field.report
+
+    def column(self, name: str, phase_only: bool = False) -> int:
+        """Return the index of the right-hand side of ``field`` that belongs to a drive.
+
+        Parameters
+        ----------
+        name : of the drive.
+        phase_only : whether its phases alone are meant, every element that emits at full scale.
+
+        Raises
+        ------
+        InvalidInput
+            No drive has that name.
+        """
+        if name not in self.names:
+            raise InvalidInput(
+                f"{name!r} is not one of the {len(self.names)} drives: {', '.join(self.names)}.", code="unknown_drive"
+            )
+        return self.names.index(name) + len(self.names) * phase_only
+
+    def at(self, points: Real[np.ndarray, "points 3"]) -> dict[str, Complex128[np.ndarray, "points"]]:
+        """Evaluate the pressure of each drive, its loudest element at full scale [Pa].
+
+        Parameters
+        ----------
+        points : (P, 3) [m].
+
+        Returns
+        -------
+        (P,) complex total pressure by the name of the drive, NaN inside bodies.
+        """
+        pressures = self.field.at(points)
+        return {name: pressures[:, self.column(name)] for name in self.names}
 
     def ratios(self, held_equal: str) -> Float64[np.ndarray, "drives foci"]:
         """(D, F) pressure of each drive over that of the first, at each focus, under one normalisation.
@@ -120,11 +159,10 @@ def compare(
         if peak == 0.0:
             raise InvalidInput(f"drive {name!r} is silent: all {len(drives[name])} amplitudes are 0.")
     loudest = [Drive(drive.amplitudes / peaks[name]) for name, drive in drives.items()]
-    sounds, report = pressures_at_foci(
-        scene, array, [*loudest, *(drive.phase_only() for drive in loudest)], target, solver
-    )
-    equal_peak, phase_only = np.abs(sounds[: len(drives)]), np.abs(sounds[len(drives) :])
+    field = radiate_drives(scene, array, [*loudest, *(drive.phase_only() for drive in loudest)], target, solver)
+    at_foci = np.ascontiguousarray(field.at(target.points).T)
+    equal_peak, phase_only = np.abs(at_foci[: len(drives)]), np.abs(at_foci[len(drives) :])
     energy = np.array([np.sum(np.abs(drive.amplitudes) ** 2) for drive in loudest])
     equal_energy = equal_peak * np.sqrt(energy.min() / energy)[:, None]
     pressures = dict(zip(HELD_EQUAL, (equal_peak, equal_energy, phase_only), strict=True))
-    return Comparison(tuple(drives), target, pressures, report)
+    return Comparison(tuple(drives), target, pressures, field)

@@ -1,5 +1,6 @@
 """What every focus gets from a drive, judged by a solver of its own."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,7 @@ from airtact.printing import in_short
 from airtact.scene.scene import Scene, check_outside
 from airtact.scene.sources import check_off_sources
 from airtact.scene.target import Target
-from airtact.solvers.problem import Solver, SolveReport
+from airtact.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.synthesis.reach import share
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
@@ -118,23 +119,19 @@ def evaluate(scene: Scene, array: PhasedArray, drive: Drive, target: Target, *, 
         If the drive is silent or for another number of elements, an element or a focus is inside a body, a focus or a
         body is behind the face of a directional element, a focus is on an element, or something is of the wrong kind.
     """
-    pressures, report = pressures_at_foci(scene, array, [drive], target, solver)
-    return Evaluation(target, pressures[0], report)
+    field = radiate_drives(scene, array, [drive], target, solver)
+    return Evaluation(target, np.ascontiguousarray(field.at(target.points)[:, 0]), field.report)
 
 
-def pressures_at_foci(
-    scene: Scene, array: PhasedArray, drives: list[Drive], target: Target, solver: Solver
-) -> tuple[Complex128[np.ndarray, "drives foci"], SolveReport]:
-    """Pressure of each drive at each focus [Pa], in one solve with one sound per drive.
+def radiate_drives(
+    scene: Scene, array: PhasedArray, drives: Sequence[Drive], target: Target, solver: Solver
+) -> RadiatedField:
+    """Solve for several drives at once, one right-hand side a drive, after checking that the foci can be evaluated.
 
     Parameters
     ----------
     scene, array, target, solver : as in ``evaluate``.
     drives : D drives.
-
-    Returns
-    -------
-    (D, F) complex pressure [Pa] and how it was computed.
 
     Raises
     ------
@@ -147,5 +144,4 @@ def pressures_at_foci(
     check_placement(scene, array, target.points)
     check_outside(scene, target.points, "focus")
     check_off_sources(target.points, sources)
-    field = solver.radiate(scene, sources)
-    return np.ascontiguousarray(field.at(target.points).T), field.report
+    return solver.radiate(scene, sources)

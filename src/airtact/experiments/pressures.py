@@ -40,7 +40,8 @@ def pressures(made: Solved, folder: Path, clock: Clock) -> Part:
     vertices = np.concatenate([surface.vertices for surface in fingers.surfaces])
     window = plane_through(fingers.foci, vertices, made.scene.wavelength)
     with clock.step("fields", "computing the pressure with the fingers considered and ignored"):
-        heard = np.abs(made.forward.at(window.points)[:, :2] * loudness(made)[:2])
+        at_peak = made.compared.at(window.points)
+        heard = np.abs(np.stack([at_peak[CONSIDERED], at_peak[IGNORED]], axis=1) * loudness(made)[:2])
     strongest = float(np.nanmax(heard))
     normalised: dict[str, np.ndarray] = dict(zip((CONSIDERED, IGNORED), (heard / strongest).T, strict=True))
     drawn = {name: carried(window, values) for name, values in normalised.items()}

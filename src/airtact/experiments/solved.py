@@ -13,8 +13,7 @@ from airtact.scene.scene import Scene
 from airtact.solvers.bem.solver import BoundaryElement
 from airtact.solvers.fem.field import FiniteField
 from airtact.solvers.fem.solver import FactorisedScene, FiniteElement
-from airtact.solvers.problem import RadiatedField
-from airtact.steps import Clock, Keeping
+from airtact.steps import Clock
 from airtact.synthesis.quantise import quantise
 from airtact.transducers.layout import PhasedArray, surrounding_box
 from airtact.transfer import Drive, focus_by_distance
@@ -40,7 +39,6 @@ class Solved:
     heard : (E,) its pressure at the transducers [Pa].
     drives : by name, in 256 levels.
     compared : what each drive gives at the foci, by boundary elements.
-    forward : the field of the drives at equal peak, then of their phases alone, by boundary elements.
     """
 
     dummies: Dummies
@@ -51,7 +49,6 @@ class Solved:
     heard: Complex128[np.ndarray, "elements"]
     drives: dict[str, Drive]
     compared: Comparison
-    forward: RadiatedField
 
     __repr__ = in_short
 
@@ -64,7 +61,7 @@ class Solved:
     @property
     def judged(self) -> complex:
         """The same by the boundary elements, all transducers speaking."""
-        return complex(self.forward.at(self.dummies.foci)[:, 0].mean())
+        return complex(self.compared.at(self.dummies.foci)[CONSIDERED].mean())
 
 
 def solved(settings: Settings, clock: Clock) -> Solved:
@@ -87,7 +84,7 @@ def solved(settings: Settings, clock: Clock) -> Solved:
         IGNORED: focus_by_distance(array, fingers.target, scene.medium, scene.frequency),
     }
     drives = {name: quantise(drive).drive() for name, drive in drives.items()}
-    judge = Keeping(BoundaryElement(accuracy=settings.judging))
+    judge = BoundaryElement(accuracy=settings.judging)
     with clock.step("judging", "judging both drives by boundary elements, all transducers speaking"):
         compared = compare(scene, array, drives, fingers.target, solver=judge)
-    return Solved(fingers, scene, array, factorised, field, heard, drives, compared, judge.field)
+    return Solved(fingers, scene, array, factorised, field, heard, drives, compared)

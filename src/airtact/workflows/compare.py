@@ -7,18 +7,17 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-from jaxtyping import Complex128
 
 from airtact.atomic import whole_file, writable_folder
 from airtact.conventions import InvalidInput
-from airtact.evaluation.metrics import pressures_at_foci
+from airtact.evaluation.metrics import radiate_drives
 from airtact.evaluation.windows import plane_through
 from airtact.figures.field_figure import Cut, cut_bodies
 from airtact.files.drives import write_drive_h5
 from airtact.pages.methods_page import Contender, Contest, write_methods_page
 from airtact.scene_file.building import Setup, read_scene
-from airtact.solvers.problem import SolveReport
-from airtact.steps import Clock, Keeping, finer, kept, solve_foci, synthesised
+from airtact.solvers.problem import RadiatedField, SolveReport
+from airtact.steps import Clock, finer, kept, solve_foci, synthesised
 from airtact.synthesis.methods import METHODS
 from airtact.synthesis.quantise import quantise
 from airtact.synthesis.upper_bound import upper_bound
@@ -64,14 +63,15 @@ def compare_methods(
     _write_drives(folder / "drives", setup, transfer, beacons, drives)
     emitted = {name: quantise(drive).drive() for name, drive in drives.items()}
     with clock.step("verify", f"judging {len(drives)} drives by a finer solution with all transducers as sources"):
-        judge = Keeping(kept(finer(setup), store))
-        heard, report = pressures_at_foci(setup.scene, setup.array, list(emitted.values()), setup.target, judge)
-        quiet = np.abs(judge.field.at(setup.target.suppression_points).T)
+        solver = kept(finer(setup), store)
+        field = radiate_drives(setup.scene, setup.array, list(emitted.values()), setup.target, solver)
+        at_foci = np.abs(field.at(setup.target.points).T)
+        suppressed = np.abs(field.at(setup.target.suppression_points).T)
     with clock.step("cuts", "computing the fields in the pictures"):
-        cut = _cut(setup, judge, list(drives))
+        cut = _cut(setup, field, list(emitted))
     contenders = [
-        Contender(name, drives[name], emitted[name], np.abs(pressures), levels, seconds[name])
-        for name, pressures, levels in zip(drives, heard, quiet, strict=True)
+        Contender(name, drives[name], emitted[name], pressures, quiet, seconds[name])
+        for name, pressures, quiet in zip(emitted, at_foci, suppressed, strict=True)
     ]
     contest = Contest(
         title=path.stem.replace("_", " "),
@@ -83,7 +83,7 @@ def compare_methods(
         notes=said,
         transfer=transfer,
         bound=bound,
-        report=report,
+        report=field.report,
         cut=cut,
         seconds=clock.seconds,
     )
@@ -130,14 +130,13 @@ def _all_drives(setup: Setup, transfer: TransferMatrix) -> tuple[dict[str, Drive
     return drives, seconds, said
 
 
-def _cut(setup: Setup, judge: Keeping, names: list[str]) -> Cut:
-    """Cut the judging field through the foci."""
+def _cut(setup: Setup, field: RadiatedField, names: list[str]) -> Cut:
+    """Cut the field of each drive, one right-hand side a name, through the foci."""
     obstacles = setup.scene.obstacles
     vertices = np.concatenate([np.empty((0, 3)), *(obstacle.surface.vertices for obstacle in obstacles)])
     window = plane_through(setup.target.points, vertices, setup.scene.wavelength)
     solid = [obstacle.surface for obstacle in obstacles if obstacle.boundary != "filled"]
-    heard: Complex128[np.ndarray, "points drives"] = judge.field.at(window.points)
-    return Cut(window, dict(zip(names, heard.T, strict=True)), cut_bodies(window, solid))
+    return Cut(window, dict(zip(names, field.at(window.points).T, strict=True)), cut_bodies(window, solid))
 
 
 def _write_table(file: Path, contest: Contest) -> None:

@@ -16,8 +16,8 @@ from airtact.files.vtkhdf import write_field
 from airtact.pages.run_page import Run, write_page
 from airtact.scene.target_points import outward
 from airtact.scene_file.building import Setup, read_scene
-from airtact.solvers.problem import RadiatedField, SolveReport
-from airtact.steps import Clock, Keeping, finer, kept, solve_foci, synthesised
+from airtact.solvers.problem import SolveReport
+from airtact.steps import Clock, finer, kept, solve_foci, synthesised
 from airtact.synthesis.quantise import Frame, quantise
 from airtact.transfer import Drive, TransferMatrix, focus_by_distance
 
@@ -67,14 +67,14 @@ def render(
         writable_folder(folder)
     made = _make_drive(setup, clock, store)
     _write_drive(folder, setup, made)
-    comparison, field = _judge(setup, made, clock, store)
+    comparison = _judge(setup, made, clock, store)
     with clock.step("field", "computing the field around the foci"):
         loudest = float(np.abs(made.drive.amplitudes).max())
         box = box_around(setup.target.points, setup.scene.wavelength)
         bodies = [obstacle.surface for obstacle in setup.scene.obstacles]
-        write_field(folder / "field.vtkhdf", box, loudest * field.at(box.points)[:, 0], bodies)
+        write_field(folder / "field.vtkhdf", box, loudest * comparison.at(box.points)[CONSIDERED], bodies)
     with clock.step("cuts", "computing the field in the pictures"):
-        plane, close_ups = _cuts(setup, field)
+        plane, close_ups = _cuts(setup, comparison)
     run = Run(
         title=path.stem.replace("_", " "),
         text=setup.text,
@@ -116,27 +116,26 @@ def _write_drive(folder: Path, setup: Setup, made: _Made) -> None:
     write_drive_h5(folder / "drive.h5", setup.array, made.drive, made.frame, made.transfer, setup.target, texts)
 
 
-def _judge(setup: Setup, made: _Made, clock: Clock, store: Path | None) -> tuple[Comparison, RadiatedField]:
-    """Compare the drive with the one that ignores the bodies; the field's first two sounds are these two, loudest 1."""
+def _judge(setup: Setup, made: _Made, clock: Clock, store: Path | None) -> Comparison:
+    """Compare the drive with the one that ignores the bodies."""
     control = focus_by_distance(setup.array, setup.target, setup.scene.medium, setup.scene.frequency)
     drives = {CONSIDERED: made.drive, IGNORED: control}
     with clock.step("verify", "judging it by a finer solution with all transducers as sources"):
-        judge = Keeping(kept(finer(setup), store))
-        comparison = compare(setup.scene, setup.array, drives, setup.target, solver=judge)
-    return comparison, judge.field
+        return compare(setup.scene, setup.array, drives, setup.target, solver=kept(finer(setup), store))
 
 
-def _cuts(setup: Setup, field: RadiatedField) -> tuple[Cut, list[Cut]]:
+def _cuts(setup: Setup, comparison: Comparison) -> tuple[Cut, list[Cut]]:
     """Cut the field through the foci; across each one too where one plane cannot show them all."""
     scene, foci = setup.scene, setup.target.points
-    energy = np.sum(np.abs(field.sources.strengths[:, :2]) ** 2, axis=0)
-    scales = np.sqrt(energy.min() / energy)
+    columns = [comparison.column(name) for name in comparison.names]
+    energy = np.sum(np.abs(comparison.field.sources.strengths[:, columns]) ** 2, axis=0)
+    scales = dict(zip(comparison.names, np.sqrt(energy.min() / energy), strict=True))
     surfaces = [obstacle.surface for obstacle in scene.obstacles]
     solid = [obstacle.surface for obstacle in scene.obstacles if obstacle.boundary != "filled"]
 
     def cut(window: Window) -> Cut:
-        pressure = field.at(window.points)[:, :2] * scales
-        return Cut(window, {CONSIDERED: pressure[:, 0], IGNORED: pressure[:, 1]}, cut_bodies(window, solid))
+        pressures = comparison.at(window.points)
+        return Cut(window, {name: p * scales[name] for name, p in pressures.items()}, cut_bodies(window, solid))
 
     plane = cut(
         plane_through(foci, np.concatenate([np.empty((0, 3)), *(one.vertices for one in surfaces)]), scene.wavelength)
