@@ -258,7 +258,7 @@ REFUSALS = {
     "no out": (
         lambda path: path,
         ("--board", "autd3", "--link", "file", "--yes"),
-        r"file link needs 1 file: give --out",
+        r"the file link needs --out, such as frames.npz; 0 are given",
     ),
     "stray port": (lambda path: path, (*AUDIT, "--port", "x"), r"--port x does not go with the audit link"),
     "cap": (lambda path: path, (*AUDIT, "--cap", "0"), r"the cap is 0 per cent"),

@@ -9,14 +9,16 @@ import click
 
 from airtact.cli.console import plain_table, progress
 from airtact.conventions import InvalidInput
+from airtact.hardware.links import LINKS, links_of
+from airtact.transducers.boards import BOARDS
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from airtact.workflows.emit import Plan
 
-BOARD_NAMES = ("autd3", "sonicsurface", "nano16", "openmpd")
-LINK_NAMES = ("audit", "ethercrab", "twincat", "remote", "simulator", "serial", "file")
+BOARD_NAMES = tuple(BOARDS)
+LINK_NAMES = tuple(link.name for link in LINKS)
 
 
 @click.command(short_help="List the boards that can be spoken to.", epilog="Example: airtact boards")
@@ -25,7 +27,6 @@ def boards() -> None:
     from rich.console import Console
 
     from airtact.transducers.boards import known_boards
-    from airtact.workflows.emit import LINKS_OF
 
     console = Console()
     table = plain_table("board", "elements", "levels", "a link")
@@ -36,7 +37,7 @@ def boards() -> None:
     console.print(table)
     for board in known_boards():
         console.print(
-            f"{board.name}: {board.title}, by {', '.join(LINKS_OF[board.name])}", soft_wrap=True, highlight=False
+            f"{board.name}: {board.title}, by {', '.join(links_of(board.name))}", soft_wrap=True, highlight=False
         )
     console.print(f"Serial ports: {_ports()}", soft_wrap=True, highlight=False)
 

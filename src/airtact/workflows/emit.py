@@ -10,13 +10,12 @@ from jaxtyping import Complex128, Float64
 from airtact.conventions import InvalidInput, about
 from airtact.evaluation.thresholds import sound_pressure_level
 from airtact.files.drives import StoredDrive, read_drive_h5
-from airtact.hardware.autd3_link import AUTD3Link
 from airtact.hardware.codecs import codec_of
 from airtact.hardware.emission import Emission, Played
-from airtact.hardware.file_link import FileLink, Frames, write_frames
+from airtact.hardware.file_link import Frames, write_frames
 from airtact.hardware.link import Link
+from airtact.hardware.links import Connection, link_to
 from airtact.hardware.loudness import faded, loudest_around, share_under_cap
-from airtact.hardware.serial_link import SerialLink
 from airtact.pose import Pose
 from airtact.scene.medium import air
 from airtact.scene_file.tables import parse_scene
@@ -32,17 +31,6 @@ FREQUENCY = 40e3
 
 MOST_LOOKED_AT = 32
 """Of a sequence so many frames, the most powerful, are looked at for what rounding costs and how loud it is."""
-
-LINKS = ("audit", "ethercrab", "twincat", "remote", "simulator", "serial", "file")
-"""Ways to boards, by name."""
-
-LINKS_OF = {
-    "autd3": ("audit", "ethercrab", "twincat", "remote", "simulator", "file"),
-    "sonicsurface": ("serial", "file"),
-    "nano16": ("serial", "file"),
-    "openmpd": ("file",),
-}
-"""Which of them go to which board."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,12 +127,12 @@ def _sound_speed(stored: StoredDrive) -> float:
 def link_for(
     made: Plan, link: str, address: str | None = None, port: str | None = None, out: Path | None = None
 ) -> Link:
-    """Choose the link that a plan's boards are spoken to through.
+    """Choose the link to a plan's boards.
 
     Parameters
     ----------
     made : the plan.
-    link : one of ``LINKS``.
+    link : name of one of ``LINKS``.
     address : interface, AMS net id or host:port, for AUTD3.
     port : serial port.
     out : file.
@@ -152,29 +140,9 @@ def link_for(
     Raises
     ------
     InvalidInput
-        If there is no such link to that board, or what it needs is not given.
+        As ``link_to``.
     """
-    board, count = made.board.name, len(made.poses)
-    if link not in LINKS_OF[board]:
-        raise InvalidInput(
-            f"{board} has no {link!r} link, it has {len(LINKS_OF[board])}: {', '.join(LINKS_OF[board])}."
-        )
-    for name, given, owners in (
-        ("--address", address, LINKS[1:5]),
-        ("--port", port, ("serial",)),
-        ("--out", out, ("file",)),
-    ):
-        if given is not None and link not in owners:
-            raise InvalidInput(f"{name} {given} does not go with the {link} link: leave it out.")
-    if link == "file":
-        if out is None:
-            raise InvalidInput("the file link needs 1 file: give --out, such as frames.npz.")
-        return FileLink(out, board, count)
-    if link == "serial":
-        if port is None:
-            raise InvalidInput("the serial link needs 1 port: give --port, such as /dev/ttyUSB0.")
-        return SerialLink(port, board, count)
-    return AUTD3Link(made.poses, link, address, _sound_speed(made.stored))
+    return link_to(link, Connection(made.board.name, made.poses, _sound_speed(made.stored), address, port, out))
 
 
 def emit(
