@@ -35,7 +35,7 @@ from airtact.scene.target_points import circle, onto_surface, polyline, segment,
 from airtact.solvers.bem.solver import BoundaryElement
 from airtact.solvers.fem.solver import FiniteElement
 from airtact.solvers.free_field import FreeField
-from airtact.solvers.problem import RadiatedField, Skin, Solver, SolveReport
+from airtact.solvers.problem import RadiatedField, Solver, SolveReport, SurfaceField
 from airtact.solvers.sampled_field import SampledField, load_samples
 from airtact.solvers.spherical.multipole_field import multipole_expansion
 from airtact.solvers.spherical.sphere_series import SphereSeries
@@ -134,7 +134,6 @@ __all__ = [
     "Sequence",
     "SerialLink",
     "SideLobe",
-    "Skin",
     "SolveReport",
     "Solver",
     "SphereSeries",
@@ -142,6 +141,7 @@ __all__ = [
     "Stored",
     "StreamHealth",
     "Surface",
+    "SurfaceField",
     "Target",
     "Touch",
     "TransferMatrix",

@@ -53,7 +53,7 @@ def test_the_pressure_on_a_sphere_adds_up_to_the_momentum_it_takes_from_a_plane_
     assert skin.areas.sum() == pytest.approx(4 * np.pi * radius**2, rel=1e-3)
     expected = radiation_force(radius, 40e3)
     # the sphere's own quadrature has no error of panels
-    exact = field.skin
+    exact = field.on_surface
     pushing = radiation_pressure(exact.pressure[:, 0], field.velocity(exact.points)[:, :, 0], AIR)
     assert -(exact.areas * pushing) @ exact.normals[:, 0] == pytest.approx(-expected, rel=2e-4)
     np.testing.assert_allclose(skin.force(0), [-expected, 0, 0], atol=error * expected)

@@ -46,7 +46,7 @@ def test_pressure_on_and_near_the_skin(height):
 
 def test_pressure_at_the_nodes_of_the_skin():
     scene, sources = accuracy.ball(0.008), accuracy.one_each(accuracy.directions(8, 0) * 0.1)
-    skin = at.BoundaryElement().radiate(scene, sources).skin
+    skin = at.BoundaryElement().radiate(scene, sources).on_surface
     places = 0.008 * skin.points / np.linalg.norm(skin.points, axis=1)[:, None]
     exact = at.SphereSeries().radiate(scene, sources).at(places)
     assert accuracy.relative(skin.pressure, exact).max() < 0.02

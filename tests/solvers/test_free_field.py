@@ -37,8 +37,8 @@ def test_many_points_are_done_in_blocks(monkeypatch):
 def test_field_is_everywhere_and_has_no_skin():
     field = FreeField().radiate(Scene(AIR, []), Monopoles(np.zeros((1, 3)), np.ones(1)))
     assert field.valid(np.ones((4, 3))).all()
-    assert field.skin.points.shape == (0, 3)
-    assert field.skin.pressure.shape == (0, 1)
+    assert field.on_surface.points.shape == (0, 3)
+    assert field.on_surface.pressure.shape == (0, 1)
     assert field.report.residual == 0.0
 
 

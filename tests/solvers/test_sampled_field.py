@@ -51,7 +51,7 @@ def test_nothing_is_told_beyond_the_samples():
     beyond = np.array([[0.0, 0.0, 0.05], [0.02, 0.0, 0.03]])
     assert not sampled.valid(beyond).any()
     assert np.isnan(sampled.at(beyond)).all()
-    assert len(sampled.skin.points) == 0
+    assert len(sampled.on_surface.points) == 0
 
 
 def test_transducers_beyond_the_samples_are_refused():

@@ -156,7 +156,7 @@ def test_boundary_elements_come_closer_with_more_nodes(solved, off) -> None:
 
 
 def test_air_slides_along_the_skin_of_boundary_elements(solved) -> None:
-    skin = solved[1][0.003].skin
+    skin = solved[1][0.003].on_surface
     velocity = solved[1][0.003].velocity(skin.points)
     assert np.abs(np.einsum("qd,qds->qs", skin.normals, velocity)).max() < 1e-9 * np.abs(velocity).max()
     assert np.isnan(solved[1][0.003].velocity(CENTRE[None])).all()

@@ -61,7 +61,7 @@ def test_a_field_that_is_read_answers_as_the_one_that_was_solved(tmp_path: Path)
     assert np.array_equal(found.at(points), solved.at(points), equal_nan=True)
     assert np.array_equal(found.velocity(POINTS), solved.velocity(POINTS), equal_nan=True)
     for part in ("points", "normals", "areas", "pressure"):
-        assert np.array_equal(getattr(found.skin, part), getattr(solved.skin, part))
+        assert np.array_equal(getattr(found.on_surface, part), getattr(solved.on_surface, part))
     assert replace(found.report, seconds=solved.report.seconds) == solved.report
     moved = array.seen_from(at.Pose.turn(np.array([1.0, 2.0, 0.0]), 0.2, translation=(3e-3, 0, 1e-3)))
     assert np.array_equal(at.transfer_matrix(found, moved).matrix, at.transfer_matrix(solved, moved).matrix)

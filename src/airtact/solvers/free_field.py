@@ -8,8 +8,8 @@ from jaxtyping import Bool, Complex128, Real
 from airtact.conventions import InvalidInput
 from airtact.printing import in_short
 from airtact.scene.scene import Scene, check_sources
-from airtact.scene.sources import Monopoles, check_off_sources
-from airtact.solvers.problem import RadiatedField, Skin, Solver, SolveReport
+from airtact.scene.sources import Monopoles
+from airtact.solvers.problem import RadiatedField, Solver, SolveReport, SurfaceField, receivers
 from airtact.solvers.velocity import open_air_slopes, velocity_of
 from airtact.validation import counted, points_of
 
@@ -65,11 +65,9 @@ class OpenAirField(RadiatedField):
     __repr__ = in_short
 
     @property
-    def skin(self) -> Skin:
-        """No skin: arrays of length 0."""
-        sounds = self.sources.strengths.shape[1]
-        nowhere = np.zeros((0, 3))
-        return Skin(nowhere, nowhere, np.zeros(0), np.zeros((0, sounds), dtype=np.complex128))
+    def on_surface(self) -> SurfaceField:
+        """No surface: arrays of length 0."""
+        return SurfaceField.empty(self.sources)
 
     def at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
         """Pressure [Pa] at points (P, 3) [m] for each of the S sounds.
@@ -79,14 +77,12 @@ class OpenAirField(RadiatedField):
         InvalidInput
             If the points are of another shape than (P, 3), NaN or infinite, or one stands on a source.
         """
-        points = points_of(points, "points", least=0)
-        check_off_sources(points, self.sources)
+        points = receivers(points, self.sources)
         return open_air_pressure(points, self.sources, self.scene.wavenumber)
 
     def velocity(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
         """Particle velocity [m/s] at points (P, 3) [m], in closed form; parameters and refusals of ``at``."""
-        points = points_of(points, "points", least=0)
-        check_off_sources(points, self.sources)
+        points = receivers(points, self.sources)
         slopes = open_air_slopes(points, self.sources, self.scene.wavenumber)
         return velocity_of(slopes, self.scene.frequency, self.scene.medium.density)
 

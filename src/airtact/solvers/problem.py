@@ -9,7 +9,8 @@ from jaxtyping import Bool, Complex128, Float64, Real
 
 from airtact.printing import in_short
 from airtact.scene.scene import Scene
-from airtact.scene.sources import Monopoles
+from airtact.scene.sources import Monopoles, check_off_sources
+from airtact.solvers.monopoles import monopole_pressure
 from airtact.solvers.velocity import differences, velocity_of
 from airtact.validation import points_of
 
@@ -52,15 +53,15 @@ class SolveReport:
 
 
 @dataclass(frozen=True, eq=False)
-class Skin:
-    """The bodies' surface as the solver saw it.
+class SurfaceField:
+    """Pressure on the surfaces of the bodies, at the points where the solver computes it.
 
     Attributes
     ----------
-    points : (Q, 3) points on the skin [m].
+    points : (Q, 3) points on the surfaces [m].
     normals : (Q, 3) outward unit normals.
-    areas : (Q,) area that each point stands for [m²].
-    pressure : (Q, S) total pressure of each of the S sounds there [Pa].
+    areas : (Q,) area that each point represents [m²].
+    pressure : (Q, S) total pressure of each of the S excitations there [Pa].
     """
 
     points: Float64[np.ndarray, "nodes 3"]
@@ -69,6 +70,12 @@ class Skin:
     pressure: Complex128[np.ndarray, "nodes sounds"]
 
     __repr__ = in_short
+
+    @classmethod
+    def empty(cls, sources: Monopoles) -> "SurfaceField":
+        """No points, for a field without a known surface."""
+        pressure = np.zeros((0, sources.strengths.shape[1]), dtype=np.complex128)
+        return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), pressure)
 
 
 class RadiatedField(ABC):
@@ -87,12 +94,36 @@ class RadiatedField(ABC):
 
     @property
     @abstractmethod
-    def skin(self) -> Skin:
-        """Pressure on the bodies' skin."""
+    def on_surface(self) -> SurfaceField:
+        """Total pressure on the surfaces of the bodies; arrays of length 0 where there are none."""
 
     @abstractmethod
     def at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
-        """Total pressure [Pa] at points (P, 3) [m] for each of the S sounds; NaN where ``valid`` is False."""
+        """Total pressure [Pa] at points (P, 3) [m] for each of the S excitations; NaN where ``valid`` is False."""
+
+    def scattered_at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
+        """Scattered pressure [Pa]: the total pressure less that of the sources alone in open air.
+
+        It is finite at the sources' own positions, where ``at`` is infinite, except at a source that touches a body.
+        A field that knows no better subtracts the open-air pressure from ``at``, which needs points off the sources.
+
+        Parameters
+        ----------
+        points : (P, 3) receivers [m].
+
+        Returns
+        -------
+        (P, S) pressure [Pa]; NaN where ``valid`` is False, and at a source that touches a body.
+
+        Raises
+        ------
+        InvalidInput
+            A point is NaN or infinite.
+        """
+        points = points_of(points, "points", least=0)
+        sources, wavenumber = self.sources, self.scene.wavenumber
+        incident = monopole_pressure(points, sources.positions, sources.strengths, wavenumber, "float64")
+        return self.at(points) - incident
 
     @abstractmethod
     def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
@@ -115,6 +146,19 @@ class RadiatedField(ABC):
     def error_at(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "sounds"]:
         """Relative error over points (P, 3) away from the skin, as the solver estimates it for each of the S sounds."""
         return np.full(self.sources.strengths.shape[1], self.report.estimated_error)
+
+
+def receivers(points: Real[np.ndarray, "points 3"], sources: Monopoles) -> Float64[np.ndarray, "points 3"]:
+    """Return points (P, 3) [m] at which a total pressure is evaluated, as float64.
+
+    Raises
+    ------
+    InvalidInput
+        A point is NaN or infinite, the shape is another, or a point stands on a source.
+    """
+    points = points_of(points, "points", least=0)
+    check_off_sources(points, sources)
+    return points
 
 
 class Solver(ABC):

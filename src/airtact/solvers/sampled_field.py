@@ -12,8 +12,8 @@ from scipy.spatial import Delaunay, KDTree, QhullError
 from airtact.conventions import InvalidInput, about
 from airtact.printing import in_short
 from airtact.scene.scene import Scene, check_sources
-from airtact.scene.sources import Monopoles, check_off_sources
-from airtact.solvers.problem import RadiatedField, Skin, SolveReport
+from airtact.scene.sources import Monopoles
+from airtact.solvers.problem import RadiatedField, SolveReport, SurfaceField, receivers
 from airtact.solvers.tetrahedra import Tetrahedra
 from airtact.text_table import read_text_table
 from airtact.validation import check_finite, in_mm, points_of, positive
@@ -115,10 +115,9 @@ class SampledField(RadiatedField):
         return Tetrahedra(corners, np.zeros((len(corners), 6, 3)))
 
     @property
-    def skin(self) -> Skin:
-        """No skin: the nodes do not tell where it is. Arrays of length 0."""
-        nowhere = np.zeros((0, 3))
-        return Skin(nowhere, nowhere, np.zeros(0), np.zeros((0, self.sources.strengths.shape[1]), dtype=np.complex128))
+    def on_surface(self) -> SurfaceField:
+        """Arrays of length 0: the nodes do not show where the surfaces of the bodies are."""
+        return SurfaceField.empty(self.sources)
 
     def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
         """Whether points (P, 3) [m] lie in a cell: nothing is told beyond the samples."""
@@ -132,8 +131,7 @@ class SampledField(RadiatedField):
         InvalidInput
             A point is NaN or infinite, or stands on a source.
         """
-        points = points_of(points, "points", least=0)
-        check_off_sources(points, self.sources)
+        points = receivers(points, self.sources)
         found = np.full((len(points), self.sources.strengths.shape[1]), np.nan, dtype=np.complex128)
         number, weights = self._held(points)
         inside = np.flatnonzero(number >= 0)

@@ -94,7 +94,7 @@ def test_the_report_says_what_the_keeping_lost(kept):
 def test_bodies_that_come_too_near_are_solved_as_a_whole(kept):
     near = BALLS[1].moved(at.Pose(np.eye(3), np.array([-8e-3, 0, 0])))
     field = kept.radiate(scene_of(BALLS[0], near), beacons(np.array([[0, 0, 9e-3]])))
-    assert len(field.skin.points) > 0  # which kept scattering does not know
+    assert len(field.on_surface.points) > 0  # which kept scattering does not know
     whole = at.BoundaryElement(accuracy=0.002).radiate(field.scene, field.sources).at(AROUND)
     assert off(field.at(AROUND), whole) < 0.01
 
@@ -107,7 +107,7 @@ def test_the_field_is_not_known_near_the_skin_nor_inside(kept):
     with pytest.raises(
         at.InvalidInput, match=re.escape("the pressure on the skin of 2 factorised bodies is not solved")
     ):
-        _ = field.skin
+        _ = field.on_surface
 
 
 def test_the_transfer_matrix_is_that_of_the_whole_solve(kept):

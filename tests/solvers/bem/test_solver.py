@@ -41,7 +41,8 @@ def test_without_an_estimate_the_array_hears_the_same_and_the_skin_is_refused():
     assert np.isnan(one.error_at(array)).all()
     assert one.valid(np.array([[0.0, 0.0, 0.003], [0.0, 0.0, 0.005]])).tolist() == [False, True]
     on_skin = np.array([[0.0, 0.004, 0.0]])
-    for ask in (lambda: one.skin, lambda: one.at(on_skin), lambda: one.velocity(on_skin), lambda: one.direct_at(array)):
+    unknown = (lambda: one.on_surface, lambda: one.at(on_skin), lambda: one.velocity(on_skin))
+    for ask in (*unknown, lambda: one.direct_at(array)):
         with pytest.raises(at.InvalidInput, match="1 of 2 equations is enough for a transfer matrix only"):
             ask()
 

@@ -60,7 +60,7 @@ def test_one_octant_solves_the_whole_sphere():
     assert errors(ready, scene, sources, far_points(20)) < 0.01
     whole = at.FiniteElement(symmetry=()).factorised(scene)
     assert 4 * ready.report.nodes < whole.report.nodes
-    skin = ready.radiate(scene, sources).skin
+    skin = ready.radiate(scene, sources).on_surface
     assert skin.areas.sum() == pytest.approx(4 * np.pi * 0.005**2, rel=2e-3)
     assert np.allclose((skin.normals * skin.points).sum(axis=1), 0.005, atol=1e-5)
     places = 0.005 * skin.points / np.linalg.norm(skin.points, axis=1)[:, None]

@@ -93,7 +93,7 @@ def test_near_the_bodies_the_solution_itself_is_heard():
     np.testing.assert_allclose(waves.at(both)[3], field.at(both[3:])[0], rtol=1e-3)
     assert waves.valid(both).tolist() == [True, True, False, True]
     np.testing.assert_array_equal(waves.velocity(near[:2]), field.velocity(near[:2]))
-    np.testing.assert_array_equal(waves.skin.pressure, field.skin.pressure)
+    np.testing.assert_array_equal(waves.on_surface.pressure, field.on_surface.pressure)
     assert waves.error_at(both).max() < 1e-3
 
 

@@ -280,7 +280,7 @@ def test_sounds_are_linear_in_the_strengths_and_blocks_do_not_show(monkeypatch):
 
 def test_skin_carries_the_area_the_pressure_and_the_field_at_it():
     field = radiate(sound_hard(ball(centre=CENTRE)), CENTRE + [0.0, 0.0, 0.05])
-    skin = field.skin
+    skin = field.on_surface
     assert skin.areas.sum() == pytest.approx(4.0 * np.pi * 0.01**2, rel=1e-12)
     np.testing.assert_allclose(skin.points, CENTRE + 0.01 * skin.normals, atol=1e-15)
     # Green's formula on the hard skin: the double layer over it gives the scattered field.

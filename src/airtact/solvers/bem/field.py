@@ -11,7 +11,7 @@ from airtact.conventions import InvalidInput
 from airtact.mesh.quadratic_triangles import cut, points_at
 from airtact.printing import in_short
 from airtact.scene.scene import Scene
-from airtact.scene.sources import Monopoles, check_off_sources, nearest_source
+from airtact.scene.sources import Monopoles, nearest_source
 from airtact.solvers.bem.layer_potentials import double_layer_pressure, find_contacts, near_skin, project_contacts
 from airtact.solvers.bem.operator import DualSurface
 from airtact.solvers.bem.point_location import Sides, sides_of
@@ -19,7 +19,7 @@ from airtact.solvers.bem.quadrature import Nodes, find_near, place_nodes
 from airtact.solvers.bem.surface_gradient import skin_slopes
 from airtact.solvers.bem.target_cells import Cells, cells_of
 from airtact.solvers.monopoles import monopole_pressure
-from airtact.solvers.problem import DIFFERENCE, RadiatedField, Skin, SolveReport
+from airtact.solvers.problem import DIFFERENCE, RadiatedField, SolveReport, SurfaceField, receivers
 from airtact.solvers.velocity import differences, open_air_slopes, velocity_of
 from airtact.validation import points_of
 
@@ -65,10 +65,10 @@ class BoundaryField(RadiatedField):
     __repr__ = in_short
 
     @property
-    def skin(self) -> Skin:
+    def on_surface(self) -> SurfaceField:
         """Pressure at the nodes of the skin, from the direct solution."""
         nodes = self.surface.nodes
-        return Skin(nodes.points, nodes.normals, nodes.weights, self._skin_pressure)
+        return SurfaceField(nodes.points, nodes.normals, nodes.weights, self._skin_pressure)
 
     @property
     def _skin_pressure(self) -> Complex128[np.ndarray, "nodes sounds"]:
@@ -100,8 +100,7 @@ class BoundaryField(RadiatedField):
         InvalidInput
             A point is NaN or infinite, or stands on a source.
         """
-        points = points_of(points, "points", least=0)
-        check_off_sources(points, self.sources)
+        points = receivers(points, self.sources)
         sides = self._sides(points)
         most = sides.outside & ~sides.contact  # what was put on its panel is no longer in the plane of a picture
         cells = cells_of(sides.places[most], self.scene.wavelength, self._error_of_cells)
@@ -125,8 +124,7 @@ class BoundaryField(RadiatedField):
         InvalidInput
             A point is NaN or infinite, or stands on a source.
         """
-        points = points_of(points, "points", least=0)
-        check_off_sources(points, self.sources)
+        points = receivers(points, self.sources)
         nodes, least = self.surface.nodes, LEAST_ROOM * self.scene.wavelength
         sides = self._sides(points)
         near, outside = sides.near, sides.outside

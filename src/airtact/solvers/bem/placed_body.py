@@ -13,11 +13,11 @@ from airtact.conventions import InvalidInput
 from airtact.pose import Pose
 from airtact.printing import in_short
 from airtact.scene.scene import Scene
-from airtact.scene.sources import Monopoles, check_off_sources
+from airtact.scene.sources import Monopoles
 from airtact.solvers.bem.layer_potentials import double_layer_heard
 from airtact.solvers.bem.reduced_body import ReducedBody
 from airtact.solvers.monopoles import monopole_pressure
-from airtact.solvers.problem import RadiatedField, Skin, SolveReport
+from airtact.solvers.problem import RadiatedField, SolveReport, SurfaceField, receivers
 from airtact.validation import points_of
 
 
@@ -151,7 +151,7 @@ class PartsField(RadiatedField):
     __repr__ = in_short
 
     @property
-    def skin(self) -> Skin:
+    def on_surface(self) -> SurfaceField:
         """Not known from kept scattering."""
         raise InvalidInput(
             f"the pressure on the skin of {len(self.placed)} factorised bodies is not solved for; solve the scene with "
@@ -176,8 +176,7 @@ class PartsField(RadiatedField):
         InvalidInput
             A point is NaN or infinite, or stands on a source.
         """
-        points = points_of(points, "points", least=0)
-        check_off_sources(points, self.sources)
+        points = receivers(points, self.sources)
         out = np.full((len(points), self.strengths.shape[1]), np.nan, dtype=np.complex128)
         known = self.valid(points)
         wavenumber, precision = self.scene.wavenumber, self.placed[0].part.surface.precision

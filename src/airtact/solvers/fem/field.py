@@ -9,11 +9,11 @@ from jaxtyping import Bool, Complex128, Float64, Real
 
 from airtact.printing import in_short
 from airtact.scene.scene import CONTACT, Scene
-from airtact.scene.sources import Monopoles, check_off_sources
+from airtact.scene.sources import Monopoles
 from airtact.solvers.fem.meshing.symmetry import TOLERANCE, images
 from airtact.solvers.fem.solution import ReadySystem, Solution, joined, nothing
 from airtact.solvers.monopoles import monopole_pressure
-from airtact.solvers.problem import DIFFERENCE, RadiatedField, Skin, SolveReport
+from airtact.solvers.problem import DIFFERENCE, RadiatedField, SolveReport, SurfaceField, receivers
 from airtact.solvers.velocity import differences, velocity_of
 from airtact.validation import in_mm, points_of
 
@@ -54,14 +54,14 @@ class FiniteField(RadiatedField):
     __repr__ = in_short
 
     @property
-    def skin(self) -> Skin:
+    def on_surface(self) -> SurfaceField:
         """Pressure at the quadrature points of the skins."""
         length, spots, mirrors = self.scene.wavelength, self.ready.system.skin, self.ready.mirrors
         pressure = np.concatenate(self.ready.on_spots(self.from_nearby, spots)) / length
         points = np.concatenate(images(mirrors, spots.points)) * length
         tips = np.concatenate(images(mirrors, spots.points + spots.normals)) * length
         areas = np.tile(spots.areas, 2 ** len(mirrors)) * length**2
-        return Skin(points, (tips - points) / length, areas, pressure)
+        return SurfaceField(points, (tips - points) / length, areas, pressure)
 
     @cached_property
     def from_nearby(self) -> Solution:
@@ -92,8 +92,7 @@ class FiniteField(RadiatedField):
         InvalidInput
             A point is NaN or infinite, or stands on a source.
         """
-        points = points_of(points, "points", least=0)
-        check_off_sources(points, self.sources)
+        points = receivers(points, self.sources)
         found = np.full((len(points), self.sources.strengths.shape[1]), np.nan, dtype=np.complex128)
         valid, near = self.valid(points), self.workspace | beside(self.scene, points)
         clear = ~near & (self.scene.depth(points) < -CLEAR * self.scene.wavelength)
@@ -116,8 +115,7 @@ class FiniteField(RadiatedField):
         InvalidInput
             As ``at``.
         """
-        points = points_of(points, "points", least=0)
-        check_off_sources(points, self.sources)
+        points = receivers(points, self.sources)
         valid, near = self.valid(points), self.workspace | beside(self.scene, points)
         slopes = np.full((len(points), 3, self.sources.strengths.shape[1]), np.nan, dtype=np.complex128)
         density, length = np.full(len(points), self.scene.medium.density), self.scene.wavelength

@@ -18,11 +18,11 @@ from airtact import _kernels
 from airtact.conventions import InvalidInput
 from airtact.printing import in_short
 from airtact.scene.scene import Scene
-from airtact.scene.sources import Monopoles, check_off_sources
+from airtact.scene.sources import Monopoles
 from airtact.solvers.chebyshev import chebyshev_weights
 from airtact.solvers.memory import available_memory
 from airtact.solvers.monopoles import monopole_pressure
-from airtact.solvers.problem import RadiatedField, Skin, SolveReport
+from airtact.solvers.problem import RadiatedField, SolveReport, SurfaceField, receivers
 from airtact.solvers.spherical.radial_functions import outgoing_shapes
 from airtact.validation import of_kind, points_of
 
@@ -108,9 +108,9 @@ class OutgoingWaves(RadiatedField):
     __repr__ = in_short
 
     @property
-    def skin(self) -> Skin:
+    def on_surface(self) -> SurfaceField:
         """Pressure on the bodies' skin, as it was solved."""
-        return self.solved.skin
+        return self.solved.on_surface
 
     def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
         """Whether the field exists at points (P, 3) [m]."""
@@ -127,8 +127,7 @@ class OutgoingWaves(RadiatedField):
         InvalidInput
             A point is NaN or infinite, or stands on a source.
         """
-        points = points_of(points, "points", least=0)
-        check_off_sources(points, self.sources)
+        points = receivers(points, self.sources)
         away = self._distance(points) >= self.shells.radius
         if away.all():
             return self._heard_away(points)

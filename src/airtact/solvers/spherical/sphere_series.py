@@ -10,9 +10,9 @@ from scipy.spatial import KDTree
 from airtact.conventions import InvalidInput
 from airtact.printing import in_short
 from airtact.scene.scene import CONTACT, Obstacle, Scene, check_sources
-from airtact.scene.sources import Monopoles, check_off_sources
+from airtact.scene.sources import Monopoles
 from airtact.solvers.free_field import open_air_pressure, unit_monopoles
-from airtact.solvers.problem import RadiatedField, Skin, Solver, SolveReport
+from airtact.solvers.problem import RadiatedField, Solver, SolveReport, SurfaceField, receivers
 from airtact.solvers.spherical.modes import ACCURACY, SphereModes
 from airtact.solvers.spherical.slopes import scattered_slopes
 from airtact.solvers.velocity import open_air_slopes, velocity_of
@@ -50,7 +50,7 @@ class SphereField(RadiatedField):
     __repr__ = in_short
 
     @property
-    def skin(self) -> Skin:
+    def on_surface(self) -> SurfaceField:
         """Pressure at Gauss-Legendre latitudes and equal longitudes, with the exact area of the sphere.
 
         Raises
@@ -72,7 +72,7 @@ class SphereField(RadiatedField):
         )
         areas = np.repeat(weight, len(longitude)) * np.pi / latitudes * self.modes.radius**2
         points = self.centre + self.modes.radius * normals
-        return Skin(points, normals, areas, self.at(points))
+        return SurfaceField(points, normals, areas, self.at(points))
 
     def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
         """Whether the field exists at points (P, 3) [m]: not inside a sphere that is hard or has an impedance."""
@@ -93,8 +93,7 @@ class SphereField(RadiatedField):
         NotConverged
             If a point lies within micrometres of a source that touches the skin.
         """
-        points = points_of(points, "points", least=0)
-        check_off_sources(points, self.sources)
+        points = receivers(points, self.sources)
         pressure = np.full((len(points), self.sources.strengths.shape[1]), np.nan + 0j)
         inside = self._inside(points)
         outside = np.flatnonzero(~inside)
@@ -114,8 +113,7 @@ class SphereField(RadiatedField):
         NotConverged
             If a point and a source are both within about 0.3 % of the radius from the skin.
         """
-        points = points_of(points, "points", least=0)
-        check_off_sources(points, self.sources)
+        points = receivers(points, self.sources)
         slopes = np.full((len(points), 3, self.sources.strengths.shape[1]), np.nan + 0j)
         density = np.full(len(points), self.scene.medium.density)
         within = self._inside(points)

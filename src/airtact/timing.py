@@ -1,0 +1,38 @@
+"""Wall time by step, for reports and for lines of progress."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+
+class Clock:
+    """Measure the wall time of each step, and report each step as it begins.
+
+    Attributes
+    ----------
+    seconds : wall time by step [s]; the times of a step that runs again add up.
+
+    Examples
+    --------
+    >>> clock = Clock(print)
+    >>> with clock.step("matrix", "filling the matrix"):
+    ...     total = sum(range(10))
+    filling the matrix
+    >>> list(clock.seconds)
+    ['matrix']
+    """
+
+    def __init__(self, progress: Callable[[str], None] | None = None) -> None:
+        self.seconds: dict[str, float] = {}
+        self._progress = progress
+
+    @contextmanager
+    def step(self, name: str, words: str | None = None) -> Iterator[None]:
+        """Report a step in ``words`` (or by its name), and add the time spent inside to ``seconds[name]``."""
+        if self._progress is not None:
+            self._progress(words or name)
+        begun = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begun
