@@ -11,8 +11,14 @@ from airtact.hand.files import load_hand
 from airtact.hand.hand import Hand, hand_from_joints
 from airtact.hand.joints import CHAINS, NAMES, side_of
 from airtact.hand.kinematics import gap_of
+from airtact.hand.shape import MOST_KEYFRAMES
 from airtact.mesh.quadratic_triangles import enclosed_volume
 from airtact.pose import Pose
+from airtact.scene.medium import Medium
+from airtact.scene.scene import Scene, sound_hard
+from airtact.scene.sources import Monopoles
+from airtact.solvers.bem.solver import BoundaryElement
+from airtact.store.fingerprint import fingerprint
 from airtact.surfaces.checks import check_surface
 from airtact.surfaces.surface import Surface
 from hand.hand_poses import HANDS, example, random_pose
@@ -192,6 +198,71 @@ def test_a_frame_in_which_fingers_meet_is_meshed_anew(opened):
     closed = opened.posed(PINCH)
     assert closed.touches
     assert len(closed.shape.skin(6e-3).triangles) != len(opened.shape.skin(6e-3).triangles)
+
+
+def sequence(gaps: np.ndarray) -> list[Hand]:
+    start = hand_from_joints(PINCH, RADII)
+    hands = [start.open_to(gaps[0])]
+    for gap in gaps[1:]:
+        hands.append(hands[-1].posed(start.open_to(gap).joints))
+    return hands
+
+
+def test_what_was_asked_of_a_frame_changes_no_later_one():
+    gaps = np.linspace(0.012, 0.020, 5)
+    asked, other, silent = sequence(gaps), sequence(gaps), sequence(gaps)
+    for hand in asked:
+        hand.shape.skin(6e-3)
+    late = other[-1].shape.skin(6e-3)
+    other[0].shape.skin(9e-3)
+    for edge in (6e-3, 9e-3):
+        expected = silent[-1].shape.skin(edge)
+        for hand in (asked[-1], other[-1]):
+            assert np.array_equal(hand.shape.skin(edge).vertices, expected.vertices)
+            assert np.array_equal(hand.shape.skin(edge).triangles, expected.triangles)
+    assert other[-1].shape.skin(6e-3) is late
+    assert np.array_equal(expected.triangles, silent[0].shape.skin(9e-3).triangles)  # it does follow
+
+
+def test_a_frame_that_was_not_asked_can_be_asked_later():
+    one, other = sequence(np.array([0.012, 0.016])), sequence(np.array([0.012, 0.016]))
+    one[0].shape.skin(7e-3)
+    first = one[1].shape.panels(7e-3)
+    second = other[1].shape.panels(7e-3)
+    other[0].shape.skin(7e-3)
+    assert np.array_equal(first, second)
+
+
+def test_hands_of_one_fingerprint_have_one_mesh_and_those_of_two_do_not():
+    gaps = np.array([0.012, 0.016])
+    one, twin = sequence(gaps)[1], sequence(gaps)[1]
+    one.shape.skin(5e-3)
+    alone = hand_from_joints(one.joints, one.radii, side=one.side)
+
+    def name(hand: Hand) -> str:
+        scene = Scene(Medium(343.1, 1.293), [sound_hard(hand.surface)])
+        return fingerprint(BoundaryElement(), scene, Monopoles(np.array([[0.0, 0.0, 0.3]]), np.ones(1)))
+
+    assert name(one) == name(twin)
+    assert np.array_equal(one.shape.panels(6e-3), twin.shape.panels(6e-3))
+    assert np.array_equal(one.surface.vertices, alone.surface.vertices)
+    assert not np.array_equal(one.shape.panels(6e-3), alone.shape.panels(6e-3))
+    assert name(one) != name(alone)
+
+
+def test_a_long_sequence_keeps_few_frames_and_little_history():
+    hands = sequence(np.concatenate([np.linspace(0.012, 0.045, 12), np.linspace(0.045, 0.012, 12)] * 3))
+    assert max(hand.shape.keyframes for hand in hands) <= MOST_KEYFRAMES + 1
+    assert all(hand.shape.follows is not None for hand in hands[1:12])
+    cold = hands[-1].shape.skin(7e-3)
+    assert np.abs(hands[-1].shape.depth(cold.vertices)).max() < 30e-6
+
+
+def test_a_mesh_that_was_handed_out_cannot_be_written_to(opened):
+    mesh = opened.shape.skin(6e-3)
+    for array in (mesh.vertices, mesh.triangles, mesh.sizes, opened.shape.hulls.balls, opened.shape.hulls.parts):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
 
 
 # --- bad input ------------------------------------------------------------------------------------------------------

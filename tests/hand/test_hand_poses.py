@@ -5,7 +5,7 @@ import pytest
 
 from airtact.hand.anatomy_parts import hand_hulls
 from airtact.hand.joints import joints_of
-from airtact.hand.skin_mesh import Skin, even_skin
+from airtact.hand.skin_mesh import HandMesh, even_skin
 from airtact.hand.sphere_mesh import Hulls
 from airtact.mesh.topology import edge_twins, shells
 from hand.hand_poses import example, random_pose
@@ -14,7 +14,7 @@ EDGE = 7e-3
 REST, RADII = example("relaxed")
 
 
-def meshed(seed: int) -> tuple[Hulls, Skin]:
+def meshed(seed: int) -> tuple[Hulls, HandMesh]:
     hulls, _ = hand_hulls(joints_of(random_pose(seed, REST)), RADII)
     return hulls, even_skin(hulls, EDGE)
 
@@ -44,7 +44,7 @@ def test_random_poses_are_closed_and_even(tens):
 def test_ten_thousand_poses_are_closed_and_even(hundreds):
     angles = held_to_the_figures(range(100 * hundreds, 100 * hundreds + 100))
     assert angles.min() >= 10
-    assert np.mean(angles >= 20) >= 0.98  # 99.9 % of all: see benchmarks/hand.py, which counts them together
+    assert np.mean(angles >= 20) >= 0.98  # 99.9 % of all: see benchmarks/hand_meshing.py, which counts them together
 
 
 def test_among_the_poses_are_touching_and_crossing_fingers():

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float64, Int64
 from airtact.hand.joints import CHAINS, FINGERS, LENGTH, hand_length
 from airtact.hand.sphere_mesh import Hulls
 from airtact.printing import in_short
+from airtact.validation import fixed
 
 MERGED = 0.3e-3
 """Skins nearer than this are one [m]."""
@@ -43,6 +44,7 @@ def _parts() -> tuple[tuple[int, int, int], ...]:
 
 PARTS = np.array(_parts())
 """Balls of each hull: the phalanges of all fingers, then what makes the palm."""
+PARTS.flags.writeable = False
 
 FREE = 14
 """How many of them are phalanges."""
@@ -102,7 +104,7 @@ def hand_hulls(
         Touch(part_name(int(one)), part_name(int(other)), float(gap), place)
         for (one, other), gap, place in zip(pairs, gaps, places, strict=True)
     )
-    return Hulls(balls, PARTS, blend, apart.astype(np.float64)), touches
+    return Hulls(fixed(balls), PARTS, fixed(blend), fixed(apart.astype(np.float64))), touches
 
 
 def part_name(part: int) -> str:

@@ -22,11 +22,9 @@ from airtact.hand.joints import (
     unit,
 )
 from airtact.hand.kinematics import bending_axis, opened
-from airtact.hand.mesh_tracking import Followed
 from airtact.hand.shape import HandShape
 from airtact.hand.skin_mesh import Graded, even_skin, midpoints
 from airtact.hand.sphere_mesh import Hulls
-from airtact.pose import Pose
 from airtact.printing import in_short
 from airtact.surfaces.surface import Surface
 from airtact.validation import fixed, in_mm, within
@@ -55,20 +53,20 @@ class Hand:
     joints : (25, 3) in the order of WebXR [m].
     radii : (25,) of the skin round each joint [m].
     side : ``"right"`` or ``"left"``.
-    before : the hand of the frame before, whose meshes are deformed to this one, or None.
+    follows : in a sequence the keyframe whose meshes are deformed to this hand's where it is near, else None.
     """
 
     joints: Float64[np.ndarray, "25 3"]
     radii: Float64[np.ndarray, "25"]
     side: Side
-    before: Followed | None = None
+    follows: HandShape | None = None
 
     __repr__ = in_short
 
     @cached_property
     def shape(self) -> HandShape:
         """The exact body: hulls of balls along the bones, creases filled."""
-        return HandShape(self._built[0], Pose.identity(), self.before)
+        return HandShape.following(self._built[0], self.follows)
 
     @property
     def touches(self) -> tuple[Touch, ...]:
@@ -145,10 +143,12 @@ class Hand:
             if name not in FINGERS or one == other:
                 raise InvalidInput(f"fingers {one!r} and {other!r} are not 2 of {', '.join(FINGERS)}.")
         joints = opened(self.joints, self.radii, self.side, (FINGERS.index(one), FINGERS.index(other)), gap)
-        return self.posed(joints)
+        return hand_from_joints(joints, self.radii, side=self.side)
 
     def posed(self, joints: Real[np.ndarray, "joints 3"]) -> "Hand":
-        """Take the next frame of the same hand: the meshes made so far are deformed where the motion is small.
+        """Take the next frame of the same hand, whose meshes keep their triangles where the motion is small.
+
+        Its meshes follow from this pose, the new one and those before, and from nothing that was asked of any of them.
 
         Parameters
         ----------
@@ -160,7 +160,7 @@ class Hand:
             As ``hand_from_joints``.
         """
         new = hand_from_joints(joints, self.radii, side=self.side)
-        return Hand(new.joints, new.radii, new.side, Followed(self.shape.hulls, self.shape.kept))
+        return Hand(new.joints, new.radii, new.side, self.shape.keyframe)
 
     @cached_property
     def _built(self) -> tuple[Hulls, tuple[Touch, ...]]:

@@ -1,86 +1,53 @@
-"""Meshes that follow a hand from frame to frame: the triangles stay, their corners move with the bones."""
-
-from collections.abc import Mapping
-from dataclasses import dataclass
+"""Deform the mesh of a hand from one pose to another: the triangles stay, their corners move with the bones."""
 
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.hand.skin_mesh import Skin, settled
+from airtact.hand.skin_mesh import HandMesh, settled
 from airtact.hand.sphere_mesh import Hulls
 from airtact.pose import nearest_motion
-from airtact.printing import in_short
 
-FARTHEST = 12e-3
-"""A mesh is made anew where a ball has moved farther [m], after the motion of the whole hand is taken out."""
-
-SOFT = 3e-3
-"""Corners follow hulls nearly as near as the nearest, those within about this [m]."""
+BLEND = 3e-3
+"""Corners move with the hulls nearest to them, weighted over about this distance [m]."""
 
 LEAST_ANGLE = 20.0
-"""Meshes whose smallest angle would be below this are made anew [degrees]."""
+"""A deformed mesh with a smaller angle is rejected [degrees]."""
 
-STRETCHED = 2.0
-"""So are those with an edge longer than this over the one asked for."""
+LONGEST = 2.0
+"""So is one with an edge longer than this, over the edge wanted there."""
 
 
-@dataclass(frozen=True, eq=False)
-class Followed:
-    """A body of the frame before, with its meshes.
+def motion(before: Hulls, now: Hulls) -> float:
+    """Find how far the farthest ball has moved [m], the rigid motion of the whole hand taken out."""
+    turn, shift = nearest_motion(before.balls[:, :3], now.balls[:, :3])
+    return float(np.linalg.norm(before.balls[:, :3] @ turn.T + shift - now.balls[:, :3], axis=1).max())
 
-    Attributes
+
+def deformed(before: Hulls, mesh: HandMesh, now: Hulls, edge: float) -> HandMesh | None:
+    """Deform the mesh of a body to another pose, with the same triangles; None where one gets too thin or too long.
+
+    Parameters
     ----------
-    hulls : the body then.
-    kept : its meshes by their edge [m].
+    before : the body that the mesh covers.
+    mesh : made with triangles of ``edge`` [m].
+    now : the body in the other pose, its hulls joined alike.
+    edge : [m].
     """
-
-    hulls: Hulls
-    kept: Mapping[float, Skin]
-
-    __repr__ = in_short
-
-    def deformed(self, hulls: Hulls, edge: float) -> Skin | None:
-        """Deform the mesh of an edge to a new pose.
-
-        Parameters
-        ----------
-        hulls : the body now.
-        edge : that was asked for [m].
-
-        Returns
-        -------
-        The mesh with the same triangles, or None where there is none or it would not be good: the hand has moved too
-        far, other parts touch, or triangles would get too thin or long.
-        """
-        if edge not in self.kept or np.any(hulls.apart != self.hulls.apart):
-            return None
-        turn, shift = _rigid(self.hulls.balls[:, :3], hulls.balls[:, :3])
-        carried = self.hulls.balls[:, :3] @ turn.T + shift
-        if np.linalg.norm(carried - hulls.balls[:, :3], axis=1).max() > FARTHEST:
-            return None
-        skin = self.kept[edge]
-        moved = _carried(self.hulls, hulls, skin.vertices, turn, shift)
-        found = settled(hulls, Skin(moved, skin.triangles, skin.sizes), edge)
-        return found if _is_good(found, skin) else None
-
-
-def _is_good(found: Skin, before: Skin) -> bool:
+    moved = HandMesh(_moved_with_hulls(before, now, mesh.vertices), mesh.triangles, mesh.sizes)
+    found = settled(now, moved, edge)
     ends = np.roll(found.triangles, -1, axis=1)
     lengths = np.linalg.norm(found.vertices[found.triangles] - found.vertices[ends], axis=2)
-    wanted = before.sizes[found.triangles].max(axis=1, keepdims=True)
-    return bool(found.angles.min() >= LEAST_ANGLE and (lengths / wanted).max() <= STRETCHED)
+    wanted = mesh.sizes[found.triangles].max(axis=1, keepdims=True)
+    good = found.angles.min() >= LEAST_ANGLE and (lengths / wanted).max() <= LONGEST
+    return found if good else None
 
 
-def _carried(
-    before: Hulls,
-    now: Hulls,
-    vertices: Float64[np.ndarray, "vertices 3"],
-    turn: Float64[np.ndarray, "3 3"],
-    shift: Float64[np.ndarray, "3"],
+def _moved_with_hulls(
+    before: Hulls, now: Hulls, vertices: Float64[np.ndarray, "vertices 3"]
 ) -> Float64[np.ndarray, "vertices 3"]:
-    """Move points with the hulls that they lie on."""
+    turn, shift = nearest_motion(before.balls[:, :3], now.balls[:, :3])
     distance = before.each(vertices)
-    weight = np.exp(-((distance - distance.min(axis=1, keepdims=True)) / SOFT))
+    weight = np.exp(-((distance - distance.min(axis=1, keepdims=True)) / BLEND))
     weight /= weight.sum(axis=1, keepdims=True)
     old, new = before.balls[:, :3] @ turn.T + shift, now.balls[:, :3]
     start = vertices @ turn.T + shift

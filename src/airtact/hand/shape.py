@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float64, Real
 
-from airtact.hand.mesh_tracking import Followed
-from airtact.hand.skin_mesh import Skin, even_skin, midpoints
+from airtact.hand.mesh_tracking import deformed, motion
+from airtact.hand.skin_mesh import HandMesh, even_skin, midpoints
 from airtact.hand.sphere_mesh import Hulls
 from airtact.mesh.quadratic_triangles import QuadraticTriangles, enclosed_volume, panel_areas
 from airtact.mesh.remeshing import Ridged
@@ -18,25 +18,57 @@ from airtact.surfaces.shape import BEND
 MEASURED = 3e-3
 """Edge of the panels that area and volume are taken from [m]."""
 
+FARTHEST = 12e-3
+"""A frame follows no shape from which a ball has moved farther, the motion of the whole hand taken out [m]."""
+
+KEYFRAME = 2.5e-3
+"""A frame that has moved farther than this from the keyframe that it follows is a keyframe itself [m]."""
+
+MOST_KEYFRAMES = 16
+"""Longest chain of keyframes: to deform a mesh along it takes no longer than to make it anew."""
+
 
 @dataclass(frozen=True, eq=False)
 class HandShape:
-    """A body of blended hulls, wherever it was moved; the meshes made of it are kept.
+    """The exact body of a hand, wherever it was moved.
+
+    In a sequence of frames a mesh is deformed from that of a keyframe, an earlier frame. Which frame that is follows
+    from the poses alone, and its mesh is deformed from the keyframe before it, so that a mesh of some edge depends on
+    the bodies in this chain and on nothing that was asked before.
 
     Attributes
     ----------
     hulls : the body where it was made.
     pose : where it stands now.
-    followed : the shape of the frame before, whose meshes are deformed to this one's, or None.
-    kept : meshes made before, at rest, by their edge.
+    follows : the keyframe whose meshes are deformed to this shape's, or None.
+    meshes : cached meshes at rest, by their edge [m].
     """
 
     hulls: Hulls
     pose: Pose
-    followed: Followed | None = None
-    kept: dict[float, Skin] = field(default_factory=dict, compare=False)
+    follows: "HandShape | None" = None
+    meshes: dict[float, HandMesh] = field(default_factory=dict, compare=False, repr=False)
 
     __repr__ = in_short
+
+    @cached_property
+    def keyframe(self) -> "HandShape":
+        """The shape that the next frame may follow: this one, or the one that it follows itself and is still near."""
+        return self if self.follows is None or motion(self.follows.hulls, self.hulls) > KEYFRAME else self.follows
+
+    @cached_property
+    def keyframes(self) -> int:
+        """How many keyframes stand before this shape."""
+        return 0 if self.follows is None else 1 + self.follows.keyframes
+
+    @staticmethod
+    def following(hulls: Hulls, keyframe: "HandShape | None") -> "HandShape":
+        """Make the shape of a body, which follows a keyframe where it has moved little and the same parts touch."""
+        if keyframe is not None and not np.any(hulls.apart != keyframe.hulls.apart):
+            far = motion(keyframe.hulls, hulls)
+            if far <= KEYFRAME or (far <= FARTHEST and keyframe.keyframes < MOST_KEYFRAMES):
+                return HandShape(hulls, Pose.identity(), keyframe)
+        return HandShape(hulls, Pose.identity())
 
     @property
     def extent(self) -> float:
@@ -90,12 +122,13 @@ class HandShape:
         skin = self.skin(edge / 3.0)
         return [Ridged(self.pose.apply(skin.vertices), skin.triangles, np.empty((0, 2), dtype=np.int64))]
 
-    def skin(self, edge: float) -> Skin:
-        """Mesh it at rest with even triangles of an edge [m]; the mesh of the frame before is deformed if possible."""
-        if edge not in self.kept:
-            deformed = None if self.followed is None else self.followed.deformed(self.hulls, edge)
-            self.kept[edge] = even_skin(self.hulls, edge) if deformed is None else deformed
-        return self.kept[edge]
+    def skin(self, edge: float) -> HandMesh:
+        """Mesh it at rest with even triangles of an edge [m]; the mesh of the keyframe is deformed if possible."""
+        if edge not in self.meshes:
+            key = self.follows
+            mesh = None if key is None else deformed(key.hulls, key.skin(edge), self.hulls, edge)
+            self.meshes[edge] = (even_skin(self.hulls, edge) if mesh is None else mesh).fixed()
+        return self.meshes[edge]
 
     def moved(self, pose: Pose) -> "HandShape":
         """Move it rigidly.
@@ -112,7 +145,7 @@ class HandShape:
         return float(panel_areas(panels).sum()), enclosed_volume(panels)
 
 
-def curved_panels(hulls: Hulls, skin: Skin) -> QuadraticTriangles:
+def curved_panels(hulls: Hulls, skin: HandMesh) -> QuadraticTriangles:
     """Curve triangles by the points of the skin over the middles of their edges.
 
     Parameters

@@ -19,6 +19,7 @@ from airtact.hand.sphere_mesh import Hulls
 from airtact.mesh.quadratic_triangles import smallest_angles, with_middles
 from airtact.mesh.topology import cone_volumes
 from airtact.surfaces.panels import LARGEST_TO_GAP
+from airtact.validation import fixed
 
 COARSEST = 0.42
 """Step of the grid over the radius of the smallest ball, at most."""
@@ -101,7 +102,7 @@ PULL = 0.6
 
 
 @dataclass(frozen=True, eq=False)
-class Skin:
+class HandMesh:
     """Triangles on the skin.
 
     Attributes
@@ -114,6 +115,12 @@ class Skin:
     vertices: Float64[np.ndarray, "vertices 3"]
     triangles: Int64[np.ndarray, "triangles 3"]
     sizes: Float64[np.ndarray, "vertices"]
+
+    def fixed(self) -> "HandMesh":
+        """Copy it into arrays that nobody can write to."""
+        triangles = self.triangles.copy()
+        triangles.flags.writeable = False
+        return HandMesh(fixed(self.vertices), triangles, fixed(self.sizes))
 
     @property
     def angles(self) -> Float64[np.ndarray, "triangles"]:
@@ -141,7 +148,7 @@ class Graded(NamedTuple):
         return np.clip(self.fine + GRADING * (away - BESIDE * self.fine), self.fine, self.edge)
 
 
-def even_skin(hulls: Hulls, edge: float, graded: Graded | None = None) -> Skin:
+def even_skin(hulls: Hulls, edge: float, graded: Graded | None = None) -> HandMesh:
     """Cover a body with even triangles.
 
     Parameters
@@ -153,11 +160,11 @@ def even_skin(hulls: Hulls, edge: float, graded: Graded | None = None) -> Skin:
     skin = _best_skin(hulls, edge)
     for _ in range(PASSES if graded else 0):
         assert graded is not None
-        skin = _pass(hulls, Skin(skin.vertices, skin.triangles, graded.at(skin.vertices)), edge, hold=True)
+        skin = _pass(hulls, HandMesh(skin.vertices, skin.triangles, graded.at(skin.vertices)), edge, hold=True)
     return skin if graded is None else _repaired(hulls, skin, edge)[1]
 
 
-def _best_skin(hulls: Hulls, edge: float) -> Skin:
+def _best_skin(hulls: Hulls, edge: float) -> HandMesh:
     best = None
     for level, share in GRIDS:
         fault, skin = _evened(hulls, edge, level, share)
@@ -169,7 +176,7 @@ def _best_skin(hulls: Hulls, edge: float) -> Skin:
     return best[1]
 
 
-def _evened(hulls: Hulls, edge: float, level: float, share: float) -> tuple[float, Skin]:
+def _evened(hulls: Hulls, edge: float, level: float, share: float) -> tuple[float, HandMesh]:
     """Even triangles from one grid, and their fault."""
     step = share * min(FINE * edge, COARSEST * hulls.thinnest)
     skin = _onto(hulls, _gridded(hulls, step, level * step), edge)
@@ -182,7 +189,7 @@ def _evened(hulls: Hulls, edge: float, level: float, share: float) -> tuple[floa
     return _repaired(hulls, skin, edge)
 
 
-def _repaired(hulls: Hulls, skin: Skin, edge: float) -> tuple[float, Skin]:
+def _repaired(hulls: Hulls, skin: HandMesh, edge: float) -> tuple[float, HandMesh]:
     """Make triangles more even, and smaller where a narrow crease asks for it, until all are good; the least fault."""
     best = _fault(hulls, skin), skin
     for attempt in range(REPAIRS):
@@ -193,7 +200,7 @@ def _repaired(hulls: Hulls, skin: Skin, edge: float) -> tuple[float, Skin]:
             poor |= (bulges(skin, midpoints(hulls, skin)) > MOST_BULGING).any(axis=1)
             sizes = skin.sizes.copy()
             sizes[skin.triangles[poor]] *= SHRINKING
-            skin = Skin(skin.vertices, skin.triangles, np.maximum(sizes, SMALLEST_EDGE / 2.0))
+            skin = HandMesh(skin.vertices, skin.triangles, np.maximum(sizes, SMALLEST_EDGE / 2.0))
         skin = _pass(hulls, skin, edge, needle=GOOD, pull=0.4, hold=True)
         fault = _fault(hulls, skin)
         if fault < best[0]:
@@ -201,7 +208,7 @@ def _repaired(hulls: Hulls, skin: Skin, edge: float) -> tuple[float, Skin]:
     return best
 
 
-def _fault(hulls: Hulls, skin: Skin) -> float:
+def _fault(hulls: Hulls, skin: HandMesh) -> float:
     """How far triangles are from good: 0 or less for those that are."""
     ends = np.stack([skin.triangles, np.roll(skin.triangles, -1, axis=1)], axis=2).reshape(-1, 2)
     bulge = float(_middles(hulls, skin, ends[ends[:, 0] < ends[:, 1]])[1].max())  # closed: each edge runs both ways
@@ -209,7 +216,7 @@ def _fault(hulls: Hulls, skin: Skin) -> float:
     return max(1.0 - float(skin.angles.min()) / LEAST, bulge / MOST_BULGING - 1.0, off / OFF - 1.0)
 
 
-def settled(hulls: Hulls, skin: Skin, edge: float) -> Skin:
+def settled(hulls: Hulls, skin: HandMesh, edge: float) -> HandMesh:
     """Bring triangles of a pose nearby onto a body and even them out, without changing which corners they join.
 
     Parameters
@@ -224,7 +231,7 @@ def settled(hulls: Hulls, skin: Skin, edge: float) -> Skin:
     return found
 
 
-def _gridded(hulls: Hulls, step: float, level: float) -> Skin:
+def _gridded(hulls: Hulls, step: float, level: float) -> HandMesh:
     """Make closed triangles from a grid of the distance."""
     from skimage.measure import marching_cubes  # takes long to import, and only hands need it
 
@@ -235,7 +242,7 @@ def _gridded(hulls: Hulls, step: float, level: float) -> Skin:
         distance.astype(np.float32), 0.0, spacing=(step, step, step), gradient_direction="descent"
     )
     vertices, triangles = _outer(vertices.astype(np.float64) + low, triangles.astype(np.int64), (2.0 * step) ** 3)
-    return Skin(vertices, triangles, np.full(len(vertices), step))
+    return HandMesh(vertices, triangles, np.full(len(vertices), step))
 
 
 def _outer(
@@ -278,7 +285,7 @@ def _corners(counts: Int64[np.ndarray, "3"]) -> Int64[np.ndarray, "corners 3"]:
     return np.stack(np.meshgrid(*[np.arange(count) for count in counts], indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-def _onto(hulls: Hulls, skin: Skin, edge: float, longest: Float64[np.ndarray, "vertices"] | None = None) -> Skin:
+def _onto(hulls: Hulls, skin: HandMesh, edge: float, longest: Float64[np.ndarray, "vertices"] | None = None) -> HandMesh:
     """Bring the corners onto the skin and say how large the edges there may be."""
     vertices = hulls.project(skin.vertices)
     found = hulls.look(vertices, reach=edge)
@@ -288,19 +295,19 @@ def _onto(hulls: Hulls, skin: Skin, edge: float, longest: Float64[np.ndarray, "v
     if longest is not None:
         sizes = np.minimum(sizes, longest)
     _kernels.grade_sizes(vertices, skin.triangles, GRADING, GRADED, sizes)
-    return Skin(vertices, skin.triangles, sizes)
+    return HandMesh(vertices, skin.triangles, sizes)
 
 
 def _pass(
     hulls: Hulls,
-    skin: Skin,
+    skin: HandMesh,
     edge: float,
     longest: float = np.inf,
     needle: float = 0.0,
     pull: float = PULL,
     keep: bool = False,
     hold: bool = False,
-) -> Skin:
+) -> HandMesh:
     """Make the triangles more even, and bring them back onto the skin."""
     count = len(skin.vertices)
     most = 2 * count + 1000
@@ -312,11 +319,11 @@ def _pass(
     cosine = float(np.cos(np.radians(needle))) if needle else 1.0
     _kernels.even_pass(vertices, sizes, triangles, counts, keep, cosine, pull)
     count = counts[0]
-    skin = Skin(vertices[:count].copy(), triangles[: counts[1]].copy(), sizes[:count].copy())
+    skin = HandMesh(vertices[:count].copy(), triangles[: counts[1]].copy(), sizes[:count].copy())
     return _onto(hulls, skin, edge, sizes[:count] if hold else None)
 
 
-def midpoints(hulls: Hulls, skin: Skin) -> Float64[np.ndarray, "triangles 3 3"]:
+def midpoints(hulls: Hulls, skin: HandMesh) -> Float64[np.ndarray, "triangles 3 3"]:
     """Find the points of the skin over the middles of edges 01, 12, 20 (T, 3, 3) [m].
 
     Parameters
@@ -329,7 +336,7 @@ def midpoints(hulls: Hulls, skin: Skin) -> Float64[np.ndarray, "triangles 3 3"]:
 
 
 def _middles(
-    hulls: Hulls, skin: Skin, ends: Int64[np.ndarray, "edges 2"]
+    hulls: Hulls, skin: HandMesh, ends: Int64[np.ndarray, "edges 2"]
 ) -> tuple[Float64[np.ndarray, "edges 3"], Float64[np.ndarray, "edges"]]:
     """Points of the skin over the middles of edges (E, 3), and how far off them, over the length of each edge (E,)."""
     starts, ways = skin.vertices[ends[:, 0]], skin.vertices[ends[:, 1]] - skin.vertices[ends[:, 0]]
@@ -355,7 +362,7 @@ def _edges(
     return np.stack([keys // count, keys % count], axis=1), place.reshape(triangles.shape)
 
 
-def bulges(skin: Skin, middles: Float64[np.ndarray, "triangles 3 3"]) -> Float64[np.ndarray, "triangles 3"]:
+def bulges(skin: HandMesh, middles: Float64[np.ndarray, "triangles 3 3"]) -> Float64[np.ndarray, "triangles 3"]:
     """Tell how far points over the middles of edges are off them, over the length of the edge (T, 3).
 
     Parameters

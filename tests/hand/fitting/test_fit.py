@@ -90,7 +90,7 @@ def test_later_frames_are_as_good_and_keep_the_sizes() -> None:
     assert learned.settled
     assert before.anatomy is learned
     np.testing.assert_array_equal(before.hand.radii, np.exp(learned.mean[len(SPANS) :]))
-    assert before.hand.before is not None  # its mesh follows the one of the frame before
+    assert before.hand.follows is not None  # its mesh follows the one of the frame before
     assert max(off[LEARNED:]) < 2.5e-3
 
 

@@ -20,7 +20,6 @@ from airtact.hand.fitting.skin_residuals import gaps_to
 from airtact.hand.hand import Hand, Side
 from airtact.hand.joints import BONES, FINGERS, NAMES, evidence_of, joints_of, refuse_swapped_fingers
 from airtact.hand.kinematics import evenly_bent
-from airtact.hand.mesh_tracking import Followed
 from airtact.pose import nearest_motion
 from airtact.printing import in_short
 from airtact.surfaces.surface import Surface
@@ -188,8 +187,8 @@ def _threads() -> ThreadpoolController:
 
 def _told(seen: Seen, found: Solved, side: Side, before: FittedHand | None, person: HandAnatomy) -> FittedHand:
     anatomy = person if person.settled else person.learned(found.sizes, found.covariance[SIZES, SIZES])
-    followed = None if before is None else Followed(before.hand.shape.hulls, before.hand.shape.kept)
-    hand = Hand(fixed(found.joints), fixed(found.radii), side, followed)
+    keyframe = None if before is None else before.hand.shape.keyframe
+    hand = Hand(fixed(found.joints), fixed(found.radii), side, keyframe)
     by_joint = np.diag(found.covariance)[:75].reshape(25, 3).sum(axis=1)
     spread = skin_spread(found)
     owner = np.r_[OWNER, np.full(len(PARTS) - len(OWNER), len(FINGERS))]

@@ -1,6 +1,6 @@
 """How quickly a hand gets its skin, and how good it is whatever the fingers do.
 
-Run ``PYTHONPATH=.:tests python benchmarks/hand.py [poses [record.jsonl]]``; with a number, so many random poses are
+Run ``PYTHONPATH=.:tests python benchmarks/hand_meshing.py [poses [record.jsonl]]``; with a number, so many random poses are
 made. 10,000 of them take half an hour; those in the record are not made again.
 """
 
@@ -15,8 +15,8 @@ import numpy as np
 from airtact.hand.anatomy_parts import hand_hulls
 from airtact.hand.hand import hand_from_joints
 from airtact.hand.joints import joints_of
-from airtact.hand.mesh_tracking import Followed
-from airtact.hand.skin_mesh import Skin, even_skin
+from airtact.hand.mesh_tracking import deformed
+from airtact.hand.skin_mesh import HandMesh, even_skin
 from airtact.hand.sphere_mesh import Hulls
 from airtact.mesh.topology import cone_volumes, edge_twins, shells
 from airtact.solvers.bem.solver import BoundaryElement
@@ -30,7 +30,7 @@ def edge_for(accuracy: float) -> float:
     return WAVELENGTH * np.sqrt(6 / BoundaryElement(accuracy).nodes_per_square_wavelength * 4 / np.sqrt(3))
 
 
-def quickest(run: Callable[[], Skin | None], times: int = 5) -> tuple[float, Skin]:
+def quickest(run: Callable[[], HandMesh | None], times: int = 5) -> tuple[float, HandMesh]:
     seconds = []
     for _ in range(times):
         began = time.perf_counter()
@@ -40,7 +40,7 @@ def quickest(run: Callable[[], Skin | None], times: int = 5) -> tuple[float, Ski
     return min(seconds), skin
 
 
-def told(what: str, hulls: Hulls, seconds: float, skin: Skin) -> None:
+def told(what: str, hulls: Hulls, seconds: float, skin: HandMesh) -> None:
     off = np.abs(hulls.look(skin.vertices).distance).max()
     print(
         f"{what}: {1e3 * seconds:.0f} ms, {len(skin.triangles):,} triangles, smallest angle {skin.angles.min():.0f}°, "
@@ -59,8 +59,8 @@ def times() -> None:
     fingers = two_fingers(0.0)
     seconds, skin = quickest(lambda: even_skin(fingers, fine))
     told("two fingers, edges of λ/6", fingers, seconds, skin)
-    moved, before = two_fingers(5.0), Followed(fingers, {fine: skin})
-    told("their next frame, 5 mm on", moved, *quickest(lambda: before.deformed(moved, fine)))
+    moved = two_fingers(5.0)
+    told("their next frame, 5 mm on", moved, *quickest(lambda: deformed(fingers, skin, moved, fine)))
     joints, radii = example("pinch")
     hand = hand_from_joints(joints, radii).open_to(0.012)
     hulls = hand.shape.hulls
@@ -68,9 +68,8 @@ def times() -> None:
     told(f"hand, edges of {1e3 * coarse:.2f} mm as for 3 %", hulls, seconds, skin)
     later = hand.open_to(0.021)
     apart = np.linalg.norm(later.joints - hand.joints, axis=1).max()
-    before = Followed(hulls, {coarse: skin})
     now = later.shape.hulls
-    told(f"its next frame, {1e3 * apart:.1f} mm on", now, *quickest(lambda: before.deformed(now, coarse)))
+    told(f"its next frame, {1e3 * apart:.1f} mm on", now, *quickest(lambda: deformed(hulls, skin, now, coarse)))
     for name, build in (("hand of 3 mm", 3e-3), ("hand of 1.43 mm", fine)):
         told(name, hulls, *quickest(lambda build=build: even_skin(hulls, build), times=2))
 
