@@ -1,7 +1,7 @@
-"""How quickly a hand gets its skin, and how good it is whatever the fingers do.
+"""Times to mesh a hand, and the quality of its mesh in random poses.
 
-Run ``PYTHONPATH=.:tests python benchmarks/hand_meshing.py [poses [record.jsonl]]``; with a number, so many random poses are
-made. 10,000 of them take half an hour; those in the record are not made again.
+Run ``PYTHONPATH=.:tests python benchmarks/hand_meshing.py [poses [record.jsonl]]``; a number makes so many random
+poses. 10,000 of them take half an hour; those in the record are not made again.
 """
 
 import json

@@ -285,7 +285,9 @@ def _corners(counts: Int64[np.ndarray, "3"]) -> Int64[np.ndarray, "corners 3"]:
     return np.stack(np.meshgrid(*[np.arange(count) for count in counts], indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-def _onto(hulls: Hulls, skin: HandMesh, edge: float, longest: Float64[np.ndarray, "vertices"] | None = None) -> HandMesh:
+def _onto(
+    hulls: Hulls, skin: HandMesh, edge: float, longest: Float64[np.ndarray, "vertices"] | None = None
+) -> HandMesh:
     """Bring the corners onto the skin and say how large the edges there may be."""
     vertices = hulls.project(skin.vertices)
     found = hulls.look(vertices, reach=edge)
