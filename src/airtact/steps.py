@@ -1,10 +1,9 @@
-"""What the ways through a scene file share: steps, the transfer matrix, and a finer solution that judges."""
+"""The steps that several workflows share: the transfer matrix, the drive, and the solver that verifies it."""
 
-import time
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -18,45 +17,27 @@ from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import Solver, SolveReport
 from airtact.store.stored import Stored
 from airtact.synthesis.stalling import Stalled
+from airtact.timing import Clock
 from airtact.transfer import Drive, TransferMatrix, transfer_matrix
 from airtact.validation import counted
 
 REFINEMENT = 1.8
-"""How many times the unknowns of the scene's own accuracy the solution that judges gets, where memory allows."""
+"""Unknowns of the verification solve over those of the scene's own accuracy, where memory allows."""
 
 MOST_UNKNOWNS = 19_000
-"""Where the judging solution stops to be finer by that much: its matrix would pass 3 GB."""
+"""Unknowns above which the verification solve is refined no further: its matrix would pass 3 GB."""
 
 FINEST = 1e-4
-"""The best accuracy that the solver takes."""
+"""The best accuracy that boundary elements take."""
+
+LIKELY = 4
+"""Index of the trial accuracy that usually has ``REFINEMENT`` times the unknowns, which grow as accuracy^(−2/3)."""
 
 
-class Clock:
-    """Tells each step as it begins and keeps how long it took.
+def verification_solver(setup: Setup) -> Solver:
+    """Choose a solver of higher accuracy than the one that makes the drive, to verify the drive.
 
-    Attributes
-    ----------
-    seconds : wall time by step [s].
-    """
-
-    def __init__(self, report_step: Callable[[str], None]) -> None:
-        self.seconds: dict[str, float] = {}
-        self._tell = report_step
-
-    @contextmanager
-    def step(self, name: str, words: str) -> Iterator[None]:
-        """Tell a step in words and time what happens inside under a name."""
-        self._tell(words)
-        begun = time.perf_counter()
-        yield
-        self.seconds[name] = time.perf_counter() - begun
-
-
-def finer(setup: Setup) -> Solver:
-    """Choose a solver that is finer than a drive's own, to judge it.
-
-    Sound-hard bodies are judged by boundary elements, others by finite elements of the next order, open air in closed
-    form.
+    Sound-hard bodies get boundary elements, other bodies finite elements of the next order, open air the closed form.
 
     Parameters
     ----------
@@ -66,73 +47,66 @@ def finer(setup: Setup) -> Solver:
         return FreeField()
     if isinstance(setup.solver, FiniteElement) and any(one.boundary != "sound_hard" for one in setup.scene.obstacles):
         return replace(setup.solver, order=setup.solver.order + 1)
-    return BoundaryElement(accuracy=_judging_accuracy(setup))
+    return BoundaryElement(accuracy=_verification_accuracy(setup))
 
 
-def _judging_accuracy(setup: Setup) -> float:
-    """Find an accuracy that brings ``REFINEMENT`` times the unknowns that the scene's own has, or as many as fit.
+def _verification_accuracy(setup: Setup) -> float:
+    """Find the accuracy that has ``REFINEMENT`` times the unknowns of the scene's own, or as many as fit.
 
-    Panels beside foci do not count: the judge hears foci, and the transducers speak from afar.
+    Panels beside foci do not count: in the verification solve the transducers emit, which are far from the bodies.
+    Each count makes the panels of all bodies, so that as few accuracies as possible are tried.
     """
-    speakers = Monopoles(setup.array.positions, np.ones(len(setup.array)))
-    own = BoundaryElement(accuracy=setup.accuracy).unknowns(setup.scene, speakers)
-    fitting = finer = setup.accuracy / 1.2
-    while finer > FINEST:
-        count = BoundaryElement(accuracy=finer).unknowns(setup.scene, speakers)
-        if count > MOST_UNKNOWNS:
-            break
-        fitting = finer
-        if count >= REFINEMENT * own:
-            break
-        finer /= 1.2
-    return fitting
+    emitting = Monopoles(setup.array.positions, np.ones(len(setup.array)))
+
+    @cache
+    def unknowns(accuracy: float) -> int:
+        return BoundaryElement(accuracy=accuracy).unknowns(setup.scene, emitting)
+
+    trials = [max(setup.accuracy / 1.2, FINEST)]
+    while trials[-1] / 1.2 > FINEST:
+        trials.append(trials[-1] / 1.2)
+    own = unknowns(setup.accuracy)
+    if own > MOST_UNKNOWNS:
+        return trials[0]
+    enough = min(REFINEMENT * own, MOST_UNKNOWNS + 1)
+    index = min(LIKELY, len(trials) - 1)
+    while index > 0 and unknowns(trials[index - 1]) >= enough:
+        index -= 1
+    while index < len(trials) - 1 and unknowns(trials[index]) < enough:
+        index += 1
+    return trials[max(index - 1, 0)] if unknowns(trials[index]) > MOST_UNKNOWNS else trials[index]
 
 
-def kept(solver: Solver, store: Path | None) -> Solver:
-    """Let a solver keep what it solves in a folder, if there is one.
-
-    Parameters
-    ----------
-    solver : any.
-    store : the folder, or None to keep nothing.
-    """
+def stored(solver: Solver, store: Path | None) -> Solver:
+    """Let a solver store what it solves in a folder; without a folder return the solver as it is."""
     return solver if store is None else Stored(solver, store)
 
 
 def solve_foci(setup: Setup, clock: Clock, store: Path | None = None) -> tuple[TransferMatrix, SolveReport]:
-    """Solve for beacons in all foci and suppression points, and hear them at the transducers.
+    """Solve for a beacon in each focus and suppression point, and evaluate the fields at the transducers.
 
     Parameters
     ----------
     setup : the scene.
     clock : times the steps.
-    store : folder of solved fields, if they are kept.
+    store : folder of solved fields, if they are stored.
     """
     target = setup.target
-    count = len(target.points)
-    quiet = (
-        f" and {counted(len(target.suppression_points), 'suppression point', 'suppression points')}"
-        if len(target.suppression_points)
-        else ""
-    )
-    words = f"solving for a beacon in each focus ({count}){quiet} around {', '.join(setup.bodies) or 'nothing'}"
+    foci = f"focus ({len(target.points)})"
+    if len(target.suppression_points):
+        foci += f" and {counted(len(target.suppression_points), 'suppression point', 'suppression points')}"
+    words = f"solving for a beacon in each {foci} around {', '.join(setup.bodies) or 'nothing'}"
     with clock.step("beacons", words):
-        beacons = kept(setup.solver, store).radiate(setup.scene, target.beacons(suppression=True))
-    with clock.step("transfer", f"hearing them at {counted(len(setup.array), 'transducer', 'transducers')}"):
+        beacons = stored(setup.solver, store).radiate(setup.scene, target.beacons(suppression=True))
+    transducers = counted(len(setup.array), "transducer", "transducers")
+    with clock.step("transfer", f"evaluating the beacons at {transducers}"):
         return transfer_matrix(beacons, setup.array), beacons.report
 
 
-def synthesised(
+def synthesise(
     method: Callable[[TransferMatrix, Target], Drive], transfer: TransferMatrix, target: Target
 ) -> tuple[Drive, tuple[str, ...]]:
-    """Make a drive, and collect what the method says of having stopped early.
-
-    Parameters
-    ----------
-    method : one of ``METHODS``.
-    transfer : the transfer matrix.
-    target : the foci.
-    """
+    """Make a drive by one of ``METHODS``, and collect its warnings of having stopped early."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", Stalled)
         drive = method(transfer, target)

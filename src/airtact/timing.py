@@ -4,6 +4,13 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+Progress = Callable[[str], None]
+"""What a long computation calls with the words of each step as it begins."""
+
+
+def no_progress(step: str) -> None:
+    """Report nothing."""
+
 
 class Clock:
     """Measure the wall time of each step, and report each step as it begins.
@@ -22,7 +29,7 @@ class Clock:
     ['matrix']
     """
 
-    def __init__(self, progress: Callable[[str], None] | None = None) -> None:
+    def __init__(self, progress: Progress | None = None) -> None:
         self.seconds: dict[str, float] = {}
         self._progress = progress
 

@@ -18,7 +18,7 @@ from airtact.experiments.part import write_columns
 from airtact.experiments.plane_figure import carried
 from airtact.experiments.rigid_motion import Nodes, nodes_beside, random_poses
 from airtact.experiments.settings import FULL
-from airtact.steps import Clock
+from airtact.timing import Clock
 
 K = 2 * np.pi * 40e3 / 343.1
 

@@ -6,7 +6,7 @@ import pytest
 
 import airtact as at
 from airtact.scene_file.building import read_scene
-from airtact.steps import finer
+from airtact.steps import verification_solver
 
 TEXT = """
 frequency = 40e3
@@ -48,7 +48,7 @@ def test_a_filled_body_is_judged_by_the_next_order(tmp_path):
     path.write_text(small.replace("ACCURACY", "0.3"))
     setup = read_scene(path)
     field = setup.solver.radiate(setup.scene, setup.target.beacons())
-    judged = finer(setup).radiate(setup.scene, setup.target.beacons())
+    judged = verification_solver(setup).radiate(setup.scene, setup.target.beacons())
     assert judged.report.settings["order"] == field.report.settings["order"] + 1
 
 

@@ -16,10 +16,11 @@ import pytest
 import airtact as at
 from airtact.cli import main
 from airtact.scene_file.building import read_scene
-from airtact.steps import Clock, solve_foci
+from airtact.steps import solve_foci
 from airtact.store.entry import DamagedError, read, written
 from airtact.store.fingerprint import fingerprint
 from airtact.store.stored import ABANDONED, SUFFIX
+from airtact.timing import Clock
 from paths import SCENES
 
 AIR = at.Medium(343.1, 1.293)

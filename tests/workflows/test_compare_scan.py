@@ -13,8 +13,9 @@ from airtact.evaluation.microphone import Microphone
 from airtact.evaluation.scan import load_scan
 from airtact.scene_file.building import read_scene
 from airtact.solvers.spherical.sphere_series import SphereSeries
-from airtact.steps import Clock, solve_foci
+from airtact.steps import solve_foci
 from airtact.synthesis.quantise import quantise
+from airtact.timing import Clock
 from airtact.workflows.compare_scan import FILES, compare_scan
 from paths import SCENES
 

@@ -19,7 +19,7 @@ from airtact.mesh.quadratic_triangles import QuadraticTriangles
 from airtact.pages.page import paragraph, picture
 from airtact.solvers.fem.system import System
 from airtact.solvers.problem import SolveReport
-from airtact.steps import Clock
+from airtact.timing import Clock
 
 ON_PLANE = 1e-6
 """Corners nearer to a symmetry plane than this lie on it [λ]."""

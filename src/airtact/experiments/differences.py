@@ -15,7 +15,7 @@ from airtact.scene.scene import Scene
 from airtact.solvers.bem.solver import BoundaryElement
 from airtact.solvers.fem.solver import FiniteElement
 from airtact.solvers.problem import Solver
-from airtact.steps import Clock
+from airtact.timing import Clock
 
 OFF_SKIN = 0.5
 """Points of the plane nearer to a finger than so many wavelengths are left out."""

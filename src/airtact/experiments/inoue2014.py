@@ -18,7 +18,7 @@ from airtact.experiments.rigid_motion import rigid_motion
 from airtact.experiments.settings import FULL, QUICK, Settings
 from airtact.experiments.solved import solved
 from airtact.pages.page import document, folded, paragraph, section, table, tiles
-from airtact.steps import Clock
+from airtact.timing import Clock
 
 PAGE = "index.html"
 """The page, which needs no other file."""

@@ -15,7 +15,7 @@ from airtact.experiments.settings import Settings
 from airtact.experiments.solved import CONSIDERED, IGNORED, Solved
 from airtact.figures.field_figure import COLOURS, cut_bodies
 from airtact.pages.page import paragraph, picture, table
-from airtact.steps import Clock
+from airtact.timing import Clock
 
 NOISE = 0.01
 """Noise of each reading, over the largest of all (rms)."""

@@ -17,7 +17,7 @@ from airtact.experiments.part import Part, write_columns
 from airtact.experiments.settings import Settings
 from airtact.pages.page import paragraph, picture, table
 from airtact.solvers.bem.solver import BoundaryElement
-from airtact.steps import Clock
+from airtact.timing import Clock
 from airtact.transducers.layout import surrounding_box
 
 GOOD = 0.02

@@ -12,7 +12,7 @@ from airtact.experiments.plane_figure import carried, draw_planes
 from airtact.experiments.solved import CONSIDERED, IGNORED, Solved
 from airtact.figures.field_figure import COLOURS, cut_bodies
 from airtact.pages.page import paragraph, picture, table
-from airtact.steps import Clock
+from airtact.timing import Clock
 
 HELD = "equal energy"
 """What is held equal in the pictures."""

@@ -19,9 +19,9 @@ from airtact.experiments.pressures import HELD
 from airtact.experiments.settings import Settings
 from airtact.pages.page import paragraph, picture, table
 from airtact.solvers.bem.solver import BoundaryElement
-from airtact.steps import Clock
 from airtact.synthesis.quantise import quantise
 from airtact.synthesis.time_reversal import time_reversal
+from airtact.timing import Clock
 from airtact.transducers.layout import PhasedArray, surrounding_box
 from airtact.transfer import focus_by_distance, transfer_matrix
 

@@ -23,7 +23,7 @@ from airtact.scene.sources import Monopoles
 from airtact.solvers.bem.solver import BoundaryElement
 from airtact.solvers.problem import RadiatedField
 from airtact.solvers.sampled_field import SampledField
-from airtact.steps import Clock
+from airtact.timing import Clock
 from airtact.transducers.layout import surrounding_box
 
 FARTHEST, WIDEST = 5e-3, 10.0

@@ -13,8 +13,8 @@ from airtact.scene.scene import Scene
 from airtact.solvers.bem.solver import BoundaryElement
 from airtact.solvers.fem.field import FiniteField
 from airtact.solvers.fem.solver import FactorisedScene, FiniteElement
-from airtact.steps import Clock
 from airtact.synthesis.quantise import quantise
+from airtact.timing import Clock
 from airtact.transducers.layout import PhasedArray, surrounding_box
 from airtact.transfer import Drive, focus_by_distance
 

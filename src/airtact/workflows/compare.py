@@ -17,10 +17,11 @@ from airtact.files.drives import write_drive_h5
 from airtact.pages.methods_page import Contender, Contest, write_methods_page
 from airtact.scene_file.building import Setup, read_scene
 from airtact.solvers.problem import RadiatedField, SolveReport
-from airtact.steps import Clock, finer, kept, solve_foci, synthesised
+from airtact.steps import solve_foci, stored, synthesise, verification_solver
 from airtact.synthesis.methods import METHODS
 from airtact.synthesis.quantise import quantise
 from airtact.synthesis.upper_bound import upper_bound
+from airtact.timing import Clock
 from airtact.transfer import Drive, TransferMatrix, focus_by_distance
 
 FILES = ("methods.csv", "methods.html")
@@ -63,7 +64,7 @@ def compare_methods(
     _write_drives(folder / "drives", setup, transfer, beacons, drives)
     emitted = {name: quantise(drive).drive() for name, drive in drives.items()}
     with clock.step("verify", f"judging {len(drives)} drives by a finer solution with all transducers as sources"):
-        solver = kept(finer(setup), store)
+        solver = stored(verification_solver(setup), store)
         field = radiate_drives(setup.scene, setup.array, list(emitted.values()), setup.target, solver)
         at_foci = np.abs(field.at(setup.target.points).T)
         suppressed = np.abs(field.at(setup.target.suppression_points).T)
@@ -117,7 +118,7 @@ def _all_drives(setup: Setup, transfer: TransferMatrix) -> tuple[dict[str, Drive
         begun = time.perf_counter()
         words = name.replace("_", " ")
         try:
-            drives[words], notes = synthesised(method, transfer, setup.target)
+            drives[words], notes = synthesise(method, transfer, setup.target)
         except InvalidInput as fault:
             notes = (f"{words} made no drive: {fault}",)
         said += notes

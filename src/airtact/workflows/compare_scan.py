@@ -16,8 +16,9 @@ from airtact.figures.picture_file import write_picture
 from airtact.figures.scan_figure import draw_overlay
 from airtact.scene_file.building import read_scene
 from airtact.solvers.problem import SolveReport
-from airtact.steps import Clock, finer, solve_foci, synthesised
+from airtact.steps import solve_foci, synthesise, verification_solver
 from airtact.synthesis.quantise import quantise
+from airtact.timing import Clock
 
 FILES = ("overlay.csv", "overlay.png")
 """What a comparison with a scan writes."""
@@ -68,10 +69,10 @@ def compare_scan(
         scan, setup = load_scan(scan_file), read_scene(scene_file)
         writable_folder(folder)
     transfer, _ = solve_foci(setup, clock)
-    made, said = synthesised(setup.synthesise, transfer, setup.target)
+    made, said = synthesise(setup.synthesise, transfer, setup.target)
     drive = quantise(made).drive()
     with clock.step("verify", "predicting by a finer solution with all transducers as sources"):
-        field = finer(setup).radiate(setup.scene, drive_sources(setup.array, [drive]))
+        field = verification_solver(setup).radiate(setup.scene, drive_sources(setup.array, [drive]))
     with clock.step("scan", f"listening at {len(scan.points)} positions"):
         predicted = microphone.hear(field, scan.points)[:, 0]
     with about(scan_file.name):

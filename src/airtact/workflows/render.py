@@ -17,8 +17,9 @@ from airtact.pages.run_page import Run, write_page
 from airtact.scene.target_points import outward
 from airtact.scene_file.building import Setup, read_scene
 from airtact.solvers.problem import SolveReport
-from airtact.steps import Clock, finer, kept, solve_foci, synthesised
+from airtact.steps import solve_foci, stored, synthesise, verification_solver
 from airtact.synthesis.quantise import Frame, quantise
+from airtact.timing import Clock
 from airtact.transfer import Drive, TransferMatrix, focus_by_distance
 
 FILES = ("drive.csv", "drive.h5", "field.vtkhdf", "report.html")
@@ -103,7 +104,7 @@ def render(
 def _make_drive(setup: Setup, clock: Clock, store: Path | None) -> _Made:
     transfer, report = solve_foci(setup, clock, store)
     with clock.step("drive", f"making the drive by {setup.method.replace('_', ' ')}"):
-        drive, said = synthesised(setup.synthesise, transfer, setup.target)
+        drive, said = synthesise(setup.synthesise, transfer, setup.target)
     return _Made(report, transfer, drive, quantise(drive), said)
 
 
@@ -121,7 +122,7 @@ def _judge(setup: Setup, made: _Made, clock: Clock, store: Path | None) -> Compa
     control = focus_by_distance(setup.array, setup.target, setup.scene.medium, setup.scene.frequency)
     drives = {CONSIDERED: made.drive, IGNORED: control}
     with clock.step("verify", "judging it by a finer solution with all transducers as sources"):
-        return compare(setup.scene, setup.array, drives, setup.target, solver=kept(finer(setup), store))
+        return compare(setup.scene, setup.array, drives, setup.target, solver=stored(verification_solver(setup), store))
 
 
 def _cuts(setup: Setup, comparison: Comparison) -> tuple[Cut, list[Cut]]:
