@@ -1,6 +1,6 @@
 # `make run` shows the main job, `make test` proves it. Everything is installed into .venv.
 .DEFAULT_GOAL := help
-.PHONY: help run test slow check format bench clean
+.PHONY: help run test slow check format docs bench clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -12,6 +12,7 @@ help:
 	@echo "make slow   the tests that take longer"
 	@echo "make check  linters, types and the rooms' contract only"
 	@echo "make format rewrite the sources in the house's format"
+	@echo "make docs   the documentation site in build/docs; a warning or a broken link fails it"
 	@echo "make bench  the measured table of the README"
 
 $(VENV)/installed: $(KERNELS)
@@ -45,6 +46,14 @@ format: $(VENV)/installed-for-tests
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
+$(VENV)/installed-for-docs: $(VENV)/installed
+	PIP_CONSTRAINT=constraints.txt $(BIN)/pip install --quiet --editable '.[docs]'
+	@touch $@
+
+docs: $(VENV)/installed-for-docs
+	$(BIN)/sphinx-build --quiet --fresh-env --fail-on-warning --keep-going docs build/docs
+	@echo "Look at build/docs/index.html."
+
 bench: $(VENV)/installed-for-tests
 	PYTHONPATH=.:tests $(BIN)/python benchmarks/accuracy.py
 	PYTHONPATH=.:tests $(BIN)/python benchmarks/speed.py
@@ -56,4 +65,4 @@ bench: $(VENV)/installed-for-tests
 	PYTHONPATH=.:tests $(BIN)/python benchmarks/hand_tracking.py
 
 clean:
-	rm -rf $(VENV) build out
+	rm -rf $(VENV) build out docs/reference

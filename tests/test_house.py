@@ -13,23 +13,27 @@ import typing
 from collections.abc import Iterator
 from pathlib import Path
 
-import click
 import numpy as np
 import pytest
 from jaxtyping import AbstractArray
 
 import airtact as at
-from airtact.cli import commands
-from airtact.scene_file import tables
 from paths import ROOT
 
 MODULES = sorted((ROOT / "src/airtact").rglob("*.py"))
 SOURCES = sorted(path for folder in ("src", "tests", "benchmarks") for path in (ROOT / folder).rglob("*.py"))
-DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 PUBLIC_NAMES = (Path(__file__).parent / "public_names.txt").read_text(encoding="utf-8").split()
-CLASSES = [name for name in PUBLIC_NAMES if inspect.isclass(getattr(at, name))]
-FUNCTIONS = [name for name in PUBLIC_NAMES if name not in CLASSES]
+NAMESPACES = [at, *(value for name in at.__all__ if inspect.ismodule(value := getattr(at, name)))]
+PUBLIC = {
+    f"{module.__name__}.{name}": value
+    for module in NAMESPACES
+    for name in module.__all__
+    if inspect.isroutine(value := getattr(module, name)) or inspect.isclass(value)
+}
+CLASSES = [name for name, value in PUBLIC.items() if inspect.isclass(value)]
+FUNCTIONS = [name for name in PUBLIC if name not in CLASSES]
 
 
 # --- public names ---------------------------------------------------------------------------------------------------
@@ -37,7 +41,7 @@ FUNCTIONS = [name for name in PUBLIC_NAMES if name not in CLASSES]
 
 def test_public_names_are_pinned() -> None:
     assert sorted(at.__all__) == PUBLIC_NAMES
-    assert all(hasattr(at, name) for name in PUBLIC_NAMES)
+    assert all(hasattr(module, name) for module in NAMESPACES for name in module.__all__)
 
 
 def test_the_way_through_that_others_rely_on() -> None:
@@ -82,10 +86,10 @@ def plain_function(member: typing.Any) -> typing.Callable:
 
 def public_callables() -> Iterator[tuple[str, typing.Callable]]:
     for name in FUNCTIONS:
-        yield name, getattr(at, name)
+        yield name, PUBLIC[name]
     for name in CLASSES:
-        cls = getattr(at, name)
-        if "__init__" in vars(cls) and not issubclass(cls, Exception):
+        cls = PUBLIC[name]
+        if "__init__" in vars(cls) and not issubclass(cls, Exception) and not getattr(cls, "_is_protocol", False):
             yield f"{name}()", cls.__init__
         for member, value in members(cls).items():
             yield f"{name}.{member}", plain_function(value)
@@ -121,7 +125,7 @@ def test_arguments_and_results_carry_shapes(name) -> None:
 
 @pytest.mark.parametrize("name", CLASSES)
 def test_fields_carry_shapes(name) -> None:
-    faults = {field: shapeless(hint) for field, hint in typing.get_type_hints(getattr(at, name)).items()}
+    faults = {field: shapeless(hint) for field, hint in typing.get_type_hints(PUBLIC[name]).items()}
     assert not any(faults.values()), faults
 
 
@@ -164,7 +168,7 @@ def test_inner_functions_and_classes_have_no_bare_array(module) -> None:
 
 @pytest.mark.parametrize("name", [*CLASSES, *(name for name in CALLABLES if not name.endswith("()"))])
 def test_public_names_have_docstrings(name) -> None:
-    documented = getattr(at, name) if name in CLASSES else CALLABLES[name]
+    documented = PUBLIC[name] if name in CLASSES else CALLABLES[name]
     assert inspect.getdoc(documented), name
 
 
@@ -204,11 +208,16 @@ def test_import_touches_no_file_and_no_device() -> None:
 def test_modules_fit_and_say_what_they_are(path) -> None:
     text = path.read_text(encoding="utf-8")
     tree = ast.parse(text)
-    assert len(text.splitlines()) <= 400
+    assert len(text.splitlines()) <= 600
     assert ast.get_docstring(tree) or path not in MODULES
     functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
     long = {node.name: node.end_lineno - node.lineno + 1 for node in functions if node.end_lineno}
     assert {name: lines for name, lines in long.items() if lines > 60} == {}
+
+
+@pytest.mark.parametrize("folder", sorted({path.parent for path in MODULES}), ids=lambda path: path.name)
+def test_a_folder_fits_a_glance(folder) -> None:
+    assert len([path for path in folder.iterdir() if path.is_file()]) <= 16
 
 
 def test_no_module_has_a_name_that_says_nothing() -> None:
@@ -251,52 +260,18 @@ def test_the_gate_runs_the_tests() -> None:
 # --- documents ------------------------------------------------------------------------------------------------------
 
 
-def section(text: str, heading: str) -> str:
-    """Text from a heading to the next heading."""
-    found = re.search(rf"^###? [^\n]*{re.escape(heading)}[^\n]*\n(.*?)(?=^##|\Z)", text, re.DOTALL | re.MULTILINE)
-    assert found, f"names.md has no heading for {heading}"
-    return found[1]
-
-
-@functools.cache
-def names_page() -> str:
-    return (ROOT / "docs/names.md").read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize("name", PUBLIC_NAMES)
-def test_names_page_shows_the_call(name) -> None:
-    value = getattr(at, name)
-    if inspect.isclass(value) and issubclass(value, Exception):
-        assert f"`{name}`" in names_page()
-        return
-    arguments = [argument for argument in inspect.signature(value).parameters if argument != "self"]
-    assert f"`{name}({', '.join(arguments)})`" in names_page()
-
-
-@pytest.mark.parametrize("name", [name for name in CLASSES if not issubclass(getattr(at, name), Exception)])
-def test_names_page_shows_every_field_and_method(name) -> None:
-    text = section(names_page(), f"`{name}`")
-    cls = getattr(at, name)
-    assert [field for field in typing.get_type_hints(cls) if f"`{field}`" not in text] == []
-    for member, value in members(cls).items():
-        shown = f"`{member}`"
-        if not isinstance(value, property | functools.cached_property):
-            parameters = inspect.signature(plain_function(value)).parameters
-            shown = f"`{member}({', '.join(one for one in parameters if one not in ('self', 'cls'))})`"
-        assert shown in text
-
-
-def test_names_page_shows_every_command() -> None:
+def test_every_command_is_documented() -> None:
+    page = (ROOT / "docs/commands.md").read_text(encoding="utf-8")
     assert isinstance(commands, click.Group)
-    assert [name for name in commands.commands if f"`airtact {name}`" not in names_page()] == []
+    assert [name for name in commands.commands if f"`airtact {name}`" not in page] == []
 
 
-def test_names_page_shows_every_key_of_a_scene_file() -> None:
-    text = section(names_page(), "Keys of a scene file")
+def test_every_key_of_a_scene_file_is_documented() -> None:
+    page = (ROOT / "docs/scene-file.md").read_text(encoding="utf-8")
     kinds = [kind for kind in vars(tables).values() if inspect.isclass(kind) and issubclass(kind, tables.Table)]
     keys = {key for kind in kinds for key in typing.get_type_hints(kind) if not key.startswith("_")}
     assert len(keys) > 20
-    assert sorted(key for key in keys if f"`{key}`" not in text) == []
+    assert sorted(key for key in keys if f"`{key}`" not in page) == []
 
 
 def test_the_drawing_shows_the_rooms_as_they_are() -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from paths import ROOT
 
-PAGES = [*sorted((ROOT / "docs").glob("how-to-*.md")), ROOT / "docs/architecture.md"]
+PAGES = [*sorted((ROOT / "docs").glob("how-to-*.md")), ROOT / "docs/tutorial.md", ROOT / "CONTRIBUTING.md"]
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 BESIDE = os.pathsep.join([sysconfig.get_path("scripts"), os.environ.get("PATH", "")])
 

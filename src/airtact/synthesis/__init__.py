@@ -1,1 +1,58 @@
-"""What to emit: a transfer matrix and a target in, a drive out."""
+"""What to emit: a transfer matrix and a target in, a drive or a sequence out."""
+
+from airtact.synthesis.constraint import Constraint
+from airtact.synthesis.eigenvector import eigenvector
+from airtact.synthesis.gerchberg_saxton import (
+    gerchberg_saxton,
+    gs_pat,
+    weighted_gerchberg_saxton,
+    weighted_gerchberg_saxton_sets,
+)
+from airtact.synthesis.gradient import gradient
+from airtact.synthesis.inverse_filter import inverse_filter, iterated_time_reversal
+from airtact.synthesis.max_min import max_min
+from airtact.synthesis.methods import METHODS
+from airtact.synthesis.quantise import Frame, Levels, quantise, rounding_error
+from airtact.synthesis.reach import achieved_fraction
+from airtact.synthesis.sequence import (
+    Sequence,
+    amplitude_modulation,
+    check_playable,
+    lateral_modulation,
+    spatiotemporal_modulation,
+)
+from airtact.synthesis.stalling import Stalled
+from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
+from airtact.synthesis.upper_bound import UpperBound, upper_bound
+from airtact.transfer import focus_by_distance, focus_by_distance_phase_only
+
+__all__ = [
+    "METHODS",
+    "Constraint",
+    "Frame",
+    "Levels",
+    "Sequence",
+    "Stalled",
+    "UpperBound",
+    "achieved_fraction",
+    "amplitude_modulation",
+    "check_playable",
+    "eigenvector",
+    "focus_by_distance",
+    "focus_by_distance_phase_only",
+    "gerchberg_saxton",
+    "gradient",
+    "gs_pat",
+    "inverse_filter",
+    "iterated_time_reversal",
+    "lateral_modulation",
+    "max_min",
+    "phase_conjugate",
+    "quantise",
+    "rounding_error",
+    "spatiotemporal_modulation",
+    "time_reversal",
+    "upper_bound",
+    "weighted_gerchberg_saxton",
+    "weighted_gerchberg_saxton_sets",
+]
