@@ -43,7 +43,9 @@ nitpicky = True
 nitpick_ignore_regex = [
     ("py:.*", r"(collections|jaxtyping|numpy|np|pathlib|types|typing)\..*"),
     ("py:.*", "ndarray|optional|Path"),
-    ("py:.*", r"airtact\.(mesh|hand)\..*"),  # the inside of shapes, which users see but do not make
+    # The inside of shapes and the classes of fields, which users get but do not make: a field is a ``RadiatedField``.
+    ("py:.*", r"airtact\.(mesh|hand|solvers)\.\w+\..*"),
+    ("py:.*", r"airtact\.solvers\.free_field\..*"),
 ]
 
 logger = logging.getLogger(__name__)

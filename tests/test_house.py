@@ -13,11 +13,14 @@ import typing
 from collections.abc import Iterator
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
 from jaxtyping import AbstractArray
 
 import airtact as at
+from airtact.cli import commands
+from airtact.scene_file import tables
 from paths import ROOT
 
 MODULES = sorted((ROOT / "src/airtact").rglob("*.py"))
