@@ -10,7 +10,7 @@ from airtact.printing import in_short
 from airtact.scene.scene import Scene, check_sources
 from airtact.scene.sources import Monopoles
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport, SurfaceField, receivers
-from airtact.solvers.velocity import open_air_slopes, velocity_of
+from airtact.solvers.velocity import open_air_gradient, velocity_of
 from airtact.validation import counted, points_of
 
 _PAIRS_AT_ONCE = 1 << 20
@@ -80,10 +80,15 @@ class OpenAirField(RadiatedField):
         points = receivers(points, self.sources)
         return open_air_pressure(points, self.sources, self.scene.wavenumber)
 
+    def scattered_at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
+        """Return zeros (P, S): nothing scatters in open air."""
+        points = points_of(points, "points", least=0)
+        return np.zeros((len(points), self.sources.strengths.shape[1]), dtype=np.complex128)
+
     def velocity(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
         """Particle velocity [m/s] at points (P, 3) [m], in closed form; parameters and refusals of ``at``."""
         points = receivers(points, self.sources)
-        slopes = open_air_slopes(points, self.sources, self.scene.wavenumber)
+        slopes = open_air_gradient(points, self.sources, self.scene.wavenumber)
         return velocity_of(slopes, self.scene.frequency, self.scene.medium.density)
 
     def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:

@@ -27,7 +27,7 @@ def velocity_of(
     return slopes / (2j * np.pi * frequency * np.broadcast_to(density, len(slopes))[:, None, None])
 
 
-def open_air_slopes(
+def open_air_gradient(
     points: Real[np.ndarray, "points 3"], sources: Monopoles, wavenumber: complex
 ) -> Complex128[np.ndarray, "points 3 sounds"]:
     """∇p of monopoles in open air: Σ_j s_j (ik − 1/r) e^{ikr}/r · (x − x_j)/r.

@@ -50,7 +50,7 @@ def test_sums_in_cells_equal_plain_ones(kind, sides, error):
         return
     assert len(cells.grids) < len(points)
     found, exact = (
-        cells.heard(sources, normals, strengths, wavenumber),
+        cells.sums(sources, normals, strengths, wavenumber),
         plain(points, sources, normals, strengths, wavenumber),
     )
     away = np.abs(exact) < 10 * np.median(
@@ -129,7 +129,7 @@ def test_a_source_just_beyond_the_corner_of_a_wide_cell_is_no_worse(sides, error
         source = (cells.centres[0] + 1.0001 * cells.reach * TURNED.rotate(corner))[None]
         for normals in (None, 1e-6 * np.ones((1, 3))):
             exact = plain(points, source, normals, one, 2 * np.pi / WAVELENGTH)
-            found = cells.heard(source, normals, one, 2 * np.pi / WAVELENGTH + 0j)
+            found = cells.sums(source, normals, one, 2 * np.pi / WAVELENGTH + 0j)
             assert np.linalg.norm(found - exact) < error * np.linalg.norm(exact)
 
 

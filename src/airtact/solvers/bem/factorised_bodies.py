@@ -16,7 +16,7 @@ from airtact.scene.scene import Obstacle, Scene, check_sources
 from airtact.scene.sources import Monopoles
 from airtact.solvers.bem.layer_potentials import project_contacts
 from airtact.solvers.bem.placed_body import Coupling, PartsField, PlacedBody
-from airtact.solvers.bem.quadrature import OFF_SKIN
+from airtact.solvers.bem.quadrature import OFF_SURFACE
 from airtact.solvers.bem.reduced_body import ReducedBody
 from airtact.solvers.gmres import GmresResult, gmres
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport
@@ -169,7 +169,7 @@ def _on_skins(
 ) -> tuple[Monopoles, Float64[np.ndarray, "sources"]]:
     """Put sources that touch a skin exactly on its panel, and count them twice: they speak with their image."""
     positions, factors = np.array(sources.positions), np.ones(len(sources.positions))
-    close = np.abs(scene.depth(positions)) < OFF_SKIN * max(body.part.surface.nodes.contact.max() for body in placed)
+    close = np.abs(scene.depth(positions)) < OFF_SURFACE * max(body.part.surface.nodes.contact.max() for body in placed)
     for body in placed if close.any() else ():
         local, contact = project_contacts(body.part.surface.nodes, body.local.apply(positions))
         positions[contact] = body.pose.apply(local[contact])

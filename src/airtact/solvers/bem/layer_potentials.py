@@ -1,4 +1,4 @@
-"""Layers of sound on curved panels, heard anywhere: far panels by their nodes, near ones by near integrals."""
+"""The double layer on curved panels, at any points: far panels by their nodes, near ones by near integrals."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -39,13 +39,13 @@ class NearRule:
 
 @dataclass(frozen=True, eq=False)
 class NearRows:
-    """What near panels add to what some points hear of the plain nodes.
+    """Corrections that near panels add to the plain sum over nodes, for some points.
 
     Attributes
     ----------
     first : (P + 1,) where each point's panels begin.
     panel : (E,) the panels near each point, one point after another.
-    excess : (E, 6) the near integral for each of a panel's nodes, less what the plain node gives.
+    excess : (E, 6) the near integral for each of a panel's nodes, less the plain term of the node.
     """
 
     first: Int64[np.ndarray, "bounds"]
@@ -53,7 +53,7 @@ class NearRows:
     excess: Complex128[np.ndarray, "pairs 6"]
 
     def sparse(self, nodes: int) -> csr_array:
-        """Give it as a sparse matrix (P, M) with ``nodes`` columns."""
+        """Return the corrections as a sparse matrix (P, M) with ``nodes`` columns."""
         columns = (6 * self.panel[:, None] + np.arange(6)).ravel()
         return csr_array((self.excess.ravel(), columns, 6 * self.first), shape=(len(self.first) - 1, nodes))
 
@@ -66,9 +66,9 @@ def near_rows(
     precision: str,
     least: float = 0.0,
 ) -> NearRows:
-    """Near integrals of the double layer less what the plain nodes farther than ``least`` give.
+    """Near integrals of the double layer, less the plain terms of the nodes farther than ``least`` [m].
 
-    In float32 the points may not touch a panel anywhere but inside it.
+    In float32 no point may touch a panel at its edge.
     """
     first, panel = near_lists(nodes, points, near_rule.reach * nodes.radii)
     excess = np.empty((len(panel), 6), dtype=np.complex128)
@@ -102,11 +102,11 @@ def double_layer_pressure(
     nodal: bool = False,
     contact: Bool[np.ndarray, "points"] | None = None,
 ) -> Complex128[np.ndarray, "points sounds"]:
-    """Double layer D[p] of a pressure on the skin, at points off the panels or exactly on them (principal value).
+    """Double layer D[p] of a pressure on the surface, at points off the panels or exactly on them (principal value).
 
-    The points may come with the cells that they are in, and then none of them on a panel. ``nodal`` says that they are
-    on panels, inside them like nodes, where the near integrals do with the precision of all else. ``contact`` says
-    which of them were put on a panel.
+    With ``cells``, which hold the points, none of them may be on a panel. With ``nodal`` all points are on panels and
+    away from their edges, as nodes are, so that the near integrals need no more than the working precision. ``contact``
+    marks the points that were projected onto a panel.
     """
     points = np.ascontiguousarray(points, dtype=np.float64)
     if cells is None:
@@ -123,8 +123,8 @@ def double_layer_pressure(
         )
     else:
         least = 0.05 * float(nodes.radii.min())
-        out = cells.heard(nodes.points, nodes.weighted_normals, pressure, wavenumber, least)
-    near = near_skin(nodes, points, near_rule.reach)
+        out = cells.sums(nodes.points, nodes.weighted_normals, pressure, wavenumber, least)
+    near = near_surface(nodes, points, near_rule.reach)
     precise = precision if nodal else "float64" if cells is None else "float32"
     for some, there in _by_contact(nodes, points, near, contact):
         rows = near_rows(there, points[some], wavenumber, near_rule, precise, least)
@@ -138,11 +138,11 @@ def _by_contact(
     near: Bool[np.ndarray, "points"],
     contact: Bool[np.ndarray, "points"] | None,
 ) -> Iterator[tuple[Bool[np.ndarray, "points"], Nodes]]:
-    """Near points, those on a panel apart, each with the nodes as they shall see them.
+    """Near points off the panels and those on a panel, each with the nodes whose ``contact`` suits them.
 
-    Panels beside each other stand off the skin by different lengths. To a point on one of them the next one must not
-    seem to be above or below it, or half of what its corner fills of the sky would be lost or counted twice: it is
-    touched too where it is no farther than both of them together count as touching.
+    Adjacent panels deviate from the true surface by different lengths. If the point on one panel counted as above or
+    below the next, the solid angle at the shared corner would be halved or doubled. So the point touches the next panel
+    too if its distance is within the sum of both panels' contact distances.
     """
     on = near & contact if contact is not None else np.zeros(len(points), dtype=bool)
     if (near & ~on).any():
@@ -153,14 +153,14 @@ def _by_contact(
 
 
 def _least_distance(nodes: Nodes, near_rule: NearRule, precision: str) -> tuple[float, str]:
-    """Distance below which float32 cannot tell a node's place, if panels so close are near ones; else float64."""
+    """Distance below which float32 does not resolve a node's position, if such panels are near ones; else float64."""
     least = 1e-3 * float(np.abs(nodes.points - nodes.points.mean(axis=0)).max())
     if precision == "float32" and least < 0.5 * (near_rule.reach - 1) * float(nodes.radii.min()):
         return least, precision
     return 0.0, "float64"
 
 
-def double_layer_heard(
+def double_layer_transposed(
     points: Real[np.ndarray, "points 3"],
     nodes: Nodes,
     strengths: Complex128[np.ndarray, "points sounds"],
@@ -169,11 +169,11 @@ def double_layer_heard(
     precision: str,
     contact: Bool[np.ndarray, "points"] | None = None,
 ) -> Complex128[np.ndarray, "nodes sounds"]:
-    """Σ_i s_i D(x_i, y_j): how the pressure at each node is heard by points with weights.
+    """Σ_i s_i D(x_i, y_j): the transposed double layer of sources of strength s_i, at each node.
 
-    ``contact`` says which of the points were put on a panel.
+    ``contact`` marks the points that were projected onto a panel.
     """
-    near = near_skin(nodes, points, near_rule.reach)
+    near = near_surface(nodes, points, near_rule.reach)
     total = np.zeros((len(nodes.points), strengths.shape[1]), dtype=np.complex128)
     for some, there in _by_contact(nodes, points, near, contact):
         rows = near_rows(there, points[some], wavenumber, near_rule, "float64")
@@ -182,34 +182,34 @@ def double_layer_heard(
         some = np.ascontiguousarray(points[chosen], dtype=np.float64)
         weights = strengths[chosen]
         for start in range(0, len(some), ROWS_AT_ONCE):
-            part = slice(start, start + ROWS_AT_ONCE)
-            shape = (len(some[part]), len(nodes.points))
+            block = slice(start, start + ROWS_AT_ONCE)
+            shape = (len(some[block]), len(nodes.points))
             rows = np.empty(shape, dtype=np.complex64 if kind == "float32" else np.complex128)
             fill = getattr(_kernels, f"double_layer_matrix_{kind}")
-            fill(some[part], nodes.points, nodes.weighted_normals, complex(wavenumber), rows)
-            total += rows.T @ weights[part].astype(rows.dtype)
+            fill(some[block], nodes.points, nodes.weighted_normals, complex(wavenumber), rows)
+            total += rows.T @ weights[block].astype(rows.dtype)
     return total
 
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """Where points touch the skin, or come close to it.
+    """Where points touch the surface, or are close to it.
 
     Attributes
     ----------
     target, panel : (C,) the point and the panel nearest to it, each point once.
-    foot : (C, 2) reference coordinates of the place on the panel.
+    reference : (C, 2) reference coordinates of its projection onto the panel.
     distance : (C,) from the point to the panel [m].
     """
 
     target: Int64[np.ndarray, "contacts"]
     panel: Int64[np.ndarray, "contacts"]
-    foot: Float64[np.ndarray, "contacts 2"]
+    reference: Float64[np.ndarray, "contacts 2"]
     distance: Float64[np.ndarray, "contacts"]
 
 
 def find_contacts(nodes: Nodes, points: Real[np.ndarray, "points 3"], within: float = 0.0) -> Contacts:
-    """Find which of some points (P, 3) touch the skin or are nearer to it than ``within`` [m], and where."""
+    """Find which of some points (P, 3) touch the surface or are nearer to it than ``within`` [m], and where."""
     pairs = find_near(nodes, points, 1.1)
     if not len(pairs[0]):
         return Contacts(*pairs, np.empty((0, 2)), np.empty(0))
@@ -218,22 +218,24 @@ def find_contacts(nodes: Nodes, points: Real[np.ndarray, "points 3"], within: fl
     nearest_first = touching[np.argsort(near.distance[touching], kind="stable")]
     target, first = np.unique(near.target[nearest_first], return_index=True)
     chosen = nearest_first[first]
-    return Contacts(target, near.panel[chosen], near.foot[chosen], near.distance[chosen])
+    return Contacts(target, near.panel[chosen], near.reference[chosen], near.distance[chosen])
 
 
 def project_contacts(
     nodes: Nodes, points: Real[np.ndarray, "points 3"]
 ) -> tuple[Float64[np.ndarray, "points 3"], Bool[np.ndarray, "points"]]:
-    """Put points that touch the skin exactly on their panel; says which those are."""
+    """Project points that touch the surface onto their panel; also returns which those are."""
     points = np.array(points, dtype=np.float64)
     found = find_contacts(nodes, points)
     contact = np.zeros(len(points), dtype=bool)
     contact[found.target] = True
-    points[found.target] = np.einsum("en,end->ed", shape_functions(found.foot), nodes.quadratic_triangles[found.panel])
+    points[found.target] = np.einsum(
+        "en,end->ed", shape_functions(found.reference), nodes.quadratic_triangles[found.panel]
+    )
     return points, contact
 
 
-def near_skin(nodes: Nodes, points: Real[np.ndarray, "points 3"], reach: float) -> Bool[np.ndarray, "points"]:
+def near_surface(nodes: Nodes, points: Real[np.ndarray, "points 3"], reach: float) -> Bool[np.ndarray, "points"]:
     """Whether any panel's centre lies within ``reach`` of its radii from points (P, 3)."""
     first = np.empty(len(points) + 1, dtype=np.int64)
     _kernels.count_near(np.ascontiguousarray(points, dtype=np.float64), nodes.centres, reach * nodes.radii, first)

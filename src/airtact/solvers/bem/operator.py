@@ -23,7 +23,7 @@ from airtact import _kernels
 from airtact.conventions import InvalidInput
 from airtact.printing import in_short
 from airtact.solvers.bem.blocks import Pairs, blocks_of, near_tiles
-from airtact.solvers.bem.layer_potentials import NearRule, double_layer_heard, near_rows, project_contacts
+from airtact.solvers.bem.layer_potentials import NearRule, double_layer_transposed, near_rows, project_contacts
 from airtact.solvers.bem.quadrature import Nodes, near_lists, thickness
 from airtact.solvers.memory import available_memory as _available_memory
 from airtact.solvers.monopoles import monopole_pressure
@@ -258,7 +258,9 @@ def heard(
     factors = np.where(contact, 2.0, 1.0)
     weights = factors[:, None] * strengths
     rule, precision = surface.near_rule, surface.precision
-    return double_layer_heard(positions, surface.nodes, weights, surface.wavenumber, rule, precision, contact), factors
+    return double_layer_transposed(
+        positions, surface.nodes, weights, surface.wavenumber, rule, precision, contact
+    ), factors
 
 
 def check_memory(count: int, store: Store, tiles: int, rows: int) -> None:

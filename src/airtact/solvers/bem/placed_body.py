@@ -14,7 +14,7 @@ from airtact.pose import Pose
 from airtact.printing import in_short
 from airtact.scene.scene import Scene
 from airtact.scene.sources import Monopoles
-from airtact.solvers.bem.layer_potentials import double_layer_heard
+from airtact.solvers.bem.layer_potentials import double_layer_transposed
 from airtact.solvers.bem.reduced_body import ReducedBody
 from airtact.solvers.monopoles import monopole_pressure
 from airtact.solvers.problem import RadiatedField, SolveReport, SurfaceField, receivers
@@ -79,7 +79,9 @@ class PlacedBody:
         """Strengths of the hearing skeleton for monopoles, some of which touch a skin, were no other body there."""
         part, surface = self.part, self.part.surface
         local, rule = self.local.apply(positions), surface.near_rule
-        heard = double_layer_heard(local, surface.nodes, spoken, surface.wavenumber, rule, surface.precision, contact)
+        heard = double_layer_transposed(
+            local, surface.nodes, spoken, surface.wavenumber, rule, surface.precision, contact
+        )
         return part.solved @ heard.astype(part.solved.dtype)
 
     def hears(self, other: "PlacedBody") -> Complex[np.ndarray, "hearing speaking"]:
@@ -183,6 +185,17 @@ class PartsField(RadiatedField):
         free = self.factors[:, None] * self.sources.strengths
         out[known] = monopole_pressure(points[known], self.sources.positions, free, wavenumber, "float64")
         out[known] += monopole_pressure(points[known], *self._scattered, wavenumber, precision)
+        return out
+
+    def scattered_at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
+        """Scattered pressure [Pa] at points (P, 3), also at the sources; NaN where ``valid`` is False."""
+        points = points_of(points, "points", least=0)
+        out = np.full((len(points), self.strengths.shape[1]), np.nan, dtype=np.complex128)
+        known, image = self.valid(points), self.factors > 1
+        wavenumber, precision = self.scene.wavenumber, self.placed[0].part.surface.precision
+        out[known] = monopole_pressure(points[known], *self._scattered, wavenumber, precision)
+        images = self.sources.positions[image], self.sources.strengths[image]
+        out[known] += monopole_pressure(points[known], *images, wavenumber, "float64")
         return out
 
     @property

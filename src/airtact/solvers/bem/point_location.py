@@ -1,4 +1,4 @@
-"""On which side of the skin points stand, and which of them are near it or touch it."""
+"""Which points are inside the bodies, outside, near the surface, or on it."""
 
 from dataclasses import dataclass
 
@@ -8,55 +8,55 @@ from jaxtyping import Bool, Complex128, Float64, Real
 from airtact import _kernels
 from airtact.scene.scene import Scene
 from airtact.solvers.bem.layer_potentials import NearRule, double_layer_pressure, in_box, project_contacts
-from airtact.solvers.bem.quadrature import OFF_SKIN, Nodes, near_lists
+from airtact.solvers.bem.quadrature import OFF_SURFACE, Nodes, near_lists
 
 
 @dataclass(frozen=True, eq=False)
-class Sides:
-    """How points stand to the skin.
+class Located:
+    """Points and where they are with respect to the surface.
 
     Attributes
     ----------
-    places : (P, 3) the points, those that touch the skin put on their panel [m].
+    points : (P, 3) the points, those that touch the surface projected onto their panel [m].
     near : (P,) whether near integrals are needed there.
-    contact : (P,) whether they touch the skin.
+    contact : (P,) whether they touch the surface.
     outside : (P,) whether they are outside the bodies or touch them.
     """
 
-    places: Float64[np.ndarray, "points 3"]
+    points: Float64[np.ndarray, "points 3"]
     near: Bool[np.ndarray, "points"]
     contact: Bool[np.ndarray, "points"]
     outside: Bool[np.ndarray, "points"]
 
 
-def sides_of(scene: Scene, nodes: Nodes, points: Real[np.ndarray, "points 3"], near_rule: NearRule) -> Sides:
-    """Tell the sides of points (P, 3) [m] by the solid angle that the panels fill as seen from there.
+def locate(scene: Scene, nodes: Nodes, points: Real[np.ndarray, "points 3"], near_rule: NearRule) -> Located:
+    """Locate points (P, 3) [m] by the solid angle that the panels subtend.
 
-    Near the panels that takes near integrals, so where the scene's own skins are farther off than panels may be from
-    them, these tell; everywhere if all of them are closed forms.
+    Near the panels that takes near integrals. Where a point is farther from the scene's own surfaces than the panels
+    may deviate from them, their signed distance decides; everywhere if all surfaces are closed forms.
     """
-    places, contact = np.array(points, dtype=np.float64), np.zeros(len(points), dtype=bool)
-    first, panel = near_lists(nodes, places, near_rule.reach * nodes.radii)
+    located, contact = np.array(points, dtype=np.float64), np.zeros(len(points), dtype=bool)
+    first, panel = near_lists(nodes, located, near_rule.reach * nodes.radii)
     near = np.diff(first) > 0
-    touch = np.zeros(len(places))
+    touch = np.zeros(len(located))
     if len(panel):
         touch[near] = np.maximum.reduceat(nodes.contact[panel], first[:-1][near])
-    outside, doubtful = np.ones(len(places), dtype=bool), in_box(nodes, places)  # all others are outside
+    outside, doubtful = np.ones(len(located), dtype=bool), in_box(nodes, located)  # all others are outside
     if not near.any() and not doubtful.any():
-        return Sides(places, near, contact, outside)
+        return Located(located, near, contact, outside)
     closed = all(obstacle.surface.primitive is not None for obstacle in scene.obstacles)
-    told = np.flatnonzero(near | doubtful) if closed else np.flatnonzero(near)
-    depth = scene.depth(places[told])
-    outside[told] = depth < 0
-    doubtful[told] = False
-    outside[doubtful] = _unfilled(nodes, places[doubtful])
-    some = told[np.abs(depth) < OFF_SKIN * touch[told]]
-    places[some], contact[some] = project_contacts(nodes, places[some])
+    known = np.flatnonzero(near | doubtful) if closed else np.flatnonzero(near)
+    depth = scene.depth(located[known])
+    outside[known] = depth < 0
+    doubtful[known] = False
+    outside[doubtful] = _unfilled(nodes, located[doubtful])
+    some = known[np.abs(depth) < OFF_SURFACE * touch[known]]
+    located[some], contact[some] = project_contacts(nodes, located[some])
     outside[contact] = True
-    some = told[(np.abs(depth) < touch[told]) & ~contact[told]]
+    some = known[(np.abs(depth) < touch[known]) & ~contact[known]]
     ones = np.ones((len(nodes.points), 1), dtype=np.complex128)
-    outside[some] = _less_than_half(double_layer_pressure(places[some], nodes, ones, 0j, near_rule, "float32"))
-    return Sides(places, near, contact, outside)
+    outside[some] = _less_than_half(double_layer_pressure(located[some], nodes, ones, 0j, near_rule, "float32"))
+    return Located(located, near, contact, outside)
 
 
 def _unfilled(nodes: Nodes, points: Float64[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:

@@ -1,4 +1,4 @@
-"""Nodes, weights and near integrals on curved six-node panels.
+"""Nodes, weights and near integrals on curved quadratic (six-node) panels.
 
 Each panel carries the six nodes of a rule of degree 4, all inside it, and the pressure on it is the quadratic through
 them (a Nyström method that needs no continuity between panels).
@@ -35,9 +35,9 @@ def _degree_four_rule() -> tuple[Float64[np.ndarray, "6 2"], Float64[np.ndarray,
 CONTACT = 1e-3
 """A point nearer to a panel than this share of the panel's radius is taken to lie on it."""
 
-OFF_SKIN = 2.0
-"""Farther from the true skin than so many times a panel's contact nothing touches the panel, which is less than 2/3 of
-its contact off the skin."""
+OFF_SURFACE = 2.0
+"""Farther from the true surface than so many times a panel's contact nothing touches the panel, which deviates from the
+surface by less than 2/3 of its contact."""
 
 RULE_POINTS, RULE_WEIGHTS = _degree_four_rule()
 
@@ -94,7 +94,7 @@ def place_nodes(
     ----------
     quadratic_triangles : (T, 6, 3) the panels [m].
     body : (T,) the obstacle of each.
-    deviation : (T,) how far each lies from the true skin at most [m].
+    deviation : (T,) how far each lies from the true surface at most [m].
     """
     shape = shape_functions(RULE_POINTS)
     along_u, along_v = shape_gradients(RULE_POINTS)
@@ -131,7 +131,7 @@ COVERED = 0.45
 """Radii of a panel within which each of its points has a node; 0.38 on the panels of a hand, 0.33 on flat ones."""
 
 SHRINKINGS = 4
-"""How often a ball may be shrunk: each time to a quarter of what it is too large, or less."""
+"""How often a ball may be shrunk: each time its excess falls to a quarter, or less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,14 +143,14 @@ class NearPairs:
     target, panel : (E,) indices of each pair.
     values : (E, 6) ∫ kernel(x, y) L_j(y) dS for the quadratics L_j of the panel's six nodes.
     distance : (E,) from the target to the panel [m].
-    foot : (E, 2) reference coordinates of the panel's closest point.
+    reference : (E, 2) reference coordinates of the panel's closest point.
     """
 
     target: Int64[np.ndarray, "pairs"]
     panel: Int64[np.ndarray, "pairs"]
     values: Complex128[np.ndarray, "pairs 6"]
     distance: Float64[np.ndarray, "pairs"]
-    foot: Float64[np.ndarray, "pairs 2"]
+    reference: Float64[np.ndarray, "pairs 2"]
 
     @property
     def columns(self) -> Int64[np.ndarray, "pairs 6"]:
@@ -202,7 +202,7 @@ def integrate_near(
     target, panel = pairs
     rules = gauss_rules(LARGEST_RULE)
     moments = np.empty((len(target), 6), dtype=np.complex128)
-    distance, foot = np.empty(len(target)), np.empty((len(target), 2))
+    distance, reference = np.empty(len(target)), np.empty((len(target), 2))
     _kernels.near_integrals(
         single_layer,
         np.ascontiguousarray(points, dtype=np.float64),
@@ -216,19 +216,19 @@ def integrate_near(
         *gauss_points,
         moments,
         distance,
-        foot,
+        reference,
     )
-    return NearPairs(target, panel, moments @ NODAL, distance, foot)
+    return NearPairs(target, panel, moments @ NODAL, distance, reference)
 
 
 def thickness(
     nodes: Nodes, largest: float, thinnest: Float64[np.ndarray, "bodies"] | None = None
 ) -> Float64[np.ndarray, "nodes"]:
-    """Diameter of the largest ball inside the body that touches the skin at each node [m], at most ``largest``.
+    """Diameter of the largest ball inside the body that touches the surface at each node [m], at most ``largest``.
 
-    Bodies of which ``thinnest`` says that they are as thick as that everywhere are not looked at.
+    Bodies that ``thinnest`` shows to be as thick as that everywhere are skipped.
 
-    A ball that reaches no other node may still reach the skin between nodes, so it is shrunk until the point of the
+    A ball that reaches no other node may still reach the surface between nodes, so it is shrunk until the point of the
     panels nearest to its centre is on it (J. Ma, S. W. Bae, S. Choi, The Visual Computer 28, 7 (2012)).
     """
     diameter = np.full(len(nodes.points), float(largest))
@@ -243,11 +243,11 @@ def thickness(
     tree = panel_tree(nodes.quadratic_triangles)
     for _ in range(SHRINKINGS):
         centres = nodes.points[some] - 0.5 * diameter[some, None] * nodes.normals[some]
-        panel, foot, distance = tree.closest(centres)
-        touched, facing = points_at(nodes.quadratic_triangles[panel], foot)
+        panel, reference, distance = tree.closest(centres)
+        touched, facing = points_at(nodes.quadratic_triangles[panel], reference)
         gap = nodes.points[some] - touched
         depth = np.einsum("nd,nd->n", gap, nodes.normals[some])
-        opposite = np.einsum("nd,nd->n", facing, nodes.normals[some]) <= 0  # or a crease would count as thin
+        opposite = np.einsum("nd,nd->n", facing, nodes.normals[some]) <= 0  # or a concave edge would count as thin
         inside = (distance < 0.49 * diameter[some]) & opposite & (depth > 0)
         some = some[inside]
         diameter[some] = np.minimum(diameter[some], np.einsum("nd,nd->n", gap, gap)[inside] / depth[inside])
@@ -274,9 +274,9 @@ def _facing(nodes: Nodes, largest: float) -> tuple[Int64[np.ndarray, "pairs"], I
 def _meeting_diameters(
     nodes: Nodes, node: Int64[np.ndarray, "pairs"], panel: Int64[np.ndarray, "pairs"]
 ) -> Float64[np.ndarray, "pairs"]:
-    """Diameter of the ball that touches the skin at a node from inside and just meets a node of a panel [m].
+    """Diameter of the ball that touches the surface at a node from inside and just meets a node of a panel [m].
 
-    Infinite where all of the panel's nodes face the way the node does, which would make a crease count as thin.
+    Infinite where all of the panel's nodes face the way the node does, or a concave edge would count as thin.
     """
     normals = nodes.normals[node]
     gap = nodes.points[node, None] - nodes.points.reshape(-1, 6, 3)[panel]

@@ -21,7 +21,7 @@ from scipy.spatial.distance import cdist
 
 from airtact import _kernels
 from airtact.printing import in_short
-from airtact.solvers.bem.layer_potentials import double_layer_heard
+from airtact.solvers.bem.layer_potentials import double_layer_transposed
 from airtact.solvers.bem.operator import DualSurface, assemble
 from airtact.solvers.bem.quadrature import Nodes
 
@@ -218,7 +218,7 @@ def _spoken_to(
 ) -> Complex128[np.ndarray, "nodes some"]:
     """How the pressure at the nodes is heard by the proxies: right-hand sides of the transposed equation."""
     rule, precision = surface.near_rule, surface.precision
-    return double_layer_heard(
+    return double_layer_transposed(
         proxies, surface.nodes, strengths.astype(np.complex128), surface.wavenumber, rule, precision
     )
 

@@ -165,7 +165,9 @@ class BoundaryElement(Solver):
             mean_off_triangles=float(panels.mean_distance.max()),
         )
         density, *pressure = (result.solution.astype(np.complex128).T for result in solved)
-        field = BoundaryField(scene, sources, surface, pressure[0] if pressure else None, density, factors, report)
+        field = BoundaryField(
+            scene, sources, surface, pressure[0] if pressure else None, density, factors, self.accuracy, report
+        )
         if not self.estimate:
             return field
         estimate = float(field.error_at(surrounding_points(scene, nodes.points)).max())

@@ -55,7 +55,7 @@ class Cells:
 
     __repr__ = in_short
 
-    def heard(
+    def sums(
         self,
         sources: Float64[np.ndarray, "sources 3"],
         normals: Float64[np.ndarray, "sources 3"] | None,

@@ -16,7 +16,7 @@ from airtact.solvers.fem.meshing.symmetry import Mirror, images, parities, signs
 from airtact.solvers.fem.quadrature import Spots
 from airtact.solvers.fem.system import System
 from airtact.solvers.monopoles import monopole_pressure
-from airtact.solvers.velocity import open_air_slopes
+from airtact.solvers.velocity import open_air_gradient
 from airtact.validation import in_mm
 
 SILENT = 1e-10
@@ -174,7 +174,7 @@ class ReadySystem:
             found += signs(parity)[choice][:, None, None] * self.system.slopes_at(number, weights, part)
         found *= self._turned(choice)[:, :, None]
         if waves is not None:
-            found += open_air_slopes(points, waves, self.system.wavenumber)
+            found += open_air_gradient(points, waves, self.system.wavenumber)
         return found, self.system.density_at(number, weights)
 
     def skin_normals(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:

@@ -136,6 +136,15 @@ class OutgoingWaves(RadiatedField):
         out[~away] = self.solved.at(points[~away])
         return out
 
+    def scattered_at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
+        """Scattered pressure [Pa] at points (P, 3), also at the sources: from the expansion, or as solved nearer by."""
+        points = points_of(points, "points", least=0)
+        away = self._distance(points) >= self.shells.radius
+        out = np.empty((len(points), self.sources.strengths.shape[1]), dtype=np.complex128)
+        out[away] = self.shells.at(points[away] - self.shells.centre, self.scene.wavenumber)
+        out[~away] = self.solved.scattered_at(points[~away])
+        return out
+
     def velocity(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
         """Particle velocity [m/s] at points (P, 3), as it was solved: no quicker than there."""
         return self.solved.velocity(points)

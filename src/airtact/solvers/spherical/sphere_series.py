@@ -6,16 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Real
 from scipy.spatial import KDTree
+from scipy.spatial.distance import cdist
 
 from airtact.conventions import InvalidInput
 from airtact.printing import in_short
 from airtact.scene.scene import CONTACT, Obstacle, Scene, check_sources
-from airtact.scene.sources import Monopoles
+from airtact.scene.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.solvers.free_field import open_air_pressure, unit_monopoles
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport, SurfaceField, receivers
 from airtact.solvers.spherical.modes import ACCURACY, SphereModes
 from airtact.solvers.spherical.slopes import scattered_slopes
-from airtact.solvers.velocity import open_air_slopes, velocity_of
+from airtact.solvers.velocity import open_air_gradient, velocity_of
 from airtact.surfaces.primitives import Capsule
 from airtact.validation import points_of
 
@@ -103,6 +104,30 @@ class SphereField(RadiatedField):
             pressure[inside] = self._scattered(points[inside], inside=True)
         return pressure
 
+    def scattered_at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
+        """Scattered pressure [Pa] at points (P, 3) [m] for each of the S excitations; NaN where ``valid`` is False.
+
+        It is the series itself, also at the sources' own positions; there it is NaN if the source touches the sphere.
+
+        Raises
+        ------
+        InvalidInput
+            If the points are of another shape than (P, 3), NaN or infinite.
+        NotConverged
+            If a point lies within micrometres of a source that touches the sphere.
+        """
+        points = points_of(points, "points", least=0)
+        pressure = np.full((len(points), self.sources.strengths.shape[1]), np.nan + 0j)
+        inside = self._inside(points)
+        on_source = nearest_source(points, self.sources, STANDS_ON)[0] < STANDS_ON
+        unbounded = on_source & (np.linalg.norm(points - self.centre, axis=1) <= self.modes.radius + CONTACT)
+        outside = np.flatnonzero(~inside & ~unbounded)
+        pressure[outside] = self._scattered(points[outside], inside=False, alone=True)
+        if self.modes.inner_wavenumber is not None:
+            total = self._scattered(points[inside], inside=True)
+            pressure[inside] = total - open_air_pressure(points[inside], self.sources, self.scene.wavenumber)
+        return pressure
+
     def velocity(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
         """Particle velocity [m/s] at points (P, 3) [m] for each of the S sounds; NaN where ``valid`` is False.
 
@@ -117,7 +142,7 @@ class SphereField(RadiatedField):
         slopes = np.full((len(points), 3, self.sources.strengths.shape[1]), np.nan + 0j)
         density = np.full(len(points), self.scene.medium.density)
         within = self._inside(points)
-        slopes[~within] = open_air_slopes(points[~within], self.sources, self.scene.wavenumber)
+        slopes[~within] = open_air_gradient(points[~within], self.sources, self.scene.wavenumber)
         slopes[~within] += self._scattered_slopes(points[~within], inside=False)
         filling = self.scene.obstacles[0].medium
         if filling is not None:
@@ -129,8 +154,14 @@ class SphereField(RadiatedField):
         """Whether points lie deeper than rounding under the skin."""
         return np.linalg.norm(points - self.centre, axis=1) < self.modes.radius - CONTACT
 
-    def _scattered(self, points: Real[np.ndarray, "points 3"], inside: bool) -> Complex128[np.ndarray, "points sounds"]:
-        """Sum of the series for points on one side of the skin, in blocks of points that need about as many terms."""
+    def _scattered(
+        self, points: Real[np.ndarray, "points 3"], inside: bool, alone: bool = False
+    ) -> Complex128[np.ndarray, "points sounds"]:
+        """Sum the series for points on one side of the surface, in blocks of points that need about as many terms.
+
+        It is right to ``ACCURACY`` of the open-air pressure; or, ``alone``, of that at the distance of the image too,
+        which is finite at the source itself.
+        """
         pressure = np.zeros((len(points), self.sources.strengths.shape[1]), dtype=np.complex128)
         radii, directions = self._polar(points)
         source_radii, source_directions = self._polar(self.sources.positions)
@@ -142,10 +173,13 @@ class SphereField(RadiatedField):
         for first in range(0, len(points), rows):
             block = nearest_first[first : first + rows]
             turn = directions[block, None, :] - source_directions
-            open_air = unit_monopoles(points[block], self.sources.positions, self.scene.wavenumber)
-            unit = self.modes.scattered(
-                inside, radii[block], source_radii, 0.5 * np.sum(turn**2, axis=-1), np.abs(open_air)
-            )
+            if alone:
+                heights = radii[block, None] + source_radii - 2.0 * self.modes.radius
+                distance = np.maximum(cdist(points[block], self.sources.positions), heights)
+                scale = np.exp(-self.scene.wavenumber.imag * distance) / distance
+            else:
+                scale = np.abs(unit_monopoles(points[block], self.sources.positions, self.scene.wavenumber))
+            unit = self.modes.scattered(inside, radii[block], source_radii, 0.5 * np.sum(turn**2, axis=-1), scale)
             pressure[block] = unit @ self.sources.strengths
         return pressure
 

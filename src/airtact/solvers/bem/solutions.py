@@ -1,0 +1,185 @@
+"""The two solutions of the dual-surface equation, and the fields that follow from them.
+
+The direct solution is the pressure on the surface: the field is the incident pressure plus its double layer. The
+transposed (adjoint) solution is a density of monopoles on and under the surface that radiates what the bodies scatter:
+by reciprocity it is right away from the bodies even when a source touches one of them.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Complex128, Float64, Real
+from scipy.spatial import KDTree
+
+from airtact import _kernels
+from airtact.mesh.quadratic_triangles import cut
+from airtact.printing import in_short
+from airtact.scene.sources import Monopoles, nearest_source
+from airtact.solvers.bem.layer_potentials import double_layer_pressure, project_contacts
+from airtact.solvers.bem.operator import DualSurface
+from airtact.solvers.bem.quadrature import Nodes, find_near, place_nodes
+from airtact.solvers.bem.target_cells import Cells
+from airtact.solvers.monopoles import monopole_pressure
+from airtact.solvers.velocity import open_air_gradient
+
+BESIDE = 1e-4
+"""Points in cells that are nearer to a source than this are evaluated in double precision [m]."""
+
+NodalPressure = tuple[Nodes, Complex128[np.ndarray, "nodes sounds"]]
+"""Nodes and the pressure at them."""
+
+
+@dataclass(frozen=True, eq=False)
+class DirectSolution:
+    """Pressure on the surface, and the field by Green's formula.
+
+    Attributes
+    ----------
+    sources : the monopoles.
+    surface : the discrete dual-surface equation.
+    pressure : (M, S) total pressure at the nodes [Pa].
+    """
+
+    sources: Monopoles
+    surface: DualSurface
+    pressure: Complex128[np.ndarray, "nodes sounds"]
+
+    __repr__ = in_short
+
+    def at(
+        self,
+        points: Float64[np.ndarray, "points 3"],
+        contact: Bool[np.ndarray, "points"],
+        total: bool = True,
+        given: NodalPressure | None = None,
+        cells: Cells | None = None,
+        nodal: bool = False,
+    ) -> Complex128[np.ndarray, "points sounds"]:
+        """Total (or scattered) pressure [Pa] at points (P, 3), some of which were projected onto the surface.
+
+        There, the integral equation gives twice the incident pressure plus the double layer. ``given`` is the pressure
+        on the surface if it is not the one at the plain nodes.
+        """
+        nodes, pressure = given or (self.surface.nodes, self.pressure)
+        wavenumber, rule, precision = self.surface.wavenumber, self.surface.near_rule, self.surface.precision
+        projected = None if nodal else contact
+        layer = double_layer_pressure(points, nodes, pressure, wavenumber, rule, precision, cells, nodal, projected)
+        factor = np.where(contact, 2, 1)[:, None]
+        if total:
+            return factor * (incident_pressure(points, self.sources, self.surface, cells) + layer)
+        layer *= factor
+        layer[contact] += incident_pressure(points[contact], self.sources, self.surface)
+        return layer
+
+    def near(
+        self,
+        points: Float64[np.ndarray, "points 3"],
+        contact: Bool[np.ndarray, "points"] | None = None,
+        total: bool = True,
+    ) -> Complex128[np.ndarray, "points sounds"]:
+        """Total (or scattered) pressure on and near the surface [Pa], from panels refined there."""
+        if not len(points):
+            return np.empty((0, self.pressure.shape[1]), dtype=np.complex128)
+        if contact is None:
+            points, contact = project_contacts(self.surface.nodes, points)
+        return self.at(points, contact, total, self.refined(points))
+
+    def refined(self, points: Float64[np.ndarray, "points 3"]) -> NodalPressure:
+        """Nodes and pressure on the surface, with smaller panels near some points.
+
+        The panels near the points are cut in four and given the pressure of the integral equation itself (twice the
+        incident pressure plus the double layer), which is smoother than the quadratic through the six nodes: Nyström's
+        own interpolation (Atkinson, The Numerical Solution of Integral Equations of the Second Kind, 1997, section 4).
+        """
+        nodes = self.surface.nodes
+        if not len(points):
+            return nodes, self.pressure
+        close = np.zeros(len(nodes.centres), dtype=bool)
+        close[find_near(nodes, points, self.surface.near_rule.reach)[1]] = True
+        pieces, parents = cut(nodes.quadratic_triangles[close], np.full(int(close.sum()), 2))
+        contact = nodes.contact[close][parents]
+        fine = place_nodes(pieces, np.zeros(len(pieces), dtype=np.int64), contact)
+        fine_pressure = self.at(fine.points, np.ones(len(fine.points), dtype=bool), nodal=True)
+        mixed = np.concatenate([nodes.quadratic_triangles[~close], pieces])
+        placed = place_nodes(mixed, np.zeros(len(mixed), dtype=np.int64), np.zeros(len(mixed)))
+        placed = replace(placed, contact=np.concatenate([nodes.contact[~close], contact]))
+        return placed, np.concatenate([self.pressure[np.repeat(~close, 6)], fine_pressure])
+
+
+@dataclass(frozen=True, eq=False)
+class TransposedSolution:
+    """Monopoles on and under the surface that radiate the scattered field.
+
+    Attributes
+    ----------
+    sources : the monopoles of the scene.
+    surface : the discrete dual-surface equation.
+    density : (M, S) strengths of the monopoles at the nodes [Pa·m].
+    factors : (N,) 1 for sources off the surface, 2 for those on it, which radiate together with their image.
+    """
+
+    sources: Monopoles
+    surface: DualSurface
+    density: Complex128[np.ndarray, "nodes sounds"]
+    factors: Float64[np.ndarray, "sources"]
+
+    __repr__ = in_short
+
+    @cached_property
+    def emitted(self) -> Monopoles:
+        """The sources, together with the images of those on the surface."""
+        return Monopoles(self.sources.positions, self.factors[:, None] * self.sources.strengths)
+
+    @cached_property
+    def scattering(self) -> Monopoles:
+        """The monopoles at the nodes and at the shifted points."""
+        shared = self.density.reshape(-1, _kernels.sharing, self.density.shape[1]).sum(axis=1)
+        points = np.concatenate([self.surface.nodes.points, self.surface.shifted])
+        return Monopoles(points, np.concatenate([self.density, -1j * shared]))
+
+    def at(
+        self, points: Float64[np.ndarray, "points 3"], total: bool = True, cells: Cells | None = None
+    ) -> Complex128[np.ndarray, "points sounds"]:
+        """Total (or scattered) pressure [Pa] at points (P, 3) away from the surface."""
+        wavenumber, by = self.surface.wavenumber, self.scattering
+        if cells is not None:
+            scattered = cells.sums(by.positions, None, by.strengths, wavenumber)
+        else:
+            scattered = monopole_pressure(points, by.positions, by.strengths, wavenumber, self.surface.precision)
+        if total:
+            return incident_pressure(points, self.emitted, self.surface, cells) + scattered
+        image = self.factors > 1
+        if image.any():
+            images = Monopoles(self.sources.positions[image], self.sources.strengths[image])
+            scattered += incident_pressure(points, images, self.surface, cells)
+        return scattered
+
+    def gradient(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
+        """∇p of the total pressure [Pa/m] at points (P, 3) away from the surface, in closed form."""
+        every = (self.emitted, self.scattering)
+        positions, strengths = (
+            np.concatenate([getattr(one, of) for one in every]) for of in ("positions", "strengths")
+        )
+        return open_air_gradient(points, Monopoles(positions, strengths), self.surface.wavenumber)
+
+
+def incident_pressure(
+    points: Real[np.ndarray, "points 3"], sources: Monopoles, surface: DualSurface, cells: Cells | None = None
+) -> Complex128[np.ndarray, "points sounds"]:
+    """Pressure of the sources alone [Pa], in float32 where that is the precision and they are a wavelength away."""
+    if cells is not None:
+        pressure = cells.sums(sources.positions, None, sources.strengths, surface.wavenumber)
+        beside = np.flatnonzero(nearest_source(points, sources, BESIDE)[0] < BESIDE)
+        pressure[beside] = incident_pressure(points[beside], sources, surface)
+        return pressure
+    close = np.ones(len(points), dtype=bool)
+    if surface.precision == "float32":
+        wavelength = 2 * np.pi / surface.wavenumber.real
+        close = KDTree(sources.positions).query(points, distance_upper_bound=wavelength)[0] < wavelength
+    out = np.empty((len(points), sources.strengths.shape[1]), dtype=np.complex128)
+    for chosen, precision in ((close, "float64"), (~close, "float32")):
+        out[chosen] = monopole_pressure(
+            points[chosen], sources.positions, sources.strengths, surface.wavenumber, precision
+        )
+    return out
