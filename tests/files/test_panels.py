@@ -7,7 +7,6 @@ import trimesh
 
 from airtact.conventions import InvalidInput
 from airtact.files.panels import FLAT, write_panels
-from airtact.files.vtkhdf import write_panels_vtkhdf
 from airtact.mesh.quadratic_triangles import enclosed_volume, panel_areas, smallest_angles
 from airtact.surfaces.files import load_surface
 from airtact.surfaces.panels import panels_of
@@ -68,7 +67,7 @@ def test_vtk_reads_the_panels_back(tmp_path):
     vtk = pytest.importorskip("vtk")
     numpy_support = pytest.importorskip("vtk.util.numpy_support")
     path = tmp_path / "panels.vtkhdf"
-    write_panels_vtkhdf(path, PANELS)
+    write_panels(path, PANELS)
     reader = vtk.vtkHDFReader()
     reader.SetFileName(str(path))
     reader.Update()

@@ -74,8 +74,8 @@ def hand(
         posed = run_pose(pose, file, gap, edge, report_step)
     console = Console()
     console.print(_facts(posed))
-    for touch in posed.hand.surface.repairs:
-        console.print(f"Merged: {touch}.", soft_wrap=True, highlight=False)
+    for touch in posed.hand.touches:
+        console.print(f"Merged: {touch.note}.", soft_wrap=True, highlight=False)
     console.print(f"The skin: {posed.file}, its picture: {posed.picture}", soft_wrap=True, highlight=False)
 
 
@@ -103,11 +103,11 @@ def _facts(posed: "Posed", errors: "Mapping[str, float] | None" = None) -> "Tabl
     from rich.box import SIMPLE
     from rich.table import Table
 
-    shape = posed.surface.shape
+    shape = posed.shape
     table = Table(box=SIMPLE, show_header=False)
     table.add_row("hand", f"{posed.hand.side}, {1e3 * shape.extent:.0f} mm across")
-    table.add_row("area, volume", f"{1e4 * shape.area:.0f} cm², {1e6 * shape.volume:.0f} cm³")
-    table.add_row("panels", f"{len(posed.panels.quadratic_triangles):,}, smallest angle {posed.smallest_angle:.0f}°")
+    table.add_row("area, volume", f"{1e4 * posed.area:.0f} cm², {1e6 * posed.volume:.0f} cm³")
+    table.add_row("panels", f"{len(posed.quadratic_triangles):,}, smallest angle {posed.smallest_angle:.0f}°")
     for name, point in posed.places.items():
         depth = float(shape.depth(point[None])[0])
         where = ", ".join(f"{1e3 * number:.1f}" for number in point)

@@ -1,11 +1,16 @@
 """Panels as files: curved ones for ParaView, flat triangles for everything else."""
 
+from collections.abc import Mapping
 from pathlib import Path
+
+import numpy as np
+from jaxtyping import Real
 
 from airtact.atomic import whole_file
 from airtact.conventions import InvalidInput
 from airtact.files.flat_triangles import flat_triangles
 from airtact.files.vtkhdf import write_panels_vtkhdf
+from airtact.mesh.quadratic_triangles import QuadraticTriangles
 from airtact.mesh.topology import edge_twins
 from airtact.surfaces.panels import Panels
 from airtact.validation import within
@@ -56,12 +61,26 @@ def check_ending(path: Path) -> None:
 
 
 def write_panels(path: Path, panels: Panels) -> int:
-    """Write panels in the format that the ending of the file's name says.
+    """Write the panels of a scene's bodies, as ``write_triangles`` does; .vtkhdf holds body and deviation of each too.
 
     Parameters
     ----------
     path : the file to write; it appears only once it is whole.
     panels : what to write.
+    """
+    return write_triangles(path, panels.quadratic_triangles, {"deviation": panels.deviation, "body": panels.body})
+
+
+def write_triangles(
+    path: Path, quadratic_triangles: QuadraticTriangles, cells: Mapping[str, Real[np.ndarray, "panels"]] | None = None
+) -> int:
+    """Write quadratic triangles in the format that the ending of the file's name says.
+
+    Parameters
+    ----------
+    path : the file to write; it appears only once it is whole.
+    quadratic_triangles : (T, 6, 3) [m].
+    cells : further numbers of each triangle (T,), which .vtkhdf holds by name.
 
     Returns
     -------
@@ -74,11 +93,11 @@ def write_panels(path: Path, panels: Panels) -> int:
     """
     check_ending(path)
     if path.suffix.lower() == CURVED:
-        write_panels_vtkhdf(path, panels)
+        write_panels_vtkhdf(path, quadratic_triangles, cells or {})
         return 0
     import trimesh  # takes as long to import as all the rest of airtact
 
-    vertices, triangles = flat_triangles(panels.quadratic_triangles)
+    vertices, triangles = flat_triangles(quadratic_triangles)
     content = trimesh.Trimesh(vertices, triangles, process=False).export(file_type=path.suffix.lower()[1:])
     with whole_file(path) as partial:
         partial.write_bytes(content if isinstance(content, bytes) else str(content).encode())

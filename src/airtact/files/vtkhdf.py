@@ -1,17 +1,16 @@
 """Fields, bodies and panels for ParaView: the VTKHDF format, version 2.2 (https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format)."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Complex
+from jaxtyping import Complex, Real
 
 from airtact.atomic import whole_file
 from airtact.conventions import InvalidInput
 from airtact.evaluation.windows import Box
-from airtact.mesh.quadratic_triangles import panel_areas, smallest_angles
-from airtact.surfaces.panels import Panels
+from airtact.mesh.quadratic_triangles import QuadraticTriangles, panel_areas, smallest_angles
 from airtact.surfaces.surface import Surface
 
 if TYPE_CHECKING:
@@ -51,35 +50,33 @@ def write_field(path: Path, box: Box, pressure: Complex[np.ndarray, "points"], b
             assembly.create_group(name, track_order=True)[name] = h5py.SoftLink(f"/VTKHDF/{name}")
 
 
-def write_panels_vtkhdf(path: Path, panels: Panels) -> None:
+def write_panels_vtkhdf(
+    path: Path, quadratic_triangles: QuadraticTriangles, cells: Mapping[str, Real[np.ndarray, "panels"]]
+) -> None:
     """Write curved panels as an unstructured grid of quadratic triangles.
 
-    Cell data: ``smallest_angle`` [degrees], ``area`` [m²], ``deviation`` from the true skin [m], ``body``.
+    Cell data: ``smallest_angle`` [degrees], ``area`` [m²], and what is given.
 
     Parameters
     ----------
     path : the file to write; it appears only once it is whole.
-    panels : what to write; each keeps its own six points, for neighbours need not share them.
+    quadratic_triangles : (T, 6, 3) [m]; each keeps its own six points, because neighbours need not share them.
+    cells : further numbers of each triangle (T,) by name.
     """
     import h5py
 
-    count = len(panels.quadratic_triangles)
-    numbers = {
-        "smallest_angle": smallest_angles(panels.quadratic_triangles),
-        "area": panel_areas(panels.quadratic_triangles),
-        "deviation": panels.deviation,
-        "body": panels.body,
-    }
+    count = len(quadratic_triangles)
+    numbers = {"smallest_angle": smallest_angles(quadratic_triangles), "area": panel_areas(quadratic_triangles)}
     with whole_file(path) as partial, h5py.File(partial, "w") as file:
         root = _group(file, "VTKHDF", "UnstructuredGrid")
         for name, number in (("Points", 6 * count), ("Cells", count), ("ConnectivityIds", 6 * count)):
             root.create_dataset(f"NumberOf{name}", data=np.array([number]))
-        root.create_dataset("Points", data=panels.quadratic_triangles.reshape(-1, 3))
+        root.create_dataset("Points", data=quadratic_triangles.reshape(-1, 3))
         root.create_dataset("Connectivity", data=np.arange(6 * count))
         root.create_dataset("Offsets", data=6 * np.arange(count + 1))
         root.create_dataset("Types", data=np.full(count, QUADRATIC_TRIANGLE, dtype=np.uint8))
         data = root.create_group("CellData")
-        for name, values in numbers.items():
+        for name, values in (numbers | dict(cells)).items():
             data.create_dataset(name, data=values)
 
 

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float64, Int64
 from airtact.hand.joints import CHAINS, FINGERS, LENGTH, hand_length
 from airtact.hand.sphere_mesh import Hulls
 from airtact.printing import in_short
-from airtact.validation import fixed
+from airtact.validation import fixed, in_mm
 
 MERGED = 0.3e-3
 """Skins nearer than this are one [m]."""
@@ -70,6 +70,12 @@ class Touch:
     place: Float64[np.ndarray, "3"]
 
     __repr__ = in_short
+
+    @property
+    def note(self) -> str:
+        """Say which parts are one, where, and how far their skins are apart or in each other."""
+        apart = f"{1e3 * self.gap:.2g} mm apart" if self.gap > 0.0 else f"{-1e3 * self.gap:.2g} mm in each other"
+        return f"the {self.one} and the {self.other} are one near {in_mm(self.place)}, their skins being {apart}"
 
 
 def hand_hulls(

@@ -77,11 +77,7 @@ class Hand:
     def surface(self) -> Surface:
         """The closed skin, with exact points over the middles of edges; fine at the pads, coarse at the wrist."""
         skin = even_skin(self.shape.hulls, COARSE, Graded(COARSE, FINE, self.pads))
-        notes = tuple(
-            f"the {touch.one} and the {touch.other} are one near {in_mm(touch.place)}, their skins being "
-            + (f"{1e3 * touch.gap:.2g} mm apart" if touch.gap > 0.0 else f"{-1e3 * touch.gap:.2g} mm in each other")
-            for touch in self.touches
-        )
+        notes = tuple(touch.note for touch in self.touches)
         middles = midpoints(self.shape.hulls, skin)
         return Surface(skin.vertices, skin.triangles, middles, self.shape, repairs=notes)
 

@@ -7,22 +7,22 @@ from typing import cast
 
 import numpy as np
 from jaxtyping import Float64
+from matplotlib.figure import Figure
 
 from airtact.atomic import writable_folder
 from airtact.conventions import InvalidInput
 from airtact.figures.cloud_figure import draw_cloud
 from airtact.figures.panel_figure import draw_panels
 from airtact.figures.picture_file import write_picture
-from airtact.files.panels import EDGE, check_ending, checked_edge, write_panels
+from airtact.files.panels import EDGE, check_ending, checked_edge, write_triangles
 from airtact.hand.files import load_hand, load_landmarks
 from airtact.hand.fitting.cloud_files import load_cloud
 from airtact.hand.fitting.fit import FittedHand, fit_hand
 from airtact.hand.hand import Hand, Side
 from airtact.hand.joints import CHAINS, FINGERS
-from airtact.mesh.quadratic_triangles import QuadraticTriangles, smallest_angles
+from airtact.hand.shape import HandShape
+from airtact.mesh.quadratic_triangles import QuadraticTriangles, enclosed_volume, panel_areas, smallest_angles
 from airtact.surfaces.mesh_shape import CurvedShape
-from airtact.surfaces.panels import Panels
-from airtact.surfaces.surface import Surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,14 +32,14 @@ class Posed:
     Attributes
     ----------
     hand : the hand.
-    surface : its skin.
-    panels : curved panels on this.
+    shape : of its skin.
+    quadratic_triangles : (T, 6, 3) those of the skin that were written [m].
     file, picture : what was written.
     """
 
     hand: Hand
-    surface: Surface
-    panels: Panels
+    shape: HandShape | CurvedShape
+    quadratic_triangles: QuadraticTriangles
     file: Path
     picture: Path
 
@@ -50,8 +50,18 @@ class Posed:
 
     @property
     def smallest_angle(self) -> float:
-        """Smallest angle of the worst panel [degrees]."""
-        return float(smallest_angles(self.panels.quadratic_triangles).min())
+        """Smallest angle of the worst triangle [degrees]."""
+        return float(smallest_angles(self.quadratic_triangles).min())
+
+    @property
+    def area(self) -> float:
+        """Area of the triangles [m²]."""
+        return float(panel_areas(self.quadratic_triangles).sum())
+
+    @property
+    def volume(self) -> float:
+        """Volume that they enclose [m³]."""
+        return enclosed_volume(self.quadratic_triangles)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +81,7 @@ class Fitted(Posed):
     def places(self) -> Mapping[str, Float64[np.ndarray, "3"]]:
         """Points of the skin that a target can name (3,) [m]."""
         points = np.array([point for point, _ in self.hand.places.values()])
-        return dict(zip(self.hand.places, self.surface.shape.project(points), strict=True))
+        return dict(zip(self.hand.places, self.shape.project(points), strict=True))
 
     @property
     def errors(self) -> Mapping[str, float]:
@@ -98,10 +108,10 @@ def pose(
     Parameters
     ----------
     path : a JSON file, see ``load_hand``.
-    file : where the skin goes; its ending says how, see ``write_panels``.
+    file : where the skin goes; its ending says how, see ``write_triangles``.
     gap : opens thumb and index finger until their last phalanges are so far apart [m]; None leaves the pose.
     edge : of the triangles [m]; 4 mm unless given.
-    tell : is told each step as it begins.
+    report_step : called with each step as it begins.
 
     Raises
     ------
@@ -116,11 +126,9 @@ def pose(
     hand = load_hand(path, gap)
     writable_folder(file.parent)
     report_step(f"making triangles of {1e3 * edge:.3g} mm")
-    panels = _written(hand.shape.panels(edge), file, report_step)
-    picture = file.with_suffix(".png")
-    report_step(f"drawing {picture.name}")
-    write_picture(picture, draw_panels(panels.quadratic_triangles))
-    return Posed(hand, hand.surface, panels, file, picture)
+    triangles = hand.shape.panels(edge)
+    picture = _written(triangles, file, draw_panels, report_step)
+    return Posed(hand, hand.shape, triangles, file, picture)
 
 
 def fit(
@@ -139,10 +147,10 @@ def fit(
     ----------
     cloud : see ``load_cloud``.
     landmarks : see ``load_landmarks``.
-    file : where the skin goes; its ending says how, see ``write_panels``.
+    file : where the skin goes; its ending says how, see ``write_triangles``.
     camera : where all points were seen from [m]; None for from many sides.
     edge : of the triangles [m]; that of ``FittedHand.surface`` unless given.
-    tell : is told each step as it begins.
+    report_step : called with each step as it begins.
 
     Raises
     ------
@@ -160,21 +168,23 @@ def fit(
     eye = None if camera is None else np.array(camera, dtype=np.float64)
     fitted = fit_hand(points, joints, cast("Side | None", side), eye)
     report_step("bringing its skin to the points")
-    surface = fitted.surface if edge is None else fitted.skin(edge)
-    shape = surface.shape
-    panels = _written(
-        shape.quadratic_triangles if isinstance(shape, CurvedShape) else shape.panels(edge or EDGE), file, report_step
-    )
+    shape = cast("HandShape | CurvedShape", (fitted.surface if edge is None else fitted.skin(edge)).shape)
+    triangles = shape.quadratic_triangles if isinstance(shape, CurvedShape) else shape.panels(edge or EDGE)
+    distances = -shape.depth(fitted.points)
+    picture = _written(triangles, file, lambda drawn: draw_cloud(drawn, fitted, distances), report_step)
+    return Fitted(fitted.hand, shape, triangles, file, picture, fitted, distances)
+
+
+def _written(
+    triangles: QuadraticTriangles,
+    file: Path,
+    draw: Callable[[QuadraticTriangles], Figure],
+    report_step: Callable[[str], None],
+) -> Path:
+    """Write a skin, and its picture of the same name beside it."""
+    report_step(f"writing {file.name}")
+    write_triangles(file, triangles)
     picture = file.with_suffix(".png")
     report_step(f"drawing {picture.name}")
-    distances = -shape.depth(fitted.points)
-    write_picture(picture, draw_cloud(panels.quadratic_triangles, fitted, distances))
-    return Fitted(fitted.hand, surface, panels, file, picture, fitted, distances)
-
-
-def _written(quadratic_triangles: QuadraticTriangles, file: Path, report_step: Callable[[str], None]) -> Panels:
-    ones = np.zeros(len(quadratic_triangles))
-    panels = Panels(quadratic_triangles, ones.astype(np.int64), ones, np.zeros(1), np.zeros(1))
-    report_step(f"writing {file.name}")
-    write_panels(file, panels)
-    return panels
+    write_picture(picture, draw(triangles))
+    return picture

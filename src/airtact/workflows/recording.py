@@ -4,15 +4,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from airtact.atomic import writable_folder
 from airtact.conventions import InvalidInput, about
 from airtact.figures.picture_file import write_picture
 from airtact.figures.track_figure import draw_tracks
-from airtact.files.panels import EDGE, check_ending, checked_edge, write_panels
+from airtact.files.panels import EDGE, check_ending, checked_edge, write_triangles
 from airtact.hand.hand import Side
-from airtact.surfaces.panels import Panels
 from airtact.tracking.frame import HandFrame
 from airtact.tracking.pads import PadTrack, pads_over_time
 from airtact.tracking.recordings import Recording, load_recording
@@ -51,12 +48,12 @@ def replay_recording(
     Parameters
     ----------
     path : of the recording, see ``load_recording``.
-    file : where the skin of a frame goes; its ending says how, see ``write_panels``. With several frames, or two hands,
+    file : where the skin of a frame goes, see ``write_triangles``. With several frames, or two hands,
         side and number of each stand in its name. The picture beside it has the same name.
     chosen : sequence numbers of frames; the first that has landmarks unless given.
     leave_out : whether faulty frames are left out and counted instead of refused.
     edge : of the triangles [m].
-    tell : is told each step as it begins.
+    report_step : called with each step as it begins.
 
     Raises
     ------
@@ -77,9 +74,7 @@ def replay_recording(
     for frame in frames:
         named = file if len(frames) == 1 else file.with_stem(f"{file.stem}_{frame.side}_{frame.sequence}")
         report_step(f"writing {named.name}")
-        quadratic_triangles = frame.hand().shape.panels(edge)
-        ones = np.zeros(len(quadratic_triangles))
-        write_panels(named, Panels(quadratic_triangles, ones.astype(np.int64), ones, np.zeros(1), np.zeros(1)))
+        write_triangles(named, frame.hand().shape.panels(edge))
         skins.append(named)
     picture = file.with_suffix(".png")
     report_step(f"drawing {picture.name}")
