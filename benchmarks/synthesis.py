@@ -18,7 +18,7 @@ import numpy as np
 
 import airtact as at
 from airtact.scene_file.building import read_scene
-from airtact.synthesis.gerchberg_saxton import to_and_fro
+from airtact.synthesis.gerchberg_saxton import alternating_projections
 from airtact.synthesis.upper_bound import relaxed_bound
 
 ROOT = Path(__file__).parent.parent
@@ -131,7 +131,7 @@ def against_bound() -> None:
         exact = smallest(transfer, at.max_min(transfer, target))
         starts = np.exp(2j * np.pi * random.uniform(size=(STARTS, count)))
         alike = np.tile(np.arange(count), (STARTS, 1))
-        best = to_and_fro(transfer.matrix, alike, np.ones((STARTS, count)), starts, 300).worst.max()
+        best = alternating_projections(transfer.matrix, alike, np.ones((STARTS, count)), starts, 300).worst.max()
         shares.append(smallest(transfer, drive) / bound.worst)
         others.append(exact / best)
         rounded.append(smallest(transfer, drive) / exact)

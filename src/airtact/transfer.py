@@ -1,4 +1,4 @@
-"""From drive to pressure at the foci, p = H d: solvers and transducers meet here."""
+"""The transfer matrix H from a drive d to the pressures at the foci, p = H d, and drives by distance alone."""
 
 from dataclasses import dataclass
 
@@ -16,21 +16,21 @@ from airtact.transducers.placement import check_placement, check_reach
 from airtact.validation import check_finite, check_frequency, complex_numbers, counted, in_mm, of_kind
 
 FULL_SCALE = 1.0 + 1e-9
-"""Largest magnitude of a drive: full scale, and what rounding adds to it."""
+"""Largest magnitude of a drive: full scale plus rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """What every element of an array emits.
+    """The amplitude and phase of every element of an array.
 
     Attributes
     ----------
-    amplitudes : (E,) complex amplitudes, 1 at full scale; phases in the phasor Re[d e^{−iωt}].
+    amplitudes : (E,) complex amplitudes d of E elements, |d| = 1 at full scale; an element emits Re[d e^{−iωt}].
 
     Raises
     ------
     InvalidInput
-        If there is no element, a number is not finite, or a magnitude passes 1 (how many, the largest).
+        If there is no element, a number is not finite, or a magnitude exceeds 1.
     """
 
     amplitudes: Complex128[np.ndarray, "elements"]
@@ -40,13 +40,17 @@ class Drive:
     def __post_init__(self) -> None:
         amplitudes = complex_numbers(self.amplitudes, "the drive's amplitudes")
         if amplitudes.ndim != 1 or len(amplitudes) == 0:
-            raise InvalidInput(f"a drive needs one amplitude per element, not an array of shape {amplitudes.shape}.")
+            raise InvalidInput(
+                f"a drive needs one amplitude per element, not an array of shape {amplitudes.shape}.",
+                code="wrong_shape",
+            )
         check_finite(amplitudes, "the drive's amplitudes")
         magnitude = np.abs(amplitudes)
         if magnitude.max() > FULL_SCALE:
             count = counted(int(np.sum(magnitude > FULL_SCALE)), "element is", "elements are")
             raise InvalidInput(
-                f"{count} driven over full scale, the loudest at {magnitude.max():.4g}: divide the drive by that."
+                f"{count} driven over full scale, the largest at {magnitude.max():.4g}: divide the drive by that.",
+                code="over_full_scale",
             )
         amplitudes.flags.writeable = False
         object.__setattr__(self, "amplitudes", amplitudes)
@@ -55,41 +59,30 @@ class Drive:
         return len(self.amplitudes)
 
     def phase_only(self) -> "Drive":
-        """Keep the phases, all at full scale; an element with amplitude 0 has no phase and stays silent."""
+        """Return the drive with its phases and full scale everywhere; an element of amplitude 0 stays silent."""
         return Drive(np.sign(self.amplitudes))
 
 
 def check_drive(drive: Drive, what: str) -> None:
-    """Refuse what is no drive, such as a frame.
-
-    Parameters
-    ----------
-    drive : what the caller gave.
-    what : its name, for the sentence.
-
-    Raises
-    ------
-    InvalidInput
-        Saying what to give instead.
-    """
+    """Raise ``InvalidInput`` for what is no drive, such as a frame; ``what`` names it in the sentence."""
     of_kind(drive, Drive, what, "frame.drive()" if hasattr(drive, "drive") else "Drive(amplitudes)")
 
 
 @dataclass(frozen=True, eq=False)
 class TransferMatrix:
-    """Pressure at every focus per unit drive of every element, with all scattering in it.
+    """The pressure at every focus per unit drive of every element, all scattering included: p = H d.
 
     Attributes
     ----------
-    matrix : (F, E) pressure at focus f when element e alone is at full scale [Pa].
+    matrix : (F, E) complex pressure H[f, e] at focus f when element e alone is at full scale [Pa].
     estimated_error : relative error of the matrix, as the solver of the beacons estimates it.
-    foci : (F, 3) where the beacons stood, in the obstacles' frame [m]; None where nobody said.
-    wavelength : of the sound in the air [m]; None where nobody said.
+    foci : (F, 3) positions of the foci in the obstacles' frame [m], or None if unknown.
+    wavelength : of the sound in the air [m], or None if unknown.
 
     Raises
     ------
     InvalidInput
-        If the matrix is empty, an entry is not finite (how many, where first), or every entry is zero.
+        If the matrix is empty, an entry is not finite, or every entry is zero.
     """
 
     matrix: Complex128[np.ndarray, "foci elements"]
@@ -102,15 +95,20 @@ class TransferMatrix:
     def __post_init__(self) -> None:
         matrix = complex_numbers(self.matrix, "the transfer matrix")
         if matrix.ndim != 2 or matrix.size == 0:
-            raise InvalidInput(f"a transfer matrix has the shape (foci, elements), not {matrix.shape}.")
+            raise InvalidInput(
+                f"a transfer matrix has the shape (foci, elements), not {matrix.shape}.", code="wrong_shape"
+            )
         check_finite(matrix, "the transfer matrix (focus, element)")
         if not matrix.any():
-            raise InvalidInput(f"all {matrix.size} entries of the transfer matrix are 0: no element is heard.")
+            raise InvalidInput(
+                f"all {matrix.size} entries of the transfer matrix are 0: no element reaches a focus.",
+                code="matrix_zero",
+            )
         matrix.flags.writeable = False
         object.__setattr__(self, "matrix", matrix)
 
     def pressure(self, drive: Drive) -> Complex128[np.ndarray, "foci"]:
-        """Pressure at each focus [Pa] under a drive, p = H d.
+        """Return the complex pressure (F,) at each focus under a drive [Pa], p = H d.
 
         Raises
         ------
@@ -121,34 +119,38 @@ class TransferMatrix:
         if len(drive) != self.matrix.shape[1]:
             raise InvalidInput(
                 f"a drive of {counted(len(drive), 'element', 'elements')} does not fit a transfer matrix of "
-                f"{counted(self.matrix.shape[1], 'element', 'elements')}."
+                f"{counted(self.matrix.shape[1], 'element', 'elements')}.",
+                code="sizes_differ",
             )
         return self.matrix @ drive.amplitudes
 
 
 def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
-    """Build the transfer matrix by reciprocity: unit beacons at the foci, heard by the elements.
+    """Build the (F, E) transfer matrix of F foci and E elements by reciprocity, from one solve with unit beacons.
 
-    H[f, e] = g_e sensitivity Σ_j w_j b_f(x_ej) with b_f the field of a beacon of 1 Pa·m at focus f, x_ej and w_j the
-    points and weights on the face of element e, and g_e its gain (1 unless calibrated, 0 where it is dead). Reciprocity
-    (equation 3 of the paper) makes that what focus f hears of element e; one solve serves every translation and
-    rotation of the array (section 3.3 of the paper).
+    A beacon is a virtual unit source at a focus. Its pressure at an element equals the pressure that the element,
+    emitting alike, makes at the focus (reciprocity, equation 3 of the paper). So
+
+        H[f, e] = g_e · sensitivity · Σ_j w_j b_f(x_ej),
+
+    with b_f the field of a beacon of 1 Pa·m at focus f, x_ej and w_j the points and weights on the face of element e,
+    and g_e its gain (1 unless calibrated, 0 where it is dead). One solve serves every translation and rotation of the
+    array relative to the bodies (section 3.3 of the paper).
 
     Parameters
     ----------
-    beacons : field of unit beacons, one sound per focus, as ``solver.radiate(scene, target.beacons())`` gives it.
+    beacons : field of the unit beacons, each an excitation of its own: ``solver.radiate(scene, target.beacons())``.
     array : the transducers in the obstacles' frame, see ``PhasedArray.seen_from``.
 
     Returns
     -------
-    The matrix, with the solver's own estimate of its error: at the elements if the field can tell (the largest over
-    the beacons), else that of its report.
+    The matrix [Pa], with the largest error over the beacons that the solver estimates at the elements.
 
     Raises
     ------
     InvalidInput
         If the sources are not unit beacons, an element is inside a body, a focus or a body is behind the face of a
-        directional element, or the field is not known at an element.
+        directional element, or the field is unknown at an element.
     """
     of_kind(beacons, RadiatedField, "the field of the beacons", "solver.radiate(scene, target.beacons())")
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
@@ -156,50 +158,48 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
     count = len(sources.positions)
     if sources.strengths.shape != (count, count) or not np.array_equal(sources.strengths, np.eye(count)):
         raise InvalidInput(
-            f"the field must be that of unit beacons, one sound of 1 Pa·m per point, not strengths of shape "
+            f"the field must be that of unit beacons, one excitation of 1 Pa·m per point, not strengths of shape "
             f"{sources.strengths.shape} with the largest {np.abs(sources.strengths).max():g} Pa·m: solve for "
-            "target.beacons()."
+            "target.beacons().",
+            code="not_beacons",
         )
     check_placement(beacons.scene, array, sources.positions)
     element = array.element
-    heard = beacons.at(array.face_points.reshape(-1, 3)).reshape(len(array), -1, count)
-    _check_unknown(heard, array)
-    matrix = element.sensitivity * np.einsum("eqf,q->fe", heard, element.weights) * array.gains
-    error = _estimated_error(beacons, array.positions)
+    received = beacons.at(array.face_points.reshape(-1, 3)).reshape(len(array), -1, count)
+    _check_known(received, array)
+    matrix = element.sensitivity * np.einsum("eqf,q->fe", received, element.weights) * array.gains
+    error = float(np.max(beacons.error_at(array.positions)))
     return TransferMatrix(matrix, error, sources.positions, beacons.scene.wavelength)
 
 
-def _check_unknown(heard: Complex128[np.ndarray, "elements face foci"], array: PhasedArray) -> None:
-    unknown = ~np.isfinite(heard).all(axis=(1, 2))
+def _check_known(received: Complex128[np.ndarray, "elements face foci"], array: PhasedArray) -> None:
+    unknown = ~np.isfinite(received).all(axis=(1, 2))
     if unknown.any():
         first = int(unknown.argmax())
         raise InvalidInput(
             f"{int(unknown.sum())} of {len(array)} elements stand where the field is not known, first element {first} "
             f"at {in_mm(array.positions[first])}; give a field that reaches them all.",
             array.positions[first],
+            code="field_unknown",
         )
 
 
-def _estimated_error(beacons: RadiatedField, positions: Float64[np.ndarray, "elements 3"]) -> float:
-    """Return the largest relative error over the beacons: at the elements where the field knows it, else in general."""
-    error_at = getattr(beacons, "error_at", None)
-    if error_at is None:
-        return float(beacons.report.estimated_error)
-    return float(np.max(error_at(positions)))
-
-
 def focus_by_distance(array: PhasedArray, target: Target, medium: Medium, frequency: float) -> Drive:
-    """Focus as if there were no hand, the control: each element's phase from its distances to the foci alone.
+    """Focus as if there were no hand, as a control: the phase of each element follows from its distances to the foci.
 
-    d_e = Σ_f e^{−ik r_ef}, the paper's equation 11 in its equation 5, loudest element 1. Foci count alike whatever
-    pressure they ask for, and k is the real wavenumber.
+    d_e = Σ_f e^{−ik r_ef}, the paper's equation 11 in its equation 5, scaled to a largest amplitude of 1. All foci
+    count alike, whatever pressures they ask for, and k is the real part of the wavenumber.
 
     Parameters
     ----------
-    array : the transducers in the target's frame.
+    array : the E transducers in the target's frame.
     target : the foci.
     medium : the air.
-    frequency : frequency of the sound [Hz].
+    frequency : of the sound [Hz].
+
+    Returns
+    -------
+    The drive of E elements.
 
     Raises
     ------
@@ -212,14 +212,14 @@ def focus_by_distance(array: PhasedArray, target: Target, medium: Medium, freque
 
 
 def focus_by_distance_phase_only(array: PhasedArray, target: Target, medium: Medium, frequency: float) -> Drive:
-    """Keep the phases of ``focus_by_distance`` with every element at full scale; parameters and refusals as there."""
+    """Return the phases of ``focus_by_distance`` with every element at full scale; parameters and errors as there."""
     return Drive(np.exp(1j * np.angle(_by_distance(array, target, medium, frequency))))
 
 
 def _by_distance(
     array: PhasedArray, target: Target, medium: Medium, frequency: float
 ) -> Complex128[np.ndarray, "elements"]:
-    """Sum over the foci e^{−ik r_ef} for every element."""
+    """Σ_f e^{−ik r_ef} for every element e."""
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     of_kind(target, Target, "the target", "Target(points, pressures)")
     of_kind(medium, Medium, "the medium", "air() or Medium(sound_speed, density)")

@@ -10,7 +10,6 @@ from airtact.scene_file.building import drawable_bodies, read_scene
 from airtact.solvers.free_field import FreeField
 from airtact.surfaces.primitives import capsule
 from airtact.synthesis.methods import METHODS
-from airtact.synthesis.time_reversal import phase_conjugate
 from paths import EXAMPLES
 
 MEDIUM = "[medium]\nsound_speed = 343.1\ndensity = 1.293\n"
@@ -155,7 +154,7 @@ def test_the_offset_is_off_the_skin(read):
 def test_pressures_and_method_are_passed_on(read):
     setup = read(MEDIUM, ARRAY, BALL, FOCUS, "pressure = 700.0\n", '[drive]\nmethod = "phase_conjugate"\n')
     np.testing.assert_array_equal(setup.target.pressures, [700.0])
-    assert setup.synthesise is phase_conjugate
+    assert setup.synthesise is METHODS["phase_conjugate"]
     assert setup.method == "phase_conjugate"
 
 

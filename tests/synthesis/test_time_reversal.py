@@ -6,33 +6,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from airtact.conventions import InvalidInput
 from airtact.scene.medium import Medium
 from airtact.scene.target import Target
 from airtact.synthesis.reach import achieved_fraction
 from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
-from airtact.transducers.layout import PhasedArray, surrounding_box
+from airtact.transducers.layout import surrounding_box
 from airtact.transfer import Drive, TransferMatrix, focus_by_distance, focus_by_distance_phase_only
+from closed_form_transfers import any_points, open_air, random_matrix
+from faults import raises_code
 
 AIR = Medium(343.1, 1.293)
 FREQUENCY = 40e3
 parts = st.floats(-1.0, 1.0)
-
-
-def open_air(array: PhasedArray, points: np.ndarray) -> TransferMatrix:
-    """The transfer matrix without obstacles in closed form, sensitivity e^{ikr}/r."""
-    distance = np.linalg.norm(array.positions[None] - points[:, None], axis=-1)
-    k = AIR.wavenumber(FREQUENCY)
-    return TransferMatrix(array.element.sensitivity * np.exp(1j * k * distance) / distance, 0.0)
-
-
-def random_matrix(seed: int, foci: int, elements: int = 40) -> TransferMatrix:
-    numbers = np.random.default_rng(seed).normal(size=(2, foci, elements))
-    return TransferMatrix(100.0 * (numbers[0] + 1j * numbers[1]), 0.0)
-
-
-def any_points(count: int) -> np.ndarray:
-    return np.arange(3.0 * count).reshape(count, 3) * 1e-3
 
 
 complex_rows = hnp.arrays(np.float64, (2, 40), elements=parts).filter(lambda rows: np.abs(rows).max() > 1e-3)
@@ -79,7 +64,7 @@ def test_time_reversal_is_the_weighted_conjugate_scaled_by_one_number() -> None:
     assert ratio[0].real > 0.0
 
 
-def test_with_no_pressure_asked_all_foci_count_alike_and_the_loudest_element_is_at_full_scale() -> None:
+def test_with_no_pressure_asked_all_foci_count_alike_and_the_strongest_element_is_at_full_scale() -> None:
     transfer = random_matrix(4, foci=3)
     drive = time_reversal(transfer, Target(any_points(3)))
     assert np.abs(drive.amplitudes).max() == pytest.approx(1.0, rel=1e-12)
@@ -97,24 +82,24 @@ def test_the_worst_focus_gets_what_it_asked_or_full_scale_is_used_up(method, see
     drive = method(transfer, target)
     shares = achieved_fraction(transfer, target, drive)
     np.testing.assert_allclose(shares * target.pressures, np.abs(transfer.matrix @ drive.amplitudes), rtol=1e-12)
-    loudest = np.abs(drive.amplitudes).max()
-    if loudest < 1.0 - 1e-9:
+    largest = np.abs(drive.amplitudes).max()
+    if largest < 1.0 - 1e-9:
         assert shares.min() == pytest.approx(1.0, rel=1e-9)
     else:
         assert shares.min() <= 1.0 + 1e-9
-        assert loudest == pytest.approx(1.0, rel=1e-9)
+        assert largest == pytest.approx(1.0, rel=1e-9)
 
 
 def test_a_modest_and_a_greedy_target_take_the_two_ways() -> None:
-    transfer = open_air(surrounding_box(), any_points(2))
+    transfer = open_air(any_points(2))
     modest, greedy = Target(any_points(2), 500.0), Target(any_points(2), 1e6)
     for method in (time_reversal, phase_conjugate):
-        quiet, loud = method(transfer, modest), method(transfer, greedy)
-        assert achieved_fraction(transfer, modest, quiet).min() == pytest.approx(1.0, rel=1e-12)
-        assert np.abs(quiet.amplitudes).max() < 0.5
-        assert achieved_fraction(transfer, greedy, loud).min() < 0.1
-        assert np.abs(loud.amplitudes).max() == pytest.approx(1.0, rel=1e-12)
-    np.testing.assert_allclose(np.abs(loud.amplitudes), 1.0, rtol=1e-12)
+        weak, strong = method(transfer, modest), method(transfer, greedy)
+        assert achieved_fraction(transfer, modest, weak).min() == pytest.approx(1.0, rel=1e-12)
+        assert np.abs(weak.amplitudes).max() < 0.5
+        assert achieved_fraction(transfer, greedy, strong).min() < 0.1
+        assert np.abs(strong.amplitudes).max() == pytest.approx(1.0, rel=1e-12)
+    np.testing.assert_allclose(np.abs(strong.amplitudes), 1.0, rtol=1e-12)
 
 
 def test_a_focus_that_asks_for_nothing_does_not_hold_the_others_back() -> None:
@@ -128,30 +113,30 @@ def test_a_focus_that_asks_for_nothing_does_not_hold_the_others_back() -> None:
 def test_in_open_air_time_reversal_is_focus_by_distance_with_amplitudes_of_one_over_distance() -> None:
     box, point = surrounding_box(), np.array([[0.01, -0.02, 0.03]])
     target = Target(point)
-    reversal = time_reversal(open_air(box, point), target)
+    reversal = time_reversal(open_air(point), target)
     control = focus_by_distance(box, target, AIR, FREQUENCY)
     distance = np.linalg.norm(box.positions - point, axis=1)
     np.testing.assert_allclose(reversal.amplitudes, control.amplitudes * distance.min() / distance, rtol=1e-10)
-    conjugate = phase_conjugate(open_air(box, point), target)
+    conjugate = phase_conjugate(open_air(point), target)
     phase_only = focus_by_distance_phase_only(box, target, AIR, FREQUENCY)
     np.testing.assert_allclose(conjugate.amplitudes, phase_only.amplitudes, rtol=1e-10)
 
 
 @pytest.mark.parametrize("method", [time_reversal, phase_conjugate])
-def test_wrong_sizes_and_foci_that_cancel_are_refused(method) -> None:
+def test_wrong_sizes_and_foci_that_cancel_raise(method) -> None:
     transfer = random_matrix(6, foci=2)
-    with pytest.raises(InvalidInput, match="2 foci does not fit a target of 3"):
+    with raises_code("sizes_differ", "2 foci", "target of 3"):
         method(transfer, Target(any_points(3)))
-    with pytest.raises(InvalidInput, match=r"drive of 39 elements .* matrix of 40"):
+    with raises_code("sizes_differ", "39 elements", "40 elements"):
         achieved_fraction(transfer, Target(any_points(2)), Drive(np.ones(39, dtype=np.complex128)))
     opposite = TransferMatrix(np.concatenate([transfer.matrix[:1], -transfer.matrix[:1]]), 0.0)
-    with pytest.raises(InvalidInput, match="all 40 amplitudes are 0"):
+    with raises_code("drive_silent", "all 40 amplitudes are 0"):
         method(opposite, Target(any_points(2)))
 
 
-def test_a_target_elsewhere_than_the_beacons_is_refused():
+def test_a_target_elsewhere_than_the_beacons_raises():
     transfer = TransferMatrix(np.ones((2, 3), dtype=np.complex128), 0.0, np.array([[0.0, 0, 0], [0, 0, 0.01]]))
     moved = Target(np.array([[0.0, 0, 0], [0, 0.002, 0.01]]))
     for method in (time_reversal, phase_conjugate):
-        with pytest.raises(InvalidInput, match="focus 1 of the target is 2 mm from"):
+        with raises_code("foci_differ", "focus 1", "2 mm"):
             method(transfer, moved)

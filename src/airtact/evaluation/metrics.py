@@ -12,7 +12,7 @@ from airtact.scene.scene import Scene, check_outside
 from airtact.scene.sources import check_off_sources
 from airtact.scene.target import Target
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport
-from airtact.synthesis.reach import share
+from airtact.synthesis.reach import fraction
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
 from airtact.transfer import Drive
@@ -49,7 +49,7 @@ class Evaluation:
     @property
     def shares(self) -> Float64[np.ndarray, "foci"]:
         """(F,) pressure got over pressure asked, NaN where nothing or 0 Pa was asked."""
-        return share(self.magnitudes, self.target)
+        return fraction(self.magnitudes, self.target)
 
     @property
     def counted(self) -> Float64[np.ndarray, "counted"]:

@@ -1,4 +1,4 @@
-"""What an element can play: any amplitude to full scale, only phases, or so many levels of each."""
+"""The drives that an array can emit: any amplitude to full scale, phases only, or a number of levels of each."""
 
 from dataclasses import dataclass
 
@@ -12,12 +12,12 @@ MOST_BITS = 16
 
 @dataclass(frozen=True)
 class Constraint:
-    """The drives that an array can play.
+    """The drives that an array can emit.
 
     Attributes
     ----------
-    phase_only : whether every element that speaks is at full scale; else amplitudes go from 0 to 1.
-    phase_bits : b for 2^b phases evenly round the turn, or None for any phase.
+    phase_only : whether every element that emits is at full scale; else amplitudes go from 0 to 1.
+    phase_bits : b for 2^b phases evenly spaced over 2π, or None for any phase.
     amplitude_bits : b for the 2^b amplitudes n/(2^b − 1), or None for any amplitude.
 
     Raises
@@ -39,16 +39,23 @@ class Constraint:
     def __post_init__(self) -> None:
         for what, bits in (("phase", self.phase_bits), ("amplitude", self.amplitude_bits)):
             if bits is not None and not 1 <= bits <= MOST_BITS:
-                raise InvalidInput(f"{bits} bits of {what} are not possible; give 1 to {MOST_BITS}, or None for any.")
+                raise InvalidInput(
+                    f"{bits} bits of {what} are not possible; give 1 to {MOST_BITS}, or None for any.",
+                    code="out_of_range",
+                )
 
     def nearest(
         self, amplitudes: Complex128[np.ndarray, "*batch elements"]
     ) -> Complex128[np.ndarray, "*batch elements"]:
-        """Round amplitudes of at most 1 to what can be played: the magnitude and the phase, each to its nearest.
+        """Round amplitudes to those that the array can emit: the magnitude and the phase, each to its nearest.
 
         Parameters
         ----------
-        amplitudes : (..., E) complex.
+        amplitudes : (..., E) complex, of magnitude at most 1.
+
+        Returns
+        -------
+        (..., E) the rounded amplitudes.
         """
         if self == AT_MOST_ONE:
             return amplitudes
@@ -66,6 +73,3 @@ class Constraint:
 
 AT_MOST_ONE = Constraint()
 """Any amplitude to full scale and any phase."""
-
-BYTES = Constraint(phase_bits=8, amplitude_bits=8)
-"""What ``quantise`` gives: 256 amplitudes and 256 phases."""

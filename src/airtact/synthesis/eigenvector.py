@@ -1,4 +1,4 @@
-"""The eigenvector method: phases at the foci that help each other, then weighted least squares."""
+"""The eigenvector method: phases at which the foci reinforce each other, then weighted least squares."""
 
 import numpy as np
 
@@ -9,18 +9,18 @@ from airtact.validation import number
 
 
 def eigenvector(transfer: TransferMatrix, target: Target, *, evenness: float = 1.0) -> Drive:
-    """Choose the phases of the foci by the largest eigenvector of what they hear of each other.
+    """Choose the phases of the foci by an eigenvector, and solve least squares for the pressures with those phases.
 
-    Long, Seah, Carter and Subramanian, ACM Trans. Graph. 33 (2014) 181: with R_fg what focus f hears when focus g is
-    focused to its own pressure, the eigenvector of R of the largest eigenvalue gives phases under which the foci add to
-    each other. The drive is least squares for those pressures with Tikhonov weights σ_e^γ, σ_e² = Σ_f |H_fe| w_f / E,
-    which keep loud elements down (their section 4.3). Phases that the target asks for and suppression points are
-    not heeded.
+    Long, Seah, Carter and Subramanian, ACM Trans. Graph. 33 (2014) 181. R_fg is the pressure at focus f when the array
+    focuses on focus g alone, at the pressure that g asks for. The eigenvector of R with the largest eigenvalue gives
+    phases under which the foci reinforce each other. The drive is least squares for those pressures with Tikhonov
+    weights σ_e^γ, σ_e² = Σ_f |H_fe| w_f / E, which limit the largest amplitudes (their section 4.3). The method ignores
+    the phases that the target asks for, and its suppression points.
 
     Parameters
     ----------
-    transfer : the transfer matrix.
-    target : the foci and what they ask.
+    transfer : the (F, E) transfer matrix of F foci and E elements.
+    target : the foci and the pressures asked there.
     evenness : γ, from 0 (all elements weigh alike) to 1.
 
     Returns
@@ -30,7 +30,8 @@ def eigenvector(transfer: TransferMatrix, target: Target, *, evenness: float = 1
     Raises
     ------
     InvalidInput
-        If the target does not fit the matrix, ``check_solvable`` refuses its foci.
+        If the foci of the target are not those of the matrix, there are more foci than elements, two foci are too
+        close together, a focus is shadowed, or ``evenness`` is no number.
     """
     check_solvable(transfer, target)
     matrix = foci_rows(transfer, target)
@@ -44,6 +45,6 @@ def eigenvector(transfer: TransferMatrix, target: Target, *, evenness: float = 1
     values, vectors = np.linalg.eig(matrix @ focused)
     asked = wanted * np.exp(1j * np.angle(vectors[:, np.argmax(np.real(values))]))
     spread = (np.abs(matrix).T @ wanted / matrix.shape[1]) ** power
-    heard = matrix / np.where(spread > 0.0, spread, 1.0)
-    inverse = np.linalg.solve(heard @ matrix.conj().T + np.eye(len(matrix)), asked)
-    return scaled_to_target(transfer, target, heard.conj().T @ inverse)
+    evened = matrix / np.where(spread > 0.0, spread, 1.0)
+    inverse = np.linalg.solve(evened @ matrix.conj().T + np.eye(len(matrix)), asked)
+    return scaled_to_target(transfer, target, evened.conj().T @ inverse)

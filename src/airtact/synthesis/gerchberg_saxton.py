@@ -1,6 +1,6 @@
-"""Gerchberg-Saxton and its kin: to and fro between elements at full scale and foci at the pressures asked.
+"""Gerchberg-Saxton and its variants: alternating projections between elements at full scale and foci as asked.
 
-The foci choose their phases themselves; phases and suppression points of the target have no effect.
+The methods choose the phases at the foci; phases and suppression points of the target have no effect.
 """
 
 from dataclasses import dataclass
@@ -16,27 +16,27 @@ from airtact.synthesis.reach import asked_rows, scaled_to_target
 from airtact.transfer import Drive, TransferMatrix
 
 LAGGING = 1e-3
-"""A focus that gets less than this of the mean is not given more weight for being quieter still."""
+"""Below this fraction of the mean pressure, a focus gains no more weight for a lower pressure still."""
 
-AFTERWARDS = 10
-"""Turns of weighted Gerchberg-Saxton after GS-PAT."""
+WEIGHTED_ITERATIONS = 10
+"""Iterations of weighted Gerchberg-Saxton after GS-PAT."""
 
-BETWEEN_FOCI = 50
-"""Turns of GS-PAT before weighted Gerchberg-Saxton where there are many sets."""
+FOCI_ITERATIONS = 50
+"""Iterations of GS-PAT before weighted Gerchberg-Saxton where there are many sets."""
 
 SINGLE = np.float32(1.0 - 2e-7)
-"""What brings magnitudes of 1 in single precision to at most 1."""
+"""Factor that brings magnitudes of 1 in single precision to at most 1."""
 
 
 @dataclass(frozen=True, eq=False)
-class Turns:
-    """Where going to and fro ended, for every set of foci.
+class Projections:
+    """The end of the alternating projections, for every set of foci.
 
     Attributes
     ----------
-    sources : (S, F) the sources in the foci of the best turn, their magnitudes being the weights.
+    sources : (S, F) the sources at the foci of the best iteration; their magnitudes are the weights.
     worst : (S,) smallest pressure over what was asked, the largest of which counts 1 [Pa].
-    drives : (S, E) phases of every element, magnitude 1.
+    drives : (S, E) phasors of every element, magnitude 1.
     """
 
     sources: Complex64[np.ndarray, "sets foci"]
@@ -47,59 +47,60 @@ class Turns:
 def gerchberg_saxton(
     transfer: TransferMatrix, target: Target, *, iterations: int = 50, constraint: Constraint = AT_MOST_ONE
 ) -> Drive:
-    """Phases alone: d = phase(Hᴴ s), s_f = w_f · phase of the pressure at f, again and again.
+    """Find phases for the elements by alternating d = phase(Hᴴ s) and s_f = w_f · phase((H d)_f).
 
-    Gerchberg and Saxton, Optik 35 (1972) 237; for sound Marzo and Drinkwater, PNAS 116 (2019) 84.
+    w_f is the pressure or share that focus f asks for. Gerchberg and Saxton, Optik 35 (1972) 237; for sound Marzo and
+    Drinkwater, PNAS 116 (2019) 84.
 
     Parameters
     ----------
-    transfer : the transfer matrix.
-    target : the foci and what they ask.
-    iterations : how often to go to and fro.
-    constraint : what an element can play.
+    transfer : the (F, E) transfer matrix of F foci and E elements.
+    target : the foci and the pressures asked there.
+    iterations : how often to alternate between elements and foci.
+    constraint : the amplitudes and phases that an element can emit.
 
     Returns
     -------
-    The drive, scaled as ``phase_conjugate`` scales it, its levels those of the constraint.
+    The drive, scaled as ``phase_conjugate`` scales it and rounded to the levels of the constraint.
 
     Raises
     ------
     InvalidInput
-        If the target does not fit the matrix, ``check_solvable`` refuses its foci, or there is less than one iteration.
+        If the foci of the target are not those of the matrix, there are more foci than elements, two foci are too
+        close together, a focus is shadowed, or there is less than one iteration.
     """
-    return _to_and_fro(transfer, target, iterations, constraint, weighted=False)
+    return _projected(transfer, target, iterations, constraint, weighted=False)
 
 
 def weighted_gerchberg_saxton(
     transfer: TransferMatrix, target: Target, *, iterations: int = 50, constraint: Constraint = AT_MOST_ONE
 ) -> Drive:
-    """Gerchberg-Saxton in which a focus that lags is given more weight at every turn; the best turn is kept.
+    """Alternate as ``gerchberg_saxton``, with more weight at every iteration on a focus that lags; keep the best.
 
-    Di Leonardo, Ianni and Ruocco, Opt. Express 15 (2007) 1913; for sound Marzo and Drinkwater, PNAS 116 (2019) 84. It
-    starts from the foci in phase and from the elements in phase, and keeps the better. Where weights swing to and fro,
-    as they can between two foci that are heard alike, their steps are shortened. Parameters, result and refusals
-    as ``gerchberg_saxton``.
+    Di Leonardo, Ianni and Ruocco, Opt. Express 15 (2007) 1913; for sound Marzo and Drinkwater, PNAS 116 (2019) 84. The
+    method starts from the foci in phase and from the elements in phase, and returns the better drive. Where the weights
+    oscillate, as they can between two foci with nearly equal rows of H, it shortens their steps. Parameters, result and
+    errors are those of ``gerchberg_saxton``.
     """
-    return _to_and_fro(transfer, target, iterations, constraint, weighted=True)
+    return _projected(transfer, target, iterations, constraint, weighted=True)
 
 
 def gs_pat(
     transfer: TransferMatrix, target: Target, *, iterations: int = 50, constraint: Constraint = AT_MOST_ONE
 ) -> Drive:
-    """Gerchberg-Saxton on what the foci hear of each other, H Hᴴ, of foci by foci alone.
+    """Alternate on the (F, F) matrix H Hᴴ between the foci alone, which is fast where elements are many.
 
-    Plasencia, Hirayama, Montano-Murillo and Subramanian, ACM Trans. Graph. 39 (2020) 138: each turn is s -> w · phase(H
-    Hᴴ s); at the end the sources are weighed by w²/|p|, and every element is brought to full scale. What that costs the
-    worst focus is made up for by a few turns of weighted Gerchberg-Saxton, which the paper does not have; they never
-    make it worse. Parameters, result and refusals as ``gerchberg_saxton``.
+    Plasencia, Hirayama, Montano-Murillo and Subramanian, ACM Trans. Graph. 39 (2020) 138: each iteration is
+    s -> w · phase(H Hᴴ s); at the end the sources are weighted by w²/|p|, and every element is set to full scale. A few
+    iterations of ``weighted_gerchberg_saxton``, which the paper does not have, recover what full scale costs the worst
+    focus; they never make it worse. Parameters, result and errors are those of ``gerchberg_saxton``.
     """
     matrix, wanted = asked_rows(transfer, target)
     check_iterations(iterations)
     alike = np.arange(len(wanted))[None]
-    turns = to_and_fro(
-        matrix, alike, wanted[None], wanted[None].astype(np.complex128), AFTERWARDS, between_foci=iterations
-    )
-    sources = turns.sources[0].astype(np.complex128)
+    start = wanted[None].astype(np.complex128)
+    found = alternating_projections(matrix, alike, wanted[None], start, WEIGHTED_ITERATIONS, foci_iterations=iterations)
+    sources = found.sources[0].astype(np.complex128)
     return scaled_to_target(transfer, target, phase(matrix.conj().T @ sources), constraint)
 
 
@@ -110,14 +111,14 @@ def weighted_gerchberg_saxton_sets(
     *,
     iterations: int = 10,
 ) -> list[Drive]:
-    """Make one drive for each of many sets of foci on one matrix: as ``gs_pat``, then weighted Gerchberg-Saxton.
+    """Make one drive for each of many sets of foci on one matrix: by ``gs_pat``, then weighted Gerchberg-Saxton.
 
     Parameters
     ----------
-    transfer : the transfer matrix of all points.
+    transfer : the (P, E) transfer matrix of all P points.
     sets : (S, F) rows of the matrix that are the foci of each set.
     weights : (S, F) pressures asked in proportion, 0 where a set has fewer than F foci; 1 for all by default.
-    iterations : how often to go to and fro, after ``BETWEEN_FOCI`` turns of GS-PAT.
+    iterations : of weighted Gerchberg-Saxton, after ``FOCI_ITERATIONS`` of GS-PAT.
 
     Returns
     -------
@@ -126,65 +127,72 @@ def weighted_gerchberg_saxton_sets(
     Raises
     ------
     InvalidInput
-        If a row is not in the matrix (which), a weight is negative or not finite, a set asks for nothing (which), or
-        there is less than one iteration.
+        If a row is not in the matrix, a weight is negative or not finite, a set asks for nothing, or there is less than
+        one iteration.
     """
     check_iterations(iterations)
     points = len(transfer.matrix)
     if sets.min(initial=0) < 0 or sets.max(initial=0) >= points:
         wrong = sets[(sets < 0) | (sets >= points)][0]
-        raise InvalidInput(f"a set of foci has the row {wrong}, but the transfer matrix has rows 0 to {points - 1}.")
+        raise InvalidInput(
+            f"a set of foci has the row {wrong}, but the transfer matrix has rows 0 to {points - 1}.",
+            code="out_of_range",
+        )
     wanted = np.ones(sets.shape) if weights is None else weights
     if wanted.shape != sets.shape or not (np.isfinite(wanted) & (wanted >= 0.0)).all():
-        raise InvalidInput(f"weights of sets are {sets.shape} numbers from 0 up; {wanted.min(initial=0):g} is there.")
+        raise InvalidInput(
+            f"weights of sets are {sets.shape} numbers from 0 up; {wanted.min(initial=0):g} is there.",
+            code="weights_unusable",
+        )
     silent = np.flatnonzero(wanted.max(axis=1, initial=0.0) == 0.0)
     if len(silent):
-        raise InvalidInput(f"set {silent[0]} asks every focus for 0; ask at least one focus for more.")
-    turns = to_and_fro(
-        transfer.matrix, sets, wanted, wanted.astype(np.complex128), iterations, between_foci=BETWEEN_FOCI
-    )
-    return [Drive(phases) for phases in (SINGLE * turns.drives).astype(np.complex128)]
+        raise InvalidInput(
+            f"set {silent[0]} asks every focus for 0; ask at least one focus for more.", code="nothing_asked"
+        )
+    start = wanted.astype(np.complex128)
+    found = alternating_projections(transfer.matrix, sets, wanted, start, iterations, foci_iterations=FOCI_ITERATIONS)
+    return [Drive(phases) for phases in (SINGLE * found.drives).astype(np.complex128)]
 
 
-def to_and_fro(
+def alternating_projections(
     matrix: Complex128[np.ndarray, "points elements"],
     sets: Int64[np.ndarray, "sets foci"],
     wanted: Float64[np.ndarray, "sets foci"],
     sources: Complex128[np.ndarray, "sets foci"],
     iterations: int,
     weighted: bool = True,
-    between_foci: int = 0,
-) -> Turns:
-    """Go to and fro with phases only, for many sets of foci at once, in single precision.
+    foci_iterations: int = 0,
+) -> Projections:
+    """Alternate between elements and foci with phases only, for many sets of foci at once, in single precision.
 
     Parameters
     ----------
     matrix : (P, E) transfer matrix [Pa].
     sets : (S, F) its rows that are the foci of each set.
     wanted : (S, F) pressures asked, in proportion.
-    sources : (S, F) where to start; their magnitudes are the weights.
-    iterations : how often.
-    weighted : whether foci that lag get more weight; the best turn is kept then, else the last.
-    between_foci : turns of GS-PAT before.
+    sources : (S, F) to start from; their magnitudes are the weights.
+    iterations : between elements and foci.
+    weighted : whether foci that lag get more weight; the best iteration is returned then, else the last.
+    foci_iterations : of GS-PAT before.
     """
     single = matrix.astype(np.complex64)
     real, imag = np.ascontiguousarray(single.real), np.ascontiguousarray(single.imag)
     asked = (wanted / wanted.max(axis=1, keepdims=True)).astype(np.float32)
-    kept, worst = sources.astype(np.complex64), np.empty(len(sets), dtype=np.float32)
+    found, worst = sources.astype(np.complex64), np.empty(len(sets), dtype=np.float32)
     drives = np.empty((len(sets), matrix.shape[1]), dtype=np.complex64)
     _kernels.gerchberg_saxton(
-        real, imag, np.ascontiguousarray(sets), asked, between_foci, iterations, weighted, kept, worst, drives
+        real, imag, np.ascontiguousarray(sets), asked, foci_iterations, iterations, weighted, found, worst, drives
     )
-    return Turns(kept, worst, drives)
+    return Projections(found, worst, drives)
 
 
-def plain_starts(
+def starting_sources(
     matrix: Complex128[np.ndarray, "foci elements"], wanted: Float64[np.ndarray, "foci"]
 ) -> Complex128[np.ndarray, "2 foci"]:
-    """Return sources to start from: the foci in phase, and what they are after one turn from the elements in phase."""
-    heard = matrix.sum(axis=1)
-    loudness = np.maximum(np.abs(heard), LAGGING * max(float(np.abs(heard).max()), np.finfo(float).tiny))
-    from_elements = wanted**2 * phase(heard) / loudness
+    """Return sources to start from: the foci in phase, and those after one iteration from the elements in phase."""
+    pressure = matrix.sum(axis=1)
+    floor = LAGGING * max(float(np.abs(pressure).max()), np.finfo(float).tiny)
+    from_elements = wanted**2 * phase(pressure) / np.maximum(np.abs(pressure), floor)
     if not from_elements.all():
         from_elements = wanted.astype(np.complex128)
     return np.stack([wanted.astype(np.complex128), from_elements / np.abs(from_elements).max()])
@@ -195,23 +203,22 @@ def phase(numbers: Complex128[np.ndarray, "*shape"]) -> Complex128[np.ndarray, "
     return numbers / np.maximum(np.abs(numbers), np.finfo(float).tiny)
 
 
-def _to_and_fro(
+def _projected(
     transfer: TransferMatrix, target: Target, iterations: int, constraint: Constraint, weighted: bool
 ) -> Drive:
     matrix, wanted = asked_rows(transfer, target)
     check_iterations(iterations)
-    starts = plain_starts(matrix, wanted)[: 2 if weighted else 1]
+    starts = starting_sources(matrix, wanted)[: 2 if weighted else 1]
     if constraint.phase_bits is not None:
-        return scaled_to_target(
-            transfer, target, in_levels(matrix, wanted, starts[-1], iterations, constraint, weighted), constraint
-        )
+        amplitudes = quantised_projections(matrix, wanted, starts[-1], iterations, constraint, weighted)
+        return scaled_to_target(transfer, target, amplitudes, constraint)
     sets = np.tile(np.arange(len(wanted)), (len(starts), 1))
-    turns = to_and_fro(matrix, sets, np.tile(wanted, (len(starts), 1)), starts, iterations, weighted)
-    sources = turns.sources[turns.worst.argmax()].astype(np.complex128)
+    found = alternating_projections(matrix, sets, np.tile(wanted, (len(starts), 1)), starts, iterations, weighted)
+    sources = found.sources[found.worst.argmax()].astype(np.complex128)
     return scaled_to_target(transfer, target, phase(matrix.conj().T @ sources), constraint)
 
 
-def in_levels(
+def quantised_projections(
     matrix: Complex128[np.ndarray, "foci elements"],
     wanted: Float64[np.ndarray, "foci"],
     sources: Complex128[np.ndarray, "foci"],
@@ -219,23 +226,23 @@ def in_levels(
     constraint: Constraint,
     weighted: bool = True,
 ) -> Complex128[np.ndarray, "elements"]:
-    """Go to and fro with the phases that there are, so that the foci make up for the rounding."""
+    """Alternate with the phases that the constraint has, so that the iterations compensate the rounding."""
     back = np.ascontiguousarray(matrix.conj().T)
-    weights, best, kept = wanted, -np.inf, np.zeros(matrix.shape[1], dtype=np.complex128)
+    weights, largest, best = wanted, -np.inf, np.zeros(matrix.shape[1], dtype=np.complex128)
     for _ in range(iterations):
         amplitudes = constraint.nearest(phase(back @ sources))
         pressure = matrix @ amplitudes
         got = np.abs(pressure) / wanted
-        if not weighted or got.min() > best:
-            kept, best = amplitudes, got.min()
+        if not weighted or got.min() > largest:
+            best, largest = amplitudes, got.min()
         if weighted:
             weights = weights * got.mean() / np.maximum(got, LAGGING * got.mean())
             weights = weights / weights.max()
         sources = weights * phase(pressure)
-    return kept
+    return best
 
 
 def check_iterations(iterations: int) -> None:
-    """Refuse fewer than one iteration (``InvalidInput``)."""
+    """Raise ``InvalidInput`` for fewer than one iteration."""
     if iterations < 1:
-        raise InvalidInput(f"{iterations} iterations make no drive; give at least 1.")
+        raise InvalidInput(f"{iterations} iterations make no drive; give at least 1.", code="too_few")

@@ -1,48 +1,55 @@
-"""The strongest worst focus: from the optimum of the relaxation down to one drive."""
+"""The strongest worst focus: from the optimum of the relaxation to one drive."""
 
 import numpy as np
 from jaxtyping import Complex128
 
 from airtact.scene.target import Target
 from airtact.synthesis.constraint import AT_MOST_ONE, Constraint
-from airtact.synthesis.gerchberg_saxton import check_iterations, in_levels, phase, plain_starts, to_and_fro
+from airtact.synthesis.gerchberg_saxton import (
+    alternating_projections,
+    check_iterations,
+    phase,
+    quantised_projections,
+    starting_sources,
+)
 from airtact.synthesis.reach import asked_rows, scaled_to_target
-from airtact.synthesis.relaxation import to_one_slot
-from airtact.synthesis.stalling import tell_if_stalled
+from airtact.synthesis.relaxation import to_rank_one
+from airtact.synthesis.stalling import warn_if_stalled
 from airtact.synthesis.upper_bound import relaxed_bound
 from airtact.transfer import Drive, TransferMatrix
 
 RELAXED_TO = 1e-2
-"""How near the relaxation is brought to its optimum before its slots are dropped; nearer changes nothing."""
+"""Relative gap to which the relaxation is solved before its rank is reduced; a smaller gap changes nothing."""
 
 
 def max_min(
     transfer: TransferMatrix, target: Target, *, iterations: int = 300, constraint: Constraint = AT_MOST_ONE
 ) -> Drive:
-    """Make the worst focus as strong as is known how to.
+    """Make the worst focus as strong as possible, with phases at the foci that the method chooses.
 
-    The relaxation of ``upper_bound`` is solved, in which every element may play several time slots; its weakest slots
-    are dropped a few at a time, going to and fro in between, until one is left; and weighted Gerchberg-Saxton goes on
-    from there to where it cannot improve. It also goes from where ``weighted_gerchberg_saxton`` starts, and the best is
-    kept; nothing is drawn at random. The relaxation is that of Inoue, Makino and Shinoda (IEEE World Haptics 2015); the
-    way down to one slot is our own. With many dozens of foci beside each other the turns may not settle; ``gradient``
-    climbs on from there.
+    The method first solves the semidefinite relaxation of ``upper_bound`` (Inoue, Makino and Shinoda, IEEE World
+    Haptics 2015), in which every element may emit several signals in turn. It then drops the weakest of them, a few at
+    a time with iterations in between, until one is left (our own scheme), and continues by weighted Gerchberg-Saxton
+    until nothing improves. It also starts from where ``weighted_gerchberg_saxton`` starts, and returns the best drive.
+    The result is deterministic. With many dozens of foci close to each other the iterations may not converge;
+    ``gradient`` continues from there. Phases and suppression points of the target have no effect.
 
     Parameters
     ----------
-    transfer : the transfer matrix.
-    target : the foci and what they ask; phases and suppression points are not heeded.
-    iterations : how often to go to and fro at the end.
-    constraint : what an element can play.
+    transfer : the (F, E) transfer matrix of F foci and E elements.
+    target : the foci and the pressures asked there.
+    iterations : of weighted Gerchberg-Saxton at the end.
+    constraint : the amplitudes and phases that an element can emit.
 
     Returns
     -------
-    The drive, scaled as ``phase_conjugate`` scales it, its levels those of the constraint.
+    The drive, scaled as ``phase_conjugate`` scales it and rounded to the levels of the constraint.
 
     Raises
     ------
     InvalidInput
-        If the target does not fit the matrix, ``check_solvable`` refuses its foci, or there is less than one iteration.
+        If the foci of the target are not those of the matrix, there are more foci than elements, two foci are too
+        close together, a focus is shadowed, or there is less than one iteration.
 
     Warns
     -----
@@ -52,27 +59,21 @@ def max_min(
     matrix, wanted = asked_rows(transfer, target)
     check_iterations(iterations)
     sources = strongest_sources(matrix / wanted[:, None], iterations)
-    tell_if_stalled("max_min", matrix / wanted[:, None], sources, iterations)
+    warn_if_stalled("max_min", matrix / wanted[:, None], sources, iterations)
     if constraint.phase_bits is None:
         amplitudes = phase(matrix.conj().T @ (sources / wanted))
     else:
-        amplitudes = in_levels(matrix, wanted, sources / wanted, iterations, constraint)
+        amplitudes = quantised_projections(matrix, wanted, sources / wanted, iterations, constraint)
     return scaled_to_target(transfer, target, amplitudes, constraint)
 
 
 def strongest_sources(
     matrix: Complex128[np.ndarray, "foci elements"], iterations: int
 ) -> Complex128[np.ndarray, "foci"]:
-    """Return the sources s whose phases of Hᴴ s are the drive.
-
-    Parameters
-    ----------
-    matrix : (F, E) rows over what each focus asks.
-    iterations : how often to go to and fro at the end.
-    """
+    """Return sources s (F,) such that the drive has the phases of Hᴴ s; ``matrix`` has rows over what each asks."""
     alike = np.ones(len(matrix))
-    way_down = to_one_slot(matrix, relaxed_bound(matrix, RELAXED_TO)[1])
-    starts = np.concatenate([way_down[None], plain_starts(matrix, alike)])
+    reduced = to_rank_one(matrix, relaxed_bound(matrix, RELAXED_TO)[1])
+    starts = np.concatenate([reduced[None], starting_sources(matrix, alike)])
     sets = np.tile(np.arange(len(matrix)), (len(starts), 1))
-    turns = to_and_fro(matrix, sets, np.tile(alike, (len(starts), 1)), starts, iterations)
-    return turns.sources[turns.worst.argmax()].astype(np.complex128)
+    found = alternating_projections(matrix, sets, np.tile(alike, (len(starts), 1)), starts, iterations)
+    return found.sources[found.worst.argmax()].astype(np.complex128)

@@ -1,6 +1,7 @@
-"""All ways to make a drive, by name."""
+"""The registry of drive synthesis methods: name, function, description, and which requests of a target each heeds."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from airtact.scene.target import Target
 from airtact.synthesis.eigenvector import eigenvector
@@ -11,19 +12,47 @@ from airtact.synthesis.max_min import max_min
 from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
 from airtact.transfer import Drive, TransferMatrix
 
-METHODS: dict[str, Callable[[TransferMatrix, Target], Drive]] = {
-    "time_reversal": time_reversal,
-    "phase_conjugate": phase_conjugate,
-    "iterated_time_reversal": iterated_time_reversal,
-    "inverse_filter": inverse_filter,
-    "eigenvector": eigenvector,
-    "gerchberg_saxton": gerchberg_saxton,
-    "weighted_gerchberg_saxton": weighted_gerchberg_saxton,
-    "gs_pat": gs_pat,
-    "max_min": max_min,
-    "gradient": gradient,
-}
-"""Each is a function of the transfer matrix and the target; its other settings have defaults."""
 
-HEED_QUIET = ("inverse_filter", "gradient")
-"""Methods that heed suppression points; they need the beacons of ``target.beacons(suppression=True)``."""
+@dataclass(frozen=True)
+class Method:
+    """One way to make a drive; call it with a transfer matrix and a target, its other settings keep their defaults.
+
+    Attributes
+    ----------
+    make : the function.
+    description : what it does, in one line.
+    heeds_phases : whether it gives the foci the phases that the target asks for; else it ignores or chooses them.
+    heeds_suppression_points : whether it lowers the pressure there; it then needs a transfer matrix from
+        ``target.beacons(suppression=True)``.
+    """
+
+    make: Callable[[TransferMatrix, Target], Drive]
+    description: str
+    heeds_phases: bool = False
+    heeds_suppression_points: bool = False
+
+    def __call__(self, transfer: TransferMatrix, target: Target) -> Drive:
+        """Return the drive for the foci of a target."""
+        return self.make(transfer, target)
+
+    @property
+    def name(self) -> str:
+        """Name of the function, by which ``METHODS`` and scene files know the method."""
+        return self.make.__name__
+
+
+_ALL = (
+    Method(time_reversal, "the conjugate of the transfer matrix, amplitudes and phases", heeds_phases=True),
+    Method(phase_conjugate, "the phases of time reversal, all elements at one amplitude", heeds_phases=True),
+    Method(iterated_time_reversal, "time reversal of the missing pressure, pass after pass", heeds_phases=True),
+    Method(inverse_filter, "regularised least squares for the pressures wanted", True, True),
+    Method(eigenvector, "least squares with phases at which the foci reinforce each other"),
+    Method(gerchberg_saxton, "phases alone, by alternating projections"),
+    Method(weighted_gerchberg_saxton, "alternating projections with more weight on foci that lag"),
+    Method(gs_pat, "alternating projections between the foci alone"),
+    Method(max_min, "the strongest worst focus, from a semidefinite relaxation"),
+    Method(gradient, "max_min improved along the gradient, suppression points silenced", heeds_suppression_points=True),
+)
+
+METHODS: dict[str, Method] = {method.name: method for method in _ALL}
+"""All methods by name, in the order in which pages list them."""

@@ -1,4 +1,4 @@
-"""How much of what a target asks a drive gives, and the scale that gives it."""
+"""The pressure that a drive gives the foci over what they ask, its scale, and checks that a target can be served."""
 
 import numpy as np
 from jaxtyping import Complex, Complex128, Float64
@@ -13,17 +13,17 @@ SAME_PLACE = 1e-6
 """Foci nearer than this to each other are the same [m]."""
 
 NEAREST = 0.1
-"""Foci nearer than this cannot be told apart [wavelengths]."""
+"""Foci nearer to each other than this cannot be separated [wavelengths]."""
 
 ALIKE = 1.0 - 1e-4
-"""Foci whose rows of the matrix are parallel to this are heard alike, which counts where no wavelength is known."""
+"""Foci whose rows of the matrix correlate more than this cannot be separated, where no wavelength is known."""
 
 SHADOWED = 0.05
-"""A focus that can get less than this of what the others can in the median is in a shadow; 26 dB."""
+"""A focus that can get less than this fraction of the median of the others is shadowed; 26 dB."""
 
 
 def check_foci(transfer: TransferMatrix, target: Target) -> None:
-    """Refuse a target whose points are not those of the transfer matrix (``InvalidInput``: how many, how far off).
+    """Raise ``InvalidInput`` for a target whose points are not those of the transfer matrix.
 
     The rows of the matrix are the target's foci, or its foci and after them its suppression points.
     """
@@ -31,13 +31,11 @@ def check_foci(transfer: TransferMatrix, target: Target) -> None:
     of_kind(target, Target, "the target", "Target(points, pressures)")
     rows, count = len(transfer.matrix), len(target.points)
     if rows not in (count, count + len(target.suppression_points)):
-        quiet = (
-            f" and {counted(len(target.suppression_points), 'suppression point', 'suppression points')}"
-            if len(target.suppression_points)
-            else ""
-        )
+        points = counted(len(target.suppression_points), "suppression point", "suppression points")
         raise InvalidInput(
-            f"a transfer matrix for {counted(rows, 'focus', 'foci')} does not fit a target of {count}{quiet}."
+            f"a transfer matrix for {counted(rows, 'focus', 'foci')} does not fit a target of {count}"
+            f"{f' and {points}' if len(target.suppression_points) else ''}.",
+            code="sizes_differ",
         )
     if transfer.foci is not None:
         points = np.concatenate([target.points, target.suppression_points])[:rows]
@@ -45,12 +43,13 @@ def check_foci(transfer: TransferMatrix, target: Target) -> None:
         if apart.max() > SAME_PLACE:
             raise InvalidInput(
                 f"focus {int(apart.argmax())} of the target is {1e3 * apart.max():.3g} mm from where the transfer "
-                "matrix has it; give the target whose beacons were solved, in the obstacles' frame."
+                "matrix has it; give the target whose beacons were solved, in the obstacles' frame.",
+                code="foci_differ",
             )
 
 
 def foci_rows(transfer: TransferMatrix, target: Target) -> Complex128[np.ndarray, "foci elements"]:
-    """Return the rows of the matrix that hear the foci, after ``check_foci``."""
+    """Return the rows of the matrix at the foci, after ``check_foci``."""
     check_foci(transfer, target)
     return transfer.matrix[: len(target.points)]
 
@@ -66,20 +65,21 @@ def asked_rows(
 
 
 def check_solvable(transfer: TransferMatrix, target: Target) -> None:
-    """Refuse foci that a drive cannot tell apart or reach, which methods that balance foci would do anything for.
+    """Check that a drive can separate and reach the foci; methods that balance them would diverge otherwise.
 
     Raises
     ------
     InvalidInput
-        As ``check_foci``; or there are more foci than elements (both numbers), two foci are nearer than λ/10 (which,
-        how near) or, where the matrix does not know λ, heard alike by every element, or what a focus can get at most,
-        over what it asks, is under ``SHADOWED`` of that of the rest (both pressures).
+        As ``check_foci``; or there are more foci than elements, two foci are nearer than λ/10 or, where the matrix does
+        not know λ, have parallel rows, or the most that a focus can get, over what it asks, is under ``SHADOWED`` of
+        that of the others.
     """
     rows = foci_rows(transfer, target)
     if len(rows) > rows.shape[1]:
         raise InvalidInput(
             f"{len(rows)} foci are more than the {counted(rows.shape[1], 'element', 'elements')} of the array, which "
-            "cannot serve them separately; ask for fewer."
+            "cannot serve them separately; ask for fewer.",
+            code="too_many_foci",
         )
     _check_near_foci(transfer, target)
     asked = target.weights > 0.0
@@ -93,6 +93,7 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> None:
         f"focus {index} at {in_mm(target.points[index])} is shadowed: it can get {attainable[worst]:.3g} Pa at most, "
         f"the rest {others:.3g} Pa in the median; move it, leave it out or ask for less there.",
         target.points[index],
+        code="focus_shadowed",
     )
 
 
@@ -101,8 +102,8 @@ def _check_near_foci(transfer: TransferMatrix, target: Target) -> None:
     apart = np.linalg.norm(target.points[:, None] - target.points, axis=2)
     if transfer.wavelength is None:
         rows = foci_rows(transfer, target)
-        loudness = np.maximum(np.linalg.norm(rows, axis=1), np.finfo(float).tiny)
-        near = np.abs(rows @ rows.conj().T) > ALIKE * loudness[:, None] * loudness
+        norms = np.maximum(np.linalg.norm(rows, axis=1), np.finfo(float).tiny)
+        near = np.abs(rows @ rows.conj().T) > ALIKE * norms[:, None] * norms
     else:
         near = apart < NEAREST * transfer.wavelength
     near.flat[:: count + 1] = False
@@ -110,61 +111,62 @@ def _check_near_foci(transfer: TransferMatrix, target: Target) -> None:
         one, other = divmod(int(np.argmin(np.where(near, apart, np.inf))), count)
         raise InvalidInput(
             f"foci {one} and {other} are {1e3 * apart[one, other]:.3g} mm apart, at {in_mm(target.points[one])} and "
-            f"{in_mm(target.points[other])}, too near to be told apart: leave one out, or move them a tenth of the "
+            f"{in_mm(target.points[other])}, too near to be separated: leave one out, or move them a tenth of the "
             "wavelength apart or more.",
             target.points[one],
+            code="foci_too_near",
         )
 
 
 def suppression_rows(transfer: TransferMatrix, target: Target) -> Complex128[np.ndarray, "suppressed elements"]:
-    """Return the rows of the matrix that hear the suppression points.
+    """Return the rows of the matrix at the suppression points.
 
     Raises
     ------
     InvalidInput
-        As ``check_foci``, or the target has suppression points (how many) that the matrix does not hear.
+        As ``check_foci``, or the matrix has no rows for the suppression points of the target.
     """
     check_foci(transfer, target)
     if len(transfer.matrix) == len(target.points) and len(target.suppression_points):
         raise InvalidInput(
-            f"the target keeps {counted(len(target.suppression_points), 'point', 'points')} quiet, but the transfer "
-            "matrix has no rows for them; solve for target.beacons(suppression=True)."
+            f"the target has {counted(len(target.suppression_points), 'suppression point', 'suppression points')}, but "
+            "the transfer matrix has no rows for them; solve for target.beacons(suppression=True).",
+            code="suppression_rows_missing",
         )
     return transfer.matrix[len(target.points) :]
 
 
 def achieved_fraction(transfer: TransferMatrix, target: Target, drive: Drive) -> Float64[np.ndarray, "foci"]:
-    """Pressure that each focus gets over the pressure that it asked for.
+    """Pressure that each focus gets over the pressure that it asked for, |H d|_f / p_f.
 
-    This is how a method says that full scale was not enough: the smallest share is 1 where the target was reached and
-    less where it was not.
+    The smallest fraction is 1 where the drive reaches the target, and less where full scale was not enough.
 
     Parameters
     ----------
-    transfer : the transfer matrix.
-    target : the foci and what they ask.
-    drive : the drive to judge, by the same matrix that it was made from; ``airtact.evaluate`` judges by another solver.
+    transfer : the (F, E) transfer matrix that the drive was made from; ``airtact.evaluate`` verifies by another solver.
+    target : the foci and the pressures asked there.
+    drive : of the E elements.
 
     Returns
     -------
-    (F,) |H d| over the pressure asked, NaN where nothing or 0 Pa was asked.
+    (F,) fractions, NaN where a focus asks for nothing or 0 Pa.
 
     Raises
     ------
     InvalidInput
-        If foci or elements do not match in number.
+        If the foci or the elements do not match in number.
     """
     check_foci(transfer, target)
-    return share(np.abs(transfer.pressure(drive))[: len(target.points)], target)
+    return fraction(np.abs(transfer.pressure(drive))[: len(target.points)], target)
 
 
-def share(magnitudes: Float64[np.ndarray, "foci"], target: Target) -> Float64[np.ndarray, "foci"]:
+def fraction(magnitudes: Float64[np.ndarray, "foci"], target: Target) -> Float64[np.ndarray, "foci"]:
     """(F,) peak pressures [Pa] over the pressures that the target asks, NaN where nothing or 0 Pa was asked."""
-    shares = np.full(len(target.points), np.nan)
+    fractions = np.full(len(target.points), np.nan)
     if target.pressures is not None:
         asked = target.pressures > 0.0
-        shares[asked] = magnitudes[asked] / target.pressures[asked]
-    return shares
+        fractions[asked] = magnitudes[asked] / target.pressures[asked]
+    return fractions
 
 
 def scaled_to_target(
@@ -175,28 +177,24 @@ def scaled_to_target(
 ) -> Drive:
     """Scale amplitudes so that the worst focus gets what it asked, or all that full scale allows.
 
-    Parameters
-    ----------
-    transfer : the transfer matrix.
-    target : the foci and what they ask.
-    amplitudes : (E,) complex amplitudes of any size.
-    constraint : what an element can play; anything to full scale by default.
-
     Returns
     -------
-    The amplitudes times one positive number: that with which the smallest share of ``achieved_fraction`` is 1, or if
-    that takes more than full scale or nothing is asked, the one with which the loudest element is 1; then rounded to
-    what the constraint has, which with phases only is full scale.
+    The amplitudes times one positive number: that with which the smallest ``achieved_fraction`` is 1, or if that takes
+    more than full scale or nothing is asked, that with which the largest amplitude is 1. They are then rounded to the
+    levels of the constraint; phases only means full scale.
 
     Raises
     ------
     InvalidInput
         If every amplitude is 0.
     """
-    loudest = np.abs(amplitudes).max()
-    if not loudest > 0.0:
-        raise InvalidInput(f"all {len(amplitudes)} amplitudes are 0: foci that cancel at every element leave no drive.")
-    full = Drive(amplitudes / loudest)
+    largest = np.abs(amplitudes).max()
+    if not largest > 0.0:
+        raise InvalidInput(
+            f"all {len(amplitudes)} amplitudes are 0: foci that cancel at every element leave no drive.",
+            code="drive_silent",
+        )
+    full = Drive(amplitudes / largest)
     if target.pressures is None:
         return Drive(constraint.nearest(full.amplitudes))
     worst = np.nanmin(achieved_fraction(transfer, target, full))

@@ -1,9 +1,9 @@
-"""Drives that may share their time: every element plays a vector in place of a number, and the best can be found.
+"""Drives that may share their time: the relaxation in which each element emits a vector, and the way back to one drive.
 
-Inoue, Makino and Shinoda (IEEE World Haptics 2015) relax the choice of drive to a semidefinite matrix X = V Vᴴ. Its
-rows V_e, of length at most 1, are what the elements play, one column a time slot, and a focus gets the root of its mean
-square. Going to and fro as in weighted Gerchberg-Saxton, with vectors for numbers, climbs to its optimum, and the
-weights met on the way are those of its dual, which bounds every drive.
+Inoue, Makino and Shinoda (IEEE World Haptics 2015) relax the choice of drive to a semidefinite matrix X = V Vᴴ. Row V_e
+of the factor, of length at most 1, has what element e emits in each of R time intervals, and the pressure of a focus is
+the root of its mean square. Alternating projections as in weighted Gerchberg-Saxton, with vectors in place of numbers,
+converge to the optimum, and the weights on the way are those of its dual, which bounds every drive.
 """
 
 from dataclasses import dataclass
@@ -12,92 +12,76 @@ import numpy as np
 from jaxtyping import Complex128, Float64
 
 FULL_RANK = 32
-"""More slots than this are not needed: the optimum has fewer where there are that many foci."""
+"""A larger rank R is not needed: the optimum has less with that many foci."""
 
 SHRINK = 0.7
-"""From a number of slots to the next smaller one, on the way to one."""
+"""Factor from one rank to the next smaller one, on the way to rank one."""
 
-TURNS_EACH = 10
-"""How often to go to and fro with each number of slots."""
+ITERATIONS_EACH = 10
+"""Iterations at each rank on that way."""
 
 
 @dataclass(frozen=True, eq=False)
-class Slots:
-    """Where going to and fro with vectors stands.
+class Relaxed:
+    """The state of the alternating projections with vectors.
 
     Attributes
     ----------
-    directions : (F, R) unit vectors, the phases of each focus over the slots.
+    directions : (F, R) unit vectors: amplitude and phase of each focus over the R time intervals.
     weights : (F,) of the foci, adding up to F.
-    loudness : (E,) length of Σ_f conj(H_fe) weight_f direction_f, before it was brought to 1.
-    shares : (F,) what each focus got.
+    norms : (E,) length of Σ_f conj(H_fe) weight_f direction_f, before it was scaled to 1.
+    pressures : (F,) of each focus over what it asks.
     """
 
-    directions: Complex128[np.ndarray, "foci slots"]
+    directions: Complex128[np.ndarray, "foci rank"]
     weights: Float64[np.ndarray, "foci"]
-    loudness: Float64[np.ndarray, "elements"]
-    shares: Float64[np.ndarray, "foci"]
+    norms: Float64[np.ndarray, "elements"]
+    pressures: Float64[np.ndarray, "foci"]
 
 
-def first_slots(matrix: Complex128[np.ndarray, "foci elements"]) -> Slots:
-    """Return the start: each focus in a slot of its own.
-
-    Parameters
-    ----------
-    matrix : (F, E) rows over what each focus asks.
-    """
+def starting_point(matrix: Complex128[np.ndarray, "foci elements"]) -> Relaxed:
+    """Give each focus a time interval of its own; ``matrix`` has rows over what each focus asks."""
     foci, elements = matrix.shape
     directions = np.eye(foci, dtype=np.complex128)
     if foci > FULL_RANK:
         random = np.random.default_rng(0).normal(size=(2, foci, FULL_RANK))
         directions = _unit(random[0] + 1j * random[1])
-    return Slots(directions, np.ones(foci), np.ones(elements), np.zeros(foci))
+    return Relaxed(directions, np.ones(foci), np.ones(elements), np.zeros(foci))
 
 
-def turned(matrix: Complex128[np.ndarray, "foci elements"], slots: Slots, turns: int) -> Slots:
-    """Go to and fro, giving foci that lag more weight.
-
-    Parameters
-    ----------
-    matrix : (F, E) rows over what each focus asks.
-    slots : where to start.
-    turns : how often.
-    """
+def iterated(matrix: Complex128[np.ndarray, "foci elements"], start: Relaxed, iterations: int) -> Relaxed:
+    """Alternate between elements and foci, giving foci that lag more weight."""
     back = np.ascontiguousarray(matrix.conj().T)
-    directions, weights = slots.directions, slots.weights
-    loudness, shares = slots.loudness, slots.shares
-    for _ in range(turns):
+    directions, weights = start.directions, start.weights
+    norms, pressures = start.norms, start.pressures
+    for _ in range(iterations):
         sent = back @ (weights[:, None] * directions)
-        loudness = np.linalg.norm(sent, axis=1)
-        heard = matrix @ (sent / np.maximum(loudness, np.finfo(float).tiny)[:, None])
-        shares = np.linalg.norm(heard, axis=1)
-        directions = heard / shares[:, None]
-        weights = weights * shares.mean() / shares
+        norms = np.linalg.norm(sent, axis=1)
+        received = matrix @ (sent / np.maximum(norms, np.finfo(float).tiny)[:, None])
+        pressures = np.linalg.norm(received, axis=1)
+        directions = received / pressures[:, None]
+        weights = weights * pressures.mean() / pressures
         weights = weights / weights.mean()
-    return Slots(directions, weights, loudness, shares)
+    return Relaxed(directions, weights, norms, pressures)
 
 
-def to_one_slot(matrix: Complex128[np.ndarray, "foci elements"], slots: Slots) -> Complex128[np.ndarray, "foci"]:
-    """Drop the weakest slots, a few at a time, going to and fro in between, until one is left.
-
-    Parameters
-    ----------
-    matrix : (F, E) rows over what each focus asks.
-    slots : the relaxation's optimum.
+def to_rank_one(matrix: Complex128[np.ndarray, "foci elements"], relaxed: Relaxed) -> Complex128[np.ndarray, "foci"]:
+    """Drop the weakest directions, a few at a time with iterations in between, until one is left.
 
     Returns
     -------
     (F,) sources to start weighted Gerchberg-Saxton from.
     """
-    rank = slots.directions.shape[1]
+    rank = relaxed.directions.shape[1]
     while rank > 1:
         rank = max(1, min(rank - 1, int(rank * SHRINK)))
-        # Slots are told apart by how loud they are over the foci, each counted by its weight.
-        left, strengths, _ = np.linalg.svd(np.sqrt(slots.weights)[:, None] * slots.directions, full_matrices=False)
-        kept = _unit(left[:, :rank] * strengths[:rank])
-        slots = turned(matrix, Slots(kept, slots.weights, slots.loudness, slots.shares), TURNS_EACH)
-    return slots.weights * slots.directions[:, 0]
+        # The principal directions over the foci, each counted by its weight.
+        left, strengths, _ = np.linalg.svd(np.sqrt(relaxed.weights)[:, None] * relaxed.directions, full_matrices=False)
+        strongest = _unit(left[:, :rank] * strengths[:rank])
+        start = Relaxed(strongest, relaxed.weights, relaxed.norms, relaxed.pressures)
+        relaxed = iterated(matrix, start, ITERATIONS_EACH)
+    return relaxed.weights * relaxed.directions[:, 0]
 
 
-def _unit(vectors: Complex128[np.ndarray, "foci slots"]) -> Complex128[np.ndarray, "foci slots"]:
+def _unit(vectors: Complex128[np.ndarray, "foci rank"]) -> Complex128[np.ndarray, "foci rank"]:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), np.finfo(float).tiny)

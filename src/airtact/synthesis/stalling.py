@@ -1,4 +1,4 @@
-"""Saying that a method stopped before it was done."""
+"""The warning of a method that stopped before it converged."""
 
 import warnings
 
@@ -8,12 +8,12 @@ from jaxtyping import Complex128
 from airtact.synthesis.upper_bound import relaxed_bound
 from airtact.validation import counted
 
-OPEN = 0.03
-"""A larger part of the pressure that more turns would still bring means that a method stalled."""
+STALLED_FROM = 0.03
+"""A method stalled where more iterations would still bring more than this part of the pressure."""
 
 
 class Stalled(UserWarning):
-    """A method stopped before it was done and gave its best; the sentence has the gap to the certified bound.
+    """A method stopped before it converged and returned its best drive; the sentence has the gap to the bound.
 
     Attributes
     ----------
@@ -25,30 +25,24 @@ class Stalled(UserWarning):
         self.reached = reached
 
 
-def tell_if_stalled(
+def warn_if_stalled(
     method: str,
     matrix: Complex128[np.ndarray, "foci elements"],
     sources: Complex128[np.ndarray, "foci"],
-    turns: int,
+    iterations: int,
 ) -> None:
-    """Warn with ``Stalled`` where more turns with the same phases at the foci would bring over ``OPEN``.
+    """Warn with ``Stalled`` where more iterations with the same phases at the foci would bring over ``STALLED_FROM``.
 
-    With the phases c_f fixed the best drive is a convex problem, whose dual says how much more there is: no drive has
-    min_f Re(conj(c_f) h_f d) above Σ_e |Σ_f s_f conj(h_fe)| / Σ_f |s_f| for sources s_f of those phases.
-
-    Parameters
-    ----------
-    method : its name.
-    matrix : (F, E) rows over what each focus asks.
-    sources : (F,) at which it stopped, playing the phases of Hᴴ s.
-    turns : after how many.
+    With the phases c_f fixed the best drive is a convex problem, whose dual bounds what is left: no drive has
+    min_f Re(conj(c_f) h_f d) above Σ_e |Σ_f s_f conj(h_fe)| / Σ_f |s_f| for sources s_f of those phases. ``matrix`` has
+    rows over what each focus asks; the elements emit the phases of Hᴴ s.
     """
     sent = matrix.conj().T @ sources
-    loudness = np.abs(sent)
-    worst = worst_share(matrix, sent / np.maximum(loudness, np.finfo(float).tiny))
-    left = 1.0 - worst * np.abs(sources).sum() / loudness.sum()
-    if left > OPEN:
-        after = counted(turns, "turn", "turns")
+    magnitudes = np.abs(sent)
+    worst = smallest_pressure(matrix, sent / np.maximum(magnitudes, np.finfo(float).tiny))
+    left = 1.0 - worst * np.abs(sources).sum() / magnitudes.sum()
+    if left > STALLED_FROM:
+        after = counted(iterations, "iteration", "iterations")
         warn_stalled(method, matrix, worst, f"after {after}, {left:.1%} of the pressure short of where they lead")
 
 
@@ -59,21 +53,21 @@ def warn_stalled(method: str, matrix: Complex128[np.ndarray, "foci elements"], w
     ----------
     method : its name.
     matrix : (F, E) rows over what each focus asks.
-    worst : smallest share that its best drive gives.
+    worst : smallest pressure that its best drive gives, over what the focus asks.
     where : where it stopped, to follow "stalled".
     """
     reached = worst / relaxed_bound(matrix, 1e-2)[0].worst
     warnings.warn(
         Stalled(
             f"{method} stalled {where}; its best drive gives the worst focus {reached:.1%} of the certified bound, a "
-            f"gap of {1.0 - reached:.1%}: allow more turns, or let gradient climb on.",
+            f"gap of {1.0 - reached:.1%}: allow more iterations, or continue with gradient.",
             reached,
         ),
         stacklevel=4,
     )
 
 
-def worst_share(
+def smallest_pressure(
     matrix: Complex128[np.ndarray, "foci elements"], amplitudes: Complex128[np.ndarray, "elements"]
 ) -> float:
     """Smallest |h_f d| over the rows."""

@@ -1,4 +1,4 @@
-"""Time reversal: play back, reversed in time, what each element would hear from the foci."""
+"""Time reversal: each element emits, reversed in time, what it would receive from sources at the foci."""
 
 import numpy as np
 from jaxtyping import Complex128
@@ -9,50 +9,53 @@ from airtact.transfer import Drive, TransferMatrix
 
 
 def time_reversal(transfer: TransferMatrix, target: Target) -> Drive:
-    """Time reversal with its amplitudes kept: d = Hᴴ w, the conjugate of what the elements hear.
+    """Make the time reversal drive d = Hᴴ w, amplitudes and phases, H being the transfer matrix.
 
-    Equations 9 and 10 of the paper, with equation 5 for several foci: w is the pressure or share that each focus asks
-    for (1 for all where none does), with phase 0, as the paper has it, where the target asks for none. For one focus no
-    drive of equal energy Σ|d|² gives more pressure (Cauchy-Schwarz); several foci also hear each other's sound, so that
-    their shares differ. Suppression points are not heeded.
+    Equations 9 and 10 of the paper, with its equation 5 for several foci: w_f is the pressure or share that focus f
+    asks for (1 where the target asks for none), with the phase that it asks for, or phase 0 as in the paper. For one
+    focus no drive of equal energy Σ|d|² gives more pressure (Cauchy-Schwarz). With several foci, each also receives
+    the sound meant for the others, so their shares differ from those asked. The method ignores suppression points.
 
     Parameters
     ----------
-    transfer : the transfer matrix.
-    target : the foci and what they ask.
+    transfer : the (F, E) transfer matrix of F foci and E elements.
+    target : the foci and the pressures asked there.
 
     Returns
     -------
-    The drive, scaled so that the worst focus reaches what it asked; where that takes more than full scale, or no
-    pressure is asked, the loudest element is 1. ``achieved_fraction`` tells what each focus gets of what it asked.
+    The drive of E elements. It is scaled so that the worst focus gets the pressure it asked for; if that takes more
+    than full scale, or no pressure is asked, the largest amplitude is 1. ``achieved_fraction`` gives the pressure of
+    each focus over the pressure asked.
 
     Raises
     ------
     InvalidInput
-        If the target has not one focus per row of the matrix, or the foci cancel at every element.
+        If the foci of the target are not those of the matrix, or the contributions of the foci cancel at every
+        element.
     """
     return scaled_to_target(transfer, target, _reversed(transfer, target))
 
 
 def phase_conjugate(transfer: TransferMatrix, target: Target) -> Drive:
-    """Keep the phases of time reversal and make every element equally loud.
+    """Keep the phases of ``time_reversal`` and give every element the same amplitude.
 
-    At equal peak this gives one focus more pressure than any other drive: every element arrives in phase at full scale.
+    At equal peak amplitude, one focus gets more pressure from this than from any other drive: the sound of every
+    element arrives in phase, and every element is at full scale. The method ignores suppression points.
 
     Parameters
     ----------
-    transfer : the transfer matrix.
-    target : the foci and what they ask; their pressures or shares weigh the foci before the amplitudes are dropped.
+    transfer : the (F, E) transfer matrix of F foci and E elements.
+    target : the foci; the pressures or shares asked weigh them before the amplitudes are dropped.
 
     Returns
     -------
-    The drive, all at full scale, or all scaled down alike where the worst focus asks for less. ``achieved_fraction``
-    says what each focus gets of what it asked.
+    The drive, all elements at full scale, or all scaled down alike where the worst focus asks for less.
 
     Raises
     ------
     InvalidInput
-        If the target has not one focus per row of the matrix, or the foci cancel at every element.
+        If the foci of the target are not those of the matrix, or the contributions of the foci cancel at every
+        element.
     """
     return scaled_to_target(transfer, target, np.sign(_reversed(transfer, target)))
 
