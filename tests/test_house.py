@@ -297,3 +297,37 @@ def test_readme_has_the_place_for_what_was_measured() -> None:
     table = re.search(r"<!-- measured:begin -->\n(.*?)<!-- measured:end -->", text, re.DOTALL)
     assert table
     assert len(table[1].splitlines()) >= 12
+
+
+# --- words ----------------------------------------------------------------------------------------------------------
+
+PRIVATE_WORDS = re.compile(
+    r"""\b(?:
+    hears?|heard|hearing|speaks?|speakers?|speaking|spoken|told|tells?|telling|refus(?:e|es|ed|ing|al|als)
+    |judg(?:e|es|ed|ing|ement|ements)|mend(?:s|ed|ing)?|tiles?|spots?|feet|slopes?|slots?|strays?|creases?|creased
+    |quiet|loud|louder|loudest|loudness|shall|finer|six\ nodes|outgoing\ waves|(?<!perfectly\ )matched\ layer
+    |quiet\ points?|share_reached|anybody|relief
+    )\b""",
+    re.VERBOSE | re.IGNORECASE,
+)
+"""Words of a language that only the project spoke; the glossary of the field has a better one for each."""
+
+
+def words_of(name: str) -> str:
+    """Split a name of Python into words."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name.rpartition(".")[2]).replace("_", " ")
+
+
+@pytest.mark.parametrize("name", [*PUBLIC, *(name for name in CALLABLES if not name.endswith("()"))])
+def test_public_names_and_docstrings_use_the_words_of_the_field(name) -> None:
+    documented = PUBLIC.get(name) or CALLABLES[name]
+    assert PRIVATE_WORDS.findall(words_of(name)) == []
+    assert PRIVATE_WORDS.findall(inspect.getdoc(documented) or "") == []
+
+
+def test_the_search_for_private_words_finds_them() -> None:
+    assert PRIVATE_WORDS.findall(f"what the {words_of('share_heard')} of a matched layer tells") == [
+        "heard",
+        "matched layer",
+        "tells",
+    ]
