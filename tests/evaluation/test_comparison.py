@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from airtact.conventions import InvalidInput
 from airtact.evaluation.comparison import HELD_EQUAL, compare
 from airtact.evaluation.field import field_map
 from airtact.scene.medium import Medium
@@ -35,10 +34,10 @@ def test_every_normalisation_holds_equal_what_it_says() -> None:
     result = compare(SCENE, ARRAY, given, TARGET, solver=FreeField())
     energies = [np.sum(np.abs(drive.amplitudes / np.abs(drive.amplitudes).max()) ** 2) for drive in given.values()]
     for row, (name, drive) in enumerate(given.items()):
-        loudest = drive.amplitudes / np.abs(drive.amplitudes).max()
+        largest = drive.amplitudes / np.abs(drive.amplitudes).max()
         alike = {
-            "equal peak": loudest,
-            "equal energy": loudest * np.sqrt(min(energies) / energies[row]),
+            "equal peak": largest,
+            "equal energy": largest * np.sqrt(min(energies) / energies[row]),
             "phase only": drive.amplitudes / np.abs(drive.amplitudes),
         }
         assert name == result.names[row]
@@ -63,8 +62,8 @@ def test_the_field_of_each_drive_is_found_by_its_name() -> None:
     found = result.at(points)
     assert list(found) == list(given)
     for name, drive in given.items():
-        loudest = Drive(drive.amplitudes / np.abs(drive.amplitudes).max())
-        expected = field_map(SCENE, ARRAY, loudest, points, solver=FreeField())
+        largest = Drive(drive.amplitudes / np.abs(drive.amplitudes).max())
+        expected = field_map(SCENE, ARRAY, largest, points, solver=FreeField())
         np.testing.assert_allclose(found[name], expected, rtol=1e-10)
         phases = field_map(SCENE, ARRAY, drive.phase_only(), points, solver=FreeField())
         column = result.field.at(points)[:, result.column(name, phase_only=True)]
@@ -87,12 +86,12 @@ def test_for_one_focus_the_normalisation_turns_the_conclusion_round() -> None:
     assert result.ratios("phase only")[1, 0] == pytest.approx(1.0, rel=1e-10)
 
 
-def test_how_loud_a_drive_was_given_plays_no_part() -> None:
+def test_the_scale_of_a_drive_plays_no_part() -> None:
     given = drives()
-    quiet = {name: Drive(0.1 * drive.amplitudes) for name, drive in given.items()}
-    loud, soft = (compare(SCENE, ARRAY, some, TARGET, solver=FreeField()) for some in (given, quiet))
+    weak = {name: Drive(0.1 * drive.amplitudes) for name, drive in given.items()}
+    first, second = (compare(SCENE, ARRAY, some, TARGET, solver=FreeField()) for some in (given, weak))
     for held_equal in HELD_EQUAL:
-        np.testing.assert_allclose(soft.pressures[held_equal], loud.pressures[held_equal], rtol=1e-10)
+        np.testing.assert_allclose(second.pressures[held_equal], first.pressures[held_equal], rtol=1e-10)
 
 
 def test_a_comparison_reads_as_tables_that_say_what_is_held_equal() -> None:
@@ -108,14 +107,14 @@ def test_a_comparison_reads_as_tables_that_say_what_is_held_equal() -> None:
     assert "do not reflect" in text
 
 
-def test_drives_that_cannot_be_compared_are_refused() -> None:
+def test_drives_that_cannot_be_compared_raise() -> None:
     silent = {"silence": Drive(np.zeros(249, dtype=np.complex128))}
-    with pytest.raises(InvalidInput, match="'silence' is silent: all 249"):
+    with raises_code("drive_silent", "'silence'", "all 249"):
         compare(SCENE, ARRAY, silent, TARGET, solver=FreeField())
-    with pytest.raises(InvalidInput, match="not 0"):
+    with raises_code("too_few", "not 0"):
         compare(SCENE, ARRAY, {}, TARGET, solver=FreeField())
-    with pytest.raises(InvalidInput, match="drive 0 is for 3 elements, and the array has 249"):
+    with raises_code("sizes_differ", "3 elements", "249"):
         compare(SCENE, ARRAY, {"short": Drive(np.ones(3, dtype=np.complex128))}, TARGET, solver=FreeField())
     result = compare(SCENE, ARRAY, drives(), TARGET, solver=FreeField())
-    with pytest.raises(InvalidInput, match="'equal power' is not one of the 3"):
+    with raises_code("unknown_normalisation", "'equal power'", "3"):
         result.ratios("equal power")

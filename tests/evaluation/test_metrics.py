@@ -75,7 +75,7 @@ def test_an_evaluation_reads_as_a_table() -> None:
     assert len(set(columns)) == 1
 
 
-def test_a_drive_by_time_reversal_gets_what_its_matrix_foretold() -> None:
+def test_a_drive_by_time_reversal_gets_what_its_matrix_predicts() -> None:
     box = surrounding_box()
     array = PhasedArray(box.positions[::30], box.normals[::30])
     scene, target = Scene(AIR, [BALL]), Target(POINTS, np.array([100.0, 120.0, 80.0]))
@@ -88,7 +88,7 @@ def test_a_drive_by_time_reversal_gets_what_its_matrix_foretold() -> None:
     assert result.report.solver == "SphereSeries"
 
 
-def test_a_focus_in_a_body_or_behind_a_face_is_refused() -> None:
+def test_a_focus_in_a_body_or_behind_a_face_raises() -> None:
     array = flat_boards(1, 1, piston(4.5e-3))
     drive = Drive(np.ones(249, dtype=np.complex128))
     behind = Target(np.array([[0.0, 0.0, -0.01]]))

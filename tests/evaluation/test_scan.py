@@ -1,10 +1,10 @@
-"""A scan is read whole or refused, and held against a prediction after one complex scale."""
+"""A scan is read whole or raises, and is compared with a prediction after one complex scale."""
 
 import numpy as np
 import pytest
 
-from airtact.conventions import InvalidInput
 from airtact.evaluation.scan import Scan, load_scan, overlay_scan
+from faults import raises_code
 
 POINTS = np.array([[0.0, 0, 0], [0, 0, 0.01], [0, 0.01, 0.02], [0.02, 0.01, 0.02]])
 
@@ -48,9 +48,9 @@ def test_magnitudes_are_compared_where_no_phase_was_measured():
     assert found.error == pytest.approx(0.0, abs=1e-12)
 
 
-def test_phases_of_the_other_time_sign_are_refused():
+def test_phases_of_the_other_time_sign_raise():
     model = np.array([1.0, 1j, -1.0, -1j])  # which and its conjugate have nothing in common
-    with pytest.raises(InvalidInput, match=r"100\.0% off the prediction, and 0\.0% when they are negated: .*"):
+    with raises_code("phases_negated", "100.0%", "0.0%"):
         overlay_scan(Scan(POINTS, 3.0 * model.conj(), True), model)
 
 
@@ -62,42 +62,38 @@ def test_positions_that_cannot_be_predicted_are_left_out_and_counted():
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    ("text", "code", "number"),
     [
-        ("x,y,pressure\n0,0,1\n", "scan.csv has no column z: it needs x, y, z, pressure, and has 3 columns"),
-        ("", "scan.csv has 0 rows of numbers, but no line that names its columns"),
-        ("x;y;z;pressure\n0;0;0;1\n", "line 1 of scan.csv has no comma but 3 semicolons; put commas between cells"),
-        ("x,y,z,pressure\n0,0,0,1\n0,0,one,1\n", "line 3 of scan.csv has 'one' for z"),
-        ("x,y,z,pressure\n0,0,0,1\n0,0,1\n", "line 3 of scan.csv has 3 cells, but there are 4 columns"),
-        (
-            "x,y,z,pressure\n0,0,0,1\n0,0,1,nan\n0,1,0,1\n",
-            "line 3 of scan.csv has 'nan' for pressure, which is not finite",
-        ),
-        ("x,y,z,pressure\n0,0,0,1\n0,0,1,2\n", "the scan has 2 positions; give 3 or more"),
-        ("x,y,z,pressure\n", "the scan has 0 positions"),
-        ("x,y,z,pressure\n0,0,0,1\n0,0,12,2\n0,0,1,2\n", "position 1 of the scan is 12 m from the origin"),
-        ("x,y,z,pressure\n0,0,0,1\n0,0,0,2\n0,0,1,2\n0,0,0,2\n", "2 positions of the scan are repeated"),
-        ("x,y,z,pressure\n0,0,0,0\n0,0,1,0\n0,1,0,0\n", "all 3 pressures of the scan are 0"),
+        ("x,y,pressure\n0,0,1\n", "column_missing", "3 columns"),
+        ("", "header_missing", "0 rows"),
+        ("x;y;z;pressure\n0;0;0;1\n", "wrong_separator", "3 semicolons"),
+        ("x,y,z,pressure\n0,0,0,1\n0,0,one,1\n", "cell_unreadable", "line 3"),
+        ("x,y,z,pressure\n0,0,0,1\n0,0,1\n", "wrong_cell_count", "3 cells, but there are 4"),
+        ("x,y,z,pressure\n0,0,0,1\n0,0,1,nan\n0,1,0,1\n", "cell_unreadable", "line 3"),
+        ("x,y,z,pressure\n0,0,0,1\n0,0,1,2\n", "too_few", "2 positions; give 3"),
+        ("x,y,z,pressure\n", "too_few", "0 positions"),
+        ("x,y,z,pressure\n0,0,0,1\n0,0,12,2\n0,0,1,2\n", "out_of_range", "position 1 of the scan is 12 m"),
+        ("x,y,z,pressure\n0,0,0,1\n0,0,0,2\n0,0,1,2\n0,0,0,2\n", "repeated", "2 positions"),
+        ("x,y,z,pressure\n0,0,0,0\n0,0,1,0\n0,1,0,0\n", "scan_silent", "all 3"),
     ],
 )
-def test_what_is_no_scan_is_refused(tmp_path, text, sentence):
-    with pytest.raises(InvalidInput) as caught:
+def test_files_without_a_scan_raise(tmp_path, text, code, number):
+    with raises_code(code, number, "scan.csv"):
         load_scan(written(tmp_path, text))
-    assert sentence in str(caught.value)
 
 
-def test_files_that_are_not_there_or_no_text_are_refused(tmp_path):
-    with pytest.raises(InvalidInput, match=r"missing\.csv does not exist"):
+def test_missing_and_binary_files_raise(tmp_path):
+    with raises_code("file_missing", "missing.csv"):
         load_scan(tmp_path / "missing.csv")
     (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x00x,y")
-    with pytest.raises(InvalidInput, match=r"bytes\.csv is not a text file: byte 0"):
+    with raises_code("not_text", "bytes.csv", "byte 0"):
         load_scan(tmp_path / "bytes.csv")
 
 
-def test_too_few_predictions_are_refused():
-    with pytest.raises(InvalidInput, match="only 2 of 4 positions of the scan can be predicted"):
+def test_too_few_predictions_raise():
+    with raises_code("scan_blocked", "2 of 4"):
         overlay_scan(Scan(POINTS, np.ones(4, dtype=complex), True), np.array([1.0 + 0j, 1.0, np.nan, np.nan]))
-    with pytest.raises(InvalidInput, match="the prediction is 0 Pa at all 4 positions"):
+    with raises_code("prediction_zero", "all 4"):
         overlay_scan(Scan(POINTS, np.ones(4, dtype=complex), True), np.zeros(4, dtype=complex))
-    with pytest.raises(InvalidInput, match="3 predictions do not fit a scan of 4"):
+    with raises_code("sizes_differ", "3 predictions", "4 positions"):
         overlay_scan(Scan(POINTS, np.ones(4, dtype=complex), True), np.zeros(3, dtype=complex))

@@ -8,7 +8,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 from mpl_toolkits.mplot3d import Axes3D
 
-from airtact.evaluation.radiation import RadiationMap, skin_of
+from airtact.evaluation.radiation import RadiationMap, radiation_of
 from airtact.figures.picture_file import write_picture
 from airtact.figures.skin_figure import FOCUS, _on_pieces, draw_skin
 from airtact.scene.medium import Medium
@@ -21,7 +21,7 @@ from airtact.surfaces.primitives import sphere
 @pytest.fixture(scope="module")
 def skin() -> RadiationMap:
     scene = Scene(Medium(343.1, 1.293), [sound_hard(sphere(8e-3, edge=3e-3))])
-    return skin_of(SphereSeries().radiate(scene, Monopoles(np.array([[0.03, -0.02, 0.02]]), np.ones(1))), 0)
+    return radiation_of(SphereSeries().radiate(scene, Monopoles(np.array([[0.03, -0.02, 0.02]]), np.ones(1))), 0)
 
 
 def redness(tmp_path, figure) -> tuple[float, float]:

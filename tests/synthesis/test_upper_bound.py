@@ -64,7 +64,7 @@ def test_the_bound_is_within_its_tolerance_of_converged(foci):
     bound, tight = upper_bound(transfer, target), upper_bound(transfer, target, tolerance=1e-6)
     assert bound.relaxed <= tight.worst * (1 + 1e-12)  # the relaxation's own optimum is no more than any bound
     assert tight.worst <= bound.worst <= 1.001 * bound.relaxed
-    with pytest.raises(at.InvalidInput, match="tolerance is 0"):
+    with raises_code("not_positive", "tolerance is 0"):
         upper_bound(transfer, target, tolerance=0.0)
 
 

@@ -40,7 +40,7 @@ def scan_file(tmp_path_factory):
     field = SphereSeries().radiate(setup.scene, drive_sources(setup.array, [drive]))
     x, z = np.meshgrid(np.arange(-16e-3, 16.1e-3, 2e-3), np.arange(-8e-3, 12.1e-3, 2e-3))
     points = np.stack([x.ravel(), np.zeros(x.size), z.ravel()], axis=1)
-    heard = Microphone().hear(field, points)[:, 0]
+    heard = Microphone().read(field, points)[:, 0]
     rng = np.random.default_rng(1)
     level = NOISE * np.sqrt(np.nanmean(np.abs(heard) ** 2) / 2.0)
     heard[~np.isfinite(heard)] = 0.0  # the stage did not go where the ball is

@@ -1,6 +1,5 @@
 """How good a drive is: fields and figures of merit, by a solver that did not make it."""
 
-from airtact.evaluation.attainable import attainable
 from airtact.evaluation.comparison import HELD_EQUAL, Comparison, compare
 from airtact.evaluation.field import drive_sources, field_map
 from airtact.evaluation.metrics import Evaluation, evaluate
@@ -8,7 +7,7 @@ from airtact.evaluation.microphone import Microphone
 from airtact.evaluation.radiation import Pad, RadiationMap, radiation_map, radiation_pressure
 from airtact.evaluation.scan import Overlay, Scan, load_scan, overlay_scan
 from airtact.evaluation.thresholds import sound_pressure_level
-from airtact.evaluation.verification import SideLobe, Verification, verify
+from airtact.evaluation.verification import SideLobe, Verification, attainable, verify
 
 __all__ = [
     "HELD_EQUAL",

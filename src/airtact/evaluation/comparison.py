@@ -17,23 +17,23 @@ from airtact.transfer import Drive, check_drive
 from airtact.validation import of_kind
 
 HELD_EQUAL = {
-    "equal peak": "the loudest element of every drive is at full scale",
-    "equal energy": "Σ|d|² is the same for every drive, the largest that all reach without passing full scale",
-    "phase only": "every drive keeps its phases and puts every element that speaks at full scale",
+    "equal peak": "the strongest element of every drive is at full scale",
+    "equal energy": "Σ|d|² is the same for every drive, the largest that all reach within full scale",
+    "phase only": "every drive keeps its phases and puts every element that emits at full scale",
 }
-"""The normalisations of a comparison, and what each holds equal."""
+"""The normalisations of a comparison, and the quantity that each holds equal."""
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """What each focus gets under several drives; the first drive is what the others are held against.
+    """The pressure at each focus under several drives, relative to the first drive.
 
     Attributes
     ----------
     names : of the D drives.
     target : the foci.
     pressures : for each normalisation of ``HELD_EQUAL``, (D, F) peak pressure of each drive at each focus [Pa].
-    field : the 2 D solved right-hand sides: each drive with its loudest element at full scale, then the phases of each
+    field : the 2 D solved right-hand sides: each drive with its strongest element at full scale, then its phases
         alone; ``column`` finds them by name.
     """
 
@@ -69,7 +69,7 @@ class Comparison:
         return self.names.index(name) + len(self.names) * phase_only
 
     def at(self, points: Real[np.ndarray, "points 3"]) -> dict[str, Complex128[np.ndarray, "points"]]:
-        """Evaluate the pressure of each drive, its loudest element at full scale [Pa].
+        """Evaluate the pressure of each drive, its strongest element at full scale [Pa].
 
         Parameters
         ----------
@@ -96,16 +96,20 @@ class Comparison:
         """
         if held_equal not in self.pressures:
             raise InvalidInput(
-                f"{held_equal!r} is not one of the {len(self.pressures)} normalisations: {', '.join(self.pressures)}."
+                f"{held_equal!r} is not one of the {len(self.pressures)} normalisations: {', '.join(self.pressures)}.",
+                code="unknown_normalisation",
             )
         pressures = self.pressures[held_equal]
         if not pressures[0].all():
             focus = int(np.argmin(pressures[0]))
-            raise InvalidInput(f"{self.names[0]!r} gives focus {focus} 0 Pa: put another drive first to compare with.")
+            raise InvalidInput(
+                f"{self.names[0]!r} gives focus {focus} 0 Pa: put another drive first to compare with.",
+                code="reference_silent",
+            )
         return pressures / pressures[0]
 
     def squared_ratios(self, held_equal: str) -> Float64[np.ndarray, "drives foci"]:
-        """(D, F) pressure squared over that of the first drive; parameters and refusals as ``ratios``."""
+        """(D, F) pressure squared over that of the first drive; parameters and errors as ``ratios``."""
         return self.ratios(held_equal) ** 2
 
     def __str__(self) -> str:
@@ -130,20 +134,20 @@ class Comparison:
 def compare(
     scene: Scene, array: PhasedArray, drives: Mapping[str, Drive], target: Target, *, solver: Solver
 ) -> Comparison:
-    """Compare drives in one solve with two sounds per drive: as it is, and its phases alone.
+    """Compare drives at the foci by one solve with two excitations per drive: as it is, and its phases alone.
 
     Parameters
     ----------
     scene : what is in the air.
     array : the transducers in the scene's frame.
-    drives : by name; the first is what the others are held against. Only their shape counts, not how loud they are.
-    target : the foci; what they ask plays no part.
-    solver : how the sound travels; another one than made the drives, or a finer one.
+    drives : by name; the first is the reference for the ratios. The scale of a drive plays no part.
+    target : the F foci; the pressures asked there play no part.
+    solver : another one than made the drives, or a more accurate one.
 
     Returns
     -------
-    Pressure of each drive at each focus under each normalisation of ``HELD_EQUAL``. The normalisation can turn a
-    conclusion round: drives that leave most elements quiet are strong at equal energy and weak at equal peak.
+    Pressure of each drive at each focus under each normalisation of ``HELD_EQUAL``. The normalisation can reverse a
+    conclusion: drives that leave most elements nearly silent are strong at equal energy and weak at equal peak.
 
     Raises
     ------
@@ -157,12 +161,14 @@ def compare(
     peaks = {name: np.abs(drive.amplitudes).max() for name, drive in drives.items()}
     for name, peak in peaks.items():
         if peak == 0.0:
-            raise InvalidInput(f"drive {name!r} is silent: all {len(drives[name])} amplitudes are 0.")
-    loudest = [Drive(drive.amplitudes / peaks[name]) for name, drive in drives.items()]
-    field = radiate_drives(scene, array, [*loudest, *(drive.phase_only() for drive in loudest)], target, solver)
+            raise InvalidInput(
+                f"drive {name!r} is silent: all {len(drives[name])} amplitudes are 0.", code="drive_silent"
+            )
+    strongest = [Drive(drive.amplitudes / peaks[name]) for name, drive in drives.items()]
+    field = radiate_drives(scene, array, [*strongest, *(drive.phase_only() for drive in strongest)], target, solver)
     at_foci = np.ascontiguousarray(field.at(target.points).T)
     equal_peak, phase_only = np.abs(at_foci[: len(drives)]), np.abs(at_foci[len(drives) :])
-    energy = np.array([np.sum(np.abs(drive.amplitudes) ** 2) for drive in loudest])
+    energy = np.array([np.sum(np.abs(drive.amplitudes) ** 2) for drive in strongest])
     equal_energy = equal_peak * np.sqrt(energy.min() / energy)[:, None]
     pressures = dict(zip(HELD_EQUAL, (equal_peak, equal_energy, phase_only), strict=True))
     return Comparison(tuple(drives), target, pressures, field)

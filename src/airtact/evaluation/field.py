@@ -1,4 +1,4 @@
-"""The field that a drive makes, computed forwards: every element speaks, the scene scatters."""
+"""The field that a drive makes, computed forwards: all elements emit at once, and the scene scatters."""
 
 from collections.abc import Sequence
 
@@ -16,13 +16,13 @@ from airtact.validation import counted, of_kind, points_of
 
 
 def check_solver(solver: Solver) -> None:
-    """Refuse what is no solver, such as a solver's class (``InvalidInput``, with what to give)."""
+    """Raise ``InvalidInput`` for what is no solver, such as a solver's class."""
     name = solver.__name__ if isinstance(solver, type) else "BoundaryElement"
     of_kind(solver, Solver, "the solver", f"one such as {name}()")
 
 
 def drive_sources(array: PhasedArray, drives: Sequence[Drive]) -> Monopoles:
-    """All face points of an array as monopoles, with one sound per drive.
+    """Return all face points of an array as monopoles, with one excitation per drive.
 
     Parameters
     ----------
@@ -37,20 +37,22 @@ def drive_sources(array: PhasedArray, drives: Sequence[Drive]) -> Monopoles:
     Raises
     ------
     InvalidInput
-        If there is no drive, or a drive is silent, for another number of elements or of another kind.
+        If there is no drive, or a drive is silent, for another number of elements or no drive.
     """
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     if len(drives) == 0:
-        raise InvalidInput("an array needs at least 1 drive to speak, not 0.")
+        raise InvalidInput("an array needs at least 1 drive to emit, not 0.", code="too_few")
     for index, drive in enumerate(drives):
         check_drive(drive, f"drive {index}" if len(drives) > 1 else "the drive")
         if len(drive) != len(array):
             raise InvalidInput(
-                f"drive {index} is for {counted(len(drive), 'element', 'elements')}, and the array has {len(array)}."
+                f"drive {index} is for {counted(len(drive), 'element', 'elements')}, and the array has {len(array)}.",
+                code="sizes_differ",
             )
         if not (array.gains * drive.amplitudes).any():
             raise InvalidInput(
-                f"drive {index} is silent: all {len(drive)} amplitudes are 0 or of dead elements, so nothing is heard."
+                f"drive {index} is silent: all {len(drive)} amplitudes are 0 or of dead elements.",
+                code="drive_silent",
             )
     amplitudes = array.gains[:, None] * np.stack([drive.amplitudes for drive in drives], axis=1)
     strengths = array.element.sensitivity * array.element.weights[None, :, None] * amplitudes[:, None, :]
@@ -65,19 +67,19 @@ def field_map(
     *,
     solver: Solver,
 ) -> Complex128[np.ndarray, "points"]:
-    """Pressure that a drive makes at any points, with everything in the scene scattering.
+    """Return the complex pressure that a drive makes at any points, scattering by all bodies included.
 
-    One solve with all face points of all elements as sources of one sound; no transfer matrix is involved, so that the
-    result can judge a drive that was made from one.
+    It takes one solve with all face points of all elements as sources of one excitation. No transfer matrix is
+    involved, so the result can verify a drive that was made from one.
 
     Parameters
     ----------
     scene : what is in the air.
     array : the transducers in the scene's frame, see ``PhasedArray.seen_from``.
     drive : what they emit.
-    points : (P, 3) where to listen [m]. Behind the faces of directional elements the result means nothing: real
-        ones are shielded there.
-    solver : how the sound travels; another one than made the drive, or a finer one.
+    points : (P, 3) points [m]. Behind the faces of directional elements the result is meaningless: real ones are
+        shielded there.
+    solver : another one than made the drive, or a more accurate one.
 
     Returns
     -------

@@ -1,6 +1,6 @@
-"""What every focus gets from a drive, judged by a solver of its own."""
+"""The pressure at every focus under a drive, evaluated by a solver that did not make the drive."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,21 +18,23 @@ from airtact.transducers.placement import check_placement
 from airtact.transfer import Drive
 from airtact.validation import of_kind
 
+Points = Float64[np.ndarray, "points 3"]
+
 NOT_MODELLED = (
-    "The array's own boards, the table and the walls do not reflect, and the elements' loudness is not calibrated."
+    "The array's own boards, the table and the walls do not reflect, and the elements' sensitivity is not calibrated."
 )
 """What every figure of pressure leaves out (section 3.1 of the paper for the boards)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """What each focus gets under a drive.
+    """The pressure at each focus under a drive, and how it compares with what the target asks.
 
     Attributes
     ----------
-    target : the foci and what they ask.
+    target : the foci and the pressures asked there.
     pressures : (F,) complex pressure at each focus [Pa], peak.
-    report : how the solver that judges came to them.
+    report : of the solver that evaluated them.
     """
 
     target: Target
@@ -48,14 +50,14 @@ class Evaluation:
 
     @property
     def shares(self) -> Float64[np.ndarray, "foci"]:
-        """(F,) pressure got over pressure asked, NaN where nothing or 0 Pa was asked."""
+        """(F,) pressure over the pressure asked, NaN where nothing or 0 Pa was asked."""
         return fraction(self.magnitudes, self.target)
 
     @property
     def counted(self) -> Float64[np.ndarray, "counted"]:
-        """What worst, mean and uniformity are taken over.
+        """Values of the foci that ask for sound, from which worst, mean and uniformity follow.
 
-        Shares of the pressure asked where one is; else magnitudes [Pa], each over the share that it asks for, if any.
+        They are shares of the pressure asked where one is; else magnitudes [Pa], each over the share asked, if any.
         """
         if self.target.pressures is not None:
             return self.shares[np.isfinite(self.shares)]
@@ -74,9 +76,9 @@ class Evaluation:
 
     @property
     def uniformity(self) -> float:
-        """1 − (max − min)/(max + min) over the foci, 1 when all get alike.
+        """1 − (max − min)/(max + min) over the foci, 1 when all are equal.
 
-        Di Leonardo, Ianni and Ruocco (Optics Express 15, 1913, 2007) define it for intensity; here it is taken of
+        Di Leonardo, Ianni and Ruocco (Optics Express 15, 1913, 2007) define it for intensity; here it is that of
         pressure, or of the share of the pressure asked.
         """
         most, least = self.counted.max(), self.counted.min()
@@ -88,8 +90,8 @@ class Evaluation:
         for index, (point, got) in enumerate(zip(self.target.points * 1e3, self.magnitudes, strict=True)):
             wanted = "-" if asked is None else f"{asked[index]:.1f}"
             reached = "-" if np.isnan(shares[index]) else f"{shares[index]:.1%}"
-            place = " ".join(f"{coordinate:9.2f}" for coordinate in point)
-            lines.append(f"{index:5d}{place} {got:15.1f} {wanted:>12} {reached:>8}")
+            position = " ".join(f"{coordinate:9.2f}" for coordinate in point)
+            lines.append(f"{index:5d}{position} {got:15.1f} {wanted:>12} {reached:>8}")
         counted = "{:.1f} Pa" if asked is None else "{:.1%} of what was asked"
         lines.append(
             f"worst focus {counted.format(self.worst)}, mean {counted.format(self.mean)}, "
@@ -103,15 +105,19 @@ class Evaluation:
 
 
 def evaluate(scene: Scene, array: PhasedArray, drive: Drive, target: Target, *, solver: Solver) -> Evaluation:
-    """Judge a drive by one forward solve: all elements speak, the scene scatters, the foci hear.
+    """Evaluate the pressure at the foci by one forward solve: all elements emit at once, and the scene scatters.
 
     Parameters
     ----------
     scene : what is in the air.
     array : the transducers in the scene's frame.
     drive : what they emit.
-    target : the foci and what they ask.
-    solver : how the sound travels; another one than made the drive, or a finer one, for nothing judges itself.
+    target : the F foci and the pressures asked there.
+    solver : another one than made the drive, or a more accurate one, so that no solver verifies itself.
+
+    Returns
+    -------
+    The pressures at the foci.
 
     Raises
     ------
@@ -124,24 +130,23 @@ def evaluate(scene: Scene, array: PhasedArray, drive: Drive, target: Target, *, 
 
 
 def radiate_drives(
-    scene: Scene, array: PhasedArray, drives: Sequence[Drive], target: Target, solver: Solver
+    scene: Scene,
+    array: PhasedArray,
+    drives: Sequence[Drive],
+    target: Target,
+    solver: Solver,
+    others: Mapping[str, Points] | None = None,
 ) -> RadiatedField:
-    """Solve for several drives at once, one right-hand side a drive, after checking that the foci can be evaluated.
+    """Solve for several drives at once, one right-hand side a drive; the errors are those of ``evaluate``.
 
-    Parameters
-    ----------
-    scene, array, target, solver : as in ``evaluate``.
-    drives : D drives.
-
-    Raises
-    ------
-    InvalidInput
-        As ``evaluate``.
+    It first checks that the foci, and any ``others`` (points by what one is called), are off the bodies and sources.
     """
     check_solver(solver)
     of_kind(target, Target, "the target", "Target(points, pressures)")
     sources = drive_sources(array, drives)
     check_placement(scene, array, target.points)
-    check_outside(scene, target.points, "focus")
-    check_off_sources(target.points, sources)
+    for what, points in {"focus": target.points, **(others or {})}.items():
+        if len(points):
+            check_outside(scene, points, what)
+            check_off_sources(points, sources)
     return solver.radiate(scene, sources)

@@ -1,4 +1,4 @@
-"""What a microphone would read: the mean over its face, and nothing where a body is in its way."""
+"""A virtual microphone: it reads the mean pressure over its face, and nothing where a body is in its way."""
 
 from dataclasses import dataclass
 
@@ -21,12 +21,12 @@ RINGS = 0.5
 
 @dataclass(frozen=True)
 class Microphone:
-    """A round face at the end of a straight housing. It does not itself scatter sound here.
+    """A microphone with a round face at the end of a straight housing; it does not scatter sound itself.
 
     Attributes
     ----------
     diameter : of the face and the housing [m]; the paper's is a quarter of an inch (section 4.2).
-    axis : (3,) the way the face looks, of any length.
+    axis : (3,) direction in which the face looks, of any length.
     housing : how far the housing reaches behind the face [m].
 
     Raises
@@ -41,12 +41,19 @@ class Microphone:
 
     def __post_init__(self) -> None:
         if positive(self.diameter, "the diameter of a microphone", "m") > 0.02:
-            raise InvalidInput(f"the diameter of a microphone is {self.diameter:g} m, more than 20 mm: give metres.")
+            raise InvalidInput(
+                f"the diameter of a microphone is {self.diameter:g} m, more than 20 mm: give metres.",
+                code="out_of_range",
+            )
         if not 0.0 <= number(self.housing, "the housing of a microphone", "m") <= 1.0:
-            raise InvalidInput(f"the housing of a microphone is {self.housing:g} m long; give 0 to 1 m.")
+            raise InvalidInput(
+                f"the housing of a microphone is {self.housing:g} m long; give 0 to 1 m.", code="out_of_range"
+            )
         axis = real_numbers(np.asarray(self.axis), "the axis of a microphone")
         if axis.shape != (3,) or not np.linalg.norm(axis) > 0.0:
-            raise InvalidInput(f"the axis of a microphone is {axis.tolist()}; give a direction of three numbers.")
+            raise InvalidInput(
+                f"the axis of a microphone is {axis.tolist()}; give a direction of three numbers.", code="wrong_shape"
+            )
 
     @property
     def _turn(self) -> Float64[np.ndarray, "3 3"]:
@@ -54,12 +61,12 @@ class Microphone:
         return turn_from_z(axis / np.linalg.norm(axis))
 
     def face(self, centres: Real[np.ndarray, "centres 3"]) -> Float64[np.ndarray, "centres face 3"]:
-        """Points of the face (N, Q, 3) [m] for centres of it (N, 3) [m]."""
+        """Return the points of the face (N, Q, 3) [m] for centres of it (N, 3) [m]."""
         disc = piston(self.diameter / 2.0).points @ self._turn.T
         return centres[:, None, :] + disc
 
     def blocked(self, scene: Scene, centres: Real[np.ndarray, "centres 3"]) -> Bool[np.ndarray, "centres"]:
-        """Whether a body is in the way of the face or the housing, (N,).
+        """Return whether a body is in the way of the face or the housing, (N,).
 
         Parameters
         ----------
@@ -75,14 +82,14 @@ class Microphone:
         depth = scene.depth((given[:, None] + probes).reshape(-1, 3)).reshape(len(given), len(probes))
         return np.asarray(depth.max(axis=1) > 0.0)
 
-    def hear(
+    def read(
         self, field: RadiatedField, centres: Real[np.ndarray, "centres 3"]
-    ) -> Complex128[np.ndarray, "centres sounds"]:
-        """Mean pressure over the face in a field.
+    ) -> Complex128[np.ndarray, "centres excitations"]:
+        """Return the mean pressure over the face in a field.
 
         Parameters
         ----------
-        field : what sounds.
+        field : of S excitations.
         centres : (N, 3) centres of the face [m].
 
         Returns
@@ -90,10 +97,10 @@ class Microphone:
         (N, S) [Pa], NaN where a body is in the way.
         """
         given = points_of(centres, "positions of a microphone", least=0)
-        sounds = field.sources.strengths.shape[1]
-        heard = np.full((len(given), sounds), np.nan, dtype=np.complex128)
+        excitations = field.sources.strengths.shape[1]
+        readings = np.full((len(given), excitations), np.nan, dtype=np.complex128)
         free = ~self.blocked(field.scene, given)
         points, weights = self.face(given[free]), piston(self.diameter / 2.0).weights
-        pressure = field.at(points.reshape(-1, 3)).reshape(*points.shape[:2], sounds)
-        heard[free] = np.einsum("nqs,q->ns", pressure, weights)
-        return heard
+        pressure = field.at(points.reshape(-1, 3)).reshape(*points.shape[:2], excitations)
+        readings[free] = np.einsum("nqs,q->ns", pressure, weights)
+        return readings

@@ -1,4 +1,4 @@
-"""How hard sound presses on the skin: radiation pressure from the total field, and the force on a pad."""
+"""Radiation pressure of the total field on the surfaces of bodies, and the force on the skin round a focus."""
 
 from dataclasses import dataclass
 
@@ -20,10 +20,10 @@ from airtact.transfer import Drive
 from airtact.validation import in_mm, positive
 
 EDGE = 1.0 / 3.0
-"""Edge of the panels on which the skin is heard, in wavelengths: radiation pressure varies over half a wavelength."""
+"""Edge of the panels that carry radiation pressure, in wavelengths: it varies over half a wavelength."""
 
 PAD_RADIUS = 5e-3
-"""Radius of the pad round a focus [m]: a fingertip's is about 1 cm²."""
+"""Radius of the pad round a focus [m]; a fingertip has about 1 cm²."""
 
 PAD_REACH = 2e-3
 """A focus farther than this from the skin has no pad [m]."""
@@ -32,17 +32,21 @@ PAD_REACH = 2e-3
 def radiation_pressure(
     pressure: Complex128[np.ndarray, "points"], velocity: Complex128[np.ndarray, "points 3"], medium: Medium
 ) -> Float64[np.ndarray, "points"]:
-    """Mean pressure of sound on a sound-hard skin [Pa], pushing inwards where positive.
+    """Return the mean pressure of sound on a sound-hard surface [Pa], inwards where positive.
 
-    To second order the mean pressure is ⟨p²⟩/(2ρc²) − ρ⟨v²⟩/2, and no air crosses a hard skin that stands still, so
+    To second order the mean pressure is ⟨p²⟩/(2ρc²) − ρ⟨v²⟩/2, and no air crosses a hard surface at rest, so
     that with peak values it is |P|²/(4ρc²) − ρ|U|²/4 (L. V. King, Proc. R. Soc. Lond. A 147, 212, 1934; T. Hasegawa,
     K. Yosioka, J. Acoust. Soc. Am. 46, 1139, 1969). Before a wall that a plane wave p meets squarely it is 2⟨p²⟩/(ρc²).
 
     Parameters
     ----------
-    pressure : (P,) total peak pressure on the skin [Pa].
-    velocity : (P, 3) total particle velocity along the skin [m/s].
+    pressure : (P,) total complex pressure on the surface, peak [Pa].
+    velocity : (P, 3) total complex particle velocity along the surface, peak [m/s].
     medium : the air.
+
+    Returns
+    -------
+    (P,) mean pressure [Pa].
 
     Examples
     --------
@@ -73,15 +77,15 @@ class Pad:
 
 @dataclass(frozen=True, eq=False)
 class RadiationMap:
-    """Sound on the skin of all bodies of a scene under one drive.
+    """Sound on the surfaces of all bodies of a scene under one drive.
 
     Attributes
     ----------
-    quadratic_triangles : (T, 6, 3) panels of the skin [m]; panel t has the points 6 t to 6 t + 5.
+    quadratic_triangles : (T, 6, 3) panels of the surfaces [m]; panel t has the points 6 t to 6 t + 5.
     body : (T,) the body of each panel.
     points, normals, areas : (Q, 3) [m], (Q, 3) outward and (Q,) [m²] that each point stands for.
     pressure : (Q,) total peak pressure [Pa].
-    velocity : (Q, 3) total peak particle velocity, along the skin [m/s].
+    velocity : (Q, 3) total peak particle velocity, along the surface [m/s].
     radiation_pressure : (Q,) mean pressure inwards [Pa].
     report : how the solver came to it.
     """
@@ -112,12 +116,12 @@ class RadiationMap:
         """
         count = int(self.body.max()) + 1
         if not 0 <= body < count:
-            raise InvalidInput(f"there is no body {body}; the scene has bodies 0 to {count - 1}.")
+            raise InvalidInput(f"there is no body {body}; the scene has bodies 0 to {count - 1}.", code="unknown_body")
         chosen = np.repeat(self.body, 6) == body
         return -(self.areas * self.radiation_pressure)[chosen] @ self.normals[chosen]
 
     def pad(self, focus: Real[np.ndarray, "3"], radius: float = PAD_RADIUS) -> Pad | None:
-        """Sound's push on the skin round a focus; None where the skin is more than 2 mm away.
+        """Return the skin round a focus with the force of the sound on it; None where the skin is more than 2 mm away.
 
         Parameters
         ----------
@@ -127,7 +131,7 @@ class RadiationMap:
         Raises
         ------
         InvalidInput
-            If the radius is so small that no point of the skin is in it (how far the nearest is).
+            If the radius is not positive, or so small that it holds no point of the skin.
         """
         radius = positive(radius, "the radius of a pad", "m")
         chosen, centre = self.around(focus, radius)
@@ -137,7 +141,8 @@ class RadiationMap:
             nearest = np.linalg.norm(self.points - centre, axis=1).min()
             raise InvalidInput(
                 f"a pad of {1e3 * radius:.3g} mm round the focus at {in_mm(np.asarray(focus))} holds 0 points of the "
-                f"skin, the nearest being {1e3 * nearest:.3g} mm away; give a larger radius."
+                f"skin, the nearest being {1e3 * nearest:.3g} mm away; give a larger radius.",
+                code="pad_too_small",
             )
         force = float(np.sum((self.areas * self.radiation_pressure)[chosen]))
         return Pad(centre, float(self.areas[chosen].sum()), force)
@@ -145,13 +150,7 @@ class RadiationMap:
     def around(
         self, focus: Real[np.ndarray, "3"], radius: float
     ) -> tuple[Bool[np.ndarray, "points"], Float64[np.ndarray, "3"] | None]:
-        """Find the points of the pad round a focus (Q,), and its centre (3,), None where the skin is far.
-
-        Parameters
-        ----------
-        focus : (3,) [m].
-        radius : [m].
-        """
+        """Return which points belong to the pad round a focus (Q,), and its centre (3,), None where the skin is far."""
         away = np.linalg.norm(self.points - focus, axis=1)
         nearest = int(away.argmin())
         # the nearest point of the skin lies below the focus, in the tangent plane of the nearest node
@@ -165,14 +164,14 @@ class RadiationMap:
 
 
 def radiation_map(scene: Scene, array: PhasedArray, drive: Drive, *, solver: Solver) -> RadiationMap:
-    """Hear the skin of all bodies under a drive, and tell how hard the sound presses on it.
+    """Compute the sound and the radiation pressure on the surfaces of all bodies under a drive.
 
     Parameters
     ----------
     scene : sound-hard bodies.
     array : the transducers in the scene's frame.
     drive : what they emit.
-    solver : how the sound travels; another one than made the drive, or a finer one.
+    solver : another one than made the drive, or a more accurate one.
 
     Raises
     ------
@@ -182,26 +181,20 @@ def radiation_map(scene: Scene, array: PhasedArray, drive: Drive, *, solver: Sol
     check_solver(solver)
     sources = drive_sources(array, [drive])
     check_placement(scene, array)
-    _check_soft(scene)
-    return skin_of(solver.radiate(scene, sources), 0)
+    _check_hard(scene)
+    return radiation_of(solver.radiate(scene, sources), 0)
 
 
-def skin_of(field: RadiatedField, sound: int) -> RadiationMap:
-    """Hear the skin of a field that was solved.
-
-    Parameters
-    ----------
-    field : of sound-hard bodies.
-    sound : which of its sounds.
+def radiation_of(field: RadiatedField, excitation: int) -> RadiationMap:
+    """Compute the map for one excitation of a solved field of sound-hard bodies.
 
     Raises
     ------
     InvalidInput
-        If there is no body, one is not sound-hard, or the solver does not tell the velocity on the skin (at how many
-        points).
+        If there is no body, one is not sound-hard, or the solver does not know the velocity on the surfaces.
     """
     scene = field.scene
-    _check_soft(scene)
+    _check_hard(scene)
     shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
     edge = EDGE * scene.wavelength
     panels = panels_of(shapes, edge, np.empty((0, 3)), smallest=edge)
@@ -210,12 +203,13 @@ def skin_of(field: RadiatedField, sound: int) -> RadiationMap:
     for index, shape in enumerate(shapes):
         own = nodes.body == index
         points[own] = shape.project(points[own])
-    pressure, velocity = field.at(points)[:, sound], field.velocity(points)[:, :, sound]
+    pressure, velocity = field.at(points)[:, excitation], field.velocity(points)[:, :, excitation]
     lost = int(np.sum(~np.isfinite(pressure) | ~np.isfinite(velocity).all(axis=1)))
     if lost:
         raise InvalidInput(
-            f"{field.report.solver} tells no pressure or velocity at {lost} of {len(points)} points of the skin; take "
-            "BoundaryElement for radiation pressure."
+            f"{field.report.solver} returns no pressure or velocity at {lost} of {len(points)} points of the surfaces; "
+            "take BoundaryElement for radiation pressure.",
+            code="field_unknown",
         )
     pushing = radiation_pressure(pressure, velocity, scene.medium)
     return RadiationMap(
@@ -231,11 +225,12 @@ def skin_of(field: RadiatedField, sound: int) -> RadiationMap:
     )
 
 
-def _check_soft(scene: Scene) -> None:
+def _check_hard(scene: Scene) -> None:
     if not scene.obstacles:
-        raise InvalidInput("the scene has 0 obstacles, so there is no skin to press on.")
+        raise InvalidInput("the scene has 0 obstacles, so there is no surface to press on.", code="no_bodies")
     for index, obstacle in enumerate(scene.obstacles):
         if obstacle.boundary != "sound_hard":
             raise InvalidInput(
-                f"body {index} is {obstacle.boundary}, but radiation pressure is computed on sound_hard skin only."
+                f"body {index} is {obstacle.boundary}, but radiation pressure is computed on sound_hard bodies only.",
+                code="boundary_not_taken",
             )

@@ -1,4 +1,4 @@
-"""A measured scan of a field, held against a prediction after one complex scale."""
+"""A measured scan of a field, compared with a prediction after one complex scale."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +11,7 @@ from airtact.printing import in_short
 from airtact.text_table import read_text_table
 from airtact.validation import check_finite, complex_numbers, counted, in_mm, points_of
 
-PLACE, PRESSURE, PHASE = ("x", "y", "z"), "pressure", "phase"
+POSITION, PRESSURE, PHASE = ("x", "y", "z"), "pressure", "phase"
 """Columns of a scan: metres, the pressure in any unit, and, where it was measured, its phase [rad]."""
 
 FARTHEST = 2.0
@@ -26,12 +26,12 @@ FEWEST = 3
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """What a microphone read.
+    """The readings of a microphone at many positions.
 
     Attributes
     ----------
-    points : (N, 3) where [m].
-    pressures : (N,) what it read, in any unit; real where no phase was measured.
+    points : (N, 3) positions [m].
+    pressures : (N,) readings, in any unit; real where no phase was measured.
     phased : whether the phase was measured.
     """
 
@@ -44,10 +44,14 @@ class Scan:
     def __post_init__(self) -> None:
         points = points_of(self.points, "positions of a scan", least=0)
         if len(points) < FEWEST:
-            raise InvalidInput(f"the scan has {counted(len(points), 'position', 'positions')}; give {FEWEST} or more.")
+            raise InvalidInput(
+                f"the scan has {counted(len(points), 'position', 'positions')}; give {FEWEST} or more.", code="too_few"
+            )
         pressures = complex_numbers(self.pressures, "pressures of a scan")
         if pressures.shape != (len(points),):
-            raise InvalidInput(f"a scan of {len(points)} positions has pressures of shape {pressures.shape}.")
+            raise InvalidInput(
+                f"a scan of {len(points)} positions has pressures of shape {pressures.shape}.", code="wrong_shape"
+            )
         check_finite(pressures, "pressures of a scan")
         away = np.linalg.norm(points, axis=1)
         if away.max() > FARTHEST:
@@ -56,9 +60,12 @@ class Scan:
                 f"position {worst} of the scan is {away[worst]:.4g} m from the origin: is this in millimetres? "
                 "Give metres.",
                 points[worst],
+                code="out_of_range",
             )
         if not pressures.any():
-            raise InvalidInput(f"all {len(pressures)} pressures of the scan are 0; nothing was measured.")
+            raise InvalidInput(
+                f"all {len(pressures)} pressures of the scan are 0; nothing was measured.", code="scan_silent"
+            )
         repeated = len(points) - len(np.unique(points, axis=0))
         if repeated:
             where = points[_first_repeated(points)]
@@ -66,6 +73,7 @@ class Scan:
                 f"{counted(repeated, 'position of the scan is', 'positions of the scan are')} repeated, the first at "
                 f"{in_mm(where)}; average them first.",
                 where,
+                code="repeated",
             )
         for name, value in (("points", points), ("pressures", pressures)):
             object.__setattr__(self, name, value)
@@ -90,11 +98,11 @@ def load_scan(path: str | Path) -> Scan:
     Raises
     ------
     InvalidInput
-        If the file cannot be read, a column is missing, a value is no number (with its line), or the scan is at fault.
+        If the file cannot be read, a column is missing, a value is no number, or the scan is at fault.
     """
     table = read_text_table(Path(path))
-    table.require(*PLACE, PRESSURE)
-    points = np.stack([table.numbers(name) for name in PLACE], axis=1)
+    table.require(*POSITION, PRESSURE)
+    points = np.stack([table.numbers(name) for name in POSITION], axis=1)
     phased = PHASE in table.names
     phases = table.numbers(PHASE) if phased else np.zeros(len(points))
     with about(Path(path).name):
@@ -103,13 +111,13 @@ def load_scan(path: str | Path) -> Scan:
 
 @dataclass(frozen=True, eq=False)
 class Overlay:
-    """A scan beside what was predicted for it.
+    """A scan beside its prediction.
 
     Attributes
     ----------
     scan : what was measured.
     predicted : (N,) pressures [Pa], NaN where the prediction is not defined.
-    used : (N,) which positions count: those where it is.
+    used : (N,) whether the prediction is defined at a position.
     scale : measured over predicted, the best single number; real and positive where no phase was measured.
     error : root mean square of measured minus scale times predicted, over that of measured.
     """
@@ -124,7 +132,7 @@ class Overlay:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What to doubt about the overlay."""
+        """Sentences that a reader of the overlay must see."""
         found = []
         left = len(self.used) - int(self.used.sum())
         if left:
@@ -135,14 +143,18 @@ class Overlay:
 
 
 def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Overlay:
-    """Hold a scan against a prediction after one complex scale, the least squares one.
+    """Compare a scan with a prediction after one complex scale, that of least squares.
 
     Where no phase was measured, magnitudes are compared, and the scale is real.
 
     Parameters
     ----------
     scan : what was measured.
-    predicted : (N,) pressures at its points [Pa], NaN where there is none.
+    predicted : (N,) complex pressures at its points [Pa], NaN where there is none.
+
+    Returns
+    -------
+    Both, with the scale and the relative error.
 
     Raises
     ------
@@ -158,23 +170,29 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
     (-2j, 0.0)
     """
     if predicted.shape != scan.pressures.shape:
-        raise InvalidInput(f"{len(predicted)} predictions do not fit a scan of {len(scan.points)} positions.")
+        raise InvalidInput(
+            f"{len(predicted)} predictions do not fit a scan of {len(scan.points)} positions.", code="sizes_differ"
+        )
     used = np.isfinite(predicted)
     if used.sum() < FEWEST:
         raise InvalidInput(
             f"only {int(used.sum())} of {len(used)} positions of the scan can be predicted, fewer than {FEWEST}: a "
-            "body is in the way of the microphone at the others; is the scan in the scene's frame?"
+            "body is in the way of the microphone at the others; is the scan in the scene's frame?",
+            code="scan_blocked",
         )
     model = predicted[used] if scan.phased else np.abs(predicted[used]).astype(np.complex128)
     measured = scan.pressures[used] if scan.phased else np.abs(scan.pressures[used]).astype(np.complex128)
     if not model.any():
-        raise InvalidInput(f"the prediction is 0 Pa at all {int(used.sum())} positions of the scan.")
+        raise InvalidInput(
+            f"the prediction is 0 Pa at all {int(used.sum())} positions of the scan.", code="prediction_zero"
+        )
     scale, error = _fitted(measured, model)
     mirrored = _fitted(measured, model.conj())[1] if scan.phased else error
     if mirrored < 0.5 * error and error > PLAIN:
         raise InvalidInput(
             f"the scan's phases are {error:.1%} off the prediction, and {mirrored:.1%} when they are negated: they "
-            "seem to be those of e^(+iωt); negate the column phase."
+            "seem to be those of e^(+iωt); negate the column phase.",
+            code="phases_negated",
         )
     return Overlay(scan, predicted, used, scale, error)
 

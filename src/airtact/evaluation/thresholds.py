@@ -1,4 +1,4 @@
-"""What a person just feels, and what reaches the ears, in decibel."""
+"""Tactile thresholds, and the sound pressure level at a head, in decibel."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -12,23 +12,23 @@ REFERENCE_RMS = 20e-6
 """Pressure of 0 dB SPL, rms [Pa]."""
 
 NO_SAFETY_ASSESSMENT = (
-    "This is no safety assessment: the head itself is not in the scene, the loudness of the elements is not "
+    "This is no safety assessment: the head itself is not in the scene, the sensitivity of the elements is not "
     "calibrated, and what ultrasound in air does to people is little known (ICNIRP 2024, 10.1097/HP.0000000000001800, "
     "calls the evidence limited; 110 dB at 40 kHz is the usual occupational limit)."
 )
-"""What must stand beside every level at a head."""
+"""The note beside every level at a head."""
 
 
 @dataclass(frozen=True)
 class Threshold:
-    """The least that people felt in an experiment.
+    """The smallest stimulus that people felt in an experiment.
 
     Attributes
     ----------
     modulation : how the sound was modulated: "amplitude" (at 200 Hz) or "spatiotemporal" (a focus that moves).
     quantity : "force" [N] on the skin or "pressure" [Pa] in the focus.
     value : [N] or [Pa].
-    source : where it was found, and with what reserve.
+    source : publication, with its reservations.
     """
 
     modulation: Literal["amplitude", "spatiotemporal"]
@@ -37,13 +37,13 @@ class Threshold:
     source: str
 
     def level(self, value: float) -> float:
-        """Decibel by which something is above the threshold; -inf for nothing.
+        """Return the level of a stimulus above the threshold [dB]; -inf for none.
 
         Force goes with the square of the pressure, so that both kinds of threshold are on one scale.
 
         Parameters
         ----------
-        value : a force [N] or a peak pressure [Pa], as ``quantity`` says.
+        value : a force [N] or a peak pressure [Pa], see ``quantity``.
 
         Examples
         --------
@@ -55,7 +55,7 @@ class Threshold:
         return round((10.0 if self.quantity == "force" else 20.0) * float(np.log10(value / self.value)), 9)
 
 
-HOWARD = "T. Howard et al. 2019 on an Ultraleap STRATOS, quoted at second hand: it is not said whether peak or rms"
+HOWARD = "T. Howard et al. 2019 on an Ultraleap STRATOS, quoted at second hand: peak or rms is not stated"
 
 THRESHOLDS = (
     Threshold(
@@ -72,30 +72,19 @@ THRESHOLDS = (
 
 
 def thresholds_of(modulation: str) -> tuple[Threshold, ...]:
-    """Pick the thresholds of a modulation.
-
-    Parameters
-    ----------
-    modulation : "amplitude" or "spatiotemporal".
-
-    Raises
-    ------
-    InvalidInput
-        If none is known.
-    """
+    """Return the thresholds of a modulation; raise ``InvalidInput`` where none is known."""
     found = tuple(threshold for threshold in THRESHOLDS if threshold.modulation == modulation)
     if not found:
         known = sorted({threshold.modulation for threshold in THRESHOLDS})
         raise InvalidInput(
-            f'"{modulation}" is not one of the {len(known)} modulations with a threshold: {", ".join(known)}.'
+            f'"{modulation}" is not one of the {len(known)} modulations with a threshold: {", ".join(known)}.',
+            code="unknown_modulation",
         )
     return found
 
 
 def sound_pressure_level(pressure: Num[np.ndarray, "points"]) -> Float64[np.ndarray, "points"]:
-    """Level of sound [dB SPL]: 20 log10 of the rms pressure over 20 µPa.
-
-    It is no safety assessment.
+    """Return the level of sound [dB SPL]: 20 log10 of the rms pressure over 20 µPa. It is no safety assessment.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Where pictures and field files are taken: windows in planes through the foci, and boxes around them."""
+"""Points for pictures and field files: windows in planes through the foci, and boxes around them."""
 
 from dataclasses import dataclass
 
@@ -17,7 +17,7 @@ class Window:
     centre : (3,) its middle [m].
     right, up : (3,) unit vectors along its sides.
     width, height : lengths of its sides [m].
-    step : distance of neighbouring points [m].
+    step : distance between neighbouring points [m].
     """
 
     centre: Float64[np.ndarray, "3"]
@@ -48,13 +48,13 @@ class Window:
 
     @property
     def origin(self) -> Float64[np.ndarray, "3"]:
-        """(3,) the point that its picture calls zero: that of the frame along the frame's axes, else the centre [m]."""
+        """(3,) zero of its picture: that of the frame along the frame's axes, else the centre [m]."""
         aligned = [axis for axis in (self.right, self.up) if _axis_name(axis)]
         return self.centre - sum((self.centre @ axis * axis for axis in aligned), np.zeros(3))
 
     @property
     def labels(self) -> tuple[str, str]:
-        """What the picture's axes are called."""
+        """Names of the picture's axes."""
         names = _axis_name(self.right), _axis_name(self.up)
         return names[0] or "across [mm]", names[1] or "up [mm]"
 
@@ -81,13 +81,13 @@ def _axis_name(direction: Float64[np.ndarray, "3"]) -> str:
 def plane_through(
     foci: Real[np.ndarray, "foci 3"], bodies: Real[np.ndarray, "vertices 3"], wavelength: float
 ) -> Window:
-    """Choose the window that shows most: through the foci, and along the bodies where the foci leave a choice.
+    """Return a window through the foci, and along the bodies where the foci leave a choice.
 
     Parameters
     ----------
-    foci : (F, 3) [m]; three or more that are not in one plane give the best plane through them.
+    foci : (F, 3) [m]; three or more that are not in one plane give the best-fitting plane.
     bodies : (V, 3) vertices of all bodies, may be none [m].
-    wavelength : [m]; the window reaches three of them past the outermost foci.
+    wavelength : [m]; the window extends three of them past the outermost foci.
 
     Returns
     -------
@@ -109,7 +109,7 @@ def plane_through(
 
 
 def close_up(focus: Real[np.ndarray, "3"], outward: Real[np.ndarray, "3"], wavelength: float) -> Window:
-    """Cut across a focus at right angles to the skin below it.
+    """Return a window across a focus at right angles to the skin below it.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def _independent(candidates: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _upright(normal: Float64[np.ndarray, "3"]) -> tuple[np.ndarray, np.ndarray]:
-    """Sides of a picture in a plane: up is z's part in it, or y's where there is little; right is mostly positive."""
+    """Return the sides of a picture in a plane: up along z, or y where z is normal to it; right is mostly positive."""
     axis = AXES["z"] if abs(normal[2]) < 0.9 else AXES["y"]
     up = _direction(axis - axis @ normal * normal)
     right = np.cross(up, normal)
@@ -175,13 +175,13 @@ class Box:
 
 
 def box_around(foci: Real[np.ndarray, "foci 3"], wavelength: float, most: int = 60_000) -> Box:
-    """Box the foci: one and a half wavelengths past them, eight points per wavelength or as many as ``most`` allows.
+    """Return a box from 1.5 wavelengths past the foci, eight points per wavelength or as many as ``most`` allows.
 
     Parameters
     ----------
     foci : (F, 3) [m].
     wavelength : [m].
-    most : points that the box may have, about.
+    most : approximate largest number of points.
     """
     lowest, highest = foci.min(axis=0) - 1.5 * wavelength, foci.max(axis=0) + 1.5 * wavelength
     sides = highest - lowest

@@ -37,7 +37,7 @@ def measurement(made: Solved, settings: Settings, folder: Path, clock: Clock) ->
     side = 2 * settings.scan_half
     window = Window(focus, AXES["x"], AXES["z"], side, side, settings.scan_step)
     with clock.step("microphone", f"moving a microphone to {len(window.points)} positions"):
-        heard = microphone.hear(made.compared.field, window.points)
+        heard = microphone.read(made.compared.field, window.points)
     read = readings(heard * loudness(made))
     largest = float(np.nanmax(read[:, :2]))
     shown: dict[str, np.ndarray] = dict(zip((CONSIDERED, IGNORED), (read[:, :2] / largest).T, strict=True))

@@ -74,7 +74,7 @@ def compare_scan(
     with clock.step("verify", "predicting by a finer solution with all transducers as sources"):
         field = verification_solver(setup).radiate(setup.scene, drive_sources(setup.array, [drive]))
     with clock.step("scan", f"listening at {len(scan.points)} positions"):
-        predicted = microphone.hear(field, scan.points)[:, 0]
+        predicted = microphone.read(field, scan.points)[:, 0]
     with about(scan_file.name):
         compared = Compared(overlay_scan(scan, predicted), field.report, said)
     _write_table(folder / FILES[0], compared.overlay)
