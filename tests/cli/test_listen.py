@@ -104,7 +104,7 @@ def test_what_trackers_send_is_recorded_and_kept_on_ctrl_c(tmp_path):
         heard.send_signal(signal.SIGINT)
         said = heard.stdout.read()
         assert heard.wait() == 0
-    assert "Heard: 4 received, 3 used" in said
+    assert "Messages: 4 received, 3 used" in said
     assert [frame.sequence for frame in at.load_recording(file).frames] == [0, 1, 2]
 
 
@@ -112,7 +112,7 @@ def test_listening_to_nobody_is_said(capsys, tmp_path):
     arguments = ["listen", "--websocket", 0, "--out", tmp_path / "none.npz"]
     code, _, said = output(capsys, *arguments, "--seconds", 0.01)
     assert code == 2
-    assert "0 frames were heard in" in said
+    assert "0 frames were received in" in said
     code, _, said = output(capsys, *arguments, "--seconds", -1)
     assert code == 2
     assert "the time to listen is -1 s" in said

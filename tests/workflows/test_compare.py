@@ -13,7 +13,7 @@ from airtact.scene_file.building import read_scene
 from airtact.solvers.spherical.sphere_series import SphereSeries
 from airtact.synthesis.methods import METHODS
 from airtact.transfer import Drive
-from airtact.workflows.compare import FILES, IGNORED, compare_methods
+from airtact.workflows.compare import FILES, IGNORED, compare
 from paths import SCENES
 
 BALL = SCENES / "ball.toml"
@@ -23,7 +23,7 @@ BALL = SCENES / "ball.toml"
 def compared(tmp_path_factory):
     """One comparison on the small scene: its folder and what it returned."""
     folder = tmp_path_factory.mktemp("methods")
-    return folder, compare_methods(BALL, folder)
+    return folder, compare(BALL, folder)
 
 
 def test_every_method_and_the_control_are_there(compared):

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from airtact.cli.hands import _facts
+
 from airtact.workflows.hand import pose
 from paths import HANDS
 

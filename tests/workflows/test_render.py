@@ -40,7 +40,7 @@ def test_a_run_writes_its_files_and_nothing_else(rendered):
     assert [step.split()[0] for step in steps] == [
         "reading",
         "solving",
-        "hearing",
+        "evaluating",
         "making",
         "judging",
         "computing",

@@ -1,8 +1,9 @@
-"""What all commands print alike: progress, warnings, plain tables."""
+"""What all commands print alike: progress, warnings, tables."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import click
 from rich.box import SIMPLE
@@ -11,15 +12,13 @@ from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-
-def warn(console: Console, sentences: Sequence[str]) -> None:
-    """Print warnings, a line each."""
-    for sentence in sentences:
-        console.print(f"[yellow]Warning:[/yellow] {escape(sentence)}", soft_wrap=True, highlight=False)
+if TYPE_CHECKING:
+    from airtact.surfaces.surface import Surface
+    from airtact.timing import Progress as Callback
 
 
 @contextmanager
-def progress() -> Iterator[Callable[[str], None]]:
+def progress() -> "Iterator[Callback]":
     """Show steps as they begin: live with the time each takes in a terminal, else one line each."""
     console = Console(stderr=True)
     if not console.is_terminal:
@@ -33,17 +32,48 @@ def progress() -> Iterator[Callable[[str], None]]:
             for task in steps.tasks:
                 steps.update(task.id, completed=1)
 
-        def report_step(step: str) -> None:
+        def begin(step: str) -> None:
             finish()
             steps.add_task(step, total=1)
 
-        yield report_step
+        yield begin
         finish()
 
 
+def show(*tables: Table, warnings: Sequence[str] = (), lines: Sequence[str] = ()) -> None:
+    """Print tables, warnings, and lines that say which files were written."""
+    console = Console()
+    for table in tables:
+        console.print(table)
+    for sentence in warnings:
+        console.print(f"[yellow]Warning:[/yellow] {escape(sentence)}", soft_wrap=True, highlight=False)
+    for line in lines:
+        console.print(escape(line), soft_wrap=True, highlight=False)
+
+
 def plain_table(*columns: str) -> Table:
-    """Begin a table; it has a head where a column has a name, and all but its first column are numbers then."""
+    """Begin a table; with names of columns it has a head, and all columns but the first hold numbers."""
     table = Table(box=SIMPLE, show_header=any(columns))
-    for index, column in enumerate(columns):
+    for index, column in enumerate(columns or ("", "")):
         table.add_column(column, justify="right" if index and any(columns) else "left")
     return table
+
+
+def repairs_table(surface: "Surface", name: str = "") -> Table:
+    """Tabulate what was repaired in a surface."""
+    table = plain_table()
+    for index, note in enumerate(surface.repairs or ("nothing",)):
+        table.add_row(escape(f"repaired in {name}" if name else "repaired") if index == 0 else "", escape(note))
+    return table
+
+
+def sharp_edges_in_words(surface: "Surface") -> str:
+    """Count the edges that stay sharp when a surface is curved, and add up their lengths."""
+    from airtact.figures.body_figure import sharp_edges
+
+    sharp = sharp_edges(surface)
+    length = 1e3 * surface.edge_lengths[sharp].sum() / 2
+    count = int(sharp.sum()) // 2
+    if count == 0:
+        return f"none turns by over {surface.sharp_degrees:g}°"
+    return f"{count:,}, {length:.4g} mm together, that turn by over {surface.sharp_degrees:g}° or end a flat cap"

@@ -17,22 +17,48 @@ from airtact.scene.sources import Monopoles
 from airtact.scene_file.bare_triangles import Triangles, bare_triangles
 from airtact.scene_file.building import Setup, drawable_bodies, read_scene
 from airtact.solvers.bem.solver import BoundaryElement
-from airtact.surfaces.files import load_surface
+from airtact.surfaces.files import SUFFIXES, load_surface
+from airtact.timing import Progress, no_progress
 
 BODIES, FAULT = "bodies.png", "fault.png"
 """What is written, one or the other."""
 
-Tell = Callable[[str], None]
+
+def check(
+    path: Path, folder: Path | None = None, report_step: Progress = no_progress, **settings: float
+) -> Setup | Scene:
+    """Read a scene file, or a surface file into a scene of its own, and build what it describes.
+
+    Parameters
+    ----------
+    path : a TOML file, or an STL, PLY, OBJ or GLB file.
+    folder, report_step : as in ``check_scene``.
+    settings : as in ``check_surface_file``, for a surface file only.
+
+    Raises
+    ------
+    InvalidInput
+        Settings of a surface are given for a scene file, or as ``check_scene`` or ``check_surface_file``.
+    """
+    if path.suffix.lower() in SUFFIXES:
+        return check_surface_file(path, folder, report_step, **settings)
+    if settings:
+        key, value = next(iter(settings.items()))
+        raise InvalidInput(
+            f"{key} = {value:g} stands in a scene file, beside its surface, not on the command line.",
+            code="options_clash",
+        )
+    return check_scene(path, folder, report_step)
 
 
-def check_scene(path: Path, folder: Path | None = None, report_step: Tell = lambda step: None) -> Setup:
+def check_scene(path: Path, folder: Path | None = None, report_step: Progress = no_progress) -> Setup:
     """Read a scene file and build what it describes.
 
     Parameters
     ----------
     path : the TOML file.
     folder : where the picture goes; none without it.
-    tell : is told each step as it begins.
+    report_step : called with each step as it begins.
 
     Raises
     ------
@@ -50,7 +76,7 @@ def check_scene(path: Path, folder: Path | None = None, report_step: Tell = lamb
 
 
 def check_surface_file(
-    path: Path, folder: Path | None = None, report_step: Tell = lambda step: None, **settings: float
+    path: Path, folder: Path | None = None, report_step: Progress = no_progress, **settings: float
 ) -> Scene:
     """Read a surface file and put it into air as a sound-hard body, as a scene at 40 kHz would.
 
@@ -58,7 +84,7 @@ def check_surface_file(
     ----------
     path : an STL, PLY, OBJ or GLB file.
     folder : where the picture goes; none without it.
-    tell : is told each step as it begins.
+    report_step : called with each step as it begins.
     settings : ``scale``, ``largest_hole`` and ``sharp_degrees`` of ``load_surface``.
 
     Raises
@@ -96,7 +122,7 @@ def unknowns_by_accuracy(scene: Scene) -> dict[float, int]:
 
 
 @contextmanager
-def _pictured(folder: Path | None, bodies: Callable[[], list[Triangles]], report_step: Tell) -> Iterator[None]:
+def _pictured(folder: Path | None, bodies: Callable[[], list[Triangles]], report_step: Progress) -> Iterator[None]:
     """Draw the fault of what is refused inside."""
     if folder is None:
         yield

@@ -2,7 +2,6 @@
 
 import csv
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -21,7 +20,7 @@ from airtact.steps import solve_foci, stored, synthesise, verification_solver
 from airtact.synthesis.methods import METHODS
 from airtact.synthesis.quantise import quantise
 from airtact.synthesis.upper_bound import upper_bound
-from airtact.timing import Clock
+from airtact.timing import Clock, Progress, no_progress
 from airtact.transfer import Drive, TransferMatrix, focus_by_distance
 
 FILES = ("methods.csv", "methods.html")
@@ -31,16 +30,14 @@ IGNORED = "hand ignored"
 """What the control is called: phases from distances alone."""
 
 
-def compare_methods(
-    path: Path, folder: Path, report_step: Callable[[str], None] = lambda step: None, store: Path | None = None
-) -> Contest:
+def compare(path: Path, folder: Path, report_step: Progress = no_progress, store: Path | None = None) -> Contest:
     """Make the drive of a scene file by every method, judge all by one finer solution, and write a page about it.
 
     Parameters
     ----------
     path : the scene file; the method that it names plays no part.
     folder : where `FILES` go and, below ``drives``, one HDF5 file for each method; made if it is not there.
-    tell : is told each step as it begins.
+    report_step : called with each step as it begins.
     store : folder where solved fields are kept and looked for; None to solve all anew.
 
     Returns

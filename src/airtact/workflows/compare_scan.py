@@ -1,7 +1,6 @@
 """From a measured scan and a scene file to how well they agree. Prints nothing."""
 
 import csv
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from airtact.scene_file.building import read_scene
 from airtact.solvers.problem import SolveReport
 from airtact.steps import solve_foci, synthesise, verification_solver
 from airtact.synthesis.quantise import quantise
-from airtact.timing import Clock
+from airtact.timing import Clock, Progress, no_progress
 
 FILES = ("overlay.csv", "overlay.png")
 """What a comparison with a scan writes."""
@@ -45,7 +44,7 @@ def compare_scan(
     scene_file: Path,
     folder: Path,
     microphone: Microphone,
-    report_step: Callable[[str], None] = lambda step: None,
+    report_step: Progress = no_progress,
 ) -> Compared:
     """Predict what a microphone reads in a scene, and hold a measured scan against it after one complex scale.
 
@@ -55,7 +54,7 @@ def compare_scan(
     scene_file : the scene file; its drive, rounded to 256 levels, is played.
     folder : where `FILES` go; made if it is not there.
     microphone : what the scan was measured with.
-    tell : is told each step as it begins.
+    report_step : called with each step as it begins.
 
     Raises
     ------

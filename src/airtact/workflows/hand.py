@@ -16,6 +16,7 @@ from airtact.figures.panel_figure import draw_panels
 from airtact.figures.picture_file import write_picture
 from airtact.files.panels import EDGE, check_ending, checked_edge, write_triangles
 from airtact.hand.files import load_hand, load_landmarks
+from airtact.hand.fitting.cloud_files import ENDINGS as CLOUDS
 from airtact.hand.fitting.cloud_files import load_cloud
 from airtact.hand.fitting.fit import FittedHand, fit_hand
 from airtact.hand.hand import Hand, Side
@@ -23,6 +24,9 @@ from airtact.hand.joints import CHAINS, FINGERS
 from airtact.hand.shape import HandShape
 from airtact.mesh.quadratic_triangles import QuadraticTriangles, enclosed_volume, panel_areas, smallest_angles
 from airtact.surfaces.mesh_shape import CurvedShape
+from airtact.timing import Progress, no_progress
+from airtact.tracking.recordings import ENDINGS as RECORDINGS
+from airtact.workflows.recording import Replayed, replay_recording
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +105,7 @@ def pose(
     file: Path,
     gap: float | None = None,
     edge: float | None = None,
-    report_step: Callable[[str], None] = lambda step: None,
+    report_step: Progress = no_progress,
 ) -> Posed:
     """Read a pose, make the skin of the hand and write it, with a picture of the same name beside it.
 
@@ -137,7 +141,7 @@ def fit(
     file: Path,
     camera: tuple[float, float, float] | None = None,
     edge: float | None = None,
-    report_step: Callable[[str], None] = lambda step: None,
+    report_step: Progress = no_progress,
 ) -> Fitted:
     """Read a cloud and rough landmarks, fit a hand to them and write its skin, with a picture beside it.
 
@@ -179,7 +183,7 @@ def _written(
     triangles: QuadraticTriangles,
     file: Path,
     draw: Callable[[QuadraticTriangles], Figure],
-    report_step: Callable[[str], None],
+    report_step: Progress,
 ) -> Path:
     """Write a skin, and its picture of the same name beside it."""
     report_step(f"writing {file.name}")
@@ -188,3 +192,58 @@ def _written(
     report_step(f"drawing {picture.name}")
     write_picture(picture, draw(triangles))
     return picture
+
+
+def hand(
+    path: Path,
+    file: Path,
+    *,
+    gap: float | None = None,
+    edge: float | None = None,
+    frames: tuple[int, ...] = (),
+    leave_out: bool = False,
+    landmarks: Path | None = None,
+    camera: tuple[float, float, float] | None = None,
+    report_step: Progress = no_progress,
+) -> Posed | Fitted | Replayed:
+    """Make the skin of a hand from a pose, a recording, or a cloud of points with rough landmarks, and write it.
+
+    Parameters
+    ----------
+    path : a pose, see ``load_hand``; a recording, see ``load_recording``; a cloud, see ``load_cloud``.
+    file, edge, report_step : as in ``pose``.
+    gap : as in ``pose``, for a pose only.
+    frames, leave_out : as in ``replay_recording``, for a recording only.
+    landmarks, camera : as in ``fit``, for a cloud only.
+
+    Raises
+    ------
+    InvalidInput
+        Settings do not go together, or as ``pose``, ``replay_recording`` or ``fit``.
+    """
+    if landmarks is not None:
+        if gap is not None or frames or leave_out:
+            raise InvalidInput(
+                f"{path.name} is 1 cloud; leave --gap, --frame and --leave-out out.", code="options_clash"
+            )
+        return fit(path, landmarks, file, camera, edge, report_step)
+    if camera is not None:
+        raise InvalidInput(
+            f"a camera is for a cloud with --landmarks, and {path.name} came with 0 of them.", code="options_clash"
+        )
+    if path.suffix in RECORDINGS:
+        if gap is not None:
+            raise InvalidInput(
+                f"a gap of {gap:g} m is for 1 pose, not for a recording; leave --gap out.", code="options_clash"
+            )
+        return replay_recording(path, file, frames, leave_out, EDGE if edge is None else edge, report_step)
+    if path.suffix.lower() in CLOUDS:
+        raise InvalidInput(
+            f"{path.name} is a cloud of points, and came with 0 landmarks; give rough --landmarks.",
+            code="landmarks_missing",
+        )
+    if frames or leave_out:
+        raise InvalidInput(
+            f"{path.name} is 1 pose, no recording; leave --frame and --leave-out out.", code="options_clash"
+        )
+    return pose(path, file, gap, edge, report_step)

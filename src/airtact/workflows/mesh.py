@@ -1,7 +1,6 @@
 """From a surface file to curved panels, their file, their picture and their quality. Prints nothing."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from airtact.surfaces.checks import check_surface
 from airtact.surfaces.files import load_surface
 from airtact.surfaces.panels import Panels
 from airtact.surfaces.surface import Surface, extent_of
+from airtact.timing import Progress, no_progress
 from airtact.validation import positive
 
 WAVELENGTH = air(celsius=20.0).wavelength(40e3)
@@ -109,7 +109,7 @@ def mesh(
     path: Path,
     file: Path,
     edge: float | None = None,
-    report_step: Callable[[str], None] = lambda step: None,
+    report_step: Progress = no_progress,
     **settings: float,
 ) -> Meshed:
     """Read a surface, cover it with curved panels and write them with a picture of the same name beside them.
@@ -119,7 +119,7 @@ def mesh(
     path : an STL, PLY, OBJ or GLB file.
     file : where the panels go; its ending says how, see ``write_panels``.
     edge : of the equilateral triangle as large as the panels wanted [m]; ``usual_edge`` unless given.
-    tell : is told each step as it begins.
+    report_step : called with each step as it begins.
     settings : ``scale``, ``largest_hole`` and ``sharp_degrees`` of ``load_surface``.
 
     Raises

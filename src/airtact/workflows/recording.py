@@ -1,6 +1,6 @@
 """From a recording of hands to a picture of their pads over time, and the skins of chosen frames. Prints nothing."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +10,7 @@ from airtact.figures.picture_file import write_picture
 from airtact.figures.track_figure import draw_tracks
 from airtact.files.panels import EDGE, check_ending, checked_edge, write_triangles
 from airtact.hand.hand import Side
+from airtact.timing import Progress, no_progress
 from airtact.tracking.frame import HandFrame
 from airtact.tracking.pads import PadTrack, pads_over_time
 from airtact.tracking.recordings import Recording, load_recording
@@ -41,7 +42,7 @@ def replay_recording(
     chosen: Sequence[int] = (),
     leave_out: bool = False,
     edge: float = EDGE,
-    report_step: Callable[[str], None] = lambda step: None,
+    report_step: Progress = no_progress,
 ) -> Replayed:
     """Read a recording, draw the pads over time, and write the skins of chosen frames.
 

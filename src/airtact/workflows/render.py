@@ -1,6 +1,5 @@
 """From a scene file to a folder of results: the drive, the field and the page. Prints nothing."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +18,7 @@ from airtact.scene_file.building import Setup, read_scene
 from airtact.solvers.problem import SolveReport
 from airtact.steps import solve_foci, stored, synthesise, verification_solver
 from airtact.synthesis.quantise import Frame, quantise
-from airtact.timing import Clock
+from airtact.timing import Clock, Progress, no_progress
 from airtact.transfer import Drive, TransferMatrix, focus_by_distance
 
 FILES = ("drive.csv", "drive.h5", "field.vtkhdf", "report.html")
@@ -39,16 +38,14 @@ class _Made:
     notes: tuple[str, ...]
 
 
-def render(
-    path: Path, folder: Path, report_step: Callable[[str], None] = lambda step: None, store: Path | None = None
-) -> Run:
+def render(path: Path, folder: Path, report_step: Progress = no_progress, store: Path | None = None) -> Run:
     """Compute what a scene file asks for and write it into a folder, each file as soon as it is there.
 
     Parameters
     ----------
     path : the scene file.
     folder : where `FILES` go; made if it is not there.
-    tell : is told each step as it begins.
+    report_step : called with each step as it begins.
     store : folder where solved fields are kept and looked for; None to solve all anew.
 
     Returns

@@ -1,0 +1,114 @@
+"""``airtact check``: what is in a scene or a surface, or what is wrong with it."""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.markup import escape
+
+from airtact.cli.console import plain_table, progress, repairs_table, sharp_edges_in_words, show
+from airtact.cli.options import FILE, given, surface_settings
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from airtact.scene.scene import Scene
+    from airtact.scene_file.building import Setup
+    from airtact.surfaces.surface import Surface
+
+
+@click.command(
+    short_help="Report what is in a scene or a surface, or what is wrong with it.",
+    epilog="Example: airtact check examples/pinch.toml",
+)
+@click.argument("scene", metavar="SCENE_OR_SURFACE", type=FILE)
+@click.option("--out", "folder", type=FILE, help="Folder for a picture of the bodies or the fault.")
+@surface_settings
+def check(scene: Path, folder: Path | None, **settings: float | None) -> None:
+    """Read a scene file or a surface file (STL, PLY, OBJ, GLB) and report what is in it, or what is wrong with it.
+
+    With --out a picture of the bodies is written, or of the position of the fault where the input is rejected.
+    """
+    with progress() as report_step:
+        from airtact.scene.scene import Scene
+        from airtact.workflows import check as workflow
+
+        checked = workflow.check(scene, folder, report_step, **given(**settings))
+        report_step("counting unknowns")
+        tables = _surface_tables(scene.name, checked) if isinstance(checked, Scene) else _scene_tables(checked)
+        tables = list(tables)
+    show(*tables)
+
+
+def _scene_tables(setup: "Setup") -> "Iterator[Table]":
+    """Tabulate the bodies, the foci, and what solving takes."""
+    from airtact.solvers.bem.solver import BoundaryElement
+
+    wavelength = setup.scene.wavelength
+    bodies = plain_table("bodies", "boundary", "triangles", "area")
+    surfaces = {name: one.surface for name, one in zip(setup.bodies, setup.scene.obstacles, strict=True)}
+    for (name, surface), obstacle in zip(surfaces.items(), setup.scene.obstacles, strict=True):
+        size = f"{1e4 * surface.area:.1f} cm² = {surface.area / wavelength**2:.0f} λ²"
+        bodies.add_row(escape(name), obstacle.boundary.replace("_", "-"), f"{len(surface.triangles):,}", size)
+    if surfaces:
+        yield bodies
+    yield from (repairs_table(surface, name) for name, surface in surfaces.items() if surface.repairs)
+    yield _foci_table(setup)
+    elements = setup.array
+    clearance = -setup.scene.depth(elements.positions).max()
+    facts = plain_table()
+    away = f", {1e3 * clearance:.0f} mm off the bodies or more" if surfaces else ""
+    sensitivity = f"{elements.element.sensitivity:g} Pa·m, uncalibrated"
+    facts.add_row("transducers", f"{len(elements)}, {sensitivity}{away}")
+    if len(setup.target.suppression_points):
+        facts.add_row("suppression points", f"{len(setup.target.suppression_points)}")
+    facts.add_row("wavelength", f"{1e3 * wavelength:.2f} mm at {setup.scene.frequency / 1e3:g} kHz")
+    facts.add_row("drive", f"{setup.method.replace('_', ' ')}, accuracy {setup.accuracy:g}")
+    if isinstance(setup.solver, BoundaryElement):
+        unknowns = setup.solver.unknowns(setup.scene, setup.target.beacons())
+        facts.add_row("unknowns", f"{unknowns:,}, matrix {_memory(unknowns)}")
+    yield facts
+
+
+def _foci_table(setup: "Setup") -> "Table":
+    table = plain_table("foci", "x", "y", "z", "off the surface", "pressure")
+    asked = setup.target.pressures
+    distances = -setup.scene.depth(setup.target.points)
+    for index, (name, point) in enumerate(zip(setup.foci, setup.target.points, strict=True)):
+        wanted = "strongest" if asked is None else f"{asked[index]:g} Pa"
+        position = [f"{1e3 * number:.2f} mm" for number in point]
+        table.add_row(escape(name), *position, f"{1e3 * distances[index]:.3g} mm" if setup.bodies else "–", wanted)
+    return table
+
+
+def _surface_tables(name: str, scene: "Scene") -> "Iterator[Table]":
+    """Tabulate what is in a surface, what was repaired, and what solving it takes."""
+    from airtact.mesh.topology import shells
+    from airtact.workflows.check import unknowns_by_accuracy
+
+    surface = scene.obstacles[0].surface
+    pieces = int(shells(surface.triangles).max()) + 1
+    facts = plain_table()
+    closed = f"{pieces} closed {'piece' if pieces == 1 else 'pieces'}"
+    facts.add_row("accepted", f"{name}: {len(surface.triangles):,} triangles, {closed}")
+    facts.add_row("extent", f"{_sides(surface)} mm along x, y, z")
+    facts.add_row("area", f"{1e4 * surface.area:.4g} cm² = {surface.area / scene.wavelength**2:.3g} λ² at 40 kHz")
+    facts.add_row("volume", f"{1e6 * surface.volume:.4g} cm³")
+    facts.add_row("sharp edges", sharp_edges_in_words(surface))
+    for accuracy, unknowns in unknowns_by_accuracy(scene).items():
+        facts.add_row(f"accuracy {accuracy:g}", f"{unknowns:,} unknowns, matrix {_memory(unknowns)}")
+    yield facts
+    yield repairs_table(surface)
+
+
+def _sides(surface: "Surface") -> str:
+    spans = surface.vertices.max(axis=0) - surface.vertices.min(axis=0)
+    return " x ".join(f"{1e3 * span:.4g}" for span in spans)
+
+
+def _memory(unknowns: float) -> str:
+    """Return how large a complex matrix of single precision is, in words."""
+    size = 8 * unknowns**2
+    return f"{size / 1e9:.1f} GB" if size > 1e9 else f"{math.ceil(size / 1e6)} MB"

@@ -1,0 +1,95 @@
+"""``airtact emit``: a drive or a sequence on boards."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from airtact.cli.console import plain_table, progress, show
+from airtact.cli.options import FILE, Names, drive_settings
+from airtact.conventions import InvalidInput
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from airtact.workflows.emit import Plan
+
+
+@click.command(
+    short_help="Emit a drive or a sequence on boards.",
+    epilog="Example: airtact emit out/pinch/drive.h5 --board autd3 --link audit --yes --seconds 2",
+)
+@drive_settings
+@click.option("--link", required=True, type=Names("airtact.hardware.links:LINKS"), help="Way to the boards.")
+@click.option("--seconds", type=float, default=2.0, help="How long; 2 by default.")
+@click.option("--yes", is_flag=True, help="Emit without asking.")
+@click.option("--address", help="Interface, AMS net id or host:port, for AUTD3.")
+@click.option("--port", help="Serial port, for SonicSurface and Nano16.")
+@click.option("--out", type=FILE, help="File, for --link file: .npz, .csv, .h5 or .bin.")
+def emit(drive: Path, board: str, link: str, cap: float, seconds: float, yes: bool, **where: Any) -> None:
+    """Emit DRIVE.h5 on boards for some seconds, then silence them.
+
+    The amplitude rises over 0.2 s. At the end, at Ctrl-C, when the process is asked to end and when anything fails, a
+    frame of zeros is sent and confirmed as far as the boards can.
+    """
+    from airtact.evaluation.thresholds import NO_SAFETY_ASSESSMENT
+    from airtact.validation import positive
+    from airtact.workflows import emit as workflow
+
+    positive(seconds, "how long to emit", "s")
+    plan = workflow.plan(drive, board, cap)
+    way = workflow.link_for(plan, link, **where)
+    show(plan_table(plan, link), lines=[NO_SAFETY_ASSESSMENT])
+    if not yes:
+        _ask(f"Emit for {seconds:g} s through {link} to {way.devices}?")
+    with progress() as report_step:
+        played = workflow.emit(plan, way, seconds, report_step)
+    show(lines=[f"{way.sent} frames were sent; the last was silence, {_confirmed(link, board)}."])
+    if played is not None:
+        show(
+            lines=[
+                f"The sequence was played at {played.rate:.4g} frames/s, {played.frames} frames, {played.dropped} "
+                "dropped."
+            ]
+        )
+
+
+def plan_table(plan: "Plan", link: str) -> "Table":
+    """Tabulate what would be emitted."""
+    import numpy as np
+
+    stored = plan.stored
+    table = plain_table()
+    elements = stored.drives.shape[1]
+    table.add_row("boards", f"{len(plan.poses)} {plan.board.title}, {elements} transducers, through {link}")
+    if stored.rate is not None and len(stored.drives) > 1:
+        table.add_row("sequence", f"{len(stored.drives)} frames at {stored.rate:g} frames/s")
+    levels = "on and off" if plan.board.amplitudes == 2 else f"{plan.board.amplitudes} amplitudes"
+    table.add_row("levels", f"{levels}, {plan.board.phases} phases")
+    if plan.rounding is not None:
+        worst = float(plan.rounding[np.abs(plan.rounding).argmax()])
+        held = " at equal energy" if plan.board.amplitudes == 2 else ""
+        table.add_row("rounding", f"{worst:+.2%} at the focus that it changes most{held}")
+    largest = float(np.abs(stored.drives).max())
+    table.add_row("largest amplitude", f"{100 * largest:.3g} % of full scale, cap {plan.cap:g} %")
+    table.add_row("at a head", f"up to {plan.head:.0f} dB SPL, 0.5 m off the array in open air")
+    return table
+
+
+def _ask(question: str) -> None:
+    """Ask before anything is emitted; without a terminal there is no answer, and nothing is emitted."""
+    if not sys.stdin.isatty():
+        raise InvalidInput(
+            "this is not a terminal, so no confirmation is possible, and 0 frames were sent: give --yes to emit "
+            "without asking.",
+            code="not_confirmed",
+        )
+    if not click.confirm(question, default=False):
+        raise InvalidInput("0 frames were sent, as you answered no.", code="not_confirmed")
+
+
+def _confirmed(link: str, board: str) -> str:
+    if link == "serial" and board == "sonicsurface":
+        return "written to the port (a SonicSurface never answers)"
+    return "and confirmed" if link != "file" else "and written"

@@ -1,0 +1,75 @@
+"""Options that several commands share."""
+
+import pkgutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+Command = TypeVar("Command", bound=Callable[..., None])
+
+FILE = click.Path(path_type=Path)
+"""A file or folder."""
+
+
+class Names(click.ParamType):
+    """One of the names in a registry, which is imported only when the option is parsed or its help is shown.
+
+    Parameters
+    ----------
+    registry : where the registry stands, such as ``"airtact.transducers.boards:BOARDS"``: names, or objects with one.
+    """
+
+    name = "name"
+
+    def __init__(self, registry: str) -> None:
+        self._registry = registry
+
+    @property
+    def _choice(self) -> click.Choice[str]:
+        return click.Choice([getattr(one, "name", one) for one in pkgutil.resolve_name(self._registry)])
+
+    def get_metavar(self, *arguments: Any, **named: Any) -> str | None:
+        """Show all names in the help."""
+        return self._choice.get_metavar(*arguments, **named)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return a name that is in the registry, or fail with all that are."""
+        return self._choice.convert(value, param, ctx)
+
+
+results = click.option("--out", "folder", required=True, type=FILE, help="Folder for the results.")
+"""Where a command writes."""
+
+store = click.option("--store", type=FILE, help="Folder in which solved fields are stored, and found next time.")
+"""Where solved fields are stored."""
+
+
+def surface_settings(command: Command) -> Command:
+    """Give a command the options of ``load_surface``; those that are not given stay None."""
+    for name, keyword, words in (
+        ("--sharp", "sharp_degrees", "Edges that turn by more degrees than this stay sharp; 75 by default."),
+        ("--largest-hole", "largest_hole", "Widest hole that is filled, in metres; 2e-3 by default."),
+        ("--scale", "scale", "Metres per unit of a surface file: 1e-3 for millimetres."),
+    ):
+        command = click.option(name, keyword, type=float, help=words)(command)
+    return command
+
+
+def given(**settings: Any) -> dict[str, Any]:
+    """Return the options that were given."""
+    return {name: value for name, value in settings.items() if value is not None}
+
+
+def drive_settings(command: Command) -> Command:
+    """Give a command the drive file, the kind of board, and the cap on the amplitude."""
+    for option in (
+        click.option(
+            "--cap", type=float, default=100.0, help="Largest amplitude of an element, in per cent; 100 by default."
+        ),
+        click.option("--board", required=True, type=Names("airtact.transducers.boards:BOARDS"), help="Kind of board."),
+        click.argument("drive", metavar="DRIVE.h5", type=FILE),
+    ):
+        command = option(command)
+    return command

@@ -1,0 +1,61 @@
+"""From trackers on this computer to a recording of hands. Prints nothing."""
+
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+from airtact.conventions import InvalidInput
+from airtact.timing import Progress, no_progress
+from airtact.tracking.frame import HandFrame
+from airtact.tracking.receivers import OscReceiver, WebSocketReceiver
+from airtact.tracking.recordings import ENDINGS, save_recording
+from airtact.tracking.stream import HandStream, StreamHealth
+from airtact.validation import positive
+
+
+def listen(
+    file: Path, seconds: float, websocket: int = 8765, osc: int | None = None, report_step: Progress = no_progress
+) -> StreamHealth:
+    """Record the frames that trackers send, until the time is over or Ctrl-C ends it early.
+
+    Parameters
+    ----------
+    file : the recording, .jsonl or .npz.
+    seconds : how long to listen [s].
+    websocket : port for frames in JSON; 0 takes a free one.
+    osc : port for OSC over UDP; None listens to none.
+    report_step : called with each step as it begins; the first names the ports.
+
+    Returns
+    -------
+    How many messages came, and how many of them were used.
+
+    Raises
+    ------
+    InvalidInput
+        The time or the file's ending is at fault, a port is taken, or no frame came.
+    """
+    positive(seconds, "the time to listen", "s")
+    if file.suffix not in ENDINGS:
+        raise InvalidInput(
+            f"the ending {file.suffix!r} is not 1 of those of recordings: {', '.join(ENDINGS)}.", code="unknown_ending"
+        )
+    frames: list[HandFrame] = []
+    stream = HandStream(heard=frames.append)
+    with ExitStack() as sockets:
+        ports = [f"ws://127.0.0.1:{sockets.enter_context(WebSocketReceiver(stream, websocket)).port}"]
+        if osc is not None:
+            ports.append(f"OSC at 127.0.0.1:{sockets.enter_context(OscReceiver(stream, osc)).port}")
+        try:
+            report_step(f"listening for {seconds:g} s: {', '.join(ports)}")
+            time.sleep(seconds)
+        except KeyboardInterrupt:
+            report_step("interrupted; the frames received so far are recorded")
+    if not frames:
+        raise InvalidInput(
+            f"0 frames were received in {seconds:g} s ({', '.join(ports)}; {stream.health}): does the tracker send "
+            "there?",
+            code="no_frames",
+        )
+    save_recording(file, frames)
+    return stream.health
