@@ -45,7 +45,8 @@ class Pose:
         if rotation.shape != (3, 3) or translation.shape != (3,):
             raise InvalidInput(
                 f"a pose has shapes {rotation.shape} and {translation.shape}, but it needs a rotation of shape "
-                "(3, 3) and a translation of shape (3,)."
+                "(3, 3) and a translation of shape (3,).",
+                code="wrong_shape",
             )
         check_finite(rotation, "the pose's rotation")
         check_finite(translation, "the pose's translation")
@@ -53,7 +54,8 @@ class Pose:
         if skew > 1e-6 or np.linalg.det(rotation) < 0.0:
             raise InvalidInput(
                 f"the pose's matrix is not a rotation: it is {skew:.2g} away from orthonormal and its determinant is "
-                f"{np.linalg.det(rotation):.3g} (a rotation has 0 and 1)."
+                f"{np.linalg.det(rotation):.3g} (a rotation has 0 and 1).",
+                code="not_a_rotation",
             )
         object.__setattr__(self, "rotation", rotation)
         object.__setattr__(self, "translation", translation)
@@ -80,10 +82,12 @@ class Pose:
         """
         along, angle = real_numbers(np.asarray(axis), "the axis of a turn"), number(angle, "the angle of a turn", "rad")
         if along.shape != (3,):
-            raise InvalidInput(f"the axis of a turn has shape {along.shape}, but a direction has shape (3,).")
+            raise InvalidInput(
+                f"the axis of a turn has shape {along.shape}, but a direction has shape (3,).", code="wrong_shape"
+            )
         length = float(np.linalg.norm(along))
         if not length > 0.0:
-            raise InvalidInput(f"the axis of a turn has length {length:g}; give a direction.")
+            raise InvalidInput(f"the axis of a turn has length {length:g}; give a direction.", code="zero_length")
         x, y, z = along / length
         cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
         rotation = np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross

@@ -5,8 +5,8 @@ import pytest
 from PIL import Image
 from scipy.spatial import KDTree
 
-from airtact.conventions import InvalidInput
 from airtact.scene.drawings import picture, svg_path, text
+from faults import raises_code
 
 
 def test_a_letter_is_upright_to_scale_and_in_the_middle():
@@ -106,35 +106,43 @@ def test_a_picture_file_is_read_as_grey(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("make", "sentence"),
+    ("make", "code", "sentence"),
     [
-        (lambda: text("", 0.02, 2e-3), "'' has 0 strokes"),
-        (lambda: text("Grüße", 0.02, 2e-3), "'ü' of 'Grüße' is not one of the 95 letters"),
-        (lambda: text("A", -0.02, 2e-3), "the height of a letter is -0.02 m"),
-        (lambda: text("A", 20.0, 2e-3), "are the other lengths in millimetres"),
-        (lambda: svg_path("M 0 0 L 1 zebra", 0.02, 2e-3), "'M 0 0 L 1 zebra' (is not SVG|holds 0 lines)"),
-        (lambda: svg_path("M 3 3 Z", 0.02, 2e-3), "holds .* lines, none of which is longer than 0"),
-        (lambda: svg_path("missing.svg", 0.02, 2e-3), "cannot read 'missing.svg': No such file"),
-        (lambda: picture("missing.png", 0.02, 2e-3), "cannot read the picture missing.png: No such file"),
-        (lambda: picture(np.zeros((4, 4)), 0.02, 2e-3), r"not all 0, not of shape \(4, 4\), its smallest value 0"),
-        (lambda: picture(np.ones(4), 0.02, 2e-3), r"not of shape \(4,\)"),
-        (lambda: picture(-np.ones((2, 2)), 0.02, 2e-3), "its smallest value -1"),
-        (lambda: picture(np.ones((9, 9)), 0.2, 1e-3), "a spacing of 1 mm gives 40000 points, more than 4096"),
+        (lambda: text("", 0.02, 2e-3), "empty", "'' has 0 strokes"),
+        (lambda: text("Grüße", 0.02, 2e-3), "letter_unknown", "'ü' of 'Grüße' is not one of the 95 letters"),
+        (lambda: text("A", -0.02, 2e-3), "not_positive", "the height of a letter is -0.02 m"),
+        (lambda: text("A", 20.0, 2e-3), "too_many_points", "are the other lengths in millimetres"),
+        (lambda: svg_path("M 0 0 L 1 zebra", 0.02, 2e-3), "file_unreadable", "'M 0 0 L 1 zebra'"),
+        (lambda: svg_path("M 3 3 Z", 0.02, 2e-3), "empty", "holds ... lines, none of which is longer than 0"),
+        (lambda: svg_path("missing.svg", 0.02, 2e-3), "file_missing", "the file missing.svg does not exist"),
+        (lambda: picture("missing.png", 0.02, 2e-3), "file_missing", "the file missing.png does not exist"),
+        (
+            lambda: picture(np.zeros((4, 4)), 0.02, 2e-3),
+            "not_a_picture",
+            "not all 0, not of shape (4, 4), its smallest value 0",
+        ),
+        (lambda: picture(np.ones(4), 0.02, 2e-3), "not_a_picture", "not of shape (4,)"),
+        (lambda: picture(-np.ones((2, 2)), 0.02, 2e-3), "not_a_picture", "its smallest value -1"),
+        (
+            lambda: picture(np.ones((9, 9)), 0.2, 1e-3),
+            "too_many_points",
+            "a spacing of 1 mm gives 40000 points, more than 4096",
+        ),
     ],
 )
 @pytest.mark.usefixtures("as_outside_the_tests")
-def test_faults_are_refused(make, sentence):
-    with pytest.raises(InvalidInput, match=sentence):
+def test_faults_are_refused(make, code, sentence):
+    with raises_code(code, *sentence.split(" ... ")):
         make()
 
 
 def test_a_broken_svg_file_is_refused(tmp_path):
     (tmp_path / "broken.svg").write_text("<svg><path")
-    with pytest.raises(InvalidInput, match=r"broken.svg is not SVG"):
+    with raises_code("file_unreadable", "broken.svg is not SVG"):
         svg_path(tmp_path / "broken.svg", 0.02, 2e-3)
     Image.new("L", (4, 4)).save(tmp_path / "black.png")
-    with pytest.raises(InvalidInput, match="not all 0"):
+    with raises_code("not_a_picture", "not all 0"):
         picture(tmp_path / "black.png", 0.02, 2e-3)
     (tmp_path / "no.png").write_text("no picture")
-    with pytest.raises(InvalidInput, match=r"cannot read the picture no.png"):
+    with raises_code("file_unreadable", "cannot read the file", "no.png"):
         picture(tmp_path / "no.png", 0.02, 2e-3)

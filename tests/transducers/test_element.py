@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.special import gamma, j1
 
-from airtact.conventions import InvalidInput
 from airtact.transducers.element import LARGEST_PISTON, Element, check_pattern, monopole, piston
+from faults import raises_code
 
 
 def _directions() -> tuple[np.ndarray, np.ndarray]:
@@ -77,28 +77,28 @@ def test_sameness_looks_at_every_number() -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "number"),
+    ("make", "code", "number"),
     [
-        (lambda: piston(-1e-3), "-0.001 m"),
-        (lambda: piston(float("nan")), "nan m"),
-        (lambda: monopole(sensitivity=0.0), "0 Pa·m"),
-        (lambda: monopole(sensitivity=float("inf")), "inf Pa·m"),
-        (lambda: Element(np.zeros((2, 3)), np.array([0.5, 0.4])), "not 0.9"),
-        (lambda: Element(np.zeros((2, 3)), np.ones(3) / 3), "2 face points"),
-        (lambda: Element(np.zeros((0, 3)), np.zeros(0)), "0 points"),
-        (lambda: Element(np.zeros((2, 2)), np.ones(2) / 2), r"\(2, 2\)"),
-        (lambda: Element(np.full((2, 3), np.nan), np.ones(2) / 2), "6 NaN"),
-        (lambda: Element(np.zeros((1, 3)), np.array([np.nan])), "not nan"),
-        (lambda: Element(np.zeros((1, 3)), np.ones(1), radius=-1.0), "-1 m"),
+        (lambda: piston(-1e-3), "not_positive", "-0.001 m"),
+        (lambda: piston(float("nan")), "not_positive", "nan m"),
+        (lambda: monopole(sensitivity=0.0), "not_positive", "0 Pa·m"),
+        (lambda: monopole(sensitivity=float("inf")), "not_positive", "inf Pa·m"),
+        (lambda: Element(np.zeros((2, 3)), np.array([0.5, 0.4])), "weights_sum", "not 0.9"),
+        (lambda: Element(np.zeros((2, 3)), np.ones(3) / 3), "wrong_shape", "2 face points"),
+        (lambda: Element(np.zeros((0, 3)), np.zeros(0)), "empty", "0 points"),
+        (lambda: Element(np.zeros((2, 2)), np.ones(2) / 2), "wrong_shape", "(2, 2)"),
+        (lambda: Element(np.full((2, 3), np.nan), np.ones(2) / 2), "not_finite", "6 NaN"),
+        (lambda: Element(np.zeros((1, 3)), np.array([np.nan])), "weights_sum", "not nan"),
+        (lambda: Element(np.zeros((1, 3)), np.ones(1), radius=-1.0), "out_of_range", "-1 m"),
     ],
 )
-def test_bad_elements_are_refused(make, number: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bad_elements_are_refused(make, code: str, number: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
-    with pytest.raises(InvalidInput, match=number):
+    with raises_code(code, number):
         make()
 
 
 def test_a_piston_too_large_for_its_points_is_refused() -> None:
     check_pattern(piston(6.5e-3), 732.5)
-    with pytest.raises(InvalidInput, match=r"10 mm radius has ka = 7.33.*at most 6.55 mm"):
+    with raises_code("piston_too_large", "10 mm radius has ka = 7.33", "at most 6.55 mm"):
         check_pattern(piston(10e-3), 733.0 + 0.1j)

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airtact.conventions import InvalidInput
 from airtact.pose import Pose
 from airtact.transducers.element import Element, monopole, piston
 from airtact.transducers.layout import PhasedArray, autd3_board, flat_boards, join, surrounding_box
+from faults import raises_code
 
 unit = st.floats(-1.0, 1.0)
 poses = st.builds(
@@ -122,9 +122,9 @@ def test_join_keeps_order_and_refuses_other_elements() -> None:
     left, right = autd3_board(Pose(np.eye(3), np.array([-0.2, 0.0, 0.0]))), autd3_board()
     both = join([left, right])
     np.testing.assert_array_equal(both.positions, np.concatenate([left.positions, right.positions]))
-    with pytest.raises(InvalidInput, match="array 1 has another element"):
+    with raises_code("elements_differ", "array 1 has another element"):
         join([left, autd3_board(element=monopole(sensitivity=1.0))])
-    with pytest.raises(InvalidInput, match="not 0"):
+    with raises_code("empty", "not 0"):
         join([])
 
 
@@ -132,22 +132,27 @@ POINT, UP = np.zeros((2, 3)), np.tile([0.0, 0.0, 1.0], (2, 1))
 
 
 @pytest.mark.parametrize(
-    ("make", "number"),
+    ("make", "code", "number"),
     [
-        (lambda: PhasedArray(np.zeros((0, 3)), np.zeros((0, 3))), "0 points"),
-        (lambda: PhasedArray(POINT, UP[:1]), "2 positions need as many normals, not 1"),
-        (lambda: PhasedArray(POINT, UP, None, UP[:1]), "2 positions need as many tangents, not 1"),
-        (lambda: PhasedArray(POINT + [[0], [np.inf]], UP), "3 NaN or infinite"),
+        (lambda: PhasedArray(np.zeros((0, 3)), np.zeros((0, 3))), "empty", "0 points"),
+        (lambda: PhasedArray(POINT, UP[:1]), "sizes_differ", "2 positions need as many normals, not 1"),
+        (lambda: PhasedArray(POINT, UP, None, UP[:1]), "sizes_differ", "2 positions need as many tangents, not 1"),
+        (lambda: PhasedArray(POINT + [[0], [np.inf]], UP), "not_finite", "3 NaN or infinite"),
         (
             lambda: PhasedArray(POINT, UP * [[1.0], [0.0]]),
+            "zero_length",
             "normals of 1 element have no direction, first that of element 1",
         ),
-        (lambda: PhasedArray(POINT, UP * np.nan), "normals of 2 elements"),
-        (lambda: PhasedArray(POINT, UP, None, UP + [0.0, 1.0, 0.0]), "tangent of element 0 .* cosine is 0.707"),
-        (lambda: flat_boards(0, 2), "not 0 and 2"),
+        (lambda: PhasedArray(POINT, UP * np.nan), "zero_length", "normals of 2 elements"),
+        (
+            lambda: PhasedArray(POINT, UP, None, UP + [0.0, 1.0, 0.0]),
+            "tangent_along_normal",
+            "tangent of element 0 ... cosine is 0.707",
+        ),
+        (lambda: flat_boards(0, 2), "too_few", "not 0 and 2"),
     ],
 )
-def test_bad_arrays_are_refused(make, number: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bad_arrays_are_refused(make, code: str, number: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
-    with pytest.raises(InvalidInput, match=number):
+    with raises_code(code, *number.split(" ... ")):
         make()

@@ -9,7 +9,7 @@ from jaxtyping import Float64, Real
 
 from airtact.conventions import InvalidInput, Vector
 from airtact.scene.target_points import Points, frame_of, segment, thinned
-from airtact.validation import check_finite, positive, real_numbers
+from airtact.validation import check_finite, file_fault, positive, real_numbers
 
 FONT = "futural"
 """The Hershey font of single strokes without serifs: what is felt is the stroke, not the outline of a letter."""
@@ -65,7 +65,10 @@ def text(
     font.normalize_rendering(1.0)  # or y would run down
     unknown = [letter for letter in words if not 32 <= ord(letter) < 127]
     if unknown:
-        raise InvalidInput(f"{unknown[0]!r} of {words!r} is not one of the 95 letters of the font; write it in ASCII.")
+        raise InvalidInput(
+            f"{unknown[0]!r} of {words!r} is not one of the 95 letters of the font; write it in ASCII.",
+            code="letter_unknown",
+        )
     strokes = [np.array(stroke, dtype=np.float64) for stroke in font.strokes_for_text(words)]
     capital = np.concatenate([np.array(stroke, dtype=np.float64) for stroke in font.strokes_for_text("H")])
     scale = positive(height, "the height of a letter", "m") / float(np.ptp(capital[:, 1]))
@@ -107,7 +110,7 @@ def svg_path(
     extent = np.ptp(everything, axis=0) if len(everything) else np.zeros(2)
     size = extent[0] if extent[0] > 0.0 else extent[1]
     if size == 0.0:
-        raise InvalidInput(f"{name} holds {len(strokes)} lines, none of which is longer than 0.")
+        raise InvalidInput(f"{name} holds {len(strokes)} lines, none of which is longer than 0.", code="empty")
     scaled = [stroke * [width / size, -width / size] for stroke in strokes]  # in SVG y runs down
     return _laid_out(scaled, name, spacing, centre, normal, up)
 
@@ -124,9 +127,9 @@ def _svg_strokes(source: str | Path, name: str) -> Strokes:
         else:
             paths = [svgelements.Path(source)]
     except OSError as error:
-        raise InvalidInput(f"cannot read {name}: {error.strerror}.") from None
+        raise file_fault(Path(source), error) from None
     except Exception as error:  # the reader has its own way to fail on each damage
-        raise InvalidInput(f"{name} is not SVG: {error}.") from None
+        raise InvalidInput(f"{name} is not SVG: {error}.", code="file_unreadable") from None
     strokes = [_stroke(svgelements.Path(part)) for path in paths for part in path.as_subpaths()]
     return [stroke for stroke in strokes if len(stroke) > 1]
 
@@ -187,7 +190,8 @@ def picture(
     if across * down > MOST_CELLS:
         raise InvalidInput(
             f"a spacing of {1e3 * spacing:.3g} mm gives {across * down} points, more than {MOST_CELLS}; give a larger "
-            "one."
+            "one.",
+            code="too_many_points",
         )
     shares = _averaged(_averaged(bright, down).T, across).T
     shares = shares / shares.max()
@@ -209,7 +213,8 @@ def _brightness(image: str | Path | Real[np.ndarray, "rows columns"]) -> Float64
     if bright.ndim != 2 or bright.size == 0 or bright.min() < 0.0 or bright.max() == 0.0:
         least = f", its smallest value {bright.min():g}" if bright.size else ""
         raise InvalidInput(
-            f"a picture is rows and columns of brightness from 0 up, not all 0, not of shape {bright.shape}{least}."
+            f"a picture is rows and columns of brightness from 0 up, not all 0, not of shape {bright.shape}{least}.",
+            code="not_a_picture",
         )
     return bright
 
@@ -221,7 +226,7 @@ def _read(path: str | Path) -> Float64[np.ndarray, "rows columns"]:
         with Image.open(path) as image:
             return np.asarray(image.convert("L"), dtype=np.float64)
     except OSError as error:
-        raise InvalidInput(f"cannot read the picture {Path(path).name}: {error.strerror or error}.") from None
+        raise file_fault(Path(path), error) from None
 
 
 def _averaged(rows: Float64[np.ndarray, "rows columns"], count: int) -> Float64[np.ndarray, "cells columns"]:
@@ -236,7 +241,7 @@ def _averaged(rows: Float64[np.ndarray, "rows columns"], count: int) -> Float64[
 def _laid_out(strokes: Strokes, name: str, spacing: float, centre: Vector, normal: Vector, up: Vector | None) -> Points:
     """Put strokes in a plane round a point and lay points along them."""
     if not strokes:
-        raise InvalidInput(f"{name} has 0 strokes: there is nothing to feel.")
+        raise InvalidInput(f"{name} has 0 strokes: there is nothing to feel.", code="empty")
     right, upwards, _ = frame_of(normal, up)
     everything = np.concatenate(strokes)
     middle = 0.5 * (everything.min(axis=0) + everything.max(axis=0))

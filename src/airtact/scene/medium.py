@@ -55,7 +55,9 @@ class Medium:
         object.__setattr__(self, "density", within(self.density, 1e-2, 3e4, "density", "kg/m³", "is it in g/cm³?"))
         absorption = number(self.absorption, "absorption", "Np/m")
         if not math.isfinite(absorption) or absorption < 0.0:
-            raise InvalidInput(f"absorption is {absorption:g} Np/m, but it must be finite and not negative.")
+            raise InvalidInput(
+                f"absorption is {absorption:g} Np/m, but it must be finite and not negative.", code="out_of_range"
+            )
         object.__setattr__(self, "absorption", absorption)
 
     def wavenumber(self, frequency: float) -> complex:
@@ -105,10 +107,13 @@ def air(celsius: float = 20.0, humidity: float = 0.5, frequency: float = 40e3) -
         number(humidity, "relative humidity", "parts of 1"),
     )
     if not -20.0 <= celsius <= 50.0:
-        raise InvalidInput(f"the air's temperature is {celsius:g} °C, but the formulas hold from -20 to 50 °C.")
+        raise InvalidInput(
+            f"the air's temperature is {celsius:g} °C, but the formulas hold from -20 to 50 °C.", code="out_of_range"
+        )
     if not 0.0 <= humidity <= 1.0:
         raise InvalidInput(
-            f"relative humidity is {humidity:g}, but it is a fraction from 0 to 1: 50 per cent is humidity=0.5."
+            f"relative humidity is {humidity:g}, but it is a fraction from 0 to 1: 50 per cent is humidity=0.5.",
+            code="out_of_range",
         )
     vapour = _vapour_fraction(celsius, humidity)
     return Medium(

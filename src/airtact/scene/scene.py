@@ -53,24 +53,30 @@ class Obstacle:
         )
         wanted = {"sound_hard": (False, False), "impedance": (True, False), "filled": (False, True)}
         if not isinstance(self.boundary, str) or self.boundary not in wanted:
-            raise InvalidInput(f"boundary is {self.boundary!r}, but it is one of {', '.join(wanted)}.")
+            raise InvalidInput(
+                f"boundary is {self.boundary!r}, but it is one of {', '.join(wanted)}.", code="unknown_name"
+            )
         given = (self.ratio is not None, self.medium is not None)
         if given != wanted[self.boundary]:
             raise InvalidInput(
                 f"an obstacle of boundary {self.boundary} has ratio {self.ratio} and medium {self.medium}, but an "
-                "impedance takes a ratio, a filled one a medium, and none takes both."
+                "impedance takes a ratio, a filled one a medium, and none takes both.",
+                code="setting_not_taken",
             )
         if self.medium is not None:
             of_kind(self.medium, Medium, "what fills an obstacle", "Medium(sound_speed, density)")
         if self.ratio is None:
             return
         if not isinstance(self.ratio, complex | float | int | np.number):
-            raise InvalidInput(f"the impedance ratio is {self.ratio!r}, but it must be one number, Z/(ρc).")
+            raise InvalidInput(
+                f"the impedance ratio is {self.ratio!r}, but it must be one number, Z/(ρc).", code="not_a_number"
+            )
         ratio = complex(self.ratio)
         if not np.isfinite(ratio) or ratio == 0.0 or ratio.real < 0.0:
             raise InvalidInput(
                 f"the impedance ratio is {ratio:g}, but it must be finite, not zero, and its real part not negative "
-                "(the skin would give off power)."
+                "(the skin would give off power).",
+                code="out_of_range",
             )
         object.__setattr__(self, "ratio", ratio)
 
@@ -156,7 +162,8 @@ class Scene:
         if extent < SMALLEST_SHARE * self.wavelength:
             raise InvalidInput(
                 f"the largest body spans {extent * 1e3:.3g} mm, less than 1/50 of the wavelength of "
-                f"{self.wavelength * 1e3:.4g} mm at {self.frequency:g} Hz: is the frequency in kHz? Give hertz."
+                f"{self.wavelength * 1e3:.4g} mm at {self.frequency:g} Hz: is the frequency in kHz? Give hertz.",
+                code="body_too_small",
             )
 
     def _check_too_far(self) -> None:
@@ -165,7 +172,8 @@ class Scene:
             if away > FARTHEST:
                 raise InvalidInput(
                     f"body {index} stands {away:.4g} m from the origin, more than {FARTHEST:g} m: is its place in "
-                    "millimetres? Give metres."
+                    "millimetres? Give metres.",
+                    code="too_far",
                 )
 
     def _check_soundless(self) -> None:
@@ -173,7 +181,8 @@ class Scene:
         if decay > 1.0:
             raise InvalidInput(
                 f"an absorption of {self.medium.absorption:g} Np/m leaves {np.exp(-decay):.2g} of the sound after one "
-                "wavelength: is it in dB/km? Divide that by 8686."
+                "wavelength: is it in dB/km? Divide that by 8686.",
+                code="out_of_range",
             )
 
     @cached_property
@@ -233,6 +242,7 @@ def check_not_inside(depth: Float64[np.ndarray, "points"], points: Float64[np.nd
             f"{several if len(points) > 1 else f'a {what} lies'} inside a body: {what} {deepest} at "
             f"{in_mm(points[deepest])} is {depth[deepest] * 1e3:.3g} mm deep; move it out or the body away.",
             points[deepest],
+            code="focus_inside_body" if what == "focus" else "inside_body",
         )
 
 
@@ -258,6 +268,7 @@ def check_near(scene: Scene, points: Real[np.ndarray, "points 3"], what: str) ->
             f"{what} point {farthest} stands {distance[farthest]:.4g} m from the nearest body, more than "
             f"{FARTHEST_BESIDE:g} m: is it in millimetres? Give metres.",
             given[farthest],
+            code="too_far",
         )
 
 
@@ -282,15 +293,18 @@ def check_sources(scene: Scene, sources: Monopoles) -> None:
 
 def _obstacles_of(given: Sequence[Obstacle]) -> tuple[Obstacle, ...]:
     if isinstance(given, Obstacle):
-        raise InvalidInput("the obstacles of a scene are 1 Obstacle by itself; put it into a list: [obstacle].")
+        raise InvalidInput(
+            "the obstacles of a scene are 1 Obstacle by itself; put it into a list: [obstacle].", code="wrong_kind"
+        )
     if isinstance(given, Surface) or not isinstance(given, Iterable):
         raise InvalidInput(
             f"the obstacles of a scene are a {type(given).__name__}, but they must be a list with 0 or more of them: "
-            "[sound_hard(surface)]."
+            "[sound_hard(surface)].",
+            code="wrong_kind",
         )
     obstacles = tuple(given)
     for index, obstacle in enumerate(obstacles):
         if isinstance(obstacle, Surface):
-            raise InvalidInput(f"obstacle {index} is a bare Surface; wrap it: sound_hard(surface).")
+            raise InvalidInput(f"obstacle {index} is a bare Surface; wrap it: sound_hard(surface).", code="wrong_kind")
         of_kind(obstacle, Obstacle, f"obstacle {index}", "sound_hard(surface)")
     return obstacles

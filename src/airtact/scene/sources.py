@@ -61,10 +61,11 @@ class Monopoles:
         if strengths.ndim != 2 or len(strengths) != len(positions):
             raise InvalidInput(
                 f"monopole strengths have shape {strengths.shape}, but there are {len(positions)} positions; give "
-                f"({len(positions)},) for one sound or ({len(positions)}, number of sounds)."
+                f"({len(positions)},) for one sound or ({len(positions)}, number of sounds).",
+                code="wrong_shape",
             )
         if strengths.shape[1] == 0:
-            raise InvalidInput("monopole strengths hold 0 sounds; give at least one.")
+            raise InvalidInput("monopole strengths hold 0 sounds; give at least one.", code="empty")
         check_finite(strengths, "monopole strengths")
         strengths.flags.writeable = False
         object.__setattr__(self, "positions", positions)
@@ -90,7 +91,8 @@ def check_off_sources(points: Real[np.ndarray, "points 3"], sources: Monopoles) 
         first = int(near[0])
         raise InvalidInput(
             f"point {first} stands on source {int(source[first])} ({1e3 * distance[first]:g} mm away), where the "
-            "pressure is infinite; move it off."
+            "pressure is infinite; move it off.",
+            code="point_on_source",
         )
 
 

@@ -100,7 +100,8 @@ class Target:
         self._check_suppressed_foci()
         if pressures is not None and shares is not None:
             raise InvalidInput(
-                "a target has both pressures and shares; give 1 of the 2: pressures in pascal, or shares."
+                "a target has both pressures and shares; give 1 of the 2: pressures in pascal, or shares.",
+                code="choose_one",
             )
         wanted = None if pressures is None else self._wanted(pressures, "target pressure", " Pa")
         parts = None if shares is None else self._wanted(shares, "target share", "")
@@ -117,14 +118,16 @@ class Target:
         if given.ndim != 0 and given.shape != (len(self.points),):
             raise InvalidInput(
                 f"{what}s have shape {given.shape}, but the target has "
-                f"{counted(len(self.points), 'focus', 'foci')}; give one number or ({len(self.points)},)."
+                f"{counted(len(self.points), 'focus', 'foci')}; give one number or ({len(self.points)},).",
+                code="wrong_shape",
             )
         if not whole and given.min() < 0.0:
             raise InvalidInput(
-                f"a {what} is {given.min():g}{unit}, but it must not be negative; a complex number gives a phase."
+                f"a {what} is {given.min():g}{unit}, but it must not be negative; a complex number gives a phase.",
+                code="negative",
             )
         if np.abs(given).max() == 0.0:
-            raise InvalidInput(f"every {what} is 0{unit}; ask at least one focus for more.")
+            raise InvalidInput(f"every {what} is 0{unit}; ask at least one focus for more.", code="nothing_asked")
         return np.broadcast_to(given, (len(self.points),))
 
     def _check_suppressed_foci(self) -> None:
@@ -135,6 +138,7 @@ class Target:
                     f"suppression point {int(apart.argmin())} is {1e3 * apart.min():.2g} mm from focus {index} at "
                     f"{in_mm(point)}, so both cannot be had; leave it out of the suppression zone.",
                     point,
+                    code="suppressed_focus",
                 )
 
     @property
@@ -169,5 +173,6 @@ def _near_enough(points: Float64[np.ndarray, "points 3"], what: str) -> Float64[
             f"{what} {worst} at {in_mm(points[worst])} is {away[worst]:.4g} m from the origin of "
             f"the obstacles' frame, more than {FARTHEST:g} m: is this in millimetres? Give metres.",
             points[worst],
+            code="too_far",
         )
     return points

@@ -76,13 +76,16 @@ def polyline(corners: Real[np.ndarray, "corners 3"], spacing: float, closed: boo
     """
     corners, least = points_of(corners, "corners of a polyline"), 3 if closed else 2
     if len(corners) < least:
-        raise InvalidInput(f"a {'closed ' if closed else ''}polyline has {len(corners)} corners, but needs {least}.")
+        raise InvalidInput(
+            f"a {'closed ' if closed else ''}polyline has {len(corners)} corners, but needs {least}.", code="too_few"
+        )
     spacing = positive(spacing, "the spacing", "m")
     ends = np.roll(corners, -1, axis=0) if closed else corners[1:]
     lengths = np.linalg.norm(ends - corners[: len(ends)], axis=1)
     if lengths.min() == 0.0:
         raise InvalidInput(
-            f"line {int(lengths.argmin())} of a polyline has a length of 0 mm: its two ends are one point."
+            f"line {int(lengths.argmin())} of a polyline has a length of 0 mm: its two ends are one point.",
+            code="zero_length",
         )
     counts = np.maximum(np.ceil(lengths / spacing - 1e-9), 1.0)
     _check_many(counts.sum() + 1.0, spacing)
@@ -191,7 +194,9 @@ def surface_points(surface: Surface, spacing: float, facing: Vector | None = Non
         cosine = normals @ towards / (length * np.linalg.norm(normals, axis=1))
         centres = centres[cosine >= np.cos(np.radians(within)) - 1e-12]
     if not len(centres):
-        raise InvalidInput(f"0 points of the skin look within {within:g} degrees of {np.asarray(facing).tolist()}.")
+        raise InvalidInput(
+            f"0 points of the skin look within {within:g} degrees of {np.asarray(facing).tolist()}.", code="empty"
+        )
     return thinned(surface.shape.project(centres), 0.85 * spacing)
 
 
@@ -224,7 +229,10 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
     of_kind(surface, Surface, "the surface", "one Surface, such as pinch().surfaces[0]")
     offset = number(offset, "the offset", "m")
     if not 0.0 <= offset <= FARTHEST_OFF:
-        raise InvalidInput(f"the offset is {offset:g} m, but it must lie between 0 and {FARTHEST_OFF:g}: give metres.")
+        raise InvalidInput(
+            f"the offset is {offset:g} m, but it must lie between 0 and {FARTHEST_OFF:g}: give metres.",
+            code="out_of_range",
+        )
     feet = surface.shape.project(points_of(points, "points", least=0))
     stood = feet + offset * outward(surface.depth, feet)
     short = np.flatnonzero(-surface.depth(stood) < 0.5 * offset)
@@ -233,6 +241,7 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
             f"point {int(short[0])}, brought {1e3 * offset:.3g} mm off the skin at {in_mm(feet[short[0]])}, stands in "
             "a crevice or before another part of it; move the drawing.",
             feet[short[0]],
+            code="in_crevice",
         )
     return stood
 
@@ -272,14 +281,19 @@ def frame_of(
     towards = _vector(normal, "the normal")
     length = float(np.linalg.norm(towards))
     if length == 0.0:
-        raise InvalidInput("the normal of a plane is (0, 0, 0); give the direction at right angles to it.")
+        raise InvalidInput(
+            "the normal of a plane is (0, 0, 0); give the direction at right angles to it.", code="zero_length"
+        )
     towards = towards / length
     if up is None:
         up = (0.0, 1.0, 0.0) if abs(towards[1]) < 0.9 else (0.0, 0.0, 1.0)
     given = _vector(up, "the direction up")
     upwards = given - (given @ towards) * towards
     if np.linalg.norm(upwards) <= 1e-6 * np.linalg.norm(given):
-        raise InvalidInput(f"up is {given.tolist()}, along the normal {towards.tolist()}; give another direction up.")
+        raise InvalidInput(
+            f"up is {given.tolist()}, along the normal {towards.tolist()}; give another direction up.",
+            code="parallel_directions",
+        )
     upwards /= np.linalg.norm(upwards)
     return np.cross(upwards, towards), upwards, towards
 
@@ -293,7 +307,8 @@ def _check_many(count: float, spacing: float) -> None:
     if count > MOST_POINTS:
         raise InvalidInput(
             f"a spacing of {1e3 * spacing:.3g} mm gives {count:.0f} points, more than {MOST_POINTS}: are the "
-            "other lengths in millimetres? Give metres, and at 40 kHz a spacing of 2e-3 to 4e-3."
+            "other lengths in millimetres? Give metres, and at 40 kHz a spacing of 2e-3 to 4e-3.",
+            code="too_many_points",
         )
 
 

@@ -67,7 +67,9 @@ def board_named(name: str) -> Board:
     249
     """
     if name not in BOARDS:
-        raise InvalidInput(f"{name!r} is none of the {len(BOARDS)} boards: there is {', '.join(BOARDS)}.")
+        raise InvalidInput(
+            f"{name!r} is none of the {len(BOARDS)} boards: there is {', '.join(BOARDS)}.", code="unknown_name"
+        )
     return BOARDS[name]()
 
 
@@ -79,17 +81,24 @@ def boards_needed(board: Board, elements: int) -> int:
     InvalidInput
         If the elements do not fill whole boards, or more than one link can speak to.
     """
+    count = _whole_boards(board, elements)
+    if count > board.most:
+        raise InvalidInput(
+            f"{elements} elements are {count} {board.name} boards, and one link speaks to at most {board.most}: make a "
+            f"drive for {board.most * len(board)} elements or fewer.",
+            code="too_many_boards",
+        )
+    return count
+
+
+def _whole_boards(board: Board, elements: int) -> int:
     count, rest = divmod(elements, len(board))
     if rest or count == 0:
         near = len(board) * min(max(count, 1), board.most)
         raise InvalidInput(
             f"{counted(elements, 'element does', 'elements do')} not fill whole {board.name} boards of {len(board)}: "
-            f"give a drive for {near} elements."
-        )
-    if count > board.most:
-        raise InvalidInput(
-            f"{elements} elements are {count} {board.name} boards, and one link speaks to at most {board.most}: make a "
-            f"drive for {board.most * len(board)} elements or fewer."
+            f"give a drive for {near} elements.",
+            code="element_count",
         )
     return count
 
@@ -116,7 +125,7 @@ def poses_of_boards(
         If the elements do not fill whole boards, or are not laid out like them: which board, how far off.
     """
     board = board_named(board) if isinstance(board, str) else board
-    count = boards_needed(board, len(positions))
+    count = _whole_boards(board, len(positions))
     if not board.placed:
         return [Pose.identity()] * count
     parts = zip(np.split(np.asarray(positions), count), np.split(np.asarray(normals), count), strict=True)
@@ -142,7 +151,8 @@ def _pose(
         raise InvalidInput(
             f"elements {first} to {first + len(board) - 1} are not laid out like board {index} of {board.name}: "
             f"element {first + worst} stands {off[worst] * 1e3:.3g} mm off its place and normals lean by up to "
-            f"{np.degrees(lean.max()):.3g} degrees; make the drive for that board's layout."
+            f"{np.degrees(lean.max()):.3g} degrees; make the drive for that board's layout.",
+            code="not_a_board",
         )
     return pose
 

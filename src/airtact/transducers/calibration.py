@@ -48,16 +48,22 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
         with about(f"line {line} of {path.name}"):
             element = _element(index, elements)
             if element in seen:
-                raise InvalidInput(f"element {element} was given in line {seen[element]} already.")
+                raise InvalidInput(
+                    f"element {element} was given in line {seen[element]} already.", code="element_twice"
+                )
             if not 0.0 <= gain <= LARGEST_GAIN:
-                raise InvalidInput(f"gain {gain:g} of element {element} must be 0 to {LARGEST_GAIN:g}.")
+                raise InvalidInput(
+                    f"gain {gain:g} of element {element} must be 0 to {LARGEST_GAIN:g}.", code="out_of_range"
+                )
             seen[element], gains[element] = line, gain * np.exp(1j * phase)
     return gains
 
 
 def _element(index: float, elements: int) -> int:
     if index != int(index):
-        raise InvalidInput(f"element {index:g} is not a whole number.")
+        raise InvalidInput(f"element {index:g} is not a whole number.", code="not_integers")
     if not 0 <= index < elements:
-        raise InvalidInput(f"there is no element {index:g} among {counted(elements, 'element', 'elements')}.")
+        raise InvalidInput(
+            f"there is no element {index:g} among {counted(elements, 'element', 'elements')}.", code="unknown_element"
+        )
     return int(index)

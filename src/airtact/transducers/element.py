@@ -57,14 +57,21 @@ class Element:
         object.__setattr__(self, "weights", real_numbers(self.weights, "face weights"))
         if self.weights.shape != (len(self.points),):
             count = counted(len(self.points), "face point", "face points")
-            raise InvalidInput(f"an element of {count} needs as many weights, not {self.weights.shape}.")
+            raise InvalidInput(
+                f"an element of {count} needs as many weights, not {self.weights.shape}.", code="wrong_shape"
+            )
         if not abs(self.weights.sum() - 1.0) < 1e-9:
-            raise InvalidInput(f"the weights of an element must add up to 1, not {self.weights.sum():g}.")
+            raise InvalidInput(
+                f"the weights of an element must add up to 1, not {self.weights.sum():g}.", code="weights_sum"
+            )
         sensitivity = positive(self.sensitivity, "the sensitivity of an element", "Pa·m")
         object.__setattr__(self, "sensitivity", sensitivity)
         object.__setattr__(self, "radius", number(self.radius, "the radius of an element", "m"))
         if not 0.0 <= self.radius < np.inf:
-            raise InvalidInput(f"the radius of an element cannot be {self.radius:g} m: give 0 or a length in metres.")
+            raise InvalidInput(
+                f"the radius of an element cannot be {self.radius:g} m: give 0 or a length in metres.",
+                code="out_of_range",
+            )
 
     @property
     def reach(self) -> float:
@@ -173,5 +180,6 @@ def check_pattern(element: Element, wavenumber: complex | float) -> None:
         raise InvalidInput(
             f"a face of {element.radius * 1e3:.3g} mm radius has ka = {size:.2f}, and its {len(element.points)} points "
             f"keep the pattern only up to {LARGEST_PISTON}: take a radius of at most "
-            f"{LARGEST_PISTON / wavenumber.real * 1e3:.3g} mm or a lower frequency."
+            f"{LARGEST_PISTON / wavenumber.real * 1e3:.3g} mm or a lower frequency.",
+            code="piston_too_large",
         )

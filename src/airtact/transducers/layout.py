@@ -58,7 +58,8 @@ class PhasedArray:
         spread = float(np.ptp(places, axis=0).max())
         if spread > WIDEST:
             raise InvalidInput(
-                f"the elements span {spread:.4g} m, more than {WIDEST:g} m: is this in millimetres? Give metres."
+                f"the elements span {spread:.4g} m, more than {WIDEST:g} m: is this in millimetres? Give metres.",
+                code="too_wide",
             )
         if element is not None:
             of_kind(element, Element, "what stands at every position", "monopole() or piston(radius)")
@@ -70,7 +71,8 @@ class PhasedArray:
         if slant.max() > 1e-5:
             first = int(np.argmax(slant))
             raise InvalidInput(
-                f"the tangent of element {first} must be across its normal, but their cosine is {slant[first]:g}."
+                f"the tangent of element {first} must be across its normal, but their cosine is {slant[first]:g}.",
+                code="tangent_along_normal",
             )
         object.__setattr__(self, "positions", places)
         object.__setattr__(self, "normals", unit_normals)
@@ -134,10 +136,12 @@ def _as_many(
     """Return one direction for each element, or refuse another number of them."""
     vectors = real_numbers(given, f"element {name}s")
     if vectors.ndim != 2 or vectors.shape[1] != 3:
-        raise InvalidInput(f"element {name}s have shape {vectors.shape}, but they need ({len(places)}, 3).")
+        raise InvalidInput(
+            f"element {name}s have shape {vectors.shape}, but they need ({len(places)}, 3).", code="wrong_shape"
+        )
     if len(vectors) != len(places):
         need = counted(len(places), "position needs", "positions need")
-        raise InvalidInput(f"{need} as many {name}s, not {len(vectors)}.")
+        raise InvalidInput(f"{need} as many {name}s, not {len(vectors)}.", code="sizes_differ")
     return vectors
 
 
@@ -149,7 +153,8 @@ def _unit(vectors: Real[np.ndarray, "elements 3"], name: str) -> Float64[np.ndar
         first = int(np.argmax(bad))
         count = counted(int(bad.sum()), "element", "elements")
         raise InvalidInput(
-            f"the {name}s of {count} have no direction, first that of element {first}: {vectors[first]}."
+            f"the {name}s of {count} have no direction, first that of element {first}: {vectors[first]}.",
+            code="zero_length",
         )
     return fixed(vectors / lengths[:, None])
 
@@ -172,10 +177,12 @@ def _gains(given: Num[np.ndarray, "gains"], count: int) -> Complex128[np.ndarray
     gains = complex_numbers(given, "element gains")
     if gains.shape != (count,):
         need = counted(count, "element needs one gain", "elements need as many gains")
-        raise InvalidInput(f"{need}, not an array of shape {gains.shape}.")
+        raise InvalidInput(f"{need}, not an array of shape {gains.shape}.", code="wrong_shape")
     check_finite(gains, "element gains")
     if not gains.any():
-        raise InvalidInput(f"all {count} elements are dead: their gains are 0, so nothing would be heard.")
+        raise InvalidInput(
+            f"all {count} elements are dead: their gains are 0, so nothing would be heard.", code="all_dead"
+        )
     gains.flags.writeable = False
     return gains
 
@@ -265,7 +272,10 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
     """
     kind = board_named("autd3" if board is None else board)
     if kind.outline is None:
-        raise InvalidInput(f"{len(kind)} transducers of {kind.name} have no known outline, so no box can be closed.")
+        raise InvalidInput(
+            f"{len(kind)} transducers of {kind.name} have no known outline, so no box can be closed.",
+            code="outline_unknown",
+        )
     distance = 70e-3 if board is None else kind.outline[1] / 2
     flat = _centred(kind, element)
     stand_up = Pose(np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]), np.array([distance, 0.0, 0.0]))
@@ -300,14 +310,16 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
     """
     for name, count in (("rows", rows), ("columns", columns)):
         if not isinstance(count, int | np.integer):
-            raise InvalidInput(f"flat boards need a whole number of {name}, not {count!r}.")
+            raise InvalidInput(f"flat boards need a whole number of {name}, not {count!r}.", code="not_integers")
     if rows < 1 or columns < 1:
-        raise InvalidInput(f"flat boards need at least 1 row and 1 column, not {rows} and {columns}.")
+        raise InvalidInput(f"flat boards need at least 1 row and 1 column, not {rows} and {columns}.", code="too_few")
     autd3 = board_named("autd3")
     width, height = autd3.outline or (0.0, 0.0)
     extent = max(rows * height, columns * width)
     if extent > WIDEST:
-        raise InvalidInput(f"{rows} by {columns} flat boards span {extent:.4g} m, more than {WIDEST:g} m; take fewer.")
+        raise InvalidInput(
+            f"{rows} by {columns} flat boards span {extent:.4g} m, more than {WIDEST:g} m; take fewer.", code="too_wide"
+        )
     board = _centred(autd3, element)
     places = [
         np.array([(column - (columns - 1) / 2) * width, (row - (rows - 1) / 2) * height, 0.0])
@@ -326,13 +338,18 @@ def join(arrays: Sequence[PhasedArray]) -> PhasedArray:
         If there is no array, or the elements differ.
     """
     if not isinstance(arrays, Sequence):
-        raise InvalidInput(f"joining needs a list of 1 or more arrays, not a {type(arrays).__name__}.")
+        raise InvalidInput(
+            f"joining needs a list of 1 or more arrays, not a {type(arrays).__name__}.", code="wrong_kind"
+        )
     if len(arrays) == 0:
-        raise InvalidInput("joining needs at least 1 array, not 0.")
+        raise InvalidInput("joining needs at least 1 array, not 0.", code="empty")
     for index, array in enumerate(arrays):
         of_kind(array, PhasedArray, f"array {index}", "such as autd3_board(pose)")
         if not array.element.same_as(arrays[0].element):
-            raise InvalidInput(f"array {index} has another element than array 0: only equal elements can be joined.")
+            raise InvalidInput(
+                f"array {index} has another element than array 0: only equal elements can be joined.",
+                code="elements_differ",
+            )
     return PhasedArray(
         np.concatenate([array.positions for array in arrays]),
         np.concatenate([array.normals for array in arrays]),

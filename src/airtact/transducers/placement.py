@@ -59,7 +59,8 @@ def _check_outside_bodies(scene: Scene, array: PhasedArray) -> None:
         count = counted(len(array), "element", "elements")
         raise InvalidInput(
             f"the faces of {len(inside)} of {count} reach into a body: element {deepest} at "
-            f"{in_mm(array.positions[deepest])} by {depth[deepest] * 1e3:.3g} mm; move the array or the body away."
+            f"{in_mm(array.positions[deepest])} by {depth[deepest] * 1e3:.3g} mm; move the array or the body away.",
+            code="array_inside_body",
         )
 
 
@@ -68,7 +69,8 @@ def _check_far(distance: Float64[np.ndarray, "elements"], what: str) -> None:
     if distance[farthest] > FARTHEST:
         raise InvalidInput(
             f"element {farthest} stands {distance[farthest]:.4g} m from {what}, more than {FARTHEST:g} m: is the array "
-            "or its pose in millimetres? Give metres."
+            "or its pose in millimetres? Give metres.",
+            code="too_far",
         )
 
 
@@ -114,7 +116,8 @@ def check_before_faces(array: PhasedArray, points: Real[np.ndarray, "points 3"],
         count = counted(len(faces), "element", "elements")
         raise InvalidInput(
             f"{what} {point} stands behind the faces of {count}, first element {faces[0]} by "
-            f"{behind[point, faces[0]] * 1e3:.3g} mm: they radiate forwards only, so move it before them."
+            f"{behind[point, faces[0]] * 1e3:.3g} mm: they radiate forwards only, so move it before them.",
+            code="behind_faces",
         )
 
 
@@ -126,7 +129,8 @@ def _check_body_before_faces(array: PhasedArray, vertices: Float64[np.ndarray, "
         count = counted(len(faces), "element", "elements")
         raise InvalidInput(
             f"body {index} reaches behind the faces of {count}, first element {faces[0]} by "
-            f"{behind[faces[0]] * 1e3:.3g} mm: they radiate forwards only, so move it before them."
+            f"{behind[faces[0]] * 1e3:.3g} mm: they radiate forwards only, so move it before them.",
+            code="behind_faces",
         )
 
 
