@@ -21,6 +21,7 @@ from jaxtyping import AbstractArray
 import airtact as at
 from airtact.cli import commands
 from airtact.scene_file import tables
+from airtact.scene_file.parsing import keys_of
 from paths import ROOT
 
 MODULES = sorted((ROOT / "src/airtact").rglob("*.py"))
@@ -272,7 +273,7 @@ def test_every_command_is_documented() -> None:
 def test_every_key_of_a_scene_file_is_documented() -> None:
     page = (ROOT / "docs/scene-file.md").read_text(encoding="utf-8")
     kinds = [kind for kind in vars(tables).values() if inspect.isclass(kind) and issubclass(kind, tables.Table)]
-    keys = {key for kind in kinds for key in typing.get_type_hints(kind) if not key.startswith("_")}
+    keys = {key for kind in kinds for key in keys_of(kind)}
     assert len(keys) > 20
     assert sorted(key for key in keys if f"`{key}`" not in page) == []
 

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from airtact.conventions import InvalidInput
 from airtact.pose import Pose
 from airtact.scene_file.building import read_scene
+from airtact.transducers.boards import BOARD_NAMES
 from airtact.transducers.layout import board_array, surrounding_box
+from faults import raises_code
 
 SCENE = """
 [medium]
@@ -37,7 +38,7 @@ def test_a_box_of_real_boards(tmp_path) -> None:
     assert abs(array.positions[0, 0]) == pytest.approx(75.7e-3, abs=1e-12)
 
 
-@pytest.mark.parametrize("name", ["autd3", "sonicsurface", "nano16", "openmpd"])
+@pytest.mark.parametrize("name", BOARD_NAMES)
 def test_boards_of_any_kind(tmp_path, name: str) -> None:
     array = array_of(tmp_path, ONE_BOARD + f'board = "{name}"')
     expected = board_array(name, [Pose(np.eye(3), np.array([0.0, 0.0, -0.1]))])
@@ -53,16 +54,28 @@ def test_calibration_is_read_from_beside_the_scene(tmp_path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    ("text", "code", "sentence"),
     [
-        (ONE_BOARD + 'board = "autd4"', r"scene\.toml: array: 'autd4' is none of the 4 boards"),
-        ('layout = "surrounding_box"\nboard = "nano16"', "12 transducers of nano16 have no known outline"),
-        ('layout = "flat_boards"\nboard = "autd3"', 'board goes only with layout = "surrounding_box" or'),
-        (ONE_BOARD + 'calibration = "none.csv"', r"array: calibration: the file .*none\.csv does not exist"),
-        (ONE_BOARD + 'calibration = "bad.csv"', r"line 2 of bad\.csv: there is no element 249 among 249 elements"),
+        (ONE_BOARD + 'board = "autd4"', "unknown_name", "scene.toml: array: 'autd4' is none of the 4 boards"),
+        (
+            'layout = "surrounding_box"\nboard = "nano16"',
+            "outline_unknown",
+            "12 transducers of nano16 have no known outline",
+        ),
+        (
+            'layout = "flat_boards"\nboard = "autd3"',
+            "key_misplaced",
+            'board goes only with layout = "surrounding_box" or layout = "boards".',
+        ),
+        (ONE_BOARD + 'calibration = "none.csv"', "file_missing", "scene.toml: array: calibration: the file "),
+        (
+            ONE_BOARD + 'calibration = "bad.csv"',
+            "unknown_element",
+            "line 2 of bad.csv: there is no element 249 among 249 elements",
+        ),
     ],
 )
-def test_bad_boards_are_refused(tmp_path, text: str, sentence: str) -> None:
+def test_bad_boards_are_rejected(tmp_path, text: str, code: str, sentence: str) -> None:
     (tmp_path / "bad.csv").write_text("element,gain,phase\n249,1,0\n")
-    with pytest.raises(InvalidInput, match=sentence):
+    with raises_code(code, sentence):
         array_of(tmp_path, text)

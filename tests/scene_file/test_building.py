@@ -1,4 +1,4 @@
-"""A scene file becomes bodies, transducers and foci where it says; what cannot be is refused with a number."""
+"""A scene file becomes bodies, transducers and foci where it says; what cannot be is rejected with a number."""
 
 import numpy as np
 import pytest
@@ -10,6 +10,8 @@ from airtact.scene_file.building import drawable_bodies, read_scene
 from airtact.solvers.free_field import FreeField
 from airtact.surfaces.primitives import capsule
 from airtact.synthesis.methods import METHODS
+from airtact.transducers.boards import board_named
+from faults import raises_code
 from paths import EXAMPLES
 
 MEDIUM = "[medium]\nsound_speed = 343.1\ndensity = 1.293\n"
@@ -30,13 +32,15 @@ def read(tmp_path):
     return reader
 
 
-def refusal(read, *parts):
+def fails(read, code, start, *parts):
+    """Expect a code, any where None, and one sentence that begins with the file's name and ``start``."""
     with pytest.raises(InvalidInput) as caught:
         read(*parts)
+    assert code in (None, caught.value.code)
     sentence = str(caught.value)
-    assert sentence.startswith("scene.toml: ")
+    assert sentence.startswith("scene.toml: " + start), sentence
     assert "\n" not in sentence
-    return sentence.removeprefix("scene.toml: ")
+    return sentence
 
 
 def test_the_papers_scene():
@@ -101,14 +105,14 @@ def test_edges_stay_sharp_above_the_angle_asked(read, tmp_path, degrees, creases
 
 
 def test_a_sharp_angle_goes_only_with_a_file(read):
-    assert refusal(read, MEDIUM, ARRAY, BALL, "sharp_degrees = 30.0\n", FOCUS) == (
-        "obstacles[0]: sharp_degrees goes only with surface."
-    )
+    sentence = "obstacles[0].sharp_degrees goes only with surface."
+    fails(read, "key_misplaced", sentence, MEDIUM, ARRAY, BALL, "sharp_degrees = 30.0\n", FOCUS)
 
 
 def test_bodies_that_nearly_touch_become_one_where_asked(read):
     balls = [BALL.replace("5e-3", f"5e-3, centre = [{x}, 0.0, 0.0]") for x in (0.0, 10.2e-3, 40e-3)]
-    assert "bodies 0 and 1 are 0.2 mm apart" in refusal(read, MEDIUM, ARRAY, *balls, FOCUS)
+    with pytest.raises(InvalidInput, match=r"bodies 0 and 1 are 0\.2 mm apart"):
+        read(MEDIUM, ARRAY, *balls, FOCUS)
     setup = read("merge_bodies = true\n", MEDIUM, ARRAY, *balls, FOCUS)
     assert setup.bodies == ("sphere + sphere 2", "sphere 3")
     one, other = (obstacle.surface for obstacle in setup.scene.obstacles)
@@ -117,13 +121,13 @@ def test_bodies_that_nearly_touch_become_one_where_asked(read):
     assert other.volume == pytest.approx(ball, rel=1e-3)
 
 
-def test_bodies_of_another_skin_are_not_merged(read):
+def test_bodies_of_another_boundary_are_not_merged(read):
     other = BALL.replace("5e-3", "5e-3, centre = [10.2e-3, 0.0, 0.0]") + 'boundary = "impedance"\nratio = 5.0\n'
-    sentence = refusal(read, "merge_bodies = true\n", MEDIUM, ARRAY, BALL, other, FOCUS)
-    assert "bodies 0 and 1 are 0.2 mm apart" in sentence
+    with pytest.raises(InvalidInput, match=r"bodies 0 and 1 are 0\.2 mm apart"):
+        read("merge_bodies = true\n", MEDIUM, ARRAY, BALL, other, FOCUS)
 
 
-def test_bodies_that_can_be_drawn_are_found_though_the_scene_is_refused(tmp_path):
+def test_bodies_that_can_be_drawn_are_found_though_the_scene_is_rejected(tmp_path):
     facets = _box_facets(10.0)
     (tmp_path / "open.stl").write_text("solid\n" + "".join(_facet(*corners) for corners in facets[1:]) + "endsolid\n")
     path = tmp_path / "scene.toml"
@@ -136,16 +140,16 @@ def test_bodies_that_can_be_drawn_are_found_though_the_scene_is_refused(tmp_path
     assert len(box[1]) == 11
     np.testing.assert_allclose(np.ptp(box[0], axis=0), 0.01)
     path.write_text("[medium")
-    with pytest.raises(InvalidInput, match="this is not TOML"):
+    with raises_code("not_toml"):
         drawable_bodies(path)
 
 
-def test_two_bodies_of_a_kind_are_told_apart(read):
+def test_two_bodies_of_a_kind_are_distinguished(read):
     setup = read(MEDIUM, ARRAY, BALL, BALL.replace("5e-3", "5e-3, centre = [0.03, 0.0, 0.0]"), FOCUS)
     assert setup.bodies == ("sphere", "sphere 2")
 
 
-def test_the_offset_is_off_the_skin(read):
+def test_the_offset_is_off_the_surface(read):
     pinch = "[[obstacles]]\npinch = { gap = 0.02 }\n"
     focus = '[[foci]]\nat = "finger.pad"\noffset = 2e-3\n'
     np.testing.assert_allclose(read(MEDIUM, ARRAY, pinch, focus).target.points, [[8e-3, 0, 0]], atol=1e-12)
@@ -196,140 +200,244 @@ def test_an_array_from_a_file(read, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    ("code", "text", "sentence"),
     [
         (
+            "column_missing",
             "x,y,z\n",
             "array: ring.csv has no column nx, ny, nz: it needs x, y, z, nx, ny, nz, and has 3 columns, x, y, z.",
         ),
         (
+            "wrong_cell_count",
             "x,y,z,nx,ny,nz\n0.1,0,0,-1,0,0\n0.1,0,0,-1\n",
             "array: line 3 of ring.csv has 4 cells, but there are 6 columns, x, y, z, nx, ny, nz.",
         ),
-        ("x,y,z,nx,ny,nz\na,b,c,d,e,f\n", "array: line 2 of ring.csv has 'a' for x, which is not a number."),
-        ("x,y,z,nx,ny,nz\n", "array: ring.csv holds 0 transducers."),
+        (
+            "cell_unreadable",
+            "x,y,z,nx,ny,nz\na,b,c,d,e,f\n",
+            "array: line 2 of ring.csv has 'a' for x, which is not a number.",
+        ),
+        ("empty", "x,y,z,nx,ny,nz\n", "array: ring.csv holds 0 transducers."),
     ],
 )
-def test_a_faulty_array_file_is_refused(read, tmp_path, text, sentence):
+def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
     (tmp_path / "ring.csv").write_text(text)
-    assert refusal(read, MEDIUM, '[array]\nlayout = "ring.csv"\n', BALL, FOCUS) == sentence
+    fails(read, code, sentence, MEDIUM, '[array]\nlayout = "ring.csv"\n', BALL, FOCUS)
 
 
 @pytest.mark.parametrize(
-    ("parts", "start"),
+    ("code", "parts", "start"),
     [
         (
+            "key_misplaced",
             ["[medium]\ncelsius = 20.0\ndensity = 1.2\n", ARRAY, BALL, FOCUS],
-            "medium: give celsius and humidity, or sound_",
+            "medium.density goes only with sound_speed.",
         ),
         (
+            "key_missing",
             ["[medium]\nsound_speed = 340.0\n", ARRAY, BALL, FOCUS],
-            "medium: give celsius and humidity, or sound_speed and",
+            "the key medium.density is missing: sound_speed needs it.",
         ),
-        (["[medium]\n", ARRAY, BALL, FOCUS], "medium: give celsius and humidity, or sound_speed and density; nothing"),
-        ([MEDIUM.replace("1.293", "-1.3"), ARRAY, BALL, FOCUS], "medium: density is -1.3"),
-        (["frequency = -4e4\n", MEDIUM, ARRAY, BALL, FOCUS], "frequency is -40000"),
         (
+            "choose_one",
+            ["[medium]\n", ARRAY, BALL, FOCUS],
+            "medium: give exactly one of celsius and humidity, sound_speed and density; 0 given.",
+        ),
+        ("out_of_range", [MEDIUM.replace("1.293", "1.3e6"), ARRAY, BALL, FOCUS], "medium: density is 1.3e+06"),
+        ("not_positive", ["frequency = -4e4\n", MEDIUM, ARRAY, BALL, FOCUS], "frequency is -40000"),
+        (
+            "choose_one",
             [MEDIUM, ARRAY, "[[obstacles]]\n", FOCUS],
             "obstacles[0]: give exactly one of pinch, capsule, sphere, surface, hand; 0",
         ),
         (
+            "choose_one",
             [MEDIUM, ARRAY, BALL, "pinch = {}\n", FOCUS],
             "obstacles[0]: give exactly one of pinch, capsule, sphere, surface, hand; 2",
         ),
-        ([MEDIUM, ARRAY, "[[obstacles]]\npinch = { gap = -0.01 }\n", FOCUS], "obstacles[0]: gap is -0.01"),
-        ([MEDIUM, ARRAY, '[[obstacles]]\nsurface = "no.stl"\n', FOCUS], "obstacles[0]: there is no file"),
-        ([MEDIUM, ARRAY, BALL, "scale = 2.0\n", FOCUS], "obstacles[0]: scale goes only with surface"),
-        ([MEDIUM, ARRAY, BALL, "ratio = 2.0\n", FOCUS], 'obstacles[0]: ratio goes only with boundary = "impedance"'),
-        ([MEDIUM, ARRAY, BALL, 'boundary = "impedance"\n', FOCUS], 'obstacles[0]: boundary = "impedance" needs ratio'),
         (
+            "not_positive",
+            [MEDIUM, ARRAY, "[[obstacles]]\npinch = { gap = -0.01 }\n", FOCUS],
+            "obstacles[0]: gap is -0.01",
+        ),
+        (None, [MEDIUM, ARRAY, '[[obstacles]]\nsurface = "no.stl"\n', FOCUS], "obstacles[0]: "),
+        ("key_misplaced", [MEDIUM, ARRAY, BALL, "scale = 2.0\n", FOCUS], "obstacles[0].scale goes only with surface."),
+        (
+            "key_missing",
+            [MEDIUM, ARRAY, "[[obstacles]]\nscale = 2.0\n", FOCUS],
+            "the key obstacles[0].surface is missing: surface needs it.",
+        ),
+        (
+            "key_misplaced",
+            [MEDIUM, ARRAY, BALL, "ratio = 2.0\n", FOCUS],
+            'obstacles[0].ratio goes only with boundary = "impedance".',
+        ),
+        (
+            "key_missing",
+            [MEDIUM, ARRAY, BALL, 'boundary = "impedance"\n', FOCUS],
+            'the key obstacles[0].ratio is missing: boundary = "impedance" needs it.',
+        ),
+        (
+            "solver_unsuitable",
             [MEDIUM, ARRAY, BALL, 'boundary = "impedance"\nratio = [5.0, 1.0]\n', FOCUS],
             "solver: body 0 is impedance, but boundary_element solves sound_hard bodies only",
         ),
         (
+            "solver_unsuitable",
             [MEDIUM, ARRAY, BALL, 'boundary = "filled"\nmedium = { sound_speed = 1481.0, density = 999.7 }\n', FOCUS],
             "solver: body 0 is filled, but boundary_element solves sound_hard bodies only",
         ),
-        ([MEDIUM, ARRAY, BALL, BALL, FOCUS], "bodies 0 and 1 overlap or touch: 10 mm deep"),
+        (None, [MEDIUM, ARRAY, BALL, BALL, FOCUS], "bodies 0 and 1 overlap or touch: 10 mm deep"),
         (
+            "solver_unsuitable",
             [MEDIUM, ARRAY, FOCUS, '[solver]\nname = "boundary_element"'],
             "solver: the scene has 0 obstacles, and boundary_element needs one or more",
         ),
         (
+            "unknown_name",
             [MEDIUM, ARRAY.replace("box", "bax"), BALL, FOCUS],
-            'array: layout = "surrounding_bax" is neither a known layout',
+            'array.layout = "surrounding_bax" is neither a known layout nor a .csv file; did you mean surrounding_box?',
         ),
-        ([MEDIUM, '[array]\nlayout = "boards"\n', BALL, FOCUS], 'array: layout = "boards" needs poses'),
-        ([MEDIUM, '[array]\nlayout = "none.csv"\n', BALL, FOCUS], "array: the file {folder}/none.csv does not exist"),
-        ([MEDIUM, ARRAY, "rows = 2\n", BALL, FOCUS], 'array: rows goes only with layout = "flat_boards"'),
-        ([MEDIUM, ARRAY, "[array.pose]\ndegrees = 3.0\n", BALL, FOCUS], "array: pose: axis and degrees go together"),
         (
+            "key_missing",
+            [MEDIUM, '[array]\nlayout = "boards"\n', BALL, FOCUS],
+            'the key array.poses is missing: layout = "boards" needs it.',
+        ),
+        (
+            "wrong_value",
+            [MEDIUM, '[array]\nlayout = "boards"\nposes = []\n', BALL, FOCUS],
+            "array.poses: expected a list of length >= 1.",
+        ),
+        (
+            "file_missing",
+            [MEDIUM, '[array]\nlayout = "none.csv"\n', BALL, FOCUS],
+            "array: the file {folder}/none.csv does not exist",
+        ),
+        (
+            "key_misplaced",
+            [MEDIUM, ARRAY, "rows = 2\n", BALL, FOCUS],
+            'array.rows goes only with layout = "flat_boards".',
+        ),
+        (
+            "key_missing",
+            [MEDIUM, ARRAY, "[array.pose]\ndegrees = 3.0\n", BALL, FOCUS],
+            "the key array.pose.axis is missing: axis needs it.",
+        ),
+        (
+            "key_misplaced",
             [MEDIUM, ARRAY, "[array.pose]\ndegrees = 3.0\nrotation = [[1,0,0],[0,1,0],[0,0,1]]\n", BALL, FOCUS],
-            "array: pose: give rotation, or axis and degrees, not both",
+            "array.pose.degrees goes only with axis.",
         ),
-        ([MEDIUM, ARRAY, "piston_radius = -1e-3\n", BALL, FOCUS], "array: the radius of a piston is -0.001 m"),
         (
+            "not_positive",
+            [MEDIUM, ARRAY, "piston_radius = -1e-3\n", BALL, FOCUS],
+            "array: the radius of a piston is -0.001 m",
+        ),
+        (
+            "choose_one",
             [MEDIUM, ARRAY, BALL, "[[foci]]\n"],
             "foci[0]: give exactly one of at, point, segment, polyline, circle, sphere_shell",
         ),
-        ([MEDIUM, ARRAY, BALL, FOCUS, "offset = 1e-3\n"], "foci[0]: offset goes only with at"),
+        ("key_misplaced", [MEDIUM, ARRAY, BALL, FOCUS, "offset = 1e-3\n"], "foci[0]: offset goes only with at"),
         (
+            "key_misplaced",
+            [MEDIUM, ARRAY, "[[obstacles]]\npinch = {}\n", '[[foci]]\nat = "thumb.pad"\nonto = "thumb"\n'],
+            "foci[0]: onto goes only with a point or a shape.",
+        ),
+        (
+            "unknown_name",
             [MEDIUM, ARRAY, BALL, '[[foci]]\nat = "thumb.pad"\n'],
-            'foci[0]: at = "thumb.pad" is not a place of a body; no',
+            'foci[0]: at = "thumb.pad" is not a named point of a body; no',
         ),
-        ([MEDIUM, ARRAY, BALL, FOCUS, FOCUS, "pressure = 5.0\n"], "foci: 1 of 2 have a pressure; give it to all"),
-        ([MEDIUM, ARRAY, BALL, FOCUS, "pressure = -5.0\n"], "foci: a target pressure is -5 Pa"),
-        ([MEDIUM, ARRAY, BALL, FOCUS.replace("8e-3", "nan")], "foci: target points hold 1 NaN"),
-        (["foci = []\n", MEDIUM, ARRAY, BALL], "foci: target points are empty (0 points)"),
         (
+            "key_missing",
+            [MEDIUM, ARRAY, BALL, FOCUS, FOCUS, "pressure = 5.0\n"],
+            "foci: 1 of 2 have a pressure; give it to all",
+        ),
+        ("negative", [MEDIUM, ARRAY, BALL, FOCUS, "pressure = -5.0\n"], "foci: a target pressure is -5 Pa"),
+        ("not_finite", [MEDIUM, ARRAY, BALL, FOCUS.replace("8e-3", "nan")], "foci: target points hold 1 NaN"),
+        ("empty", ["foci = []\n", MEDIUM, ARRAY, BALL], "foci: target points are empty (0 points)"),
+        ("wrong_value", ["foci = {}\n", MEDIUM, ARRAY, BALL], "foci: expected a list, got a table."),
+        (
+            "unknown_name",
             [MEDIUM, ARRAY, BALL, FOCUS, '[solver]\nname = "finite_elemant"\n'],
-            'solver: "finite_elemant" is not a solver here',
+            'solver: "finite_elemant" is not a solver here; did you mean finite_element?',
         ),
-        ([MEDIUM, ARRAY, BALL, FOCUS, "[solver]\naccuracy = 0.9\n"], "solver: accuracy is 0.9"),
+        (None, [MEDIUM, ARRAY, BALL, FOCUS, "[solver]\naccuracy = 0.9\n"], "solver: accuracy is 0.9"),
         (
+            "unknown_name",
             [MEDIUM, ARRAY, BALL, FOCUS, '[drive]\nmethod = "time_reversl"\n'],
-            'drive: "time_reversl" is not a method here; did',
+            'drive: "time_reversl" is not a method here; did you mean time_reversal?',
         ),
         (
+            "level_count",
             [MEDIUM, ARRAY, BALL, FOCUS, "[drive]\nlevels = 16\n"],
             "drive: levels = 16, but drives are written in 256 levels",
         ),
     ],
 )
-def test_what_cannot_be_is_refused_in_one_sentence(read, tmp_path, parts, start):
-    assert refusal(read, *parts).startswith(start.replace("{folder}", str(tmp_path)))
+def test_what_cannot_be_is_rejected_in_one_sentence(read, tmp_path, code, parts, start):
+    fails(read, code, start.replace("{folder}", str(tmp_path)), *parts)
 
 
-def test_an_unknown_place_names_the_nearest(read):
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("[[quiet]]\npoint = [0.0, 0.0, 0.05]\n", "the key quiet is now called suppression; rename it."),
+        (
+            '[[suppression]]\nskin = { body = "sphere", spacing = 4e-3 }\n',
+            "the key suppression[0].skin is now called suppression[0].surface; rename it.",
+        ),
+    ],
+)
+def test_a_key_of_older_files_is_answered_with_its_new_name(read, text, sentence):
+    fails(read, "key_renamed", sentence, MEDIUM, ARRAY, BALL, FOCUS, text)
+
+
+def test_a_setup_offers_all_that_playing_its_drive_needs(read):
+    pose = "[array.pose]\naxis = [0.0, 1.0, 0.0]\ndegrees = 90.0\ntranslation = [0.0, 0.0, 0.1]\n"
+    setup = read("frequency = 41e3\n", MEDIUM, ARRAY, pose, FOCUS)
+    assert (setup.frequency, setup.medium, setup.board) == (41e3, setup.scene.medium, "autd3")
+    assert len(setup.poses) == 4
+    for face, place in enumerate(setup.poses):
+        there = place.apply(board_named("autd3").positions)
+        np.testing.assert_allclose(setup.array.positions[249 * face : 249 * (face + 1)], there, atol=1e-12)
+
+
+def test_a_scene_may_have_more_boards_than_one_link_takes(read):
+    poses = ", ".join(f"{{ translation = [{0.2 * index}, 0.0, -0.1] }}" for index in range(3))
+    array = f'[array]\nlayout = "boards"\nboard = "sonicsurface"\nposes = [{poses}]\n'
+    assert len(read(MEDIUM, array, FOCUS).poses) == 3
+
+
+def test_an_unknown_point_of_a_body_names_the_nearest(read):
     pinch = "[[obstacles]]\npinch = {}\n"
-    sentence = refusal(read, MEDIUM, ARRAY, pinch, '[[foci]]\nat = "thumb.pat"\n')
-    assert sentence == 'foci[0]: at = "thumb.pat" is not a place of a body; did you mean thumb.pad?'
-    sentence = refusal(read, MEDIUM, ARRAY, pinch, '[[foci]]\nat = "thumb.pad"\noffset = -1e-3\n')
-    assert sentence == "foci[0]: offset = -0.001 m must be 0 (on the skin) or more."
-    sentence = refusal(read, MEDIUM, ARRAY, pinch, '[[foci]]\nat = "thumb.pad"\noffset = 0.5\n')
-    assert sentence.startswith(
-        "foci[0]: offset = 0.5 m does not lie in the gap of 12 mm before thumb.pad: is it in mill"
-    )
+    sentence = 'foci[0]: at = "thumb.pat" is not a named point of a body; did you mean thumb.pad?'
+    fails(read, "unknown_name", sentence, MEDIUM, ARRAY, pinch, '[[foci]]\nat = "thumb.pat"\n')
+    for offset, sentence in (
+        (-1e-3, "foci[0]: offset = -0.001 m must be 0"),
+        (0.5, "foci[0]: offset = 0.5 m does not lie in the gap of 12 mm before thumb.pad: is it in mill"),
+    ):
+        focus = f'[[foci]]\nat = "thumb.pad"\noffset = {offset}\n'
+        fails(read, "out_of_range", sentence, MEDIUM, ARRAY, pinch, focus)
 
 
-def test_a_focus_inside_a_body_is_refused_with_its_depth(read):
-    sentence = refusal(read, MEDIUM, ARRAY, BALL, FOCUS.replace("8e-3", "3e-3"))
-    assert sentence.startswith("foci: ")
+def test_a_focus_inside_a_body_is_rejected_with_its_depth(read):
+    sentence = fails(read, "focus_inside_body", "foci: ", MEDIUM, ARRAY, BALL, FOCUS.replace("8e-3", "3e-3"))
     assert "2 mm deep" in sentence
 
 
-def test_a_transducer_inside_a_body_is_refused_with_its_depth(read, tmp_path):
+def test_a_transducer_inside_a_body_is_rejected_with_its_depth(read, tmp_path):
     (tmp_path / "ring.csv").write_text("x,y,z,nx,ny,nz\n0.1,0,0,-1,0,0\n0,1e-3,0,0,-1,0\n")
-    sentence = refusal(read, MEDIUM, '[array]\nlayout = "ring.csv"\n', BALL, FOCUS)
-    assert sentence.startswith("array: ")
+    sentence = fails(read, "inside_body", "array: ", MEDIUM, '[array]\nlayout = "ring.csv"\n', BALL, FOCUS)
     assert "4 mm deep" in sentence
 
 
-def test_a_file_that_cannot_be_read_is_refused(tmp_path):
-    with pytest.raises(InvalidInput, match=r"the file .*no\.toml does not exist"):
+def test_a_file_that_cannot_be_read_is_rejected(tmp_path):
+    with raises_code("file_missing", str(tmp_path / "no.toml")):
         read_scene(tmp_path / "no.toml")
     (tmp_path / "bytes.toml").write_bytes(b"frequency = 1\n\xff")
-    with pytest.raises(InvalidInput, match=r"bytes\.toml is not a text file: byte 14"):
+    with raises_code("not_text", "bytes.toml is not a text file: byte 14"):
         read_scene(tmp_path / "bytes.toml")
 
 
@@ -341,7 +449,7 @@ def test_a_file_can_name_every_method(read, name):
 
 def test_open_air_is_solved_in_closed_form(read):
     assert isinstance(read(MEDIUM, ARRAY, FOCUS).solver, FreeField)
-    with pytest.raises(InvalidInput, match="the scene has 1 obstacle, and free_field is for open air"):
+    with raises_code("solver_unsuitable", "the scene has 1 obstacle, and free_field is for open air"):
         read(MEDIUM, ARRAY, BALL, FOCUS, '[solver]\nname = "free_field"')
 
 

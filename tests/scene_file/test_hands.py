@@ -13,6 +13,7 @@ from airtact.mesh.topology import edge_twins
 from airtact.scene_file.building import read_scene
 from airtact.workflows.hand import pose
 from airtact.workflows.recording import replay_recording
+from faults import raises_code
 from paths import EXAMPLES
 
 PINCH = EXAMPLES / "hands/pinch.json"
@@ -40,7 +41,7 @@ def test_pads_inside_the_body_are_refused(tmp_path):
 
 def test_a_gap_goes_with_a_hand_only(tmp_path):
     path = scene_file(tmp_path, f'hand = "{PINCH}"', "sphere = { radius = 0.01 }")
-    with pytest.raises(InvalidInput, match=r"obstacles\[0\]: gap goes only with hand"):
+    with raises_code("key_misplaced", "obstacles[0].gap goes only with hand"):
         read_scene(path)
 
 
@@ -58,7 +59,7 @@ def test_the_command_writes_a_closed_skin_and_a_picture(tmp_path, capsys):
 
 
 def test_the_command_refuses_what_it_cannot_do(tmp_path):
-    with pytest.raises(InvalidInput, match=r"edge is 6 m, but it must lie between 0\.0008 and 0\.02 m"):
+    with raises_code("out_of_range", "edge is 6 m, but it must lie between 0.0008 and 0.02 m"):
         pose(PINCH, tmp_path / "hand.ply", edge=6)
     with pytest.raises(InvalidInput, match=r"hand.png ends in '\.png'"):
         pose(PINCH, tmp_path / "hand.png")
@@ -95,5 +96,5 @@ def test_files_that_hold_no_pose_are_refused(tmp_path, text, sentence):
 
 
 def test_triangles_of_a_recording_have_sizes_that_can_be(tmp_path):
-    with pytest.raises(InvalidInput, match=r"edge is 5 m, but it must lie between 0\.0008 and 0\.02 m"):
+    with raises_code("out_of_range", "edge is 5 m, but it must lie between 0.0008 and 0.02 m"):
         replay_recording(EXAMPLES / "hands/pinching.jsonl", tmp_path / "hand.ply", edge=5.0)

@@ -1,70 +1,120 @@
-"""The tables of a scene file and how its text becomes them.
+"""The tables of a scene file, one class each.
 
-All lengths are metres and all frames are the obstacles' frame unless a key says otherwise. The attributes of each class
-are the keys of one table.
+All lengths are metres and all frames are the obstacles' frame unless a key says otherwise. An attribute is a key of the
+table, unless its type is a choice of several ``Choice`` classes: then the keys of the one that is chosen stand in the
+table itself. A choice is made by the key that is the class's tag (``sphere = {...}``, ``at = "thumb.pad"``), or by the
+value of a key (``layout = "boards"``).
 """
 
-import difflib
-import re
-import typing
-from collections.abc import Iterable
-from typing import Any, Literal
+from typing import Annotated
 
 import msgspec
-
-from airtact.conventions import InvalidInput
 
 Triple = tuple[float, float, float]
 
 
 class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """A table of the file: a key that it does not know is an error."""
+    """A table of the file; a key that it does not have is an error."""
 
 
-class MediumTable(Table, frozen=True):
-    """Air by its weather (``humidity`` is 0 to 1), or any fluid by its speed, density and absorption [Np/m]."""
+class Choice(Table, frozen=True, tag_field="key"):
+    """Keys that belong together and exclude those of other choices.
+
+    Where the tag is an attribute, the keys stand side by side; else the tag is a key that holds a table of them.
+    """
+
+
+class WeatherTable(Choice, frozen=True, tag="celsius"):
+    """Air by its temperature [°C] and relative humidity (0 to 1)."""
 
     celsius: float | None = None
     humidity: float | None = None
-    sound_speed: float | None = None
-    density: float | None = None
-    absorption: float | None = None
+
+
+class FluidTable(Choice, frozen=True, tag="sound_speed"):
+    """Any fluid by its speed of sound [m/s], density [kg/m³] and absorption [Np/m]."""
+
+    sound_speed: float
+    density: float
+    absorption: float = 0.0
+
+
+class MediumTable(Table, frozen=True):
+    """What the sound travels in."""
+
+    fluid: WeatherTable | FluidTable
+
+
+class AxisTable(Choice, frozen=True, tag="axis"):
+    """A rotation by ``degrees`` about ``axis``."""
+
+    axis: Triple
+    degrees: float
+
+
+class MatrixTable(Choice, frozen=True, tag="rotation"):
+    """A rotation matrix, row by row."""
+
+    rotation: tuple[Triple, Triple, Triple]
 
 
 class PoseTable(Table, frozen=True):
-    """A turn by ``degrees`` about ``axis``, or a ``rotation`` matrix, then a ``translation``."""
+    """A rotation, then a ``translation`` [m]."""
 
-    axis: Triple | None = None
-    degrees: float | None = None
-    rotation: tuple[Triple, Triple, Triple] | None = None
+    rotation: AxisTable | MatrixTable | None = None
     translation: Triple = (0.0, 0.0, 0.0)
 
 
-class ArrayTable(Table, frozen=True):
-    """Who speaks; ``pose`` is where the whole array stands in the obstacles' frame.
+class Layout(Table, frozen=True, tag_field="layout"):
+    """How the transducers of an array are laid out, by the value of ``layout``."""
 
-    ``board`` is the kind of board that a box or boards are made of; ``calibration`` is a .csv file beside the scene
-    file that says what each element really gives.
-    """
 
-    layout: str
+class SurroundingBoxTable(Layout, frozen=True, tag="surrounding_box"):
+    """The paper's four boards around the origin, or a box that four of a kind of ``board`` close."""
+
     board: str | None = None
-    calibration: str | None = None
+
+
+class FlatBoardsTable(Layout, frozen=True, tag="flat_boards"):
+    """AUTD3 boards edge to edge in the plane z = 0."""
+
     rows: int | None = None
     columns: int | None = None
-    poses: list[PoseTable] | None = None
+
+
+class BoardsTable(Layout, frozen=True, tag="boards"):
+    """Boards of one kind, each at its pose."""
+
+    poses: Annotated[list[PoseTable], msgspec.Meta(min_length=1)]
+    board: str = "autd3"
+
+
+class ListedTable(Layout, frozen=True, tag=".csv"):
+    """Positions and normals in a .csv file beside the scene file, which is the value of ``layout``."""
+
+    file: str
+
+
+class ArrayTable(Table, frozen=True):
+    """The transducers; ``pose`` places the whole array in the obstacles' frame.
+
+    ``calibration`` is a .csv file beside the scene file with the gain of each element.
+    """
+
+    layout: SurroundingBoxTable | FlatBoardsTable | BoardsTable | ListedTable
+    calibration: str | None = None
     piston_radius: float | None = None
     sensitivity: float | None = None
     pose: PoseTable | None = None
 
 
-class PinchTable(Table, frozen=True):
+class PinchTable(Choice, frozen=True, tag="pinch"):
     """The paper's thumb and forefinger, ``gap`` apart."""
 
     gap: float = 0.012
 
 
-class CapsuleTable(Table, frozen=True):
+class CapsuleTable(Choice, frozen=True, tag="capsule"):
     """A round-ended rod; ``edge`` is the longest edge of its picture, not of the solver's panels."""
 
     start: Triple
@@ -73,7 +123,7 @@ class CapsuleTable(Table, frozen=True):
     edge: float = 2.5e-3
 
 
-class SphereTable(Table, frozen=True):
+class SphereTable(Choice, frozen=True, tag="sphere"):
     """A ball; ``edge`` as for a capsule."""
 
     radius: float
@@ -81,30 +131,65 @@ class SphereTable(Table, frozen=True):
     edge: float = 2.5e-3
 
 
-class ObstacleTable(Table, frozen=True):
-    """A ``pinch``, ``capsule``, ``sphere``, ``surface`` or ``hand`` (files beside the scene file), and its skin.
+class SurfaceTable(Choice, frozen=True, tag="surface"):
+    """A mesh file beside the scene file, ``scale`` metres per unit.
 
-    A hand is a pose; with ``gap`` [m] thumb and index finger are opened until their last phalanges are so far apart.
-
-    For a surface ``scale`` is metres per unit of the mesh file; its holes up to ``largest_hole`` [m] are filled; its
-    edges that turn by more than ``sharp_degrees`` stay sharp.
+    Holes up to ``largest_hole`` [m] are filled; edges that bend by more than ``sharp_degrees`` stay sharp.
     """
 
-    pinch: PinchTable | None = None
-    capsule: CapsuleTable | None = None
-    sphere: SphereTable | None = None
-    surface: str | None = None
-    hand: str | None = None
-    gap: float | None = None
+    surface: str
     scale: float | None = None
     largest_hole: float | None = None
     sharp_degrees: float | None = None
-    boundary: Literal["sound_hard", "impedance", "filled"] = "sound_hard"
-    ratio: float | tuple[float, float] | None = None
-    medium: MediumTable | None = None
 
 
-class SegmentTable(Table, frozen=True):
+class HandTable(Choice, frozen=True, tag="hand"):
+    """A hand from a file of its pose; ``gap`` [m] opens thumb and index finger to that distance."""
+
+    hand: str
+    gap: float | None = None
+
+
+class Boundary(Table, frozen=True, tag_field="boundary"):
+    """What the surface of a body does to sound, by the value of ``boundary``."""
+
+
+class SoundHardTable(Boundary, frozen=True, tag="sound_hard"):
+    """A surface that does not move."""
+
+
+class ImpedanceTable(Boundary, frozen=True, tag="impedance"):
+    """A locally reacting surface; ``ratio`` is Z/(ρc), a number or [real, imaginary]."""
+
+    ratio: float | tuple[float, float]
+
+
+class FilledTable(Boundary, frozen=True, tag="filled"):
+    """A body of another fluid."""
+
+    medium: MediumTable
+
+
+class ObstacleTable(Table, frozen=True):
+    """A body, or the two of a pinch, and what its surface does to sound."""
+
+    body: PinchTable | CapsuleTable | SphereTable | SurfaceTable | HandTable
+    boundary: SoundHardTable | ImpedanceTable | FilledTable = SoundHardTable()
+
+
+class NamedPointTable(Choice, frozen=True, tag="at"):
+    """A named point of a body, such as "thumb.pad"."""
+
+    at: str
+
+
+class PointTable(Choice, frozen=True, tag="point"):
+    """One point [m]."""
+
+    point: Triple
+
+
+class SegmentTable(Choice, frozen=True, tag="segment"):
     """Points of a straight line, at most ``spacing`` apart [m]."""
 
     start: Triple
@@ -112,7 +197,7 @@ class SegmentTable(Table, frozen=True):
     spacing: float
 
 
-class PolylineTable(Table, frozen=True):
+class PolylineTable(Choice, frozen=True, tag="polyline"):
     """Points of lines from corner to corner, and back to the first where it is ``closed``."""
 
     corners: list[Triple]
@@ -120,7 +205,7 @@ class PolylineTable(Table, frozen=True):
     closed: bool = False
 
 
-class CircleTable(Table, frozen=True):
+class CircleTable(Choice, frozen=True, tag="circle"):
     """Points of a circle in the plane at right angles to ``normal``."""
 
     centre: Triple
@@ -129,7 +214,7 @@ class CircleTable(Table, frozen=True):
     normal: Triple = (0.0, 0.0, 1.0)
 
 
-class SphereShellTable(Table, frozen=True):
+class SphereShellTable(Choice, frozen=True, tag="sphere_shell"):
     """Points spread over a sphere, about ``spacing`` apart."""
 
     centre: Triple
@@ -137,7 +222,7 @@ class SphereShellTable(Table, frozen=True):
     spacing: float
 
 
-class TextTable(Table, frozen=True):
+class WritingTable(Choice, frozen=True, tag="text"):
     """Writing in single strokes, read from where ``normal`` points to; ``height`` is that of a capital letter."""
 
     words: str
@@ -148,19 +233,30 @@ class TextTable(Table, frozen=True):
     up: Triple | None = None
 
 
-class SvgTable(Table, frozen=True):
-    """The lines of an SVG ``file`` beside the scene file, or of the text of one ``path``, ``width`` wide."""
+class DrawingFileTable(Choice, frozen=True, tag="file"):
+    """An SVG file beside the scene file."""
 
+    file: str
+
+
+class DrawingPathTable(Choice, frozen=True, tag="path"):
+    """The text of one SVG path."""
+
+    path: str
+
+
+class SvgTable(Choice, frozen=True, tag="svg"):
+    """The lines of an SVG drawing, ``width`` wide."""
+
+    source: DrawingFileTable | DrawingPathTable
     width: float
     spacing: float
-    file: str | None = None
-    path: str | None = None
     centre: Triple = (0.0, 0.0, 0.0)
     normal: Triple = (0.0, 0.0, 1.0)
     up: Triple | None = None
 
 
-class PictureTable(Table, frozen=True):
+class PictureTable(Choice, frozen=True, tag="picture"):
     """A grey-scale picture beside the scene file on a grid of points; bright ones ask for more."""
 
     file: str
@@ -171,8 +267,8 @@ class PictureTable(Table, frozen=True):
     up: Triple | None = None
 
 
-class SkinTable(Table, frozen=True):
-    """Points on the skin of a ``body``, or on the side of it that looks to ``facing`` within so many degrees."""
+class SurfacePointsTable(Choice, frozen=True, tag="surface"):
+    """Points on the surface of a ``body``, or on the side of it that faces ``facing`` within so many degrees."""
 
     body: str
     spacing: float
@@ -180,26 +276,20 @@ class SkinTable(Table, frozen=True):
     within: float = 90.0
 
 
+Shape = SegmentTable | PolylineTable | CircleTable | SphereShellTable | WritingTable
+"""Shapes whose keys are the arguments of the function that makes them."""
+
+
 class FocusTable(Table, frozen=True):
-    """What to feel: ``at`` a named place of a body, ``offset`` off its skin, at a ``point``, or a shape.
+    """Foci: a named point of a body, ``offset`` off its surface, a point, or the points of a shape.
 
-    A point or shape ``onto`` a body is brought to its skin, and ``offset`` off it.
-
-    ``pressure`` [Pa] is asked of every point of it, or a ``share`` in proportion to the others; ``phase_degrees`` fixes
-    the phase.
+    A point or shape ``onto`` a body is projected to its surface, and stands ``offset`` off it. Every point of it gets
+    ``pressure`` [Pa], or a ``share`` in proportion to the others; ``phase_degrees`` fixes the phase.
     """
 
-    at: str | None = None
+    points: NamedPointTable | PointTable | Shape | SvgTable | PictureTable
     offset: float | None = None
     onto: str | None = None
-    point: Triple | None = None
-    segment: SegmentTable | None = None
-    polyline: PolylineTable | None = None
-    circle: CircleTable | None = None
-    sphere_shell: SphereShellTable | None = None
-    text: TextTable | None = None
-    svg: SvgTable | None = None
-    picture: PictureTable | None = None
     pressure: float | None = None
     share: float | None = None
     phase_degrees: float | None = None
@@ -207,20 +297,13 @@ class FocusTable(Table, frozen=True):
 
 
 class SuppressionTable(Table, frozen=True):
-    """What to keep quiet: a point, a shape, or ``skin`` of a body."""
+    """Where the sound is suppressed."""
 
-    point: Triple | None = None
-    segment: SegmentTable | None = None
-    polyline: PolylineTable | None = None
-    circle: CircleTable | None = None
-    sphere_shell: SphereShellTable | None = None
-    text: TextTable | None = None
-    svg: SvgTable | None = None
-    skin: SkinTable | None = None
+    points: PointTable | Shape | SvgTable | SurfacePointsTable
 
 
 class SolverTable(Table, frozen=True):
-    """How sound travels is computed, by default as the bodies need; ``accuracy`` is the relative error asked for."""
+    """How the sound field is computed, by default as the bodies need; ``accuracy`` is the relative error asked for."""
 
     name: str | None = None
     accuracy: float = 0.01
@@ -247,84 +330,5 @@ class SceneFile(Table, frozen=True):
     drive: DriveTable = DriveTable()
 
 
-def parse_scene(text: str) -> SceneFile:
-    r"""Turn the text of a scene file into its tables.
-
-    Raises
-    ------
-    InvalidInput
-        Not TOML, an unknown key (named with its path and the nearest right key), a missing key or a wrong type.
-
-    Examples
-    --------
-    >>> parse_scene("[medium]\ncelsuis = 20.0")
-    Traceback (most recent call last):
-    ...
-    airtact.conventions.InvalidInput: medium.celsuis is not a key of a scene file; did you mean medium.celsius?
-    """
-    try:
-        data = msgspec.toml.decode(text.encode())
-    except msgspec.DecodeError as error:
-        raise InvalidInput(f"this is not TOML: {str(error)[:1].lower()}{str(error)[1:]}.") from None
-    _check_unknown_keys(data, SceneFile, "")
-    try:
-        return msgspec.convert(data, SceneFile)
-    except msgspec.ValidationError as error:
-        raise InvalidInput(_sentence(str(error))) from None
-
-
-def nearest(word: str, known: Iterable[str], prefix: str = "") -> str:
-    """Say which known word was probably meant, or all that there are.
-
-    >>> nearest("finite_elemant", ["boundary_element", "finite_element"])
-    'did you mean finite_element?'
-    """
-    known = sorted(known)
-    close = difflib.get_close_matches(word, known, n=1)
-    return f"did you mean {prefix}{close[0]}?" if close else f"there is {', '.join(prefix + name for name in known)}."
-
-
-def _check_unknown_keys(data: Any, table: type[Table], path: str) -> None:
-    if not isinstance(data, dict):
-        return
-    kinds = typing.get_type_hints(table)
-    for key, value in data.items():
-        if key not in kinds:
-            raise InvalidInput(f"{path}{key} is not a key of a scene file; {nearest(key, kinds, path)}")
-        inner = _table_in(kinds[key])
-        if inner and isinstance(value, list):
-            for index, item in enumerate(value):
-                _check_unknown_keys(item, inner, f"{path}{key}[{index}].")
-        elif inner:
-            _check_unknown_keys(value, inner, f"{path}{key}.")
-
-
-def _table_in(kind: Any) -> type[Table] | None:
-    """Find the table that a type holds: alone, in a list or as one of several choices."""
-    if isinstance(kind, type) and issubclass(kind, Table):
-        return kind
-    return next((found for part in typing.get_args(kind) if (found := _table_in(part))), None)
-
-
-_PLAIN_WORDS = {
-    "array": "a list",
-    "bool": "true or false",
-    "float": "a number",
-    "int": "a whole number",
-    "object": "a table",
-    "str": "a string",
-}
-
-
-def _sentence(message: str) -> str:
-    """Say in TOML's words what msgspec says in Python's."""
-    what, _, where = message.partition(" - at ")
-    where = where.strip("`").removeprefix("$").removeprefix(".")
-    if missing := re.fullmatch(r"Object missing required field `(.+)`", what):
-        return f"the key {where}{'.' if where else ''}{missing[1]} is missing."
-    what = re.sub(r"`([a-z| ]+)`", _plain_types, what)
-    return f"{where}: {what[:1].lower()}{what[1:]}."
-
-
-def _plain_types(match: re.Match[str]) -> str:
-    return " or ".join(_PLAIN_WORDS.get(word, word) for word in match[1].split(" | ") if word != "null")
+RENAMED = {(SceneFile, "quiet"): "suppression", (SuppressionTable, "skin"): "surface"}
+"""Keys of older files, and what they are now."""

@@ -14,7 +14,7 @@ from airtact.figures.picture_file import write_picture
 from airtact.scene.medium import air
 from airtact.scene.scene import Scene, sound_hard
 from airtact.scene.sources import Monopoles
-from airtact.scene_file.bare_triangles import Triangles, bare_triangles
+from airtact.scene_file.bodies import Triangles, bare_triangles
 from airtact.scene_file.building import Setup, drawable_bodies, read_scene
 from airtact.solvers.bem.solver import BoundaryElement
 from airtact.surfaces.files import SUFFIXES, load_surface

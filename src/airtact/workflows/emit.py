@@ -18,7 +18,8 @@ from airtact.hardware.links import Connection, link_to
 from airtact.hardware.loudness import faded, loudest_around, share_under_cap
 from airtact.pose import Pose
 from airtact.scene.medium import air
-from airtact.scene_file.tables import parse_scene
+from airtact.scene_file.building import medium_of
+from airtact.scene_file.parsing import parse_scene
 from airtact.synthesis.quantise import quantise, rounding_error
 from airtact.synthesis.sequence import Sequence
 from airtact.transducers.boards import Board, board_named, boards_needed, poses_of_boards
@@ -118,10 +119,7 @@ def _sound_speed(stored: StoredDrive) -> float:
         raise InvalidInput(
             f"the drive is for {scene.frequency:g} Hz, and boards play {FREQUENCY:g} Hz: make it for that."
         )
-    if scene.medium.sound_speed is not None:
-        return scene.medium.sound_speed
-    weather = {key: value for key in ("celsius", "humidity") if (value := getattr(scene.medium, key)) is not None}
-    return air(**weather, frequency=scene.frequency).sound_speed
+    return medium_of(scene.medium, scene.frequency).sound_speed
 
 
 def link_for(

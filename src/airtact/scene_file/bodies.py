@@ -1,0 +1,168 @@
+"""The bodies of a scene file: built from their tables, named, merged where asked, and drawable where at fault."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from itertools import combinations
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from jaxtyping import Float64, Int64
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from airtact.conventions import InvalidInput, about
+from airtact.hand.files import ROOM, load_hand
+from airtact.hand.pinch import pinch
+from airtact.scene.medium import Medium
+from airtact.scene.scene import Obstacle, filled, impedance, sound_hard
+from airtact.scene_file.tables import (
+    CapsuleTable,
+    FilledTable,
+    HandTable,
+    ImpedanceTable,
+    MediumTable,
+    NamedPointTable,
+    ObstacleTable,
+    PinchTable,
+    SceneFile,
+    SphereTable,
+    SurfaceTable,
+    Table,
+)
+from airtact.surfaces.checks import NEAREST, approach
+from airtact.surfaces.files import load_surface
+from airtact.surfaces.primitives import capsule, sphere
+from airtact.surfaces.surface import Surface
+from airtact.surfaces.union import merged
+
+Made = TypeVar("Made")
+
+NamedPoints = dict[str, tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"], float]]
+"""Named points of bodies, the outward normals there, and the distance to the next body [m]."""
+
+Triangles = tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]
+"""Vertices (V, 3) [m] and the indices of each triangle (T, 3)."""
+
+
+def built(function: Callable[..., Made], table: Table, leave_out: tuple[str, ...] = ()) -> Made:
+    """Call a function with the keys that are given in a table, which are named as its arguments are."""
+    given = {key: getattr(table, key) for key in table.__struct_fields__ if key not in leave_out}
+    given = {key: np.array(value) if key == "corners" else value for key, value in given.items()}
+    return function(**{key: value for key, value in given.items() if value is not None})
+
+
+def bodies_of(
+    file: SceneFile, folder: Path, medium: Callable[[MediumTable], Medium]
+) -> tuple[list[str], list[Obstacle], NamedPoints]:
+    """Build the bodies of a scene file: their names, the obstacles, and the named points that foci can use.
+
+    Parameters
+    ----------
+    file : the tables.
+    folder : where files of surfaces and hands are found.
+    medium : makes the fluid that fills a body.
+    """
+    obstacles: list[Obstacle] = []
+    names: list[str] = []
+    points: NamedPoints = {}
+    wanted = tuple(focus.points.at for focus in file.foci if isinstance(focus.points, NamedPointTable))
+    for index, table in enumerate(file.obstacles):
+        with about(f"obstacles[{index}]"):
+            for name, surface in _surfaces(table, folder, points, wanted).items():
+                obstacles.append(_obstacle(table, surface, medium))
+                names.append(f"{name} {index + 1}" if name in names else name)
+    if file.merge_bodies:
+        with about("merge_bodies"):
+            names, obstacles = with_merged_bodies(names, obstacles)
+    return names, obstacles, points
+
+
+def _surfaces(
+    table: ObstacleTable, folder: Path, points: NamedPoints, wanted: tuple[str, ...] = ()
+) -> dict[str, Surface]:
+    """Build the surfaces of an obstacle by name, and add its named points; those wanted are brought to the surface."""
+    match table.body:
+        case PinchTable(gap=gap):
+            fingers = pinch(gap=gap)
+            for name, pad, normal in zip(("thumb", "finger"), fingers.pads, fingers.normals, strict=True):
+                points[f"{name}.pad"] = (pad, normal, fingers.gap)
+            return {"thumb": fingers.surfaces[0], "finger": fingers.surfaces[1]}
+        case CapsuleTable(start=start, end=end, radius=radius, edge=edge):
+            return {"capsule": capsule(np.array(start), np.array(end), radius=radius, edge=edge)}
+        case SphereTable(radius=radius, centre=centre, edge=edge):
+            return {"sphere": sphere(radius=radius, edge=edge, centre=np.array(centre))}
+        case HandTable(hand=name, gap=gap):
+            hand = load_hand(folder / name, gap)
+            for name in hand.places:
+                points[name] = (*(hand.place(name) if name in wanted else hand.places[name]), ROOM)
+            return {"hand": hand.surface}
+        case SurfaceTable(surface=name):
+            return {Path(name).stem: built(partial(load_surface, folder / name), table.body, leave_out=("surface",))}
+
+
+def _obstacle(table: ObstacleTable, surface: Surface, medium: Callable[[MediumTable], Medium]) -> Obstacle:
+    match table.boundary:
+        case ImpedanceTable(ratio=ratio):
+            return impedance(surface, complex(*ratio) if isinstance(ratio, tuple) else complex(ratio))
+        case FilledTable(medium=inside):
+            with about("medium"):
+                return filled(surface, medium(inside))
+    return sound_hard(surface)
+
+
+def with_merged_bodies(names: Sequence[str], obstacles: Sequence[Obstacle]) -> tuple[list[str], list[Obstacle]]:
+    """Merge sound-hard bodies that overlap, touch or stand nearer than ``NEAREST`` into one.
+
+    Returns
+    -------
+    names : those of merged bodies joined with " + ", in the order of their first.
+    obstacles : the bodies.
+    """
+    hard = [index for index, obstacle in enumerate(obstacles) if obstacle.boundary == "sound_hard"]
+    near = [pair for pair in combinations(hard, 2) if _nearly_touch(*(obstacles[index].surface for index in pair))]
+    one, two = np.array(near, dtype=np.int64).reshape(-1, 2).T
+    count = len(obstacles)
+    groups = connected_components(coo_array((np.ones(len(one)), (one, two)), shape=(count, count)), directed=False)[1]
+    words, bodies = [], []
+    for group in dict.fromkeys(groups.tolist()):
+        members = np.flatnonzero(groups == group).tolist()
+        words.append(" + ".join(names[index] for index in members))
+        surfaces = [obstacles[index].surface for index in members]
+        bodies.append(obstacles[members[0]] if len(members) == 1 else sound_hard(merged(surfaces, NEAREST)))
+    return words, bodies
+
+
+def _nearly_touch(one: Surface, two: Surface) -> bool:
+    return approach(one, two, NEAREST * (1.0 - 1e-9)) is not None
+
+
+def drawable_triangles(file: SceneFile, folder: Path) -> list[Triangles]:
+    """Find the triangles of the bodies of a scene that is at fault, as far as they can be read."""
+    found = []
+    for table in file.obstacles:
+        try:
+            found += [(body.vertices, body.triangles) for body in _surfaces(table, folder, {}).values()]
+        except InvalidInput:
+            if isinstance(table.body, SurfaceTable):
+                bare = bare_triangles(folder / table.body.surface, table.body.scale or 1.0)
+                found += [] if bare is None else [bare]
+    return found
+
+
+def bare_triangles(path: Path, scale: float = 1.0) -> Triangles | None:
+    """Read the triangles of an STL, PLY, OBJ or GLB file as they are, in metres by ``scale`` metres per unit.
+
+    None where the file cannot be read or there is nothing to draw.
+    """
+    import trimesh  # takes as long to import as all the rest of airtact
+
+    try:
+        mesh = trimesh.load_scene(path, process=False).to_mesh()
+    except Exception:  # every reader of trimesh has its own way to fail on a damaged file
+        return None
+    vertices = scale * np.asarray(mesh.vertices, dtype=np.float64)
+    there = vertices[np.isfinite(vertices).all(axis=1)]
+    if len(mesh.faces) == 0 or len(there) == 0 or np.ptp(there, axis=0).max() == 0.0:
+        return None
+    return vertices, np.asarray(mesh.faces, dtype=np.int64)
