@@ -2,7 +2,7 @@
 
 Run ``make bench``, or ``PYTHONPATH=.:tests python benchmarks/speed.py [row ...]`` with the first words of the rows
 wanted. Times are medians with the least and the most, errors are against fundamental solutions or, for a hand, against
-a finer solution; these truths take some minutes the first time and are kept in ``out/bench/truths``.
+a finer solution; these references take some minutes the first time and are kept in ``out/bench/references``.
 """
 
 import os
@@ -10,19 +10,17 @@ import resource
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 from airtact import _kernels
-from airtact.benching.machine import kernels_against_product, memory_over_matrix
-from airtact.benching.open_hand import OpenHand
-from airtact.benching.real_time import RealTime, Row
-from airtact.hand.files import load_hand
+from airtact.benching.bench import row_jobs
+from airtact.benching.real_time import Row
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = ROOT / "examples"
-KEPT = ROOT / "out/bench/truths"
+CACHE = ROOT / "out/bench/references"
 
 
 def pinch_seconds() -> tuple[float, float]:
@@ -63,54 +61,36 @@ def import_seconds() -> float:
     return min(float(run.stdout) for run in runs)
 
 
-def quickest_import() -> Row:
-    return Row("`import airtact`", "1.2 s", f"{import_seconds():.2f} s, the best of 5", "")
+def quickest_import() -> list[Row]:
+    return [Row("`import airtact`", "1.2 s", f"{import_seconds():.2f} s, the best of 5", "")]
 
 
-def pinch() -> Row:
+def pinch() -> list[Row]:
     seconds, memory = pinch_seconds()
     measured = f"{seconds:.2f} s, {memory:.2f} GB, the best of 5"
-    return Row("`examples/pinch.toml`: solve and drive", "0.5 s, 1 GB", measured, "")
+    return [Row("`examples/pinch.toml`: solve and drive", "0.5 s, 1 GB", measured, "")]
 
 
-def rendered(name: str, asked: str) -> Row:
+def rendered(name: str, asked: str) -> list[Row]:
     seconds, memory = render_seconds(name)
-    return Row(f"`airtact render examples/{name}`", asked, f"{seconds:.0f} s, {memory:.2f} GB", "")
+    return [Row(f"`airtact render examples/{name}`", asked, f"{seconds:.0f} s, {memory:.2f} GB", "")]
 
 
-def rows(runs: int = 7) -> dict[str, Callable[[], Row | list[Row]]]:
-    """Every row by the words that choose it."""
-    fingers = RealTime(KEPT, runs)
-    hand = OpenHand(load_hand(EXAMPLES / "hands/relaxed.json"), KEPT, runs)
+def rows(runs: int = 7) -> dict[str, Callable[[], list[Row]]]:
+    """Every row by the word that chooses it."""
     return {
         "import": quickest_import,
-        "deformed": fingers.deformed_to_drive,
-        "each": fingers.moved_each_to_drive,
-        "drive": fingers.drive_only,
-        "whole": fingers.whole_moved,
-        "focus": fingers.new_focus,
-        "accuracies": fingers.at_accuracies,
-        "slice": fingers.slice_beside,
-        "hand-drive": hand.drive_only,
-        "hand": hand.pressures,
-        "kernels": partial(kernels_against_product, runs),
-        "memory": memory_over_matrix,
+        **row_jobs(CACHE, EXAMPLES / "hands/relaxed.json", runs),
         "pinch": pinch,
         "render-pinch": partial(rendered, "pinch.toml", "-"),
         "render-hand": partial(rendered, "open_hand.toml", "60 s, 6 GB"),
     }
 
 
-def chosen(words: list[str]) -> Iterator[Row]:
-    for name, measure in rows().items():
-        if not words or name in words:
-            found = measure()
-            yield from [found] if isinstance(found, Row) else found
-
-
 if __name__ == "__main__":
     load, cores = os.getloadavg()[0], len(os.sched_getaffinity(0))
     print(f"{cores} cores, {_kernels.active_variant()}, load before {load:.1f}: medians of 7 (least to most)\n")
     print("| figure | asked | measured | error | where the time went |\n|---|---|---|---|---|")
-    for row in chosen(sys.argv[1:]):
-        print(f"| {row.what} | {row.asked} | {row.measured} | {row.error} | {row.profile} |", flush=True)
+    for name, measure in rows().items():
+        for row in measure() if name in sys.argv[1:] or not sys.argv[1:] else []:
+            print(f"| {row.what} | {row.asked} | {row.measured} | {row.error} | {row.profile} |", flush=True)

@@ -6,7 +6,7 @@ skin at a share of the smaller radius of curvature, and the own error is the cha
 
 import numpy as np
 
-from airtact.benching.fundamental_solutions import least_squares, slopes, waves
+from airtact.benching.fundamental_solutions import least_squares, normal_derivatives, waves
 
 DEPTH = 0.55
 """Depth of the monopoles over the smaller radius of curvature."""
@@ -41,7 +41,9 @@ def _fitted_pressure(
     skin, normals, radius = surface_points(axes, number)
     monopoles = skin - DEPTH * radius[:, None] * normals
     points, outward, _ = surface_points(axes, 3 * number, start=0.31)
-    matrix = slopes(points, outward, monopoles, wavenumber)
+    matrix = normal_derivatives(points, outward, monopoles, wavenumber)
     sizes = np.linalg.norm(matrix, axis=0)
-    strengths = least_squares(matrix / sizes, -slopes(points, outward, sources, wavenumber)) / sizes[:, None]
+    strengths = (
+        least_squares(matrix / sizes, -normal_derivatives(points, outward, sources, wavenumber)) / sizes[:, None]
+    )
     return waves(receivers, sources, wavenumber) + waves(receivers, monopoles, wavenumber) @ strengths

@@ -1,4 +1,4 @@
-"""All of it: airtact beside other packages, its rows of real time, how its cost grows; tables and figures."""
+"""The whole bench: airtact beside other packages, the rows of real time, the growth of the cost."""
 
 import csv
 import json
@@ -6,6 +6,7 @@ import os
 import platform
 from collections.abc import Callable
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,22 +14,21 @@ import numpy as np
 from airtact import _kernels
 from airtact.atomic import whole_file, writable_folder
 from airtact.benching.contest import EDGES, Solved, ours, theirs
+from airtact.benching.fundamental_solutions import Reference, reference_pressure
 from airtact.benching.growth import BOARDS, by_elements, by_unknowns
 from airtact.benching.machine import kernels_against_product, memory_over_matrix
-from airtact.benching.open_hand import OpenHand
-from airtact.benching.performance_page import Bench, page_of
-from airtact.benching.real_time import RealTime, Row
+from airtact.benching.performance_page import Bench, draw_contest, draw_growth, page_of
+from airtact.benching.real_time import OpenHand, RealTime, Row
 from airtact.benching.scenes import Bodies, two_fingers
-from airtact.benching.truth import Truth, true_pressure
 from airtact.conventions import InvalidInput
 from airtact.hand.files import load_hand
 from airtact.transducers.layout import surrounding_box
 
 FILES = ("bench.csv", "bench.json", "performance.md", "error_against_time.png", "error_against_time.svg", "growth.png")
-"""What a bench writes, and ``growth.svg``; truths are kept in ``truths`` beside them."""
+"""Files of a bench, with ``growth.svg``; references are cached in ``references`` beside them."""
 
 OFF = 2e-3
-"""How far the foci stand off the pads in the contest [m]: nearer, packages that collocate at centroids go astray."""
+"""Distance of the foci off the pads in the contest [m]: nearer, packages that collocate at centroids fail."""
 
 QUICK_EDGES, QUICK_ACCURACIES = (2.7e-3,), (0.1, 0.03)
 
@@ -45,34 +45,34 @@ def bench(
 
     Parameters
     ----------
-    folder : for `FILES`; truths that were computed before are taken from it.
-    acoustools, bempp : interpreters of environments with these packages; left out, and notes so, if not given.
+    folder : for ``FILES``; references that were computed before are read from it.
+    acoustools, bempp : interpreters of environments with these packages; left out, with a note, if not given.
     hand : pose of an open hand (.json); its rows are left out if not given.
     quick : do less of everything.
-    tell : is told each step as it begins.
+    report_step : called with each step as it begins.
 
     Raises
     ------
     InvalidInput
-        The folder takes no files, or the hand's file is at fault. A package that fails is left out and notes.
+        The folder takes no files, or the hand's file is at fault. A package that fails is left out with a note.
     """
     writable_folder(folder)
-    truths = folder / "truths"
+    references = folder / "references"
     notes: list[str] = []
     machine = _machine()
     bodies, elements = contested(), surrounding_box().positions
-    report_step("the truth of the contest, by fundamental solutions")
-    truth = true_pressure(bodies, elements, bodies.foci, truths)
+    report_step("the reference of the contest, by fundamental solutions")
+    reference = reference_pressure(bodies, elements, bodies.foci, references)
     contest = _contest(
-        bodies, elements, truth, {"AcousTools": acoustools, "bempp-cl": bempp}, quick, notes, report_step
+        bodies, elements, reference, {"AcousTools": acoustools, "bempp-cl": bempp}, quick, notes, report_step
     )
-    rows = _rows(truths, hand, quick, notes, report_step)
+    rows = _rows(references, hand, quick, notes, report_step)
     unknowns = by_unknowns(3 if quick else 7, 2000 if quick else 16000, report_step)
     report_step("larger arrays")
     found = Bench(
         machine,
         tuple(contest),
-        truth.own_error,
+        reference.own_error,
         tuple(rows),
         tuple(unknowns),
         tuple(by_elements(3 if quick else 7, BOARDS[:2] if quick else BOARDS)),
@@ -93,15 +93,7 @@ def contested() -> Bodies:
 
 
 def write(folder: Path, found: Bench) -> None:
-    """Write tables and figures.
-
-    Parameters
-    ----------
-    folder : is there.
-    found : what was measured.
-    """
-    from airtact.benching.pictures import draw_contest, draw_growth
-
+    """Write tables and figures."""
     with whole_file(folder / FILES[0]) as partial, partial.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
         writer.writerow(["what", "setting", "unknowns", "median_s", "least_s", "most_s", "error", "peak_byte"])
@@ -124,13 +116,13 @@ def write(folder: Path, found: Bench) -> None:
 def _contest(
     bodies: Bodies,
     elements: np.ndarray,
-    truth: Truth,
+    reference: Reference,
     others: dict[str, str | None],
     quick: bool,
     notes: list[str],
     report_step: Callable[[str], None],
 ) -> list[Solved]:
-    matrix = truth.pressure
+    matrix = reference.pressure
     contest = (
         ours(bodies, elements, matrix, 7, QUICK_ACCURACIES, report_step)
         if quick
@@ -149,33 +141,36 @@ def _contest(
     return contest
 
 
+def row_jobs(references: Path, hand: Path | None, runs: int) -> dict[str, Callable[[], list[Row]]]:
+    """Return the job of every row by its name; those of the hand only where its pose (.json) is given."""
+    fingers = RealTime(references, runs)
+    single: dict[str, Callable[[], Row]] = {
+        "deformed": fingers.deformed_to_drive,
+        "each": fingers.moved_each_to_drive,
+        "drive": fingers.drive_only,
+        "whole": fingers.whole_moved,
+        "focus": fingers.new_focus,
+        "slice": fingers.slice_beside,
+    }
+    if hand is not None:
+        open_hand = OpenHand(load_hand(hand), references, runs)
+        single |= {"hand-drive": open_hand.drive_only, "hand": open_hand.pressures}
+    single["memory"] = memory_over_matrix
+    jobs: dict[str, Callable[[], list[Row]]] = {name: lambda job=job: [job()] for name, job in single.items()}
+    return jobs | {"accuracies": fingers.at_accuracies, "kernels": partial(kernels_against_product, runs)}
+
+
 def _rows(
-    truths: Path, hand: Path | None, quick: bool, notes: list[str], report_step: Callable[[str], None]
+    references: Path, hand: Path | None, quick: bool, notes: list[str], report_step: Callable[[str], None]
 ) -> list[Row]:
-    fingers = RealTime(truths, 3 if quick else 9)
-    jobs: list[Callable[[], Row]] = [
-        fingers.deformed_to_drive,
-        fingers.moved_each_to_drive,
-        fingers.drive_only,
-        fingers.whole_moved,
-        fingers.new_focus,
-        fingers.slice_beside,
-    ]
     if hand is None:
         notes.append("The open hand is left out: no --hand POSE.json was given.")
-    else:
-        open_hand = OpenHand(load_hand(hand), truths, 3 if quick else 7)
-        jobs += [open_hand.drive_only, open_hand.pressures]
-    if not quick:
-        jobs.append(memory_over_matrix)
-    rows = []
-    for job in jobs:
-        report_step(job.__name__.replace("_", " "))
-        rows.append(job())
-    report_step("other accuracies")
-    rows += fingers.at_accuracies()
-    report_step("kernels against the matrix product")
-    return rows + kernels_against_product(7)
+    rows: list[Row] = []
+    for name, job in row_jobs(references, hand, 3 if quick else 9).items():
+        if not (quick and name == "memory"):
+            report_step(f"rows of real time: {name}")
+            rows += job()
+    return rows
 
 
 def _machine() -> str:

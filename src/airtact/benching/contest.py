@@ -1,4 +1,4 @@
-"""The same scene solved by airtact and by other packages, each in an interpreter of its own, each with its error."""
+"""The same scene solved by airtact and by other packages, each in an interpreter of its own, with its error."""
 
 import subprocess
 import sys
@@ -17,24 +17,27 @@ from airtact.benching.timing import Timed, relative_error
 from airtact.conventions import InvalidInput
 from airtact.printing import in_short
 
+Case = dict[str, Real[np.ndarray, "..."] | float | int]
+"""What a script reads, by name."""
+
 SCRIPTS = Path(__file__).parent / "peers"
 
 ACCURACIES = (0.1, 0.05, 0.03, 0.02, 0.01, 0.005)
-"""That ours is asked for, from coarse to fine."""
+"""Accuracies of the runs of airtact, from coarse to fine."""
 
 EDGES = {"AcousTools": (3.6e-3, 2.5e-3, 1.77e-3), "bempp-cl": (2.7e-3, 2.0e-3, 1.5e-3)}
-"""Edges of the triangles of the two fingers that others are given [m]: 1000, 2000 and 4000; 1800, 3300 and 5900."""
+"""Edges of the triangles for other packages [m]: 1000, 2000 and 4000 triangles; 1800, 3300 and 5900."""
 
 NO_ESTIMATE = ", no estimate"
-"""What ours is called where it solves for the transfer matrix alone, as bempp-cl does."""
+"""Suffix of the runs of airtact without the estimate of the error, which bempp-cl does not make either."""
 
 CHIEF_POINTS = 20
-"""Points inside each finger for AcousTools, which does not converge without."""
+"""Points inside each finger for AcousTools, which does not converge without them."""
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What a script answers.
+    """The result of a script.
 
     Attributes
     ----------
@@ -56,7 +59,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Solved:
-    """One package's answer to one case.
+    """The result of one package for one case.
 
     Attributes
     ----------
@@ -64,7 +67,7 @@ class Solved:
     setting : accuracy or number of triangles.
     unknowns : of its system.
     timed : from bodies in memory to the transfer matrix.
-    error : of the worse focus against the truth.
+    error : of the worse focus against the reference.
     peak : memory above what the process held after a small run [byte].
     """
 
@@ -76,26 +79,20 @@ class Solved:
     peak: int
 
 
-def run_case(
-    script: str, python: str, case: dict[str, Real[np.ndarray, "..."] | float | int], limit: float = 3600.0
-) -> Answer:
-    """Let an interpreter run one of the scripts on a case.
+def run_case(script: str, python: str, case: Case, limit: float = 3600.0) -> Answer:
+    """Run one of the scripts on a case by an interpreter.
 
     Parameters
     ----------
     script : "airtact", "acoustools" or "bempp".
     python : the interpreter.
-    case : what the script reads.
-    limit : how long it may take [s].
-
-    Returns
-    -------
-    What it answered.
+    case : input of the script.
+    limit : time after which it is ended [s].
 
     Raises
     ------
     InvalidInput
-        It did not run to its end; with the last line that it wrote.
+        The script failed or took too long.
     """
     with tempfile.TemporaryDirectory() as folder:
         files = [str(Path(folder) / name) for name in ("case.npz", "answer.npz")]
@@ -104,12 +101,16 @@ def run_case(
         try:
             done = subprocess.run(call, capture_output=True, text=True, timeout=limit)
         except OSError as error:
-            raise InvalidInput(f"{python} cannot be run: {error.strerror}.") from None
+            raise InvalidInput(f"{python} cannot be run: {error.strerror}.", code="cannot_run") from None
         except subprocess.TimeoutExpired:
-            raise InvalidInput(f"{python} did not finish {script}_script.py within {limit:.0f} s.") from None
+            raise InvalidInput(
+                f"{python} did not finish {script}_script.py within {limit:.0f} s.", code="took_too_long"
+            ) from None
         if done.returncode != 0:
-            last = (done.stderr.strip().splitlines() or ["nothing was said"])[-1]
-            raise InvalidInput(f"{python} ended {script}_script.py with code {done.returncode}: {last}")
+            last = (done.stderr.strip().splitlines() or ["no message"])[-1]
+            raise InvalidInput(
+                f"{python} ended {script}_script.py with code {done.returncode}: {last}", code="script_failed"
+            )
         with np.load(files[1]) as answer:
             seconds = tuple(float(one) for one in answer["seconds"])
             numbers = int(answer["peak"]), int(answer["unknowns"]), str(answer["version"])
@@ -119,35 +120,17 @@ def run_case(
 def ours(
     bodies: Bodies,
     elements: Real[np.ndarray, "elements 3"],
-    truth: Complex128[np.ndarray, "foci elements"],
+    reference: Complex128[np.ndarray, "foci elements"],
     runs: int,
     accuracies: Sequence[float] = ACCURACIES,
     report_step: Callable[[str], None] = lambda step: None,
 ) -> list[Solved]:
-    """Solve with airtact at several accuracies, with its estimate and without, each in a process of its own.
-
-    Parameters
-    ----------
-    bodies : capsules and foci.
-    elements : (E, 3) where it is heard [m].
-    truth : (F, E) pressure of unit monopoles.
-    runs : timed at each accuracy.
-    accuracies : to ask for.
-    tell : is told each step.
-    """
+    """Solve with airtact at several accuracies, with its estimate and without, each in a process of its own."""
     found = []
     for estimate, accuracy in product((True, False), accuracies):
         report_step(f"airtact at {accuracy:.1%}" + ("" if estimate else NO_ESTIMATE))
-        case = {
-            **_shared(bodies, elements, runs),
-            "axes": np.array([one.axis for one in bodies.capsules]),
-            "radii": np.array([one.radius for one in bodies.capsules]),
-            "sound_speed": bodies.scene.medium.sound_speed,
-            "frequency": bodies.scene.frequency,
-            "accuracy": accuracy,
-            "estimate": estimate,
-        }
-        solved = _solved(run_case("airtact", sys.executable, case), f"{accuracy:.1%} asked", truth)
+        case = case_of(bodies, elements, runs, accuracy, estimate)
+        solved = _solved(run_case("airtact", sys.executable, case), f"{accuracy:.1%} asked", reference)
         found.append(solved if estimate else replace(solved, package=solved.package + NO_ESTIMATE))
     return found
 
@@ -157,20 +140,12 @@ def theirs(
     python: str,
     bodies: Bodies,
     elements: Real[np.ndarray, "elements 3"],
-    truth: Complex128[np.ndarray, "foci elements"],
+    reference: Complex128[np.ndarray, "foci elements"],
     runs: int,
     edges: Sequence[float],
     report_step: Callable[[str], None] = lambda step: None,
 ) -> list[Solved]:
-    """Solve with another package on meshes of several sizes, each in a process of its own.
-
-    Parameters
-    ----------
-    package : "AcousTools" or "bempp-cl".
-    python : interpreter of an environment that has it.
-    bodies, elements, truth, runs, tell : as for ``ours``.
-    edges : of the triangles [m].
-    """
+    """Solve with another package on meshes of several sizes, each in a process of its own."""
     script, kind = {"AcousTools": ("acoustools", np.int64), "bempp-cl": ("bempp", np.uint32)}[package]
     small, found = flat_triangles(bodies, 6e-3), []
     for edge in edges:
@@ -185,31 +160,38 @@ def theirs(
             "warm_triangles": small[1].astype(kind),
             "inside": points_inside(bodies, CHIEF_POINTS),
         }
-        found.append(_solved(run_case(script, python, case), f"{len(triangles)} triangles", truth))
+        found.append(_solved(run_case(script, python, case), f"{len(triangles)} triangles", reference))
     return found
 
 
 def faster(mine: Sequence[Solved], other: Solved) -> tuple[float, Solved] | None:
-    """Say how many times quicker the quickest of ours is that is at least as right; None where none is.
-
-    Parameters
-    ----------
-    mine : our runs.
-    other : one of theirs.
-    """
-    right = [one for one in mine if one.error <= other.error]
-    if not right:
+    """Return how many times faster our fastest run of equal or smaller error is, and that run; None without one."""
+    accurate = [one for one in mine if one.error <= other.error]
+    if not accurate:
         return None
-    best = min(right, key=lambda one: one.timed.median)
+    best = min(accurate, key=lambda one: one.timed.median)
     return other.timed.median / best.timed.median, best
 
 
-def _shared(
-    bodies: Bodies, elements: Real[np.ndarray, "elements 3"], runs: int
-) -> dict[str, Real[np.ndarray, "..."] | float | int]:
+def case_of(
+    bodies: Bodies, elements: Real[np.ndarray, "elements 3"], runs: int, accuracy: float, estimate: bool
+) -> Case:
+    """Return a case for the script that runs airtact; with 0 runs it measures the memory only."""
+    return {
+        **_shared(bodies, elements, runs),
+        "axes": np.array([one.axis for one in bodies.capsules]),
+        "radii": np.array([one.radius for one in bodies.capsules]),
+        "sound_speed": bodies.scene.medium.sound_speed,
+        "frequency": bodies.scene.frequency,
+        "accuracy": accuracy,
+        "estimate": estimate,
+    }
+
+
+def _shared(bodies: Bodies, elements: Real[np.ndarray, "elements 3"], runs: int) -> Case:
     return {"foci": bodies.foci, "elements": np.asarray(elements), "runs": runs}
 
 
-def _solved(answer: Answer, setting: str, truth: Complex128[np.ndarray, "foci elements"]) -> Solved:
-    error = relative_error(answer.matrix, truth)
+def _solved(answer: Answer, setting: str, reference: Complex128[np.ndarray, "foci elements"]) -> Solved:
+    error = relative_error(answer.matrix, reference)
     return Solved(answer.version, setting, answer.unknowns, Timed(answer.seconds), error, answer.peak)

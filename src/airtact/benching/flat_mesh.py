@@ -1,4 +1,4 @@
-"""The same bodies for packages that take flat triangles: even ones, moved outward until they hold the exact volume."""
+"""Flat, even triangles on the bodies for other packages, moved outward until they enclose the exact volume."""
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -10,17 +10,11 @@ from airtact.mesh.topology import cone_volumes
 from airtact.surfaces.primitives import Capsule
 
 INSIDE = 0.25, 0.8
-"""How deep the points inside stand, as shares of the radius."""
+"""Depth of the points inside, as fractions of the radius."""
 
 
 def flat_triangles(bodies: Bodies, edge: float) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "t 3"]]:
-    """Cover capsules with even flat triangles, closed, outward.
-
-    Parameters
-    ----------
-    bodies : capsules.
-    edge : wanted [m].
-    """
+    """Cover capsules with even flat triangles of a given edge [m], closed, outward."""
     capsules = bodies.capsules
     balls = np.array([[*end, capsule.radius] for capsule in capsules for end in capsule.axis])
     parts = np.array([[2 * index, 2 * index + 1, -1] for index in range(len(capsules))])
@@ -30,37 +24,24 @@ def flat_triangles(bodies: Bodies, edge: float) -> tuple[Float64[np.ndarray, "ve
     owner = np.argmax([capsule.depth(vertices) for capsule in capsules], axis=0)
     for index, capsule in enumerate(capsules):
         own = triangles[owner[triangles[:, 0]] == index]
-        feet = feet_on_axis(capsule, vertices)
-        out, stretch = vertices - feet, 1.0
+        axis = nearest_on_axis(capsule, vertices)
+        out, stretch = vertices - axis, 1.0
         for _ in range(20):
-            held = float(cone_volumes((feet + stretch * out)[own]).sum())
+            held = float(cone_volumes((axis + stretch * out)[own]).sum())
             stretch *= (capsule.volume / held) ** 0.4  # the volume grows between the first and the third power
-        vertices[owner == index] = (feet + stretch * out)[owner == index]
+        vertices[owner == index] = (axis + stretch * out)[owner == index]
     return vertices, triangles
 
 
-def feet_on_axis(capsule: Capsule, points: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
-    """Find the point of a capsule's axis that is nearest to each point (P, 3) [m].
-
-    Parameters
-    ----------
-    capsule : its axis may have length 0.
-    points : anywhere.
-    """
+def nearest_on_axis(capsule: Capsule, points: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
+    """Find the point of a capsule's axis that is nearest to each point (P, 3) [m]."""
     start, along = capsule.axis[0], capsule.axis[1] - capsule.axis[0]
     share = np.clip((points - start) @ along / max(float(along @ along), 1e-30), 0.0, 1.0)
     return start + share[:, None] * along
 
 
 def points_inside(bodies: Bodies, count: int, seed: int = 0) -> Float64[np.ndarray, "points 3"]:
-    """Choose points inside capsules at random, as many in each, for methods that want some (CHIEF).
-
-    Parameters
-    ----------
-    bodies : capsules.
-    count : in each.
-    seed : of the choice.
-    """
+    """Choose points inside capsules at random, ``count`` in each, for CHIEF."""
     pick, found = np.random.default_rng(seed), []
     for capsule in bodies.capsules:
         reach = 0.5 * capsule.extent

@@ -1,25 +1,29 @@
-"""Sound-hard capsules and spheres by fundamental solutions: a truth that shares nothing with the solvers.
+"""Sound-hard capsules and spheres by fundamental solutions: a reference that shares no code with the solvers.
 
 The scattered field is a sum of monopoles inside the bodies, fitted by least squares to ∂p/∂n = 0 at more points of the
-skin (G. Fairweather, A. Karageorghis, P. A. Martin, Eng. Anal. Bound. Elem. 27, 759, 2003). The error falls fast in
+surface (G. Fairweather, A. Karageorghis, P. A. Martin, Eng. Anal. Bound. Elem. 27, 759, 2003). The error falls fast in
 depth over spacing as long as the monopoles lie outside the images of the other body, which for a gap d stand
-a (1 - e^{-μ}) deep, cosh μ = 1 + d/(2a). So depth and spacing follow the gap over the skin: fine where bodies come
-close, coarse elsewhere. The own error comes from a second, coarser fit and from the residual at skin points that were
-not fitted.
+a (1 - e^{-μ}) deep, cosh μ = 1 + d/(2a). So depth and spacing follow the gap along the surface: fine where bodies come
+close, coarse elsewhere. The estimate of its own error comes from a second, coarser fit and from the residual at surface
+points that were not fitted.
 """
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Complex128, Float64, Int64, Real
 
+from airtact.benching.scenes import Bodies
 from airtact.printing import in_short
 from airtact.surfaces.primitives import Capsule
 
 DEPTH_OF_IMAGES = 0.75  # share of the images' depth at which the monopoles stand
-KEPT_DIGITS = 2.5  # decimal digits that the highest azimuthal order that matters may lose on its way to the skin
+KEPT_DIGITS = 2.5  # decimal digits that the highest azimuthal order that matters may lose on its way to the surface
 MOST_MONOPOLES = 4000
+FINENESS = 3.0  # monopoles per depth of the fit: three are 0.1 % off beside the two fingers
 
 
 def pressure_at(
@@ -28,7 +32,7 @@ def pressure_at(
     sources: Real[np.ndarray, "sources 3"],
     receivers: Real[np.ndarray, "receivers 3"],
     wanted: float = 3e-3,
-    fineness: float = 3.0,
+    fineness: float = FINENESS,
 ) -> tuple[Complex128[np.ndarray, "receivers sources"], float]:
     """Total pressure of unit monopoles e^{ikr}/r beside sound-hard capsules.
 
@@ -36,16 +40,16 @@ def pressure_at(
     ----------
     capsules : one or more, apart; length 0 is a sphere.
     wavenumber : k [1/m].
-    sources, receivers : (N, 3) and (P, 3) outside [m]. By reciprocity the set that stays further from the skins speaks,
-        so one of the two may touch the skin; the other keeps away by some centimetres.
-    wanted : own error at which to stop refining.
+    sources, receivers : (N, 3) and (P, 3) outside [m]. By reciprocity the set farther from the surfaces
+        becomes the sources, so one of the two may touch a surface; the other keeps some centimetres away.
+    wanted : estimated error at which to stop refining.
     fineness : monopoles per depth to begin with.
 
     Returns
     -------
-    (P, N) pressure [Pa] and the own error at the worst of the closer points, over all the others: the relative change
-    against a coarser fit times the share to which the residual ∂p/∂n at skin points that were not fitted has fallen,
-    but at least a tenth of that residual.
+    (P, N) pressure [Pa] and the estimated error at the worst of the closer points, over all the others: the relative
+    change from a coarser fit times the fraction to which the residual ∂p/∂n at surface points that were not fitted has
+    fallen, but at least a tenth of that residual.
     """
     if clearance(capsules, sources) < clearance(capsules, receivers):
         pressure, error = pressure_at(capsules, wavenumber, receivers, sources, wanted, fineness)
@@ -62,15 +66,15 @@ def pressure_at(
         coarse, fineness = fit, 1.25 * fineness
 
 
-def together(
-    heard: Complex128[np.ndarray, "points sources"], spoken: Complex128[np.ndarray, "sources sounds"] | None
-) -> Complex128[np.ndarray, "points sounds"]:
-    """Sum what is heard of every source by the strengths that it speaks with."""
-    return heard if spoken is None else heard @ spoken
+def superposed(
+    unit: Complex128[np.ndarray, "points sources"], strengths: Complex128[np.ndarray, "sources excitations"] | None
+) -> Complex128[np.ndarray, "points excitations"]:
+    """Sum the fields of unit sources by their strengths, or return them alone."""
+    return unit if strengths is None else unit @ strengths
 
 
 def clearance(capsules: Sequence[Capsule], points: Real[np.ndarray, "points 3"]) -> float:
-    """Distance of the nearest point from the skins [m]."""
+    """Distance of the nearest point from the surfaces [m]."""
     return float(min(-capsule.depth(points).max() for capsule in capsules))
 
 
@@ -82,7 +86,7 @@ def waves(
     return np.exp(1j * wavenumber * distance) / distance
 
 
-def slopes(
+def normal_derivatives(
     points: Real[np.ndarray, "points 3"],
     normals: Real[np.ndarray, "points 3"],
     sources: Real[np.ndarray, "sources 3"],
@@ -108,14 +112,14 @@ def surface_points(
     above = np.sign(height) * np.maximum(np.abs(height) - capsule.length / 2.0, 0.0) / capsule.radius
     flat = np.sqrt(1.0 - above**2)
     normals = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), above], axis=1)
-    feet = np.stack([0.0 * height, 0.0 * height, height - above * capsule.radius], axis=1)
-    return capsule.pose.apply(feet + capsule.radius * normals), capsule.pose.rotate(normals)
+    axis = np.stack([0.0 * height, 0.0 * height, height - above * capsule.radius], axis=1)
+    return capsule.pose.apply(axis + capsule.radius * normals), capsule.pose.rotate(normals)
 
 
 def monopole_depths(
     capsule: Capsule, others: Sequence[Capsule], points: Real[np.ndarray, "points 3"], wavenumber: complex
 ) -> Float64[np.ndarray, "points"]:
-    """How deep under each skin point its monopole stands [m]."""
+    """Depth of the monopole under each surface point [m]."""
     share = np.full(len(points), 1.0 - 10.0 ** (-KEPT_DIGITS / (abs(wavenumber) * capsule.radius + 5.0)))
     for other in others:
         gap = np.maximum(-other.depth(points), 1e-6)
@@ -124,18 +128,20 @@ def monopole_depths(
     return share * capsule.radius
 
 
-def thinned(points: Real[np.ndarray, "points 3"], spacing: Float64[np.ndarray, "points"]) -> Int64[np.ndarray, "kept"]:
+def thinned(
+    points: Real[np.ndarray, "points 3"], spacing: Float64[np.ndarray, "points"]
+) -> Int64[np.ndarray, "chosen"]:
     """Choose a subset of points no two of which are closer than the spacing at the first of them."""
     from scipy.spatial import KDTree
 
     tree = KDTree(points)
     free = np.ones(len(points), dtype=bool)
-    kept = []
+    chosen = []
     for index in range(len(points)):
         if free[index]:
-            kept.append(index)
+            chosen.append(index)
             free[tree.query_ball_point(points[index], spacing[index])] = False
-    return np.array(kept)
+    return np.array(chosen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,37 +152,39 @@ class Fit:
     ----------
     capsules : the bodies.
     wavenumber : [1/m].
-    sources : (N, 3) the sources' places [m].
-    spoken : (N, S) their strengths [Pa·m]; None for unit sources, each a sound of its own.
-    monopoles : (M, 3) places inside the bodies [m].
+    sources : (N, 3) positions of the sources [m].
+    source_strengths : (N, S) their strengths [Pa·m]; None for unit sources, each an excitation of its own.
+    monopoles : (M, 3) positions inside the bodies [m].
     strengths : (M, S) their strengths [Pa·m].
     """
 
     capsules: Sequence[Capsule]
     wavenumber: complex
     sources: Real[np.ndarray, "sources 3"]
-    spoken: Complex128[np.ndarray, "sources sounds"] | None
+    source_strengths: Complex128[np.ndarray, "sources excitations"] | None
     monopoles: Float64[np.ndarray, "monopoles 3"]
-    strengths: Complex128[np.ndarray, "monopoles sounds"]
+    strengths: Complex128[np.ndarray, "monopoles excitations"]
 
     __repr__ = in_short
 
-    def pressure(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
+    def pressure(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points excitations"]:
         """Total pressure [Pa] at points (P, 3) outside the bodies."""
         blocks = [
-            together(waves(part, self.sources, self.wavenumber), self.spoken)
+            superposed(waves(part, self.sources, self.wavenumber), self.source_strengths)
             + waves(part, self.monopoles, self.wavenumber) @ self.strengths
             for part in np.array_split(points, 1 + len(points) // 500)
         ]
         return np.concatenate(blocks)
 
     def residual(self) -> float:
-        """Norm of ∂p/∂n at skin points that were not fitted over that of the incident sound."""
+        """Norm of ∂p/∂n at surface points that were not fitted over that of the incident field."""
         defect, incident = 0.0, 0.0
         for capsule in self.capsules:
             points, normals = surface_points(capsule, 1009, start=0.31)
-            arriving = together(slopes(points, normals, self.sources, self.wavenumber), self.spoken)
-            total = arriving + slopes(points, normals, self.monopoles, self.wavenumber) @ self.strengths
+            arriving = superposed(
+                normal_derivatives(points, normals, self.sources, self.wavenumber), self.source_strengths
+            )
+            total = arriving + normal_derivatives(points, normals, self.monopoles, self.wavenumber) @ self.strengths
             incident += capsule.area * np.linalg.norm(arriving) ** 2
             defect += capsule.area * np.linalg.norm(total) ** 2
         return float(np.sqrt(defect / incident))
@@ -187,10 +195,10 @@ def fitted(
     wavenumber: complex,
     sources: Real[np.ndarray, "sources 3"],
     fineness: float,
-    spoken: Complex128[np.ndarray, "sources sounds"] | None = None,
+    source_strengths: Complex128[np.ndarray, "sources excitations"] | None = None,
 ) -> Fit:
-    """Fit monopoles, ``fineness`` of them per depth, to ∂p/∂n = 0 on all skins; unit sources unless ``spoken``."""
-    places, points, normals, sides = [], [], [], []
+    """Fit monopoles, ``fineness`` of them per depth, to ∂p/∂n = 0 on all surfaces; unit sources by default."""
+    positions, points, normals, sides = [], [], [], []
     for index, capsule in enumerate(capsules):
         others = [other for position, other in enumerate(capsules) if position != index]
         sample, _ = surface_points(capsule, 2000)
@@ -199,18 +207,18 @@ def fitted(
         depth = monopole_depths(capsule, others, skin, wavenumber)
         spacing = np.minimum(depth / fineness, np.pi / abs(wavenumber) / fineness)
         inner = skin - depth[:, None] * outward
-        places.append(inner[thinned(inner, spacing)])
+        positions.append(inner[thinned(inner, spacing)])
         chosen = thinned(skin, 0.9 * spacing)
         points.append(skin[chosen])
         normals.append(outward[chosen])
         sides.append(spacing[chosen])
-    monopoles, skin, outward = np.concatenate(places), np.concatenate(points), np.concatenate(normals)
+    monopoles, skin, outward = np.concatenate(positions), np.concatenate(points), np.concatenate(normals)
     weights = np.concatenate(sides)[:, None]
-    matrix = weights * slopes(skin, outward, monopoles, wavenumber)
+    matrix = weights * normal_derivatives(skin, outward, monopoles, wavenumber)
     sizes = np.linalg.norm(matrix, axis=0)
-    right = -weights * together(slopes(skin, outward, sources, wavenumber), spoken)
+    right = -weights * superposed(normal_derivatives(skin, outward, sources, wavenumber), source_strengths)
     strengths = least_squares(matrix / sizes, right) / sizes[:, None]
-    return Fit(capsules, wavenumber, sources, spoken, monopoles, strengths)
+    return Fit(capsules, wavenumber, sources, source_strengths, monopoles, strengths)
 
 
 def least_squares(
@@ -226,3 +234,54 @@ def least_squares(
     factor = cho_factor(gram, lower=True, overwrite_a=True, check_finite=False)
     found = cho_solve(factor, matrix.conj().T @ right)
     return found + cho_solve(factor, matrix.conj().T @ (right - matrix @ found))
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """Reference pressure, for bodies without a closed form.
+
+    Attributes
+    ----------
+    pressure : (P, N) of unit monopoles or (P, S) of excitations [Pa].
+    own_error : its relative error, as it estimates it itself.
+    """
+
+    pressure: Complex128[np.ndarray, "points excitations"]
+    own_error: float
+
+    __repr__ = in_short
+
+
+def reference_pressure(
+    bodies: Bodies,
+    sources: Real[np.ndarray, "sources 3"],
+    points: Real[np.ndarray, "points 3"],
+    folder: Path,
+    strengths: Complex128[np.ndarray, "sources excitations"] | None = None,
+) -> Reference:
+    """Return the pressure of monopoles beside capsules, read from ``folder`` where it was computed before.
+
+    Parameters
+    ----------
+    bodies : capsules.
+    sources, points : (N, 3) far from the surfaces, and (P, 3) anywhere outside [m].
+    folder : cache of references.
+    strengths : (N, S) of S excitations [Pa·m]; None for unit monopoles, each an excitation of its own.
+    """
+    wavenumber = bodies.scene.wavenumber
+    digest = hashlib.sha256(str([(c.radius, c.length, wavenumber, FINENESS) for c in bodies.capsules]).encode())
+    poses = [part for one in bodies.capsules for part in (one.pose.rotation, one.pose.translation)]
+    for array in (*poses, sources, points, *([] if strengths is None else [strengths])):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    file = folder / f"reference-{digest.hexdigest()[:16]}.npz"
+    if not file.exists():
+        if strengths is None:
+            pressure, own = pressure_at(bodies.capsules, wavenumber, sources, points)
+        else:
+            fits = [fitted(bodies.capsules, wavenumber, sources, f, strengths) for f in (FINENESS / 1.25, FINENESS)]
+            coarse, pressure = (fit.pressure(points) for fit in fits)
+            own = float(np.linalg.norm(pressure - coarse) / np.linalg.norm(pressure))
+        folder.mkdir(parents=True, exist_ok=True)
+        np.savez(file, pressure=pressure, own_error=own)
+    with np.load(file) as cached:
+        return Reference(cached["pressure"], float(cached["own_error"]))

@@ -1,4 +1,4 @@
-"""How the cost grows with the unknowns of the bodies and with the elements of the array."""
+"""Growth of the cost with the unknowns of the bodies and with the elements of the array."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ BOARDS = (1, 2, 4, 8)
 """Boards along each side of the array: 249, 996, 3984 and 15936 elements."""
 
 AFAR = np.array([[0.0, 0.0, 0.03], [5e-3, 0.0, 0.035]])
-"""Foci so far over the fingertips that no finer panels are put beside them [m]."""
+"""Foci so far above the fingertips that the panels need no refinement there [m]."""
 
 
 @dataclass(frozen=True)
@@ -45,14 +45,7 @@ class Grown:
 def by_unknowns(
     runs: int, most: int = max(UNKNOWNS), report_step: Callable[[str], None] = lambda step: None
 ) -> list[Grown]:
-    """Time solves of two fingers with more and more unknowns.
-
-    Parameters
-    ----------
-    runs : of each size; a third of them from 8000 unknowns on.
-    most : unknowns.
-    tell : is told each step.
-    """
+    """Time solves of two fingers with increasing unknowns, a third of the runs from 8000 unknowns on."""
     scene, beacons, found = evenly_covered(two_fingers()).scene, Target(AFAR).beacons(), []
     for wanted in (one for one in UNKNOWNS if one <= most):
         report_step(f"solving {wanted} unknowns")
@@ -64,13 +57,7 @@ def by_unknowns(
 
 
 def by_elements(runs: int, boards: tuple[int, ...] = BOARDS) -> list[Grown]:
-    """Time transfer matrix and drive of a solved shape for larger and larger arrays.
-
-    Parameters
-    ----------
-    runs : of each size.
-    boards : along each side of the array.
-    """
+    """Time transfer matrix and drive of a solved shape for increasing arrays, ``boards`` along each side."""
     bodies = two_fingers()
     beacons = BoundaryElement(accuracy=0.03).radiate(bodies.scene, bodies.target.beacons())
     found = []
@@ -84,24 +71,14 @@ def by_elements(runs: int, boards: tuple[int, ...] = BOARDS) -> list[Grown]:
 
 
 def power(grown: list[Grown]) -> float:
-    """Slope of log time against log size over the upper half of the sizes.
-
-    Parameters
-    ----------
-    grown : at least two sizes.
-    """
+    """Exponent of the time as a power of the size, over the upper half of the sizes."""
     upper = grown[len(grown) // 2 - 1 :]
     sizes, seconds = [one.size for one in upper], [one.timed.median for one in upper]
     return float(np.polyfit(np.log(sizes), np.log(seconds), 1)[0])
 
 
 def evenly_covered(bodies: Bodies) -> Bodies:
-    """Make hulls of capsules, which take panels of any size: a capsule's own come in few sizes.
-
-    Parameters
-    ----------
-    bodies : capsules.
-    """
+    """Replace capsules by sphere meshes, which take panels of any size: those of capsules come in few sizes."""
     surfaces = []
     for one in bodies.capsules:
         balls = np.array([[*end, one.radius] for end in one.axis])

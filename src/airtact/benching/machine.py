@@ -1,15 +1,14 @@
-"""How much of the machine is used: kernel evaluations against its matrix product, memory against the matrix."""
+"""Use of the machine: kernel evaluations against its matrix product, peak memory against the matrix of a solve."""
 
 import sys
 import time
 from functools import partial
-from subprocess import run
 
 import numpy as np
 from jaxtyping import Float64
 
 from airtact import _kernels
-from airtact.benching.peers.peak_memory import forget_peak, peak
+from airtact.benching.contest import case_of, run_case
 from airtact.benching.real_time import Row
 from airtact.benching.scenes import two_fingers
 from airtact.benching.timing import Timed, timed
@@ -20,7 +19,7 @@ from airtact.solvers.bem.quadrature import Nodes, place_nodes
 from airtact.solvers.bem.solver import BoundaryElement
 
 FLOPS = 56
-"""Operations that one kernel evaluation, the gradient of a Green's function along a normal, is counted as."""
+"""Operations of one kernel evaluation, the gradient of a Green's function along a normal."""
 
 REST = 0.1
 """Seconds after which the threads of a matrix product no longer wait for another one, taking turns with ours."""
@@ -30,12 +29,7 @@ PRODUCT = 2048
 
 
 def kernels_against_product(runs: int = 7) -> list[Row]:
-    """Evaluate the far field of a matrix by every compiled variant, a single-precision matrix product beside each.
-
-    Parameters
-    ----------
-    runs : timed runs of each.
-    """
+    """Evaluate the far field of a matrix by every compiled variant, a single-precision matrix product beside each."""
     bodies = two_fingers()
     scene = bodies.scene
     panels = BoundaryElement(accuracy=0.02)._panels(scene, bodies.foci)
@@ -58,14 +52,14 @@ def _kernel_row(
     variant: str, nodes: Nodes, shifted: Float64[np.ndarray, "groups 3"], wavenumber: complex, runs: int
 ) -> Row:
     count = len(nodes.points)
-    tiles = blocks_of(count)
-    matrix = DualMatrix.empty(count, "bfloat16", np.ones((tiles, tiles), dtype=bool))
-    nobody = np.zeros(0, dtype=np.int64), np.zeros((0, 6), dtype=np.complex128)
+    blocks = blocks_of(count)
+    matrix = DualMatrix.empty(count, "bfloat16", np.ones((blocks, blocks), dtype=bool))
+    none = np.zeros(0, dtype=np.int64), np.zeros((0, 6), dtype=np.complex128)
     first, first_shifted = np.zeros(count + 1, dtype=np.int64), np.zeros(len(shifted) + 1, dtype=np.int64)
-    places = nodes.points, shifted, nodes.weighted_normals, wavenumber
-    near = first, *nobody, first_shifted, *nobody
+    positions = nodes.points, shifted, nodes.weighted_normals, wavenumber
+    near = first, *none, first_shifted, *none
     whole = matrix.whole.first, matrix.whole.column
-    fill = partial(_kernels.dual_tiles_bfloat16, *places, *near, *whole, matrix.tiles)
+    fill = partial(_kernels.dual_tiles_bfloat16, *positions, *near, *whole, matrix.tiles)
     fill()  # the pages are touched before the clock starts
     left = np.random.default_rng(0).normal(size=(PRODUCT, PRODUCT)).astype(np.float32)
     products, fills = [], []
@@ -88,42 +82,18 @@ def _kernel_row(
     )
 
 
-MEASURED = """
-import sys
-from airtact.benching.machine import peak_over_matrix
-print(*peak_over_matrix(float(sys.argv[1])))
-"""
-
-
-def peak_over_matrix(accuracy: float) -> tuple[int, float]:
-    """Solve two fingers in this process; unknowns, and the peak above what the process held before, over the matrix.
-
-    Parameters
-    ----------
-    accuracy : of the solve; 0.002 makes 8000 unknowns and more.
-    """
-    bodies = two_fingers()
-    scene, sources = bodies.scene, bodies.target.beacons()
-    BoundaryElement(accuracy=0.1).radiate(scene, sources)  # what is imported and built once is no cost of a solve
-    before = forget_peak()
-    nodes = BoundaryElement(accuracy=accuracy).radiate(scene, sources).report.nodes
-    return nodes, (peak() - before) / (8.0 * nodes**2)
-
-
 def memory_over_matrix(accuracy: float = 0.0018) -> Row:
-    """Solve in a fresh process and hold its peak memory against the matrix in single precision.
-
-    Parameters
-    ----------
-    accuracy : of the solve.
-    """
-    answer = run([sys.executable, "-c", MEASURED, str(accuracy)], capture_output=True, text=True, check=True).stdout
-    nodes, share = answer.split()
+    """Solve two fingers in a process of its own, and compare its peak memory with the matrix in single precision."""
+    bodies = two_fingers()
+    answer = run_case(
+        "airtact", sys.executable, case_of(bodies, bodies.foci + [0.0, 0.0, 0.1], 0, accuracy, estimate=True)
+    )
+    share = answer.peak / (8.0 * answer.unknowns**2)
     return Row(
         "peak memory above the process's base, over the matrix (8 bytes an entry)",
         "1.3, 8k unknowns or more",
-        f"{float(share):.2f}",
+        f"{share:.2f}",
         "",
-        f"{nodes} unknowns, matrix {8e-9 * int(nodes) ** 2:.2f} GB",
-        {"share": float(share), "unknowns": int(nodes)},
+        f"{answer.unknowns} unknowns, matrix {8e-9 * answer.unknowns**2:.2f} GB",
+        {"share": share, "unknowns": answer.unknowns},
     )

@@ -1,14 +1,19 @@
-"""The bench in words: the text of docs/performance.md."""
+"""The page and the figures of a bench: the text of docs/performance.md, error against time, growth of the cost."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from airtact.benching.contest import Solved, faster
 from airtact.benching.growth import Grown, power
 from airtact.benching.real_time import Row
 
+COLOURS = ("#1b6ca8", "#5fb0d8", "#d1495b", "#8a6f2a")
+MARKS = ("o", "v", "s", "^")
+
 HEAD = """# Performance
 
-How quick airtact is, with the error beside every time. Made by
+The speed of airtact, with the error beside every time. Made by
 
 ```sh
 airtact bench --out out/bench --acoustools PYTHON --bempp PYTHON --hand examples/hands/relaxed.json
@@ -33,16 +38,16 @@ worse focus over all elements, against fundamental solutions, which share no cod
 
 @dataclass(frozen=True)
 class Bench:
-    """What was measured.
+    """All that was measured.
 
     Attributes
     ----------
     machine : processor, cores, instruction set, load when it began.
     contest : runs of all packages on the same scene.
-    own_error : of the contest's truth.
+    own_error : of the reference of the contest.
     rows : of real time.
     unknowns, elements : how the cost grows.
-    said : what was left out, and why.
+    notes : what was left out, and why.
     """
 
     machine: str
@@ -55,12 +60,7 @@ class Bench:
 
 
 def page_of(found: Bench) -> str:
-    """Write the page.
-
-    Parameters
-    ----------
-    found : what was measured.
-    """
+    """Return the page in Markdown."""
     parts = [HEAD, f"Machine: {found.machine}.\n", CONTEST.format(own=found.own_error), _contest(found), _rows(found)]
     parts.append(_growth(found))
     if found.notes:
@@ -81,7 +81,7 @@ def _contest(found: Bench) -> str:
 def _ratio(mine: list[Solved], one: Solved) -> str:
     found = faster(mine, one)
     if found is None:
-        return "none of these runs is as right"
+        return "none of these runs is as accurate"
     times, best = found
     return f"{times:.0f} times faster ({best.timed}, {best.error:.2%})"
 
@@ -112,3 +112,50 @@ def _growth(found: Bench) -> str:
 
 def _megabytes(size: int) -> str:
     return f"{size / 1e6:.0f} MB"
+
+
+def draw_contest(folder: Path, contest: Sequence[Solved], own_error: float) -> None:
+    """Draw error against time, one line a package, least to most of the runs as bars."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.0, 4.5), layout="constrained")
+    axes = figure.add_subplot(xscale="log", yscale="log")
+    packages = list(dict.fromkeys(one.package for one in contest))
+    for package, colour, mark in zip(packages, COLOURS, MARKS, strict=False):
+        runs = [one for one in contest if one.package == package]
+        middle = [one.timed.median for one in runs]
+        low = [one.timed.median - min(one.timed.seconds) for one in runs]
+        high = [max(one.timed.seconds) - one.timed.median for one in runs]
+        errors = [100 * one.error for one in runs]
+        axes.errorbar(middle, errors, xerr=(low, high), color=colour, marker=mark, capsize=3, label=package)
+    axes.axhline(100 * own_error, color="0.6", linestyle=":", label="the reference's own error")
+    axes.set_xlabel("time from bodies to transfer matrix, 996 elements, 2 foci [s]")
+    axes.set_ylabel("error of the transfer matrix [%]")
+    axes.grid(which="both", color="0.92")
+    axes.legend(frameon=False)
+    _save(figure, folder / "error_against_time")
+
+
+def draw_growth(folder: Path, unknowns: Sequence[Grown], elements: Sequence[Grown]) -> None:
+    """Draw the time against unknowns and against elements."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 3.6), layout="constrained")
+    panels = (
+        ("unknowns", "time of a solve [s]", unknowns),
+        ("elements", "time to the drive of a solved shape [s]", elements),
+    )
+    for place, (size, says, grown) in enumerate(panels, start=1):
+        axes = figure.add_subplot(1, 2, place, xscale="log", yscale="log")
+        axes.plot([one.size for one in grown], [one.timed.median for one in grown], color=COLOURS[0], marker="o")
+        axes.set_xlabel(size)
+        axes.set_ylabel(says)
+        axes.grid(which="both", color="0.92")
+        if len(grown) > 1:
+            axes.set_title(f"grows as the power {power(list(grown)):.1f}", fontsize="medium")
+    _save(figure, folder / "growth")
+
+
+def _save(figure: "object", path: Path) -> None:
+    for ending, settings in ((".png", {"dpi": 150}), (".svg", {})):
+        figure.savefig(path.with_suffix(ending), **settings)  # pyright: ignore[reportAttributeAccessIssue]

@@ -58,13 +58,6 @@ def two_fingers(
     """Two capsules whose tips face each other, hanging down and leaning outward, a focus before each pad.
 
     By default the issue's two fingers: 16 mm thick, 60 mm long, 12 mm apart.
-
-    Parameters
-    ----------
-    gap : between the tips [m].
-    tilt : how far each leans outward [degrees].
-    radius, length : of each capsule and of its axis [m].
-    lift : how far the second stands above the first [m].
     """
     surfaces, tips = [], []
     lean = np.radians(tilt)

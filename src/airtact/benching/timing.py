@@ -1,4 +1,4 @@
-"""Times of several runs, told with their spread; errors of transfer matrices and drives."""
+"""Times of several runs with their spread; errors of transfer matrices and drives."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -37,10 +37,6 @@ class Timed:
 
 def timed(jobs: Sequence[Callable[[], Result]]) -> tuple[Timed, list[Result]]:
     """Run the first job to warm up, then time the others.
-
-    Parameters
-    ----------
-    jobs : one more than shall be timed; the same again and again, or others.
 
     Returns
     -------

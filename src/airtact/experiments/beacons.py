@@ -29,15 +29,7 @@ ON_BEACON = 1e-6
 
 
 def beacons(made: Solved, settings: Settings, folder: Path, clock: Clock) -> Part:
-    """Show the model, the beacons' field and what each transducer gets.
-
-    Parameters
-    ----------
-    made : what was solved.
-    settings : how fine the picture of the phase is.
-    folder : where the numbers go.
-    clock : is told each step.
-    """
+    """Show the model, the beacons' field and what each transducer gets."""
     system, report = made.field.ready.system, made.field.report
     with clock.step("phases", "hearing the beacons in the plane of the fingers"):
         window = _workspace(made.dummies.middle, settings.plane_step)
@@ -152,12 +144,7 @@ def _workspace(middle: Float64[np.ndarray, "3"], step: float) -> Window:
 
 
 def whole_skin(system: System) -> QuadraticTriangles:
-    """Meshed skins with their mirror images (T, 6, 3) [λ].
-
-    Parameters
-    ----------
-    system : what was meshed.
-    """
+    """Meshed skins with their mirror images (T, 6, 3) [λ]."""
     quadratic_triangles = system.panels.quadratic_triangles
     for mirror in system.box.mirrors:
         image = np.array(quadratic_triangles[:, [0, 2, 1, 5, 4, 3]])
@@ -167,13 +154,7 @@ def whole_skin(system: System) -> QuadraticTriangles:
 
 
 def on_plane(system: System, axis: int) -> tuple[Float64[np.ndarray, "faces 3 3"], Bool[np.ndarray, "faces"]]:
-    """Faces of the tetrahedra that lie on a plane of symmetry [λ], and whether each is of the matched layer.
-
-    Parameters
-    ----------
-    system : what was meshed.
-    axis : across which the plane lies.
-    """
+    """Faces of the tetrahedra that lie on a plane of symmetry [λ], and whether each is of the matched layer."""
     corners = system.tetrahedra.corners
     spot = next(one.place for one in system.box.mirrors if one.axis == axis) / system.scene.wavelength
     on = np.abs(corners[:, :, axis] - spot) < ON_PLANE
@@ -183,13 +164,7 @@ def on_plane(system: System, axis: int) -> tuple[Float64[np.ndarray, "faces 3 3"
 
 
 def draw_mesh(system: System, wavelength: float) -> Figure:
-    """Draw the tetrahedra where they meet the plane y = 0, or the first plane of symmetry there is.
-
-    Parameters
-    ----------
-    system : what was meshed.
-    wavelength : [m].
-    """
+    """Draw the tetrahedra where they meet the plane y = 0, or the first plane of symmetry there is."""
     axis = _cut_axis(system)
     faces, layer = on_plane(system, axis)
     kept = [index for index in range(3) if index != axis]

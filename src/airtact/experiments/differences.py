@@ -22,15 +22,7 @@ OFF_SKIN = 0.5
 
 
 def differences(made: Solved, settings: Settings, folder: Path, clock: Clock) -> Part:
-    """Solve for the beacons in four ways and say how far each pair is apart.
-
-    Parameters
-    ----------
-    made : what was solved.
-    settings : how fine.
-    folder : where the numbers go.
-    clock : is told each step.
-    """
+    """Solve for the beacons in four ways and say how far each pair is apart."""
     fingers, elements = made.dummies, made.array.positions
     vertices = np.concatenate([surface.vertices for surface in fingers.surfaces])
     plane = plane_through(fingers.foci, vertices, made.scene.wavelength).points[::7]

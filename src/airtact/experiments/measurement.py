@@ -24,15 +24,7 @@ SEED = 2014
 
 
 def measurement(made: Solved, settings: Settings, folder: Path, clock: Clock) -> Part:
-    """Move a quarter-inch microphone round one focus under both drives.
-
-    Parameters
-    ----------
-    made : what was solved.
-    settings : the steps of the microphone.
-    folder : where the numbers go.
-    clock : is told each step.
-    """
+    """Move a quarter-inch microphone round one focus under both drives."""
     microphone, focus = Microphone(), made.dummies.foci[1]
     side = 2 * settings.scan_half
     window = Window(focus, AXES["x"], AXES["z"], side, side, settings.scan_step)
@@ -84,25 +76,14 @@ def _place(points: Float64[np.ndarray, "positions 3"], read: Float64[np.ndarray,
 
 
 def readings(heard: Complex128[np.ndarray, "positions sounds"]) -> Float64[np.ndarray, "positions sounds"]:
-    """Add noise to what a microphone hears and take the magnitude.
-
-    Parameters
-    ----------
-    heard : (N, S) [Pa], NaN where it cannot be.
-    """
+    """Add noise to what a microphone hears and take the magnitude."""
     chance = np.random.default_rng(SEED)
     noise = chance.standard_normal((2, *heard.shape)) / np.sqrt(2)
     return np.abs(heard + NOISE * np.nanmax(np.abs(heard)) * (noise[0] + 1j * noise[1]))
 
 
 def peak_ratios(read: Float64[np.ndarray, "positions 4"], loud: Float64[np.ndarray, "4"]) -> dict[str, float]:
-    """Largest reading ignored over considered, for each normalisation.
-
-    Parameters
-    ----------
-    read : (N, 4) both drives at equal energy, then both by their phases alone.
-    loud : what brought them there from equal peak.
-    """
+    """Largest reading ignored over considered, for each normalisation."""
     peak = np.nanmax(read, axis=0)
     first, second = loud[:2]
     values = (peak[1] / second / (peak[0] / first), peak[1] / peak[0], peak[3] / peak[2])

@@ -32,13 +32,7 @@ BELIEVED = 0.1
 
 
 def tetrahedra(one: Combination, ran: Sequence[Row]) -> float:
-    """Tetrahedra of a quarter of the scene: those of the same mesh, or else the volume times what the next mesh had.
-
-    Parameters
-    ----------
-    one : what is asked.
-    ran : what was run.
-    """
+    """Tetrahedra of a quarter of the scene: those of the same mesh, or else the volume times what the next mesh had."""
     cells = TETRAHEDRA * _volume(one.domain) * one.elements_per_wavelength**3
     known = [row for row in ran if row.combination.domain == one.domain]
     if not known:
@@ -77,11 +71,6 @@ def predicted(one: Combination, ran: Sequence[Row]) -> tuple[float, float, float
     Time and memory are taken for sums of four costs: what is always spent, that of each tetrahedron, of each entry of
     its matrix, and a power of the unknowns that the factor holds; each is found from the runs by least squares of the
     relative errors, none below zero.
-
-    Parameters
-    ----------
-    one : what is asked.
-    ran : what was run.
     """
     cells, order = tetrahedra(one, ran), one.order
     inner = (order - 1) * (order - 2) * (order - 3) / 6

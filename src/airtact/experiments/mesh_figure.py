@@ -23,13 +23,7 @@ BEYOND = 30.0
 
 
 def draw_costs(rows: Sequence[Row], settings: Settings) -> Figure:
-    """Draw every combination three times: what was run by its error, and above it what was not by its order.
-
-    Parameters
-    ----------
-    rows : what was run and what was not.
-    settings : the limits.
-    """
+    """Draw every combination three times: what was run by its error, and above it what was not by its order."""
     figure = Figure(figsize=(12.0, 7.6), layout="constrained")
     grid = figure.subplots(2, 3, sharex="col", sharey="row", height_ratios=(1.0, 2.2))
     above, below = list(grid[0]), list(grid[1])

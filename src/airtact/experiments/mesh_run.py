@@ -91,11 +91,6 @@ class Row:
 def run_apart(combination: Combination, limit: float) -> Ran | str:
     """Solve for the paper's beacons in a process of its own.
 
-    Parameters
-    ----------
-    combination : what is solved.
-    limit : the process is ended after so many seconds.
-
     Returns
     -------
     What came of it, or a sentence that says why nothing did.
@@ -115,12 +110,7 @@ def run_apart(combination: Combination, limit: float) -> Ran | str:
 
 
 def run_here(combination: Combination) -> Ran:
-    """Solve for the paper's beacons in this process.
-
-    Parameters
-    ----------
-    combination : what is solved.
-    """
+    """Solve for the paper's beacons in this process."""
     fingers, array = dummies(), surrounding_box()
     scene = fingers.rigid
     netgen_libraries()

@@ -31,14 +31,7 @@ OVERDUE, STARTING = 2.0, 30.0
 
 
 def mesh_sizes(settings: Settings, folder: Path, clock: Clock) -> Part:
-    """Run what is cheap enough and predict the rest.
-
-    Parameters
-    ----------
-    settings : what is studied, and its limits.
-    folder : where the numbers go.
-    clock : is told each step.
-    """
+    """Run what is cheap enough and predict the rest."""
     with clock.step("truth", f"solving by boundary elements to {100 * settings.truth:g} %, the truth of the study"):
         truth, uncertain = _truth(settings.truth)
     rows = study(settings, truth, clock, run_apart, lambda found: _write(found, folder))
@@ -72,13 +65,7 @@ def mesh_sizes(settings: Settings, folder: Path, clock: Clock) -> Part:
 
 
 def how_many(rows: Sequence[Row], settings: Settings) -> str:
-    """Say how many were run, and why the others were not.
-
-    Parameters
-    ----------
-    rows : all combinations.
-    settings : the limits.
-    """
+    """Say how many were run, and why the others were not."""
     ran, over, cut = (sum(row.notes == words for row in rows) for words in ("", OVER_LIMIT, NO_TIME))
     sentences = [
         f"{ran} of {len(rows)} combinations of order, mesh and domain were run, each in its own process, the cheapest "
@@ -133,16 +120,7 @@ def study(
     run: Callable[[Combination, float], Ran | str],
     keep: Callable[[list[Row]], None] = lambda rows: None,
 ) -> list[Row]:
-    """Run the cheapest combination that is left, learn from it, and go on while one is within the limits.
-
-    Parameters
-    ----------
-    settings : what is studied, and its limits.
-    truth : (E,) pressure at the transducers [Pa].
-    clock : is told each step.
-    run : runs one, and ends it after so many seconds.
-    keep : is given all rows after each run, so that nothing is lost.
-    """
+    """Run the cheapest combination that is left, learn from it, and go on while one is within the limits."""
     left = [
         Combination(order, size, domain)
         for domain, order, size in product(("tight", "box"), settings.study_orders, settings.study_sizes)

@@ -31,14 +31,7 @@ class Part:
 
 
 def write_columns(folder: Path, name: str, columns: Mapping[str, tuple[str, Column]]) -> None:
-    """Write columns of one length as ``name.csv`` and ``name.h5``.
-
-    Parameters
-    ----------
-    folder : where.
-    name : of both files.
-    columns : by name, the unit ("" for none) and the values; the unit follows the name in the table's head.
-    """
+    """Write columns of one length as ``name.csv`` and ``name.h5``."""
     import h5py
 
     heads = [f"{column}_{unit}" if unit else column for column, (unit, _) in columns.items()]

@@ -19,13 +19,7 @@ BLANK = "0.9"
 
 
 def carried(window: Window, values: Float64[np.ndarray, "points"]) -> Float64[np.ndarray, "points"]:
-    """Carry values two points into the bodies, where their grey covers them, so that no gap shows at the skin.
-
-    Parameters
-    ----------
-    window : where.
-    values : (P,) at ``window.points``, NaN inside bodies.
-    """
+    """Carry values two points into the bodies, where their grey covers them, so that no gap shows at the skin."""
     from scipy.ndimage import distance_transform_edt
 
     grid = values.reshape(window.shape)
@@ -41,16 +35,7 @@ def draw_planes(
     marks: Real[np.ndarray, "marks 3"],
     scale: tuple[str, float, float, str],
 ) -> Figure:
-    """Draw values at the points of a window, one picture for each name.
-
-    Parameters
-    ----------
-    window : where.
-    values : by title, (P,) at ``window.points``; NaN is left blank.
-    outlines : closed lines (N, 3) round the bodies in the plane [m].
-    marks : (M, 3) points to be ringed [m].
-    scale : colours by their name in matplotlib, the lowest and the highest value, and what the values are.
-    """
+    """Draw values at the points of a window, one picture for each name."""
     colours, lowest, highest, label = scale
     left, right, bottom, top = window.extent
     size = min(10.0 / len(values) / (right - left), 5.0 / (top - bottom), 5.0 / (right - left))

@@ -28,14 +28,7 @@ def loudness(made: Solved) -> Float64[np.ndarray, "sounds"]:
 
 
 def pressures(made: Solved, folder: Path, clock: Clock) -> Part:
-    """Show both fields on one scale, and what each focus gets.
-
-    Parameters
-    ----------
-    made : what was solved.
-    folder : where the numbers go.
-    clock : is told each step.
-    """
+    """Show both fields on one scale, and what each focus gets."""
     fingers = made.dummies
     vertices = np.concatenate([surface.vertices for surface in fingers.surfaces])
     window = plane_through(fingers.foci, vertices, made.scene.wavelength)

@@ -65,14 +65,7 @@ class Fingers:
 
 
 def ratio_of(fingers: Dummies, array: PhasedArray, settings: Settings) -> Float64[np.ndarray, "3"]:
-    """Pressure ignored over considered under the normalisations of ``HELD_EQUAL``, mean over the foci.
-
-    Parameters
-    ----------
-    fingers : the scene.
-    array : the transducers.
-    settings : how fine.
-    """
+    """Pressure ignored over considered under the normalisations of ``HELD_EQUAL``, mean over the foci."""
     scene, target = fingers.rigid, fingers.target
     solver = BoundaryElement(accuracy=settings.sweep_drive)
     transfer = transfer_matrix(solver.radiate(scene, target.beacons()), array)
@@ -98,14 +91,7 @@ def all_fingers(settings: Settings) -> list[Fingers]:
 
 
 def ratios(settings: Settings, folder: Path, clock: Clock) -> Part:
-    """Sweep the fingers and show where the paper's numbers lie.
-
-    Parameters
-    ----------
-    settings : what is swept, and how fine.
-    folder : where the numbers go.
-    clock : is told each step.
-    """
+    """Sweep the fingers and show where the paper's numbers lie."""
     array, found = surrounding_box(), {}
     wanted = all_fingers(settings)
     for index, one in enumerate(wanted, start=1):
@@ -176,13 +162,7 @@ def _write(found: Mapping[Fingers, Float64[np.ndarray, "3"]], folder: Path) -> N
 
 
 def draw_maps(settings: Settings, found: Mapping[Fingers, Float64[np.ndarray, "3"]]) -> Figure:
-    """Draw the ratio over gap and radius, as pressure above and squared below.
-
-    Parameters
-    ----------
-    settings : what was swept.
-    found : the ratios.
-    """
+    """Draw the ratio over gap and radius, as pressure above and squared below."""
     grid = np.array(
         [[found[Fingers(gap, radius, 20.0, "from below")] for gap in settings.gaps] for radius in settings.radii]
     )
@@ -224,13 +204,7 @@ def _mark(
 
 
 def draw_tilts(settings: Settings, found: Mapping[Fingers, Float64[np.ndarray, "3"]]) -> Figure:
-    """Draw the ratio over the tilt, a line for each gap and way of entering.
-
-    Parameters
-    ----------
-    settings : what was swept.
-    found : the ratios.
-    """
+    """Draw the ratio over the tilt, a line for each gap and way of entering."""
     figure = Figure(figsize=(12.0, 4.8), layout="constrained")
     row = figure.subplots(1, len(HELD_EQUAL), sharey=True)
     shades = colormaps["viridis"](np.linspace(0, 0.88, len(settings.tilt_gaps)))

@@ -85,14 +85,7 @@ class Nodes:
 
 
 def nodes_beside(points: Float64[np.ndarray, "points 3"], step: float, scene: Scene) -> Float64[np.ndarray, "nodes 3"]:
-    """Nodes of an uneven grid within two steps of some points, outside the bodies.
-
-    Parameters
-    ----------
-    points : (P, 3) where the field will be read [m].
-    step : of the grid [m].
-    scene : the bodies.
-    """
+    """Nodes of an uneven grid within two steps of some points, outside the bodies."""
     low = points.min(axis=0) - 3 * step
     cells = np.floor((points - low) / step).astype(np.int64)
     wanted = np.zeros(cells.max(axis=0) + 4, dtype=np.bool_)
@@ -104,12 +97,7 @@ def nodes_beside(points: Float64[np.ndarray, "points 3"], step: float, scene: Sc
 
 
 def random_poses(count: int) -> list[Pose]:
-    """Give small random motions of a hand, the same every time.
-
-    Parameters
-    ----------
-    count : how many.
-    """
+    """Give small random motions of a hand, the same every time."""
     chance = np.random.default_rng(SEED)
     poses = []
     for _ in range(count):
@@ -142,14 +130,7 @@ class Reading:
 
 
 def rigid_motion(settings: Settings, folder: Path, clock: Clock) -> Part:
-    """Compare ways of reading one solution at the transducers of a moved hand.
-
-    Parameters
-    ----------
-    settings : how many poses, and how near the nodes.
-    folder : where the numbers go.
-    clock : is told each step.
-    """
+    """Compare ways of reading one solution at the transducers of a moved hand."""
     fingers, array = dummies(), surrounding_box()
     scene, poses = fingers.rigid, random_poses(settings.poses)
     beacon = Monopoles(fingers.foci[1:], np.ones(1))

@@ -65,13 +65,7 @@ class Solved:
 
 
 def solved(settings: Settings, clock: Clock) -> Solved:
-    """Solve for the beacons by finite elements, make both drives, and judge them by boundary elements.
-
-    Parameters
-    ----------
-    settings : how fine.
-    clock : is told each step.
-    """
+    """Solve for the beacons by finite elements, make both drives, and judge them by boundary elements."""
     fingers, array = dummies(edge=DRAWN), surrounding_box()
     scene = fingers.rigid
     solver = FiniteElement(settings.order, settings.elements_per_wavelength)

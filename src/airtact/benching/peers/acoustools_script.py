@@ -14,12 +14,7 @@ import numpy as np
 
 
 def main(case_file: str, answer_file: str) -> None:
-    """Time H and E on a mesh, as many times as the case asks, after one run on a small mesh to warm up.
-
-    Parameters
-    ----------
-    case_file, answer_file : .npz files.
-    """
+    """Time H and E on a mesh, as many times as the case asks, after one run on a small mesh to warm up."""
     import torch
     from acoustools.BEM import compute_E, compute_H
     from peak_memory import forget_peak, peak
@@ -41,8 +36,8 @@ def main(case_file: str, answer_file: str) -> None:
         inside = tensor(case["inside"]) if len(case["inside"]) else None
         began = time.perf_counter()
         density = compute_H(scatterer, board, internal_points=inside, **same)
-        heard = compute_E(scatterer, tensor(case["foci"]), board, H=density, internal_points=inside, **same)
-        return heard[0].numpy().astype(np.complex128), time.perf_counter() - began
+        pressure = compute_E(scatterer, tensor(case["foci"]), board, H=density, internal_points=inside, **same)
+        return pressure[0].numpy().astype(np.complex128), time.perf_counter() - began
 
     solve(case["warm_vertices"], case["warm_triangles"])
     before, seconds, matrix = forget_peak(), [], np.empty(0)

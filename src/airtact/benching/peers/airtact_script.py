@@ -1,6 +1,6 @@
 """Run one case with airtact, as the other scripts run it with theirs: ``python airtact_script.py case.npz answer.npz``.
 
-It times the solve and the reading at the elements, from skins that are in memory already.
+It times the solve and the pressure at the elements, from surfaces that are in memory already.
 """
 
 import sys
@@ -13,14 +13,9 @@ from airtact.benching.peers.peak_memory import forget_peak, peak
 
 
 def main(case_file: str, answer_file: str) -> None:
-    """Time the solve and what the elements hear, as many times as the case asks, after one coarse run to warm up.
-
-    Parameters
-    ----------
-    case_file, answer_file : .npz files.
-    """
+    """Time the solve and the pressure at the elements, as often as the case asks, after one coarse run to warm up."""
     case = np.load(case_file)
-    skins = [
+    surfaces = [
         at.capsule(tuple(start), tuple(end), float(radius), edge=float(radius) / 2)
         for (start, end), radius in zip(case["axes"], case["radii"], strict=True)
     ]
@@ -29,10 +24,10 @@ def main(case_file: str, answer_file: str) -> None:
 
     def solve(solver: at.BoundaryElement) -> tuple[at.RadiatedField, np.ndarray, float]:
         began = time.perf_counter()
-        scene = at.Scene(medium, [at.sound_hard(skin) for skin in skins], frequency=frequency)
+        scene = at.Scene(medium, [at.sound_hard(surface) for surface in surfaces], frequency=frequency)
         field = solver.radiate(scene, beacons)
-        heard = field.at(case["elements"]).T
-        return field, heard, time.perf_counter() - began
+        pressure = field.at(case["elements"]).T
+        return field, pressure, time.perf_counter() - began
 
     solver = at.BoundaryElement(accuracy=float(case["accuracy"]), estimate=bool(case["estimate"]))
     solve(at.BoundaryElement(accuracy=0.3))

@@ -16,12 +16,7 @@ TOLERANCE = 1e-3
 
 
 def main(case_file: str, answer_file: str) -> None:
-    """Time assembly, GMRES and evaluation on a mesh, as many times as the case asks, after one on a small mesh.
-
-    Parameters
-    ----------
-    case_file, answer_file : .npz files.
-    """
+    """Time assembly, GMRES and evaluation on a mesh, as many times as the case asks, after one on a small mesh."""
     import bempp_cl.api as bempp
     from bempp_cl.api.operators.boundary import helmholtz, sparse
     from bempp_cl.api.operators.potential.helmholtz import double_layer
@@ -48,7 +43,7 @@ def main(case_file: str, answer_file: str) -> None:
         identity = sparse.identity(space, space, space)
         system = 0.5 * identity - helmholtz.double_layer(space, space, space, wavenumber)
         system = system + coupling * helmholtz.hypersingular(space, space, space, wavenumber)
-        heard = double_layer(space, case["elements"].T, wavenumber)
+        scattered = double_layer(space, case["elements"].T, wavenumber)
         rows = []
         for focus in case["foci"]:
             given = np.array([*focus, wavenumber], dtype=np.complex128)
@@ -57,7 +52,7 @@ def main(case_file: str, answer_file: str) -> None:
             if failed:
                 raise RuntimeError(f"GMRES of bempp-cl stopped with {failed}")
             offset = np.linalg.norm(case["elements"] - focus, axis=1)
-            rows.append(np.exp(1j * wavenumber * offset) / offset + heard.evaluate(pressure)[0])
+            rows.append(np.exp(1j * wavenumber * offset) / offset + scattered.evaluate(pressure)[0])
         return np.array(rows), time.perf_counter() - began, space.global_dof_count
 
     solve(case["warm_vertices"], case["warm_triangles"])

@@ -4,18 +4,13 @@ from pathlib import Path
 
 
 def forget_peak() -> int:
-    """Forget the peak so far.
-
-    Returns
-    -------
-    What the process holds now [byte].
-    """
+    """Reset the peak; return what the process holds now [byte]."""
     Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
     return _status("VmRSS")
 
 
 def peak() -> int:
-    """Tell the most that the process held since the peak was forgotten [byte]."""
+    """Return the peak since ``forget_peak`` [byte]."""
     return _status("VmHWM")
 
 
