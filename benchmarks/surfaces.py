@@ -151,12 +151,12 @@ def damaged_figures(count: int = 500) -> Iterator[str]:
     for seed in range(count):
         name, whole, broken = damaged(np.random.default_rng(seed))
         try:
-            with_fault = scene_of(*_mended(broken))
+            with_fault = scene_of(*_repaired(broken))
         except at.InvalidInput:
             outcome["refused"] += 1
             continue
         outcome["repairs"] += 1
-        error = _difference(scene_of(*_mended(whole)), with_fault)
+        error = _difference(scene_of(*_repaired(whole)), with_fault)
         worst = max(worst, error)
         if error > 0.03:
             wrong.append(f"{seed} {name}: {100 * error:.1f} %")
@@ -164,10 +164,10 @@ def damaged_figures(count: int = 500) -> Iterator[str]:
     yield f"{count} damaged meshes: {outcome}, {len(wrong)} wrong by more than 3 %, worst {100 * worst:.2f} %; {wrong}"
 
 
-def _mended(mesh: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    from airtact.mesh.repair.pipeline import mended
+def _repaired(mesh: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    from airtact.mesh.repair.pipeline import repaired
 
-    found = mended(*mesh)
+    found = repaired(*mesh)
     return found.vertices, found.triangles
 
 

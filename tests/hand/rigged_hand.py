@@ -12,9 +12,9 @@ from airtact.hand.anatomy_parts import OWNER, PARTS
 from airtact.hand.hand import Hand
 from airtact.hand.joints import CHAINS
 from airtact.hand.kinematics import bending_axis
-from airtact.mesh.closest_point import signed_distance
 from airtact.mesh.curving import SHARP_DEGREES, curved
 from airtact.mesh.topology import edge_twins
+from mesh.meshes import flat_mesh
 from paths import GENERIC_HAND
 
 FILE = GENERIC_HAND
@@ -237,6 +237,6 @@ def off_each_other(
     there, back = places_on(true.vertices, true.triangles, count), places_on(skin.vertices, skin.triangles, count)
     owner = np.r_[OWNER, np.full(len(PARTS) - len(OWNER), 5)]
     parts = [owner[hand.shape.hulls.look(places).nearest] for places in (there, back)]
-    from_true = np.abs(signed_distance(skin.vertices, skin.triangles).depth(there))
-    from_fitted = np.abs(signed_distance(true.vertices, true.triangles).depth(back))
+    from_true = np.abs(flat_mesh(skin.vertices, skin.triangles).depth(there))
+    from_fitted = np.abs(flat_mesh(true.vertices, true.triangles).depth(back))
     return from_true, from_fitted, *parts

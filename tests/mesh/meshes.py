@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from airtact.surfaces.quadratic_mesh import QuadraticMesh
+
 
 def box_mesh(low=(0.0, 0.0, 0.0), high=(0.02, 0.03, 0.04)) -> tuple[np.ndarray, np.ndarray]:
     """Twelve outward triangles of an upright box."""
@@ -22,3 +24,10 @@ def torus_mesh(large: float, small: float, around: int = 24, across: int = 12) -
     a, b, c, d = here + v, after + v, after + (v + 1) % across, here + (v + 1) % across
     triangles = np.concatenate([np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)]).reshape(-1, 3)
     return vertices, triangles
+
+
+def flat_mesh(vertices: np.ndarray, triangles: np.ndarray) -> QuadraticMesh:
+    """Triangles that stay flat, unchecked: their ``depth`` is the distance to the triangles, positive inside."""
+    corners = np.asarray(vertices)[triangles]
+    straight = 0.5 * (corners + np.roll(corners, -1, axis=1))
+    return QuadraticMesh(np.asarray(vertices), triangles, straight, 0.0, np.zeros(triangles.shape, dtype=bool))

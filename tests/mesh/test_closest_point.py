@@ -3,15 +3,7 @@
 import numpy as np
 import pytest
 
-from airtact.mesh.closest_point import (
-    closest_on_segments,
-    closest_on_triangles,
-    segment_distances,
-    signed_distance,
-    size_groups,
-)
-from airtact.surfaces.files import load_surface
-from mesh.meshes import box_mesh, torus_mesh
+from airtact.mesh.closest_point import closest_on_segments, closest_on_triangles, segment_distances
 
 
 def beyond(points: np.ndarray, nearest: np.ndarray, corners: np.ndarray) -> float:
@@ -78,73 +70,3 @@ def test_the_distance_of_two_segments(rng):
 def test_segments_in_special_places(first, second, distance):
     given, _, _ = segment_distances(np.array([first], dtype=float), np.array([second], dtype=float))
     assert given[0] == pytest.approx(distance, abs=1e-15)
-
-
-def winding(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Solid angle of the mesh over 4π (van Oosterom and Strackee 1983): 1 inside, 0 outside."""
-    a, b, c = np.moveaxis(corners[None] - points[:, None, None], 2, 0)
-    la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
-    top = np.einsum("pti,pti->pt", a, np.cross(b, c))
-    ab, bc, ca = (np.einsum("pti,pti->pt", *pair) for pair in ((a, b), (b, c), (c, a)))
-    return np.arctan2(top, la * lb * lc + ab * lc + bc * la + ca * lb).sum(axis=1) / (2 * np.pi)
-
-
-def nearest_of_all(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    distance = np.empty((len(points), len(corners)))
-    for row, point in enumerate(points):
-        repeated = np.broadcast_to(point, (len(corners), 3))
-        nearest = np.einsum("nk,nki->ni", closest_on_triangles(repeated, corners), corners)
-        distance[row] = np.linalg.norm(point - nearest, axis=1)
-    return distance.min(axis=1)
-
-
-def test_depth_in_a_hand_has_the_sign_of_the_solid_angle_and_the_size_of_an_exhaustive_search(hand_file, rng):
-    hand = load_surface(hand_file)
-    points = rng.uniform(hand.vertices.min(axis=0) - 0.01, hand.vertices.max(axis=0) + 0.01, (400, 3))
-    depth = signed_distance(hand.vertices, hand.triangles).depth(points)
-    inside = winding(points, hand.corners)
-    assert np.allclose(inside, np.round(inside), atol=1e-9)
-    assert np.array_equal(depth > 0, inside > 0.5)
-    assert 20 < (depth > 0).sum() < 380
-    assert np.allclose(np.abs(depth[:100]), nearest_of_all(points[:100], hand.corners), rtol=0, atol=1e-15)
-
-
-def test_points_just_off_edges_and_corners_of_a_concave_body_have_the_right_side(rng):
-    # An L: the notch has a concave edge, where plain face normals of either side mislead.
-    outline = np.array([[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]]) * 0.01
-    vertices = np.concatenate([np.column_stack([outline, np.full(6, z)]) for z in (0.0, 0.01)])
-    lid = [[0, 1, 2], [0, 2, 3], [0, 3, 5], [3, 4, 5]]
-    sides = [t for i in range(6) for j in [(i + 1) % 6] for t in ([i, j, j + 6], [i, j + 6, i + 6])]
-    triangles = np.array([t[::-1] for t in lid] + [[i + 6 for i in t] for t in lid] + sides)
-    corners = vertices[triangles]
-    edges = (
-        corners.mean(axis=1)[:, None] * 0.0 + (corners + np.roll(corners, -1, axis=1)).reshape(len(corners), 3, 3) / 2
-    )
-    start = np.concatenate([vertices, edges.reshape(-1, 3)])
-    points = np.repeat(start, 40, axis=0) + 1e-4 * rng.normal(size=(40 * len(start), 3))
-    depth = signed_distance(vertices, triangles).depth(points)
-    x, y, z = points.T
-    inside = (np.minimum(x, y) > 0) & (np.maximum(x, y) < 0.02) & ((x < 0.01) | (y < 0.01)) & (z > 0) & (z < 0.01)
-    assert np.array_equal(depth > 0, inside)
-
-
-def test_many_points_are_the_same_as_few():
-    vertices, triangles = torus_mesh(0.02, 0.005)
-    prepared = signed_distance(vertices, triangles)
-    points = np.random.default_rng(3).uniform(-0.03, 0.03, (5000, 3))  # more than one pass
-    assert np.array_equal(prepared.depth(points)[4900:], prepared.depth(points[4900:]))
-
-
-def test_no_points_have_no_depth():
-    assert signed_distance(*box_mesh()).depth(np.zeros((0, 3))).shape == (0,)
-
-
-def test_size_groups_hold_every_triangle_once(hand_file):
-    corners = load_surface(hand_file).corners
-    groups = size_groups(corners)
-    assert np.array_equal(np.sort(np.concatenate([members for members, _, _ in groups])), np.arange(len(corners)))
-    assert len(groups) > 1
-    for members, _, reach in groups:
-        span = np.linalg.norm(corners[members] - corners[members].mean(axis=1, keepdims=True), axis=2).max(axis=1)
-        assert span.max() == pytest.approx(reach)
-        assert span.max() < 2 * span.min()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from airtact.mesh.intersections import crossings_between, segment_triangle_distances, self_crossings
+from airtact.mesh.intersections import crossings_between, segment_triangle_distances, self_crossings, size_groups
 from airtact.surfaces.files import load_surface
 from airtact.surfaces.primitives import Capsule, sphere
 from mesh.meshes import box_mesh, torus_mesh
@@ -134,3 +134,14 @@ def test_segment_and_triangle(rng):
     sampled = np.linalg.norm(here - np.einsum("nsk,nki->nsi", weights, corners), axis=2).min(axis=1)
     assert (distance <= sampled + 1e-12).all()
     assert np.median(sampled - distance) < 0.03
+
+
+def test_size_groups_hold_every_triangle_once(hand_file):
+    corners = load_surface(hand_file).corners
+    groups = size_groups(corners)
+    assert np.array_equal(np.sort(np.concatenate([members for members, _, _ in groups])), np.arange(len(corners)))
+    assert len(groups) > 1
+    for members, _, reach in groups:
+        span = np.linalg.norm(corners[members] - corners[members].mean(axis=1, keepdims=True), axis=2).max(axis=1)
+        assert span.max() == pytest.approx(reach)
+        assert span.max() < 2 * span.min()

@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 
 from airtact.figures.solids import edge_lines, fine_pieces, solid
 from airtact.figures.space_axes import broad_view, frame, two_sides, wide_figure
-from airtact.surfaces.mesh_shape import CurvedShape
+from airtact.surfaces.mesh_shape import MeshShape
 from airtact.surfaces.surface import Surface
 
 MOST_EDGES = 8000
@@ -71,6 +71,6 @@ def sharp_edges(body: Surface) -> Bool[np.ndarray, "triangles 3"]:
     ----------
     body : the surface; primitives have none.
     """
-    if not isinstance(body.shape, CurvedShape):
+    if not isinstance(body.shape, MeshShape):
         return np.zeros((len(body.triangles), 3), dtype=bool)
     return body.shape.mesh.sharp

@@ -10,10 +10,10 @@ from airtact.hand.mesh_tracking import deformed, motion
 from airtact.hand.skin_mesh import HandMesh, even_skin, midpoints
 from airtact.hand.sphere_mesh import Hulls
 from airtact.mesh.quadratic_triangles import QuadraticTriangles, enclosed_volume, panel_areas
-from airtact.mesh.remeshing import Ridged
+from airtact.mesh.remeshing import RidgedMesh
 from airtact.pose import Pose
 from airtact.printing import in_short
-from airtact.surfaces.shape import BEND
+from airtact.surfaces.shape import BEND, Shape
 
 MEASURED = 3e-3
 """Edge of the panels that area and volume are taken from [m]."""
@@ -29,7 +29,7 @@ MOST_KEYFRAMES = 16
 
 
 @dataclass(frozen=True, eq=False)
-class HandShape:
+class HandShape(Shape):
     """The exact body of a hand, wherever it was moved.
 
     In a sequence of frames a mesh is deformed from that of a keyframe, an earlier frame. Which frame that is follows
@@ -86,11 +86,6 @@ class HandShape:
         """Enclosed volume [m³]."""
         return self._measures[1]
 
-    @property
-    def thinnest(self) -> float:
-        """Return 0: where fingers meet in a crease the panels are thinner than the hulls, and have to be measured."""
-        return 0.0
-
     def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
         """Distance to the skin [m] of points (P, 3) [m], positive inside."""
         return -self.hulls.look(self.pose.inverse().apply(points)).distance
@@ -98,14 +93,6 @@ class HandShape:
     def project(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
         """Bring points (P, 3) [m] near the skin onto it."""
         return self.pose.apply(self.hulls.project(self.pose.inverse().apply(points)))
-
-    def fitted(self, panels: QuadraticTriangles) -> QuadraticTriangles:
-        """Bring the nodes of panels (P, 6, 3) near the skin onto it [m]."""
-        return self.project(panels.reshape(-1, 3)).reshape(panels.shape)
-
-    def off_triangles(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        """Return 0 for each of the points (P, 3) [m]: the body was made from no triangles."""
-        return np.zeros(len(points))
 
     def panels(self, edge: float, bend: float = BEND) -> QuadraticTriangles:
         """Cover it with curved panels about as large as equilateral triangles of a given edge [m]."""
@@ -117,10 +104,10 @@ class HandShape:
         reach = balls[:, 3, None, None] * np.concatenate([np.eye(3), -np.eye(3)])
         return (self.pose.apply(balls[:, :3])[:, None] + reach).reshape(-1, 3)
 
-    def coarse_meshes(self, edge: float) -> list[Ridged]:
+    def coarse_meshes(self, edge: float) -> list[RidgedMesh]:
         """Triangles to start a mesh from, with edges of about ``edge`` / 3 [m]."""
         skin = self.skin(edge / 3.0)
-        return [Ridged(self.pose.apply(skin.vertices), skin.triangles, np.empty((0, 2), dtype=np.int64))]
+        return [RidgedMesh(self.pose.apply(skin.vertices), skin.triangles, np.empty((0, 2), dtype=np.int64))]
 
     def skin(self, edge: float) -> HandMesh:
         """Mesh it at rest with even triangles of an edge [m]; the mesh of the keyframe is deformed if possible."""

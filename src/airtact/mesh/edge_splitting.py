@@ -17,7 +17,7 @@ _PARTS = {
 """Pieces by the six nodes of their corners, where the first one, two or all three edges are split."""
 
 
-def split(
+def with_short_edges(
     quadratic_triangles: QuadraticTriangles,
     triangles: Int64[np.ndarray, "panels 3"],
     sharp: Bool[np.ndarray, "panels 3"],

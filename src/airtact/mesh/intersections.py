@@ -8,8 +8,9 @@ whether that edge meets the other triangle. Triangles that share an edge cross o
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int, Int64, Real
+from scipy.spatial import KDTree
 
-from airtact.mesh.closest_point import closest_on_triangles, segment_distances, size_groups
+from airtact.mesh.mesh_distance import segment_to_triangle
 
 CLOSE = 1e-9
 """Triangles nearer than this share of the whole extent touch."""
@@ -20,7 +21,7 @@ _EDGES = ([0, 1], [1, 2], [2, 0])
 def self_crossings(
     corners: Real[np.ndarray, "triangles 3 3"], triangles: Int[np.ndarray, "triangles 3"]
 ) -> Int64[np.ndarray, "crossings 2"]:
-    """Find pairs of triangles of one mesh that cross or touch beyond the corner or edge that they share.
+    """Find pairs of triangles of one mesh that cross or touch beyond the corner or edge that they share, in ascending order.
 
     Parameters
     ----------
@@ -41,7 +42,8 @@ def self_crossings(
         first = _turned(corners, pairs[some, 0], same[some].max(axis=2))
         second = _turned(corners, pairs[some, 1], same[some].max(axis=1))
         crossing[some] = test(first, second, tolerance)
-    return pairs[crossing]
+    found = pairs[crossing]
+    return found[np.lexsort(found.T[::-1])]
 
 
 def _same_corners(
@@ -84,13 +86,7 @@ def segment_triangle_distances(
     segments : (N, 2, 3) [m].
     corners : (N, 3, 3) [m].
     """
-    distance = np.full(len(segments), np.inf)
-    for edge in _EDGES:
-        distance = np.minimum(distance, segment_distances(segments, corners[:, edge])[0])
-    for end in (0, 1):
-        weights = closest_on_triangles(segments[:, end], corners)
-        gap = segments[:, end] - np.einsum("nk,nki->ni", weights, corners)
-        distance = np.minimum(distance, np.linalg.norm(gap, axis=1))
+    distance = segment_to_triangle(segments, corners)[0]
     distance[_pierces(segments, corners)] = 0.0
     return distance
 
@@ -212,3 +208,19 @@ def _boxes_overlap(
         overlap &= low[here, axis] <= top[there, axis] + tolerance
         overlap &= bottom[there, axis] <= high[here, axis] + tolerance
     return overlap
+
+
+def size_groups(
+    corners: Real[np.ndarray, "triangles 3 3"],
+) -> tuple[tuple[Int64[np.ndarray, "_"], KDTree, float], ...]:
+    """Sort triangles by size, a factor of two in each group, so that one large one does not widen every search.
+
+    Returns
+    -------
+    For each group the triangles in it, the tree of their centres and the largest distance of a corner from its centre.
+    """
+    centres = corners.mean(axis=1)
+    reach = np.linalg.norm(corners - centres[:, None, :], axis=2).max(axis=1)
+    size = np.floor(np.log2(reach)).astype(np.int64)
+    groups = (np.flatnonzero(size == level) for level in np.unique(size))
+    return tuple((members, KDTree(centres[members]), float(reach[members].max())) for members in groups)

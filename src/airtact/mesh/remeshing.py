@@ -22,10 +22,10 @@ FLATTEST = 0.15
 """Distance of a straight triangle from the curved skin, over the edge wanted, that MMG takes for too large."""
 
 FINE = 0.25
-"""Mean edge over the edge wanted of a mesh that is thinned out first."""
+"""Mean edge over the edge wanted of a mesh that is coarsened out first."""
 
 ROUGH = 0.06
-"""Distance of the thinned mesh from its skin, over the edge wanted: about the roughness of a scan."""
+"""Distance of the coarsened mesh from its skin, over the edge wanted: about the roughness of a scan."""
 
 GRADING = 1.5
 """Ratio of neighbouring edges at most."""
@@ -35,7 +35,7 @@ SMALLEST = 0.06
 
 
 @dataclass(frozen=True, eq=False)
-class Ridged:
+class RidgedMesh:
     """A closed mesh with the edges that stay sharp.
 
     Attributes
@@ -50,7 +50,7 @@ class Ridged:
     ridges: Int64[np.ndarray, "ridges 2"]
 
 
-def thinned(mesh: Ridged, edge: float) -> Ridged:
+def coarsened(mesh: RidgedMesh, edge: float) -> RidgedMesh:
     """Thin out a mesh far finer than an edge [m], or MMG takes the roughness of a scan for bends of the skin.
 
     Raises
@@ -64,7 +64,7 @@ def thinned(mesh: Ridged, edge: float) -> Ridged:
     return _meshed(mesh, np.full(len(mesh.vertices), FINE), edge, ROUGH)
 
 
-def remeshed(mesh: Ridged, sizes: Real[np.ndarray, "vertices"], edge: float, wanted: float) -> Ridged:
+def remeshed(mesh: RidgedMesh, sizes: Real[np.ndarray, "vertices"], edge: float, wanted: float) -> RidgedMesh:
     """Mesh a closed surface anew with triangles about as large as equilateral ones of a given edge.
 
     Parameters
@@ -90,7 +90,7 @@ def remeshed(mesh: Ridged, sizes: Real[np.ndarray, "vertices"], edge: float, wan
     return _meshed(mesh, np.clip(sizes / edge, SMALLEST, STRETCHES[-1]), edge, FLATTEST)
 
 
-def _meshed(surface: Ridged, sizes: Real[np.ndarray, "vertices"], edge: float, flattest: float) -> Ridged:
+def _meshed(surface: RidgedMesh, sizes: Real[np.ndarray, "vertices"], edge: float, flattest: float) -> RidgedMesh:
     """Run MMG in units of the edge."""
     import mmgpy  # brings its own libraries, which only surfaces from meshes need
 
@@ -119,4 +119,4 @@ def _meshed(surface: Ridged, sizes: Real[np.ndarray, "vertices"], edge: float, f
             f"{1e3 * edge:.3g} mm; repair it, or ask for a shorter edge."
         )
     ridges = np.asarray(mesh.get_edges(), dtype=np.int64).reshape(-1, 2)
-    return Ridged(np.array(mesh.get_vertices()) * edge, found, ridges)
+    return RidgedMesh(np.array(mesh.get_vertices()) * edge, found, ridges)

@@ -2,7 +2,7 @@
 
 import numpy as np
 from jaxtyping import Float64, Int, Int64, Real
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from airtact.conventions import InvalidInput
@@ -19,10 +19,6 @@ SMALLEST = 0.5e-3
 def edge_twins(triangles: Int[np.ndarray, "triangles 3"]) -> Int64[np.ndarray, "triangles 3"]:
     """Find for each directed edge (01, 12, 20) its opposite.
 
-    Parameters
-    ----------
-    triangles : (T, 3) vertex indices.
-
     Returns
     -------
     (T, 3) flat index 3 t + e of the same edge run the other way; -1 where there is none, -2 where the directed edge
@@ -35,8 +31,8 @@ def edge_twins(triangles: Int[np.ndarray, "triangles 3"]) -> Int64[np.ndarray, "
     backward = (end * count + start).ravel()
     order = np.argsort(forward, kind="stable")
     ranked = forward[order]
-    slot = np.minimum(np.searchsorted(ranked, backward), len(ranked) - 1)
-    twins = np.where(ranked[slot] == backward, order[slot], -1)
+    found = np.minimum(np.searchsorted(ranked, backward), len(ranked) - 1)
+    twins = np.where(ranked[found] == backward, order[found], -1)
     again = np.zeros(len(ranked), dtype=bool)
     again[1:] |= ranked[1:] == ranked[:-1]
     again[:-1] |= ranked[1:] == ranked[:-1]
@@ -45,78 +41,65 @@ def edge_twins(triangles: Int[np.ndarray, "triangles 3"]) -> Int64[np.ndarray, "
 
 
 def edge_keys(triangles: Int[np.ndarray, "triangles 3"]) -> Int64[np.ndarray, "triangles 3"]:
-    """Give the edges 01, 12, 20 of each triangle a number, low * count + high, that is alike in both directions.
-
-    Parameters
-    ----------
-    triangles : (T, 3) vertex indices.
-    """
+    """Give the edges 01, 12, 20 of each triangle a number, low * count + high, that is alike in both directions."""
     start = triangles.astype(np.int64)
     end = np.roll(start, -1, axis=1)
     count = int(triangles.max()) + 1 if triangles.size else 1
     return np.minimum(start, end) * count + np.maximum(start, end)
 
 
-def check_size(extent: float) -> None:
-    """Refuse bodies so large or small that they must be in another unit.
+def shells(
+    triangles: Int[np.ndarray, "triangles 3"], twins: Int64[np.ndarray, "triangles 3"] | None = None
+) -> Int64[np.ndarray, "triangles"]:
+    """Label the connected pieces of a closed mesh (T,), in the order of their first triangles.
 
     Parameters
     ----------
-    extent : largest extent [m].
-
-    Raises
-    ------
-    InvalidInput
-        Over ``LARGEST`` or under ``SMALLEST``, asking whether it is in millimetres.
+    triangles : (T, 3) vertex indices.
+    twins : (T, 3) their ``edge_twins``, if they are known already.
     """
+    twins = edge_twins(triangles) if twins is None else twins
+    count = len(twins)
+    graph = csr_array((np.ones(3 * count, dtype=bool), twins.ravel() // 3, np.arange(0, 3 * count + 1, 3)))
+    return connected_components(graph, connection="strong")[1].astype(np.int64)  # strong is faster; all ties are mutual
+
+
+def cone_volumes(corners: Real[np.ndarray, "triangles 3 3"]) -> Float64[np.ndarray, "triangles"]:
+    """Signed volume between each flat triangle and the centre of all corners [m³]; their sum is that of the body."""
+    a, b, c = np.moveaxis(corners - corners.mean(axis=(0, 1)), 1, 0)
+    return np.einsum("ti,ti->t", a, np.cross(b, c)) / 6.0
+
+
+def check_size(extent: float) -> None:
+    """Raise ``InvalidInput`` for an extent [m] so large or small that it must be in another unit."""
     if extent > LARGEST * (1.0 + 1e-9):
         raise InvalidInput(
             f"the surface spans {extent:.4g} m, more than {LARGEST:g} m: is this in millimetres? Give metres, or "
-            "scale it by 1e-3."
+            "scale it by 1e-3.",
+            code="too_large",
         )
     if extent < SMALLEST * (1.0 - 1e-9):
         raise InvalidInput(
             f"the surface spans {extent * 1e3:.4g} mm, less than {SMALLEST * 1e3:g} mm: is this in millimetres "
-            "that were brought to metres twice? Check the scale."
+            "that were brought to metres twice? Check the scale.",
+            code="too_small",
         )
 
 
 def check_indices(count: int, triangles: Int[np.ndarray, "triangles 3"]) -> None:
-    """Refuse triangles that name vertices which do not exist.
-
-    Parameters
-    ----------
-    count : number of vertices.
-    triangles : (T, 3) vertex indices.
-
-    Raises
-    ------
-    InvalidInput
-        With the first wrong index and its triangle.
-    """
+    """Raise ``InvalidInput`` for triangles that name other vertices than 0 to ``count`` - 1."""
     wrong = (triangles < 0) | (triangles >= count)
     if wrong.any():
         first = np.argwhere(wrong)[0]
         raise InvalidInput(
             f"{counted(int(wrong.any(axis=1).sum()), 'triangle names', 'triangles name')} vertices that do not exist: "
-            f"triangle {int(first[0])} names "
-            f"{int(triangles[tuple(first)])}, but indices run from 0 to {count - 1}."
+            f"triangle {int(first[0])} names {int(triangles[tuple(first)])}, but indices run from 0 to {count - 1}.",
+            code="index_out_of_range",
         )
 
 
 def check_not_degenerate(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[np.ndarray, "triangles 3"]) -> None:
-    """Refuse triangles without an area.
-
-    Parameters
-    ----------
-    vertices : (V, 3) [m].
-    triangles : (T, 3) vertex indices.
-
-    Raises
-    ------
-    InvalidInput
-        With the number of triangles thinner than ``THINNEST`` and the place of the first.
-    """
+    """Raise ``InvalidInput`` for triangles without an area: how many are thinner than ``THINNEST`` and where."""
     corners = vertices[triangles]
     edges = np.roll(corners, -1, axis=1) - corners
     longest = np.linalg.norm(edges, axis=2).max(axis=1)
@@ -129,16 +112,14 @@ def check_not_degenerate(vertices: Real[np.ndarray, "vertices 3"], triangles: In
             f"{many} degenerate (no area), the first is triangle {int(thin[0])} near "
             f"{in_mm(where)}; remove them or merge their vertices.",
             where,
+            code="mesh_degenerate",
         )
 
 
-def check_closed(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[np.ndarray, "triangles 3"]) -> None:
-    """Refuse a mesh that is not closed and consistently oriented.
-
-    Parameters
-    ----------
-    vertices : (V, 3) [m].
-    triangles : (T, 3) vertex indices.
+def check_closed(
+    vertices: Real[np.ndarray, "vertices 3"], triangles: Int[np.ndarray, "triangles 3"]
+) -> Int64[np.ndarray, "triangles 3"]:
+    """Find the ``edge_twins`` of a closed, consistently oriented mesh.
 
     Raises
     ------
@@ -146,83 +127,31 @@ def check_closed(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[np.nda
         With the number of edges that do not have exactly one neighbour that runs the other way, and where.
     """
     twins = edge_twins(triangles)
-    for code, (one, many), fault in (
-        (
-            -2,
-            ("is", "are"),
-            "run in one direction by more than one triangle (neighbours turned opposite ways, or a fin)",
-        ),
-        (-1, ("has", "have"), "a triangle on one side only, so the surface is open"),
+    twice = "run in one direction by more than one triangle (neighbours turned opposite ways, or a fin)"
+    once = "a triangle on one side only, so the surface is open"
+    for mark, (one, many), fault, code in (
+        (-2, ("is", "are"), twice, "mesh_not_oriented"),
+        (-1, ("has", "have"), once, "mesh_open"),
     ):
-        found = np.argwhere(twins == code)
+        found = np.argwhere(twins == mark)
         if len(found):
             triangle, edge = found.T
             ends = np.stack([triangles[triangle, edge], triangles[triangle, (edge + 1) % 3]], axis=1)
             count = len(np.unique(np.sort(ends, axis=1), axis=0))
             where = vertices[ends[0]].mean(axis=0)
             edges = counted(count, f"edge {one}", f"edges {many}")
-            raise InvalidInput(f"{edges} {fault}; the first is near {in_mm(where)}: repair the mesh.", where)
+            raise InvalidInput(f"{edges} {fault}; the first is near {in_mm(where)}: repair the mesh.", where, code=code)
+    return twins
 
 
-def pieces(twins: Int64[np.ndarray, "triangles 3"]) -> Int[np.ndarray, "triangles"]:
-    """Label the connected pieces of a closed mesh by its twins; a fifth of the time of ``shells``.
-
-    Parameters
-    ----------
-    twins : (T, 3) ``edge_twins`` of a closed mesh.
-
-    Returns
-    -------
-    (T,) index of the piece that each triangle belongs to.
-    """
-    count = len(twins)
-    graph = csr_array((np.ones(3 * count, dtype=bool), twins.ravel() // 3, np.arange(0, 3 * count + 1, 3)))
-    return connected_components(graph, connection="strong")[1].astype(np.int64)  # every tie runs both ways
-
-
-def shells(triangles: Int[np.ndarray, "triangles 3"]) -> Int[np.ndarray, "triangles"]:
-    """Label the connected pieces of a closed mesh.
-
-    Parameters
-    ----------
-    triangles : (T, 3) vertex indices of a closed mesh.
-
-    Returns
-    -------
-    (T,) index of the piece that each triangle belongs to.
-    """
-    neighbours = edge_twins(triangles) // 3
-    here = np.repeat(np.arange(len(triangles)), 3)
-    graph = coo_array((np.ones(len(here), dtype=bool), (here, neighbours.ravel())), shape=(len(triangles),) * 2)
-    return connected_components(graph, directed=False)[1].astype(np.int64)
-
-
-def cone_volumes(corners: Real[np.ndarray, "triangles 3 3"]) -> Float64[np.ndarray, "triangles"]:
-    """Signed volume between each flat triangle and the centre of all corners [m³]; their sum is that of the body.
-
-    Parameters
-    ----------
-    corners : (T, 3, 3) [m].
-    """
-    a, b, c = np.moveaxis(corners - corners.mean(axis=(0, 1)), 1, 0)
-    return np.einsum("ti,ti->t", a, np.cross(b, c)) / 6.0
-
-
-def check_orientation(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[np.ndarray, "triangles 3"]) -> None:
-    """Refuse closed pieces whose normals look inward.
-
-    Parameters
-    ----------
-    vertices : (V, 3) [m].
-    triangles : (T, 3) vertex indices of a closed mesh.
-
-    Raises
-    ------
-    InvalidInput
-        With the number of pieces whose enclosed volume is not above zero.
-    """
+def check_orientation(
+    vertices: Real[np.ndarray, "vertices 3"],
+    triangles: Int[np.ndarray, "triangles 3"],
+    twins: Int64[np.ndarray, "triangles 3"] | None = None,
+) -> None:
+    """Raise ``InvalidInput`` for closed pieces whose normals look inward: how many enclose no volume above zero."""
     corners = vertices[triangles]
-    piece = shells(triangles)
+    piece = shells(triangles, twins)
     volumes = np.bincount(piece, weights=cone_volumes(corners))
     inward = np.flatnonzero(volumes <= 0.0)
     if len(inward):
@@ -231,9 +160,10 @@ def check_orientation(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[n
         where = corners[first].mean(axis=0)
         encloses = f"encloses {volumes[inward[0]] * 1e6:.4g} cm³, near {in_mm(where)}"
         if len(volumes) == 1:
-            raise InvalidInput(f"the surface is inside out (it {encloses}); turn its {number} triangles round.", where)
-        raise InvalidInput(
-            f"{len(inward)} of {len(volumes)} closed pieces {'is' if len(inward) == 1 else 'are'} inside out (the "
-            f"first {encloses}); turn their {number} triangles round.",
-            where,
-        )
+            sentence = f"the surface is inside out (it {encloses}); turn its {number} triangles round."
+        else:
+            sentence = (
+                f"{len(inward)} of {len(volumes)} closed pieces {'is' if len(inward) == 1 else 'are'} inside out (the "
+                f"first {encloses}); turn their {number} triangles round."
+            )
+        raise InvalidInput(sentence, where, code="mesh_inside_out")

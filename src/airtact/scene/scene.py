@@ -13,7 +13,7 @@ from airtact.scene.medium import Medium
 from airtact.scene.sources import Monopoles
 from airtact.scene.target import Beacons, Target
 from airtact.surfaces.checks import check_apart, check_surface
-from airtact.surfaces.surface import Surface, extent_of
+from airtact.surfaces.surface import Surface
 from airtact.validation import check_frequency, in_mm, of_kind, points_of
 
 CONTACT = 1e-9
@@ -158,7 +158,7 @@ class Scene:
         check_apart([obstacle.surface for obstacle in self.obstacles])
 
     def _check_far_too_small(self) -> None:
-        extent = max((extent_of(obstacle.surface) for obstacle in self.obstacles), default=np.inf)
+        extent = max((obstacle.surface.extent for obstacle in self.obstacles), default=np.inf)
         if extent < SMALLEST_SHARE * self.wavelength:
             raise InvalidInput(
                 f"the largest body spans {extent * 1e3:.3g} mm, less than 1/50 of the wavelength of "

@@ -17,7 +17,7 @@ from jaxtyping import Float64, Int64
 from scipy.spatial import KDTree
 
 from airtact.conventions import InvalidInput
-from airtact.surfaces.flattening import Mesh
+from airtact.surfaces.shape import FlatMesh
 
 Depth = Callable[[Float64[np.ndarray, "points 3"]], Float64[np.ndarray, "points"]]
 """How deep points (P, 3) [m] lie in a body (P,) [m], negative outside."""
@@ -76,8 +76,8 @@ class Filling:
         return -self.one(points), -self.two(points)
 
 
-def filling(what: Filling, radius: float = 0.0) -> Mesh | None:
-    """Mesh the filling between two bodies.
+def filling(what: Filling, radius: float = 0.0) -> FlatMesh | None:
+    """FlatMesh the filling between two bodies.
 
     Parameters
     ----------
@@ -105,8 +105,8 @@ def filling(what: Filling, radius: float = 0.0) -> Mesh | None:
     return _skin(grid, level) if radius == 0.0 else balls(grid.places[(level < 0.0) & (out > -edge)], radius)
 
 
-def balls(centres: Float64[np.ndarray, "points 3"], radius: float) -> Mesh:
-    """Mesh all points within a radius [m] of some centres (P, 3) [m]."""
+def balls(centres: Float64[np.ndarray, "points 3"], radius: float) -> FlatMesh:
+    """FlatMesh all points within a radius [m] of some centres (P, 3) [m]."""
     edge = radius / CUBES_PER_RADIUS
     low = centres.min(axis=0) - 2.0 * radius
     cubes = np.floor((centres - low) / edge).astype(np.int64)
@@ -182,8 +182,8 @@ def _snapped(level: Float64[np.ndarray, "points"], edge: float) -> Float64[np.nd
     return np.where(level < 0.0, np.minimum(level, -SNAP * edge), np.maximum(level, SNAP * edge))
 
 
-def _skin(grid: _Grid, level: Float64[np.ndarray, "points"]) -> Mesh:
-    """Mesh where the level passes zero."""
+def _skin(grid: _Grid, level: Float64[np.ndarray, "points"]) -> FlatMesh:
+    """FlatMesh where the level passes zero."""
     tetrahedra = grid.corners[:, _TETRAHEDRA].reshape(-1, 4)
     pattern = (level[tetrahedra] < 0.0) @ np.array([1, 2, 4, 8])
     ends = [np.zeros((0, 3, 2), dtype=np.int64)]

@@ -3,17 +3,18 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from weakref import WeakSet
 
 import numpy as np
 from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
-from airtact.mesh.closest_point import segment_distances, signed_distance
+from airtact.mesh.closest_point import segment_distances
 from airtact.mesh.intersections import crossings_between, segment_triangle_distances
 from airtact.mesh.mesh_distance import nearest_between, segment_to_triangle
 from airtact.mesh.thickness import thin_position
 from airtact.mesh.topology import shells
-from airtact.surfaces.flattening import AWAY, bulge, corners_of, flattened, skin_panels
+from airtact.surfaces.flattening import AWAY, bulge, corners_of, flattened
 from airtact.surfaces.primitives import Capsule
 from airtact.surfaces.surface import Surface
 from airtact.validation import counted, in_mm
@@ -22,23 +23,21 @@ TOUCH = 1e-9
 """Bodies nearer than this touch [m]."""
 
 NEAREST = 0.3e-3
-"""Bodies nearer than this are refused [m]: panels that face each other across so little air are never fine enough."""
+"""Bodies nearer than this are rejected [m]: no panels are small enough to face each other across so little air."""
 
 THINNEST = 0.5e-3
-"""Bodies thinner than this are refused [m]."""
+"""Bodies thinner than this are rejected [m]."""
 
 ROUGH = 0.1
 """Share of a thickness that may be missing in a mesh."""
+
+_PASSED: WeakSet[Surface] = WeakSet()  # surfaces never change, so one that passed is not checked again
 
 APART = "move them apart, or merge them: airtact.merged([one, two]), in a scene file merge_bodies = true"
 
 
 def check_surface(surface: Surface) -> None:
-    """Refuse a surface that crosses or touches itself, has one closed piece inside another, or is too thin.
-
-    Parameters
-    ----------
-    surface : of primitives only the thickness is looked at.
+    """Check that a surface does not cross itself, has no closed piece inside another, and is thick enough.
 
     Raises
     ------
@@ -46,16 +45,14 @@ def check_surface(surface: Surface) -> None:
         With the number of pairs of triangles that meet and where the first does, how deep a piece lies in another, or
         how thin the surface is and where.
     """
-    refuse_crossed(surface)
-    refuse_too_thin(surface)
+    if surface not in _PASSED:
+        check_not_crossed(surface)
+        check_not_thin(surface)
+        _PASSED.add(surface)
 
 
-def refuse_crossed(surface: Surface) -> None:
-    """Refuse a surface that crosses or touches itself, or has one closed piece inside another.
-
-    Parameters
-    ----------
-    surface : primitives pass at once, being exact.
+def check_not_crossed(surface: Surface) -> None:
+    """Check that a surface neither crosses nor touches itself, and has no closed piece inside another.
 
     Raises
     ------
@@ -71,74 +68,65 @@ def refuse_crossed(surface: Surface) -> None:
             f"the surface crosses itself: {meet}, the first are triangles "
             f"{int(first[0])} and {int(first[1])} near {in_mm(where)}; repair it.",
             where,
+            code="crosses_itself",
         )
-    if surface.primitive is None:
-        _check_nested(surface)
+    nested = surface.shape.nested_piece()
+    if nested is not None:
+        inner, outer, depth, where = nested
+        raise InvalidInput(
+            f"closed piece {inner} of {shells(surface.triangles).max() + 1} lies inside piece {outer}, "
+            f"{depth * 1e3:.3g} mm deep near {in_mm(where)}: no sound gets there, so remove it.",
+            where,
+            code="piece_inside_piece",
+        )
 
 
-def refuse_too_thin(surface: Surface, thinnest: float = THINNEST) -> None:
-    """Refuse a body that is somewhere thinner than a length; the edges of wedges are no fault.
+def check_not_thin(surface: Surface, thinnest: float = THINNEST) -> None:
+    """Check that a body is nowhere thinner than a length; the edges of wedges are no fault.
 
-    The thickness at a point of the skin is the diameter of the largest ball inside that touches the skin there and
-    reaches skin which looks the other way, to 20 degrees. Bumps, ribs and necks shorter than the length pass.
+    The thickness at a point of the surface is the diameter of the largest ball inside that touches the surface there
+    and reaches surface which looks the other way, to 20 degrees. Bumps, ribs and necks shorter than the length pass.
 
     Parameters
     ----------
     surface : the body.
-    thinnest : the length [m]; a tenth less is let pass, for meshes that are rough, or coarse on round bodies.
+    thinnest : the length [m]; a tenth less passes, for meshes that are rough, or coarse on round bodies.
 
     Raises
     ------
     InvalidInput
         With how thin it is and where.
     """
-    found = thin_spot(surface, thinnest, short=thinnest)
+    found = thin_part(surface, thinnest, short=thinnest)
     if found is not None:
         raise InvalidInput(
             f"the body is {found[0] * 1e3:.3g} mm thick near {in_mm(found[1])}, less than {thinnest * 1e3:g} mm; make "
             "it thicker there, or cut that part off.",
             found[1],
+            code="too_thin",
         )
 
 
-def thin_spot(surface: Surface, thinnest: float, short: float) -> tuple[float, Float64[np.ndarray, "3"]] | None:
-    """Find where a body is thinner than a length, as ``refuse_too_thin`` says: how thin it is [m], and where (3,) [m].
+def thin_part(surface: Surface, thinnest: float, short: float) -> tuple[float, Float64[np.ndarray, "3"]] | None:
+    """Find where a body is thinner than a length, as ``check_not_thin`` says: how thin it is [m], and where (3,) [m].
 
     Parameters
     ----------
     surface : the body.
     thinnest : the length [m].
-    short : thin places count where the body is nowhere thick enough within this distance [m].
+    short : thin parts count where the body is nowhere thick enough within this distance [m].
     """
-    if not isinstance(surface.primitive, Capsule):
-        thick = (1.0 - ROUGH) * thinnest
-        return thin_position(_curved_out(surface), surface.triangles, surface.depth, thick, short)
-    thick = 2.0 * surface.primitive.radius
-    return None if thick >= thinnest * (1.0 - 1e-9) else (thick, surface.primitive.axis.mean(axis=0))
+    known = surface.shape.thinnest
+    if known > 0.0:
+        return None if known >= thinnest * (1.0 - 1e-9) else (known, surface.vertices.mean(axis=0))
+    return thin_position(_curved_out(surface), surface.triangles, surface.depth, (1.0 - ROUGH) * thinnest, short)
 
 
 def _curved_out(surface: Surface) -> Float64[np.ndarray, "triangles 3 3"]:
     """Corners of the triangles, each moved to where the middle of its curved panel is."""
     straight = 0.5 * (surface.corners + np.roll(surface.corners, -1, axis=1))
-    rise = 4.0 / 9.0 * (skin_panels(surface)[:, 3:] - straight).sum(axis=1)  # the shape functions at the middle
+    rise = 4.0 / 9.0 * (surface.quadratic_triangles[:, 3:] - straight).sum(axis=1)  # the shape functions at the middle
     return surface.corners + rise[:, None]
-
-
-def _check_nested(surface: Surface) -> None:
-    piece = shells(surface.triangles)
-    seeds = surface.corners[np.unique(piece, return_index=True)[1], 0]
-    if len(seeds) == 1:
-        return
-    for outer in range(len(seeds)):
-        depth = signed_distance(surface.vertices, surface.triangles[piece == outer]).depth(seeds)
-        depth[outer] = -np.inf
-        inner = int(depth.argmax())
-        if depth[inner] > 0.0:
-            raise InvalidInput(
-                f"closed piece {inner} of {len(seeds)} lies inside piece {outer}, {depth[inner] * 1e3:.3g} mm deep "
-                f"near {in_mm(seeds[inner])}: no sound gets there, so remove it.",
-                seeds[inner],
-            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,22 +135,22 @@ class Approach:
 
     Attributes
     ----------
-    distance : of their skins [m]; 0 where they overlap or touch.
-    place : (3,) between them [m].
+    distance : of their surfaces [m]; 0 where they overlap or touch.
+    position : (3,) between them [m].
     overlap : how they overlap, in words, or None where they do not.
     """
 
     distance: float
-    place: Float64[np.ndarray, "3"]
+    position: Float64[np.ndarray, "3"]
     overlap: str | None = None
 
 
 def check_apart(surfaces: Sequence[Surface]) -> None:
-    """Refuse bodies that overlap, touch or come nearer than ``NEAREST``.
+    """Check that no bodies overlap, touch or come nearer than ``NEAREST``.
 
     Parameters
     ----------
-    surfaces : the bodies; two primitives are measured exactly, a primitive and a mesh by the mesh's triangles, two
+    surfaces : the bodies; two capsules are measured exactly, a capsule and a mesh by the mesh's triangles, two
         meshes by their triangles and by which lies in the other.
 
     Raises
@@ -173,39 +161,37 @@ def check_apart(surfaces: Sequence[Surface]) -> None:
     for i, j in combinations(range(len(surfaces)), 2):
         found = approach(surfaces[i], surfaces[j], NEAREST * (1.0 - 1e-9))
         if found is not None and found.overlap is not None:
-            raise InvalidInput(f"bodies {i} and {j} overlap or touch: {found.overlap}; {APART}.", found.place)
+            raise InvalidInput(
+                f"bodies {i} and {j} overlap or touch: {found.overlap}; {APART}.", found.position, code="bodies_overlap"
+            )
         if found is not None:
             raise InvalidInput(
-                f"bodies {i} and {j} are {found.distance * 1e3:.3g} mm apart near {in_mm(found.place)}, nearer than "
+                f"bodies {i} and {j} are {found.distance * 1e3:.3g} mm apart near {in_mm(found.position)}, nearer than "
                 f"{NEAREST * 1e3:g} mm; {APART}.",
-                found.place,
+                found.position,
+                code="bodies_too_near",
             )
 
 
 def approach(one: Surface, two: Surface, within: float = np.inf) -> Approach | None:
-    """Find how near the true skins of two bodies come, or None when they stay ``within`` or more apart.
-
-    Parameters
-    ----------
-    one, two : the bodies.
-    within : larger distances are not looked for [m].
-    """
-    if isinstance(one.primitive, Capsule) and isinstance(two.primitive, Capsule):
-        distance, here, there = segment_distances(one.primitive.axis[None], two.primitive.axis[None])
-        found = _round_bodies(float(distance[0]), here[0], there[0], one.primitive.radius, two.primitive.radius)
-    elif isinstance(one.primitive, Capsule):
-        found = _capsule_and_mesh(one.primitive, two, within)
-    elif isinstance(two.primitive, Capsule):
-        found = _capsule_and_mesh(two.primitive, one, within)
-    else:
-        found = _meshes(one, two, within)
+    """Find how near the true surfaces of two bodies come, or None when they stay ``within`` [m] or more apart."""
+    match one.shape, two.shape:
+        case Capsule() as rod, Capsule() as other:
+            distance, here, there = segment_distances(rod.axis[None], other.axis[None])
+            found = _round_bodies(float(distance[0]), here[0], there[0], rod.radius, other.radius)
+        case Capsule() as rod, _:
+            found = _capsule_and_mesh(rod, two, within)
+        case _, Capsule() as rod:
+            found = _capsule_and_mesh(rod, one, within)
+        case _:
+            found = _meshes(one, two, within)
     return found if found is not None and found.distance < within else None
 
 
 def _round_bodies(
     distance: float, here: Float64[np.ndarray, "3"], there: Float64[np.ndarray, "3"], radius: float, other: float
 ) -> Approach:
-    """Meet all points within a radius of two bodies that are nearest at two points."""
+    """Find how near all points within a radius of two bodies come that are nearest at two points."""
     gap = distance - radius - other
     middle = here + (radius + gap / 2.0) * (there - here) / distance if distance > 0.0 else here
     if gap <= TOUCH:
@@ -236,9 +222,9 @@ def _meshes(one: Surface, two: Surface, within: float) -> Approach | None:
     low, high = (np.stack([end(body.vertices, axis=0) for body in (one, two)]) for end in (np.min, np.max))
     if np.linalg.norm(np.maximum(low.max(axis=0) - high.min(axis=0), 0.0)) >= within + sum(rises):
         return None
-    found = _skins(one.corners, two.corners, within + sum(rises))
+    found = _triangles(one.corners, two.corners, within + sum(rises))
     if found is not None and max(rises) > AWAY:
-        found = _skins(corners_of(flattened(one)), corners_of(flattened(two)), within)
+        found = _triangles(corners_of(flattened(one)), corners_of(flattened(two)), within)
     if found is not None and found.overlap is not None:
         return found
     for inner, outer in ((one, two), (two, one)):
@@ -251,7 +237,7 @@ def _meshes(one: Surface, two: Surface, within: float) -> Approach | None:
     return found
 
 
-def _skins(
+def _triangles(
     one: Float64[np.ndarray, "some 3 3"], two: Float64[np.ndarray, "others 3 3"], within: float
 ) -> Approach | None:
     pairs = crossings_between(one, two)

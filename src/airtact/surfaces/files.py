@@ -7,9 +7,12 @@ from jaxtyping import Float, Int
 
 from airtact.conventions import InvalidInput, about
 from airtact.mesh.curving import SHARP_DEGREES
-from airtact.mesh.repair.pipeline import mended
+from airtact.mesh.repair.pipeline import repaired
+from airtact.pose import Pose
+from airtact.surfaces.mesh_shape import MeshShape
+from airtact.surfaces.quadratic_mesh import QuadraticMesh
 from airtact.surfaces.surface import Surface
-from airtact.validation import of_kind, positive
+from airtact.validation import fixed, of_kind, positive
 
 SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".gltf")
 """File name endings that are read."""
@@ -21,35 +24,40 @@ def load_surface(
     largest_hole: float = 2e-3,
     sharp_degrees: float = SHARP_DEGREES,
 ) -> Surface:
-    """Read a closed surface from a file, and mend what is damaged.
+    """Read a closed surface from a file, and repair what is damaged.
 
-    The nodes of a scene graph are put where their transforms place them and joined; vertices at the same place are
-    merged, whatever their texture or normal. What was mended stands in ``mended`` of the surface, a sentence each; see
-    ``airtact.mesh.repair.pipeline.repairs`` for what can be.
+    The nodes of a scene graph are put where their transforms place them and joined; vertices at the same position are
+    merged, whatever their texture or normal. ``repairs`` of the surface lists what was repaired, a sentence each; see
+    ``airtact.mesh.repair.pipeline.repaired`` for what can be.
 
     Parameters
     ----------
     path : an STL, PLY, OBJ or GLB file.
     scale : metres per unit of the file: 1e-3 for a file in millimetres.
     largest_hole : widest hole that is filled [m], 0 for none.
-    sharp_degrees : edges whose triangles turn by more than this stay sharp; the rest of the skin is curved.
+    sharp_degrees : edges whose triangles turn by more than this stay sharp; the rest of the surface is curved.
 
     Raises
     ------
     InvalidInput
         When there is no such file, it cannot be read, holds no triangles, or the surface is at fault in a way that
-        cannot be mended.
+        cannot be repaired.
     """
     of_kind(path, str | Path, "the path of a surface", "the name of a file")
     path, scale = Path(path), positive(scale, "scale", "m per unit of the file")
     if path.suffix.lower() not in SUFFIXES:
-        raise InvalidInput(f"{path.name} ends in {path.suffix!r}, but surfaces are read from {', '.join(SUFFIXES)}.")
+        raise InvalidInput(
+            f"{path.name} ends in {path.suffix!r}, but surfaces are read from {', '.join(SUFFIXES)}.",
+            code="unknown_ending",
+        )
     if not path.is_file():
-        raise InvalidInput(f"there is no file {path}; 0 triangles were read.")
+        raise InvalidInput(f"there is no file {path}; 0 triangles were read.", code="file_missing")
     vertices, triangles = _joined(path)
     with about(path.name):
-        whole = mended(vertices * scale, triangles, largest_hole)
-        return Surface(whole.vertices, whole.triangles, sharp_degrees=sharp_degrees, repairs=whole.notes)
+        whole = repaired(vertices * scale, triangles, largest_hole)
+        mesh = QuadraticMesh(fixed(whole.vertices), whole.triangles, sharp_degrees=sharp_degrees)
+        shape = MeshShape(mesh, Pose.identity())
+        return Surface(mesh.vertices, mesh.triangles, None, None, sharp_degrees, whole.notes, known_shape=shape)
 
 
 def _joined(path: Path) -> tuple[Float[np.ndarray, "vertices 3"], Int[np.ndarray, "triangles 3"]]:
@@ -58,7 +66,11 @@ def _joined(path: Path) -> tuple[Float[np.ndarray, "vertices 3"], Int[np.ndarray
     try:
         mesh = trimesh.load_scene(path, process=False).to_mesh()
     except Exception as fault:  # every reader of trimesh has its own way to fail on a damaged file
-        raise InvalidInput(f"{path.name} ({path.stat().st_size} bytes) cannot be read: {fault}.") from fault
+        raise InvalidInput(
+            f"{path.name} ({path.stat().st_size} bytes) cannot be read: {fault}.", code="file_unreadable"
+        ) from fault
     if len(mesh.faces) == 0:
-        raise InvalidInput(f"{path.name} holds 0 triangles; give a file with a closed triangle surface.")
+        raise InvalidInput(
+            f"{path.name} holds 0 triangles; give a file with a closed triangle surface.", code="no_triangles"
+        )
     return np.asarray(mesh.vertices), np.asarray(mesh.faces)

@@ -1,48 +1,30 @@
-"""The true skin of a surface as flat triangles that stay close to it."""
+"""The true surface of a body as flat triangles that stay close to it."""
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
-from airtact.mesh.quadratic_triangles import QuadraticTriangles, shape_functions
+from airtact.mesh.quadratic_triangles import shape_functions
 from airtact.mesh.topology import edge_twins
-from airtact.surfaces.mesh_shape import CurvedShape
-from airtact.surfaces.primitives import Capsule
+from airtact.surfaces.shape import FlatMesh
 from airtact.surfaces.surface import Surface
 
 AWAY = 10e-6
-"""Farthest that the flat triangles may be from the skin [m]."""
-
-FINEST = 0.01
-"""Primitives are not drawn coarser than with this share of their radius in between [m]."""
+"""Farthest that the flat triangles may be from the true surface [m]."""
 
 MIDDLE = 0.75
-"""Distance of the skin from the middle of a straight edge, over that from the middle of its triangle, at least."""
-
-Mesh = tuple[Float64[np.ndarray, "_ 3"], Int64[np.ndarray, "_ 3"]]
-"""Vertices (V, 3) [m] and triangles (T, 3) of vertex indices."""
+"""Distance of the surface from the middle of a straight edge, over that from the middle of its triangle, at least."""
 
 
-def flattened(surface: Surface, away: float = AWAY) -> Mesh:
-    """Draw the true skin with flat triangles: those of the surface, split at edges that leave the skin too far.
-
-    Parameters
-    ----------
-    surface : the surface; a primitive is meshed anew.
-    away : farthest that the triangles may be from the skin [m].
-
-    Returns
-    -------
-    A closed mesh whose vertices lie on the skin.
-    """
-    if isinstance(surface.primitive, Capsule):
-        radius = surface.primitive.radius
-        mesh = surface.primitive.mesh(float(np.sqrt(8.0 * min(away, FINEST * radius) * radius)))
-        return mesh.vertices, mesh.triangles
-    vertices, triangles, panels = surface.vertices, surface.triangles, skin_panels(surface)
+def flattened(surface: Surface, away: float = AWAY) -> FlatMesh:
+    """Follow the true surface with flat triangles: its own, split at edges that are more than ``away`` [m] off."""
+    exact = surface.shape.flat_mesh(away)
+    if exact is not None:
+        return exact
+    vertices, triangles, panels = surface.vertices, surface.triangles, surface.quadratic_triangles
     parent = np.arange(len(triangles))
-    places = np.broadcast_to([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], (len(triangles), 3, 2))
+    references = np.broadcast_to([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], (len(triangles), 3, 2))
     while True:
-        between = 0.5 * (places + np.roll(places, -1, axis=1))
+        between = 0.5 * (references + np.roll(references, -1, axis=1))
         shape = shape_functions(between.reshape(-1, 2)).reshape(-1, 3, 6)
         middles = np.einsum("ten,tnd->ted", shape, panels[parent])
         corners = vertices[triangles]
@@ -59,35 +41,20 @@ def flattened(surface: Surface, away: float = AWAY) -> Mesh:
         vertices = np.concatenate([vertices, middles[once]])
         pieces, whole = _split(far)
         triangles = np.concatenate([triangles, number], axis=1)[whole[:, None], pieces]
-        places = np.concatenate([places, between], axis=1)[whole[:, None], pieces]
+        references = np.concatenate([references, between], axis=1)[whole[:, None], pieces]
         parent = parent[whole]
 
 
-def corners_of(mesh: Mesh) -> Float64[np.ndarray, "triangles 3 3"]:
+def corners_of(mesh: FlatMesh) -> Float64[np.ndarray, "triangles 3 3"]:
     """Corners (T, 3, 3) of the triangles of a mesh [m]."""
     vertices, triangles = mesh
     return vertices[triangles]
 
 
 def bulge(surface: Surface) -> float:
-    """How far the true skin leaves the surface's flat triangles at most [m].
-
-    Parameters
-    ----------
-    surface : one that is no primitive.
-    """
+    """How far the true surface leaves the flat triangles of a mesh at most [m]."""
     straight = 0.5 * (surface.corners + np.roll(surface.corners, -1, axis=1))
-    return float(np.linalg.norm(skin_panels(surface)[:, 3:] - straight, axis=2).max()) / MIDDLE
-
-
-def skin_panels(surface: Surface) -> QuadraticTriangles:
-    """Curved panels (T, 6, 3) of a surface's triangles [m]."""
-    if isinstance(surface.shape, CurvedShape):
-        return surface.shape.quadratic_triangles
-    middles = surface.midpoints
-    if middles is None:
-        middles = 0.5 * (surface.corners + np.roll(surface.corners, -1, axis=1))
-    return np.concatenate([surface.corners, middles], axis=1)
+    return float(np.linalg.norm(surface.quadratic_triangles[:, 3:] - straight, axis=2).max()) / MIDDLE
 
 
 def _tables() -> dict[int, list[list[int]]]:

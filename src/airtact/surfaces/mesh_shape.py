@@ -1,45 +1,44 @@
-"""The shape of a mesh: its curved skin, wherever it was moved, and new panels on it."""
+"""The shape of a mesh, wherever it was moved, and new panels on it."""
 
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Float64, Real
+from jaxtyping import Float64, Int64, Real
 
-from airtact.mesh.edge_splitting import split
 from airtact.mesh.quadratic_triangles import QuadraticTriangles
-from airtact.mesh.remeshing import Ridged, thinned
+from airtact.mesh.remeshing import RidgedMesh, coarsened
 from airtact.pose import Pose
 from airtact.printing import in_short
-from airtact.surfaces.curved_mesh import CurvedMesh
 from airtact.surfaces.panelling import covered
-from airtact.surfaces.shape import BEND
+from airtact.surfaces.quadratic_mesh import QuadraticMesh
+from airtact.surfaces.shape import BEND, Shape
 
 
 @dataclass(frozen=True, eq=False)
-class CurvedShape:
-    """A curved mesh that may have been moved; what was found out about it at rest is kept.
+class MeshShape(Shape):
+    """A mesh of quadratic triangles that may have been moved; what is computed of it at rest is computed once.
 
     Attributes
     ----------
-    mesh : the skin where it was made.
+    mesh : the triangles where they were made.
     pose : where it stands now.
-    kept : panels made before, at rest, by their edge.
+    cached : panels made before, at rest, by their edge.
     """
 
-    mesh: CurvedMesh
+    mesh: QuadraticMesh
     pose: Pose
-    kept: dict[float, QuadraticTriangles] = field(default_factory=dict, compare=False)
+    cached: dict[float, QuadraticTriangles] = field(default_factory=dict, compare=False)
 
     __repr__ = in_short
 
     @property
     def extent(self) -> float:
-        """Largest side of the upright box round it at rest [m]."""
-        return float(np.ptp(self.mesh.quadratic_triangles.reshape(-1, 3), axis=0).max())
+        """Largest side of the upright box round its triangles at rest [m]."""
+        return float(np.ptp(self.mesh.vertices[self.mesh.triangles].reshape(-1, 3), axis=0).max())
 
     @property
     def area(self) -> float:
-        """Area of the skin [m²]."""
+        """Area of the surface [m²]."""
         return self.mesh.area
 
     @property
@@ -48,25 +47,46 @@ class CurvedShape:
         return self.mesh.volume
 
     @property
-    def thinnest(self) -> float:
-        """Return 0: how thin a mesh is has to be measured."""
-        return 0.0
+    def crossings(self) -> Int64[np.ndarray, "crossings 2"]:
+        """Pairs of flat triangles (K, 2) that cross or touch beyond what they share as neighbours."""
+        return self.mesh.crossings
+
+    def nested_piece(self) -> tuple[int, int, float, Float64[np.ndarray, "3"]] | None:
+        """Find a closed piece inside another: both numbers, how deep [m] and a point (3,) there [m]; None if none."""
+        seeds = np.array([piece.vertices[piece.triangles[0, 0]] for piece in self.mesh.pieces])
+        if len(seeds) == 1:
+            return None
+        for outer, piece in enumerate(self.mesh.pieces):
+            depth = piece.depth(seeds)
+            depth[outer] = -np.inf
+            inner = int(depth.argmax())
+            if depth[inner] > 0.0:
+                return inner, outer, float(depth[inner]), self.pose.apply(seeds[inner])
+        return None
 
     @property
     def quadratic_triangles(self) -> QuadraticTriangles:
         """Its panels (T, 6, 3) [m]."""
         return self.pose.apply(self.mesh.quadratic_triangles)
 
+    def edge_middles(self, corners: Float64[np.ndarray, "triangles 3 3"]) -> Float64[np.ndarray, "triangles 3 3"]:
+        """Points of the surface over the middles of edges 01, 12, 20 of its triangles (T, 3, 3) [m]."""
+        return self.quadratic_triangles[:, 3:]
+
     def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        """Distance to the skin [m] of points (P, 3) [m], positive inside."""
+        """Distance to the surface [m] of points (P, 3) [m], positive inside."""
         return self.mesh.depth(self.pose.inverse().apply(points))
 
     def project(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
-        """Nearest points of the skin (P, 3) [m] to points (P, 3) [m]."""
+        """Nearest points of the surface (P, 3) [m] to points (P, 3) [m]."""
         return self.pose.apply(self.mesh.project(self.pose.inverse().apply(points)))
 
+    def project_on_sharp_edges(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
+        """Nearest points of the sharp edges (P, 3) [m] to points (P, 3) [m]."""
+        return self.pose.apply(self.mesh.project_on_sharp_edges(self.pose.inverse().apply(points)))
+
     def fitted(self, panels: QuadraticTriangles) -> QuadraticTriangles:
-        """Bring panels (P, 6, 3) near the skin to where it lies evenly on both sides of each [m]."""
+        """Bring panels (P, 6, 3) near the surface to where it lies evenly on both sides of each [m]."""
         return self.pose.apply(self.mesh.fitted(self.pose.inverse().apply(panels)))
 
     def off_triangles(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
@@ -75,26 +95,23 @@ class CurvedShape:
 
     def panels(self, edge: float, bend: float = BEND) -> QuadraticTriangles:
         """Cover it with curved panels about as large as equilateral triangles of a given edge [m]."""
-        if edge not in self.kept:
-            self.kept[edge] = covered(self.mesh, edge)
-        return self.pose.apply(self.kept[edge])
+        if edge not in self.cached:
+            self.cached[edge] = np.concatenate([covered(piece, edge) for piece in self.mesh.pieces])
+        return self.pose.apply(self.cached[edge])
 
     def extreme_points(self) -> Float64[np.ndarray, "points 3"]:
         """Nodes (P, 3) of all panels [m]."""
         return self.quadratic_triangles.reshape(-1, 3)
 
-    def coarse_meshes(self, edge: float) -> list[Ridged]:
+    def coarse_meshes(self, edge: float) -> list[RidgedMesh]:
         """Triangles to start a mesh from, with edges of at most ``edge`` [m] where they are not sharp."""
         found = []
-        for mesh in self.mesh.pieces:
-            quadratic_triangles, triangles, sharp = split(mesh.quadratic_triangles, mesh.triangles, mesh.sharp, edge)
-            vertices = np.empty((int(triangles.max()) + 1, 3))
-            vertices[triangles] = self.pose.apply(quadratic_triangles[:, :3])
-            triangle, corner = np.nonzero(sharp)
-            ridges = np.stack([triangles[triangle, corner], triangles[triangle, (corner + 1) % 3]], axis=1)
-            found.append(thinned(Ridged(vertices, triangles, ridges[ridges[:, 0] < ridges[:, 1]]), edge / 1.5))
+        for piece in self.mesh.pieces:
+            split = piece.with_short_edges(edge)
+            placed = RidgedMesh(self.pose.apply(split.vertices), split.triangles, split.ridges)
+            found.append(coarsened(placed, edge / 1.5))
         return found
 
-    def moved(self, pose: Pose) -> "CurvedShape":
+    def moved(self, pose: Pose) -> "MeshShape":
         """Move it rigidly."""
         return replace(self, pose=pose @ self.pose)

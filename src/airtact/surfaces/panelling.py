@@ -1,17 +1,16 @@
-"""Covers the curved skin of a mesh with new panels of a wanted size."""
+"""Covers the curved surface of a mesh with new panels of a wanted size."""
 
 import numpy as np
 from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
-from airtact.mesh.edge_splitting import split
 from airtact.mesh.quadratic_triangles import QuadraticTriangles, cut, enclosed_volume, longest_edges, points_at
-from airtact.mesh.remeshing import Ridged, remeshed, thinned
+from airtact.mesh.remeshing import RidgedMesh, coarsened, remeshed
 from airtact.mesh.sizing import bend_sizes, strip_sizes
-from airtact.surfaces.curved_mesh import CurvedMesh
+from airtact.surfaces.quadratic_mesh import QuadraticMesh
 
 TOO_FAR = 0.004
-"""Root mean square distance of a panel from the skin, over the edge wanted, above which it is cut in four."""
+"""Root mean square distance of a panel from the surface, over the edge wanted, above which it is cut in four."""
 
 STEEP = 1.4
 """Angle between the normals at its corners above which a panel is cut in four [rad] ..."""
@@ -37,83 +36,65 @@ ATTEMPTS = 4
 VOLUME_OFF = 0.03
 """Share of the volume that the panels may enclose too much or too little."""
 
-ASTRAY = 0.3
+OUTLYING = 0.3
 """A corner that would move by more than this share of the edge stays where MMG put it."""
 
 
-def covered(mesh: CurvedMesh, edge: float) -> QuadraticTriangles:
-    """Cover a skin with curved panels about as large as equilateral triangles of a given edge [m].
+def covered(mesh: QuadraticMesh, edge: float) -> QuadraticTriangles:
+    """Cover one closed piece with curved panels about as large as equilateral triangles of a given edge [m].
 
-    MMG makes the triangles; their corners and middles are brought onto the skin, those of sharp edges onto the creases;
-    panels that still leave the skin by more than ``TOO_FAR`` of the edge are cut in four. Where that does not enclose
-    the body's volume, a part of it being smaller than the edge, shorter ones are tried.
-
-    Parameters
-    ----------
-    mesh : the skin; each of its closed pieces is covered by itself.
-    edge : edge of the equilateral triangles [m].
+    MMG makes the triangles; their corners and middles are brought onto the surface, those of sharp edges onto these;
+    panels that still leave the surface by more than ``TOO_FAR`` of the edge are cut in four. Where that does not
+    enclose the body's volume, a part of it being smaller than the edge, shorter ones are tried.
 
     Raises
     ------
     InvalidInput
         When MMG cannot mesh the surface, or no edge makes panels that enclose its volume.
     """
-    return np.concatenate([_enclosing(piece, edge) for piece in mesh.pieces])
-
-
-def _enclosing(mesh: CurvedMesh, edge: float) -> QuadraticTriangles:
-    """Make panels whose volume is that of the body, with shorter edges if need be."""
     extent = float(np.ptp(mesh.vertices, axis=0).max())
     shorter, fault = min(edge, LARGEST_SHARE * extent), None
     for _ in range(ATTEMPTS):
         try:
             panels = _meshed_anew(mesh, shorter)
-        except InvalidInput as refusal:
-            fault = refusal
+        except InvalidInput as found:
+            fault = found
         else:
             if abs(enclosed_volume(panels) / mesh.volume - 1) < VOLUME_OFF:
                 return panels
         shorter /= 2
     raise fault or InvalidInput(
         f"panels with an edge of {1e3 * edge:.3g} mm, and of {2e3 * shorter:.3g} mm, do not enclose the "
-        f"{1e6 * mesh.volume:.4g} cm³ of the surface to {100 * VOLUME_OFF:g} %; it is too rough or thin somewhere."
+        f"{1e6 * mesh.volume:.4g} cm³ of the surface to {100 * VOLUME_OFF:g} %; it is too rough or thin somewhere.",
+        mesh.vertices[mesh.triangles[0, 0]],
+        code="not_meshable",
     )
 
 
-def _meshed_anew(mesh: CurvedMesh, edge: float) -> QuadraticTriangles:
-    given = thinned(_split(mesh, SPLIT * edge), edge)
+def _meshed_anew(mesh: QuadraticMesh, edge: float) -> QuadraticTriangles:
+    given = coarsened(mesh.with_short_edges(SPLIT * edge), edge)
     sizes = np.minimum(
         strip_sizes(given.vertices, given.ridges, LARGEST * edge),
         bend_sizes(given.vertices, given.triangles, given.ridges, LARGEST * edge),
     )
     wanted = mesh.area / (np.sqrt(3) / 4 * edge**2)
-    return _cut_where_it_helps(mesh, _on_the_skin(mesh, remeshed(given, sizes, edge, wanted), edge), edge)
+    return _cut_where_it_helps(mesh, _on_the_surface(mesh, remeshed(given, sizes, edge, wanted), edge), edge)
 
 
-def _split(mesh: CurvedMesh, longest: float) -> Ridged:
-    """Mesh the skin with triangles that have no edge longer than that [m]."""
-    quadratic_triangles, triangles, sharp = split(mesh.quadratic_triangles, mesh.triangles, mesh.sharp, longest)
-    vertices = np.empty((int(triangles.max()) + 1, 3))
-    vertices[triangles] = quadratic_triangles[:, :3]
-    triangle, corner = np.nonzero(sharp)
-    ridges = np.stack([triangles[triangle, corner], triangles[triangle, (corner + 1) % 3]], axis=1)
-    return Ridged(vertices, triangles, ridges[ridges[:, 0] < ridges[:, 1]])
-
-
-def _on_the_skin(mesh: CurvedMesh, anew: Ridged, edge: float) -> QuadraticTriangles:
-    """Bring new triangles onto the skin."""
+def _on_the_surface(mesh: QuadraticMesh, anew: RidgedMesh, edge: float) -> QuadraticTriangles:
+    """Bring new triangles onto the surface."""
     vertices, triangles, ridges = anew.vertices, anew.triangles, anew.ridges
     corners = mesh.project(vertices)
-    creased = np.unique(ridges)
-    if len(creased):
-        corners[creased] = mesh.project_on_sharp_edges(vertices[creased])
-    astray = np.linalg.norm(corners - vertices, axis=1) > ASTRAY * edge
-    corners[astray] = vertices[astray]
+    on_ridge = np.unique(ridges)
+    if len(on_ridge):
+        corners[on_ridge] = mesh.project_on_sharp_edges(vertices[on_ridge])
+    outlying = np.linalg.norm(corners - vertices, axis=1) > OUTLYING * edge
+    corners[outlying] = vertices[outlying]
     ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     unique, inverse = np.unique(ends, axis=0, return_inverse=True)
     straight = corners[unique].mean(axis=1)
     middles = mesh.project(straight)
-    if len(creased):
+    if len(on_ridge):
         key = len(vertices)
         along = np.isin(unique @ [key, 1], np.sort(ridges, axis=1) @ [key, 1])
         middles[along] = mesh.project_on_sharp_edges(straight[along])
@@ -121,15 +102,17 @@ def _on_the_skin(mesh: CurvedMesh, anew: Ridged, edge: float) -> QuadraticTriang
     return mesh.levelled(panels)
 
 
-def _cut_where_it_helps(mesh: CurvedMesh, panels: QuadraticTriangles, edge: float) -> Float64[np.ndarray, "pieces 6 3"]:
-    """Cut panels in four that turn too far, or leave the skin by too much, unless their pieces leave it as much.
+def _cut_where_it_helps(
+    mesh: QuadraticMesh, panels: QuadraticTriangles, edge: float
+) -> Float64[np.ndarray, "pieces 6 3"]:
+    """Cut panels in four that bend too far, or leave the surface by too much, unless their pieces leave it as much.
 
-    The latter is so where the skin is rough.
+    The latter is so where the surface is rough.
     """
     done = []
     for _ in range(CUTS):
         leaving = mesh.leaving(panels)
-        steep = (_turning(panels) > STEEP) & (longest_edges(panels) > SMALL * edge)
+        steep = (_bending(panels) > STEEP) & (longest_edges(panels) > SMALL * edge)
         far = steep | (leaving > TOO_FAR * edge)
         if not far.any():
             break
@@ -142,7 +125,7 @@ def _cut_where_it_helps(mesh: CurvedMesh, panels: QuadraticTriangles, edge: floa
     return np.concatenate([*done, panels])
 
 
-def _turning(panels: QuadraticTriangles) -> Float64[np.ndarray, "panels"]:
+def _bending(panels: QuadraticTriangles) -> Float64[np.ndarray, "panels"]:
     """Largest angle between the normals at the corners of each panel [rad]."""
     normals = []
     for corner in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)):

@@ -1,4 +1,4 @@
-"""Curved six-node panels of a wanted size, for the solvers.
+"""Curved quadratic (six-node) panels of a wanted size, for the solvers.
 
 Panels need not meet corner to corner, so each may be cut into smaller ones on its own.
 """
@@ -17,7 +17,7 @@ LONGEST_TO_EQUILATERAL = 1.2
 """Longest edge of a typical triangle over the edge of the equilateral triangle of the same area."""
 
 LARGEST_TO_POINT = 1.7
-"""Panels beside a point that asks for finer ones have edges of at most this many distances."""
+"""Panels beside a point that asks for smaller ones have edges of at most this many distances."""
 
 LARGEST_TO_GAP = 3.0
 """Panels that face another body have edges of at most this many gaps."""
@@ -34,13 +34,13 @@ PROBES = _probes()
 
 @dataclass(frozen=True, eq=False)
 class Panels:
-    """The skin of all bodies of a scene, cut into curved panels.
+    """The surfaces of all bodies of a scene, cut into curved panels.
 
     Attributes
     ----------
     quadratic_triangles : (T, 6, 3) corners 0, 1, 2 and mid-edge points 01, 12, 20 of each panel [m], outward.
     body : (T,) which obstacle each panel belongs to.
-    deviation : (T,) how far the panel lies from the true skin at most [m].
+    deviation : (T,) how far the panel lies from the true surface at most [m].
     farthest : (B,) how far the panels of each body lie from the triangles that it was given as, at most [m].
     mean_distance : (B,) the same in the mean over the panels [m].
     """
@@ -59,15 +59,15 @@ def panels_of(
     smallest: float,
     bend: float = BEND,
 ) -> Panels:
-    """Panels of some bodies, finer beside some points and where bodies come close.
+    """Panels of some bodies, smaller beside some points and where bodies come close.
 
     Parameters
     ----------
-    shapes : the bodies' skins.
+    shapes : the bodies' surfaces.
     edge : edge of the equilateral triangle as large as the panels wanted [m].
-    near : (P, 3) points beside which panels are cut finer [m].
+    near : (P, 3) points beside which panels are cut smaller [m].
     smallest : edge below which no panel is cut for a point's or another body's sake [m].
-    bend : angle that a panel of a round skin may turn by [rad].
+    bend : angle that a panel of a round surface may turn by [rad].
     """
     whole = [shape.panels(edge, bend) for shape in shapes]
     bodies = []
@@ -98,7 +98,7 @@ def _refined(
     while True:
         edges = longest_edges(panels[fresh])
         allowed = np.min([_allowed(panels[fresh], edges, *some) for some in asking], axis=0)
-        # all panels beside a point are fitted to the skin, or those left whole would stand off the others
+        # all panels beside a point are fitted to the surface, or those left whole would stand off the others
         beside = np.flatnonzero(fresh)[edges > allowed]
         panels[beside] = shape.fitted(panels[beside])
         large = np.zeros(len(panels), dtype=bool)
@@ -133,7 +133,7 @@ def _allowed(
 def _deviation(
     panels: QuadraticTriangles, shape: Shape, probes: Float64[np.ndarray, "probes 3"]
 ) -> Float64[np.ndarray, "panels"]:
-    """How far panels lie from the true skin at their nodes, centre and the middles between them [m]."""
+    """How far panels lie from the true surface at their nodes, centre and the middles between them [m]."""
     return np.abs(shape.depth(probes)).reshape(len(panels), -1).max(axis=1)
 
 

@@ -9,20 +9,21 @@ from jaxtyping import Float64, Int64, Real
 
 from airtact.conventions import InvalidInput, Vector
 from airtact.mesh.quadratic_triangles import QuadraticTriangles, enclosed_volume, with_middles
-from airtact.mesh.remeshing import Ridged
+from airtact.mesh.remeshing import RidgedMesh
 from airtact.mesh.topology import check_size
 from airtact.pose import Pose
 from airtact.printing import in_short
-from airtact.surfaces.shape import BEND
+from airtact.surfaces.shape import BEND, FlatMesh, Shape
 from airtact.surfaces.surface import Surface
-from airtact.validation import check_finite, number, positive, real_numbers
+from airtact.validation import check_finite, fixed, number, positive, real_numbers
 
 _SECTORS = 5  # triangles round a pole; five keep every angle above 30 degrees
-_MOST_RINGS = 400  # 1.6 million triangles: beyond it the edge is a slip of units
+_MOST_RINGS = 400  # 1.6 million triangles: beyond it the edge is in a wrong unit
+_LARGEST_SAGITTA = 0.01  # farthest that a flat mesh lies off, over the radius
 
 
 @dataclass(frozen=True, eq=False)
-class Capsule:
+class Capsule(Shape):
     """All points within ``radius`` of a segment: the local z axis from -length/2 to +length/2. Length 0 is a sphere.
 
     Attributes
@@ -54,7 +55,10 @@ class Capsule:
         object.__setattr__(self, "radius", positive(self.radius, "radius", "m"))
         length = number(self.length, "the length of a capsule's axis", "m")
         if not math.isfinite(length) or length < 0.0:
-            raise InvalidInput(f"a capsule's axis has length {length:g} m, but it must be finite and not negative.")
+            raise InvalidInput(
+                f"a capsule's axis has length {length:g} m, but it must be finite and not negative.",
+                code="out_of_range",
+            )
         object.__setattr__(self, "length", length)
 
     @property
@@ -64,7 +68,7 @@ class Capsule:
 
     @property
     def area(self) -> float:
-        """Area of the skin [m²]."""
+        """Area of the surface [m²]."""
         return 2.0 * math.pi * self.radius * self.extent
 
     @property
@@ -74,7 +78,7 @@ class Capsule:
 
     @property
     def thinnest(self) -> float:
-        """Diameter of the largest ball that touches the skin from inside, the same everywhere [m]."""
+        """Diameter of the largest ball inside that touches the surface, the same everywhere [m]."""
         return 2.0 * self.radius
 
     @property
@@ -83,25 +87,21 @@ class Capsule:
         return self.pose.apply(np.array([[0.0, 0.0, -self.length / 2.0], [0.0, 0.0, self.length / 2.0]]))
 
     def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        """Distance to the skin [m] of points (P, 3) [m], positive inside."""
+        """Distance to the surface [m] of points (P, 3) [m], positive inside."""
         x, y, z = self.pose.inverse().apply(points).T
         beyond = np.maximum(np.abs(z) - self.length / 2.0, 0.0)
         return self.radius - np.sqrt(x * x + y * y + beyond * beyond)
 
     def project(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
-        """Bring points (P, 3) [m] that are off the axis to the nearest points of the skin."""
+        """Bring points (P, 3) [m] that are off the axis to the nearest points of the surface."""
         local = self.pose.inverse().apply(points)
-        feet = self._nearest_on_axis(local)
-        out = local - feet
-        return self.pose.apply(feet + self.radius * out / np.linalg.norm(out, axis=1, keepdims=True))
+        on_axis = np.zeros(local.shape)
+        on_axis[:, 2] = np.clip(local[:, 2], -self.length / 2.0, self.length / 2.0)
+        out = local - on_axis
+        return self.pose.apply(on_axis + self.radius * out / np.linalg.norm(out, axis=1, keepdims=True))
 
     def moved(self, pose: Pose) -> "Capsule":
-        """Move it rigidly.
-
-        Parameters
-        ----------
-        pose : the motion.
-        """
+        """Move it rigidly."""
         return Capsule(self.radius, self.length, pose @ self.pose)
 
     def extreme_points(self) -> Float64[np.ndarray, "points 3"]:
@@ -109,18 +109,15 @@ class Capsule:
         reach = self.radius * np.concatenate([np.eye(3), -np.eye(3)])
         return (self.axis[:, None] + reach).reshape(-1, 3)
 
-    def coarse_meshes(self, edge: float) -> list[Ridged]:
+    def coarse_meshes(self, edge: float) -> list[RidgedMesh]:
         """Triangles to start a mesh from, with edges of at most ``edge`` / 3 [m]."""
         surface = self.mesh(min(edge / 3.0, 0.5 * self.radius))
-        return [Ridged(np.array(surface.vertices), np.array(surface.triangles), np.empty((0, 2), dtype=np.int64))]
+        return [RidgedMesh(np.array(surface.vertices), np.array(surface.triangles), np.empty((0, 2), dtype=np.int64))]
 
-    def fitted(self, panels: QuadraticTriangles) -> QuadraticTriangles:
-        """Bring the nodes of panels (P, 6, 3) near the skin onto it [m]."""
-        return self.project(panels.reshape(-1, 3)).reshape(panels.shape)
-
-    def off_triangles(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        """Return 0 for each of the points (P, 3) [m]: a closed form was made from no triangles."""
-        return np.zeros(len(points))
+    def flat_mesh(self, away: float) -> FlatMesh:
+        """Mesh it with flat triangles at most ``away`` [m] off."""
+        mesh = self.mesh(float(np.sqrt(8.0 * min(away, _LARGEST_SAGITTA * self.radius) * self.radius)))
+        return mesh.vertices, mesh.triangles
 
     def panels(self, edge: float, bend: float = BEND) -> QuadraticTriangles:
         """Cover it with curved panels about as large as equilateral triangles of a given edge [m].
@@ -128,7 +125,7 @@ class Capsule:
         They turn by at most ``bend`` [rad] from edge to edge.
 
         The mesh is as coarse as its panels' mean area allows, and moved outwards until it holds the exact volume:
-        quadratics through points of a round skin hold less.
+        quadratics through points of a round surface hold less.
         """
         wanted = self.area / (np.sqrt(3) / 4 * edge**2)
         length, most = self.length / self.radius, math.ceil(max(2.0 * self.radius / edge, 2.0 / bend)) + 2
@@ -151,7 +148,7 @@ class Capsule:
 
         Parameters
         ----------
-        edge : longest straight edge allowed [m]; there are at least two rings a cap, whatever it says.
+        edge : longest straight edge allowed [m]; a cap has at least two rings in any case.
 
         Raises
         ------
@@ -170,7 +167,9 @@ class Capsule:
             rings += 1
         raise InvalidInput(
             f"an edge of {edge * 1e3:.4g} mm on a radius of {self.radius * 1e3:.4g} mm needs more than {_MOST_RINGS} "
-            "rings a cap; ask for a longer edge."
+            "rings a cap; ask for a longer edge.",
+            self.pose.translation,
+            code="edge_too_short",
         )
 
     def _surface(
@@ -178,14 +177,10 @@ class Capsule:
     ) -> Surface:
         corners = vertices[triangles]
         middles = ((corners + np.roll(corners, -1, axis=1)) / 2.0).reshape(-1, 3)
-        rest = Capsule(self.radius, self.length, Pose.identity())
-        midpoints = rest.project(middles).reshape(-1, 3, 3)
-        return Surface(vertices, triangles, midpoints, rest).moved(self.pose)
-
-    def _nearest_on_axis(self, local: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
-        foot = np.zeros(local.shape)
-        foot[:, 2] = np.clip(local[:, 2], -self.length / 2.0, self.length / 2.0)
-        return foot
+        midpoints = Capsule(self.radius, self.length, Pose.identity()).project(middles).reshape(-1, 3, 3)
+        triangles.flags.writeable = False
+        placed = fixed(self.pose.apply(vertices)), triangles, fixed(self.pose.apply(midpoints))
+        return Surface(*placed, primitive=self, known_shape=self)
 
 
 def sphere(radius: float, edge: float, centre: Vector = (0, 0, 0)) -> Surface:
@@ -211,7 +206,7 @@ def sphere(radius: float, edge: float, centre: Vector = (0, 0, 0)) -> Surface:
 
 
 def capsule(start: Vector, end: Vector, radius: float, edge: float) -> Surface:
-    """Mesh a capsule, the skin at ``radius`` round the segment from ``start`` to ``end``.
+    """Mesh a capsule, the surface at ``radius`` round the segment from ``start`` to ``end``.
 
     Parameters
     ----------
@@ -233,18 +228,13 @@ def capsule(start: Vector, end: Vector, radius: float, edge: float) -> Surface:
 def _point(given: Vector, what: str) -> Float64[np.ndarray, "3"]:
     point = real_numbers(np.asarray(given), what)
     if point.shape != (3,):
-        raise InvalidInput(f"{what} has shape {point.shape}, but a point has shape (3,).")
+        raise InvalidInput(f"{what} has shape {point.shape}, but a point has shape (3,).", code="wrong_shape")
     check_finite(point, what)
     return point
 
 
 def turn_from_z(direction: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"]:
-    """Find a rotation that brings the z axis to a direction.
-
-    Parameters
-    ----------
-    direction : (3,) unit vector.
-    """
+    """Find a rotation that brings the z axis to a direction (3,), a unit vector."""
     x, y, z = direction
     if z < 0.0:  # by way of half a turn about x, which keeps the formula away from its pole at -z
         return np.diag([1.0, -1.0, -1.0]) @ turn_from_z(np.array([x, -y, -z]))
@@ -290,9 +280,9 @@ def _spun(points: Float64[np.ndarray, "points 3"], angle: float) -> Float64[np.n
 @cache
 def _belt(first: int, bands: int, around: int) -> Int64[np.ndarray, "triangles 3"]:
     """Triangulate between rings of as many points each, the first ring starting at a given vertex."""
-    turns = np.arange(around)
+    steps = np.arange(around)
     ring = first + around * np.arange(bands)[:, None]
-    here, after = ring + turns, ring + (turns + 1) % around
+    here, after = ring + steps, ring + (steps + 1) % around
     down = np.stack([here, here + around, after], axis=2)
     up = np.stack([after, here + around, after + around], axis=2)
     return np.concatenate([down, up]).reshape(-1, 3)

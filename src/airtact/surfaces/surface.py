@@ -1,27 +1,26 @@
 """Closed triangle surfaces."""
 
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float64, Int64, Integer, Real
 
 from airtact.conventions import InvalidInput
-from airtact.mesh.curving import SHARP_DEGREES, curved
-from airtact.mesh.intersections import self_crossings
+from airtact.mesh.curving import SHARP_DEGREES
+from airtact.mesh.quadratic_triangles import QuadraticTriangles
 from airtact.mesh.topology import (
     check_closed,
     check_indices,
     check_not_degenerate,
     check_orientation,
     check_size,
-    edge_twins,
 )
-from airtact.pose import Pose
+from airtact.pose import Pose, nearest_motion
 from airtact.printing import in_short
-from airtact.surfaces.curved_mesh import CurvedMesh
-from airtact.surfaces.mesh_shape import CurvedShape
+from airtact.surfaces.mesh_shape import MeshShape
 from airtact.surfaces.panels import Panels, panels_of
+from airtact.surfaces.quadratic_mesh import QuadraticMesh
 from airtact.surfaces.shape import Shape
 from airtact.validation import (
     check_finite,
@@ -38,24 +37,27 @@ from airtact.validation import (
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """The skin of a body: a closed mesh of triangles, anticlockwise seen from outside.
+    """The surface of a body: a closed mesh of triangles, anticlockwise seen from outside.
 
     Attributes
     ----------
     vertices : (V, 3) [m].
     triangles : (T, 3) vertex indices.
-    midpoints : (T, 3, 3) points of the true skin over the middles of edges 01, 12, 20 [m], which curve the panels;
+    midpoints : (T, 3, 3) points of the true surface over the middles of edges 01, 12, 20 [m], which curve the panels;
         None to curve them by the normals of the triangles round each vertex.
-    primitive : the exact shape that this is a picture of, or None.
+    primitive : the exact shape that the triangles follow, or None.
     sharp_degrees : edges whose triangles turn by more than this stay sharp; 0 leaves all triangles flat.
-    mended : what was mended before it became a surface, a sentence each.
+    repairs : what was repaired before it became a surface, a sentence each.
+    known_shape : the shape of triangles that are known to be sound, those of a moved surface or a repaired file: with
+        it no triangles are checked. It is no attribute.
+    shape : the true surface: the exact shape, or the curved triangles.
 
     Raises
     ------
     InvalidInput
         Wrong shapes, NaN or infinity, indices out of range, an extent over 2 m or under 0.5 mm, degenerate triangles,
-        an open or inside-out mesh, midpoints that neighbours do not share: each with how many and where. (Crossings of
-        the surface with itself are looked for when it enters a ``Scene``.)
+        an open or inside-out mesh, midpoints that neighbours do not share: each with how many and where. (A ``Scene``
+        looks for crossings of the surface with itself.)
 
     Examples
     --------
@@ -71,25 +73,39 @@ class Surface:
     primitive: Shape | None = None
     sharp_degrees: float = SHARP_DEGREES
     repairs: tuple[str, ...] = ()
+    known_shape: InitVar[Shape | None] = None
+    shape: Shape = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, known_shape: Shape | None) -> None:
         """Check everything that is quick to check and keep read-only copies."""
+        if not 0.0 <= number(self.sharp_degrees, "sharp_degrees", "degrees") <= 180.0:
+            raise InvalidInput(
+                f"sharp_degrees is {self.sharp_degrees:g}, but edges turn by 0 to 180 degrees.", code="out_of_range"
+            )
+        if known_shape is None:
+            self._check()
+            mesh = QuadraticMesh(self.vertices, self.triangles, self.midpoints, self.sharp_degrees)
+            known_shape = self.primitive or MeshShape(mesh, Pose.identity())
+        object.__setattr__(self, "shape", known_shape)
+
+    def _check(self) -> None:
         vertices = points_of(self.vertices, "surface vertices")
         triangles = _triangles_of(self.triangles)
         check_indices(len(vertices), triangles)
-        _check_wrong_angle(self.sharp_degrees)
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "triangles", triangles)
-        check_size(extent_of(self))
+        corners = vertices[triangles]
+        box = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
+        check_size(box if self.primitive is None else self.primitive.extent)
         check_not_degenerate(vertices, triangles)
-        check_closed(vertices, triangles)
-        check_orientation(vertices, triangles)
+        twins = check_closed(vertices, triangles)
+        check_orientation(vertices, triangles, twins)
         if self.midpoints is not None:
             midpoints = real_numbers(self.midpoints, "surface midpoints")
-            _check_bad_midpoints(midpoints, vertices, triangles)
+            _check_midpoints(midpoints, corners, twins)
             object.__setattr__(self, "midpoints", midpoints)
         if self.primitive is not None:
-            _check_other_shape(self.primitive, self.corners)
+            _check_primitive(self.primitive, corners)
 
     __repr__ = in_short
 
@@ -104,19 +120,19 @@ class Surface:
         return fixed(np.linalg.norm(np.roll(self.corners, -1, axis=1) - self.corners, axis=2))
 
     @cached_property
-    def shape(self) -> Shape:
-        """The true skin: the primitive, or the triangles curved by their midpoints or normals."""
-        if self.primitive is not None:
-            return self.primitive
-        middles, sharp = curved(self.vertices, self.triangles, self.sharp_degrees)
-        quadratic_triangles = np.concatenate(
-            [self.corners, middles if self.midpoints is None else self.midpoints], axis=1
-        )
-        return CurvedShape(CurvedMesh(self.vertices, quadratic_triangles, self.triangles, sharp), Pose.identity())
+    def quadratic_triangles(self) -> QuadraticTriangles:
+        """The triangles as curved panels (T, 6, 3) [m]."""
+        middles = self.shape.edge_middles(self.corners) if self.midpoints is None else self.midpoints
+        return np.concatenate([self.corners, middles], axis=1)
+
+    @property
+    def extent(self) -> float:
+        """Largest side of the upright box round it where it was made, or largest distance in its exact shape [m]."""
+        return self.shape.extent
 
     @property
     def area(self) -> float:
-        """Area of the true skin [m²]."""
+        """Area of the true surface [m²]."""
         return self.shape.area
 
     @property
@@ -124,13 +140,18 @@ class Surface:
         """Enclosed volume [m³]."""
         return self.shape.volume
 
+    @property
+    def crossings(self) -> Int64[np.ndarray, "crossings 2"]:
+        """Pairs of triangles (K, 2) that cross or touch beyond what they share as neighbours; none for a primitive."""
+        return self.shape.crossings
+
     def panelled(self, edge: float, beside: Real[np.ndarray, "points 3"] | None = None) -> Panels:
-        """Cover the skin with curved six-node panels, as the solvers do.
+        """Cover the surface with curved quadratic (six-node) panels, as the solvers do.
 
         Parameters
         ----------
         edge : edge of the equilateral triangle as large as the panels wanted [m].
-        beside : (P, 3) points beside which panels are cut finer, down to half of that edge [m].
+        beside : (P, 3) points beside which panels are cut smaller, down to half of that edge [m].
 
         Raises
         ------
@@ -138,18 +159,11 @@ class Surface:
             When the edge is not above zero, or the surface cannot be meshed anew.
         """
         edge = positive(edge, "edge", "m")
-        near = np.empty((0, 3)) if beside is None else points_of(beside, "points beside which panels are finer", 0)
+        near = np.empty((0, 3)) if beside is None else points_of(beside, "points beside which panels are cut", 0)
         return panels_of([self.shape], edge, near, smallest=0.5 * edge)
 
-    @cached_property
-    def crossings(self) -> Int64[np.ndarray, "crossings 2"]:
-        """Pairs of triangles (K, 2) that cross or touch beyond what they share as neighbours; none for a primitive."""
-        if self.primitive is not None:
-            return np.zeros((0, 2), dtype=np.int64)
-        return self_crossings(self.corners, self.triangles)
-
     def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        """How deep points lie under the true skin [m]; negative outside.
+        """How deep points lie under the true surface [m]; negative outside.
 
         Parameters
         ----------
@@ -170,86 +184,108 @@ class Surface:
         pose : the motion.
         """
         of_kind(pose, Pose, "the motion of a surface", "Pose(rotation, translation)")
-        copy = object.__new__(Surface)  # a rigid motion keeps all that was checked, so nothing is checked again
-        object.__setattr__(copy, "vertices", fixed(pose.apply(self.vertices)))
-        object.__setattr__(copy, "triangles", self.triangles)
-        object.__setattr__(copy, "midpoints", None if self.midpoints is None else fixed(pose.apply(self.midpoints)))
-        object.__setattr__(copy, "primitive", None if self.primitive is None else self.primitive.moved(pose))
-        object.__setattr__(copy, "sharp_degrees", self.sharp_degrees)
-        object.__setattr__(copy, "repairs", self.repairs)
-        copy.__dict__["shape"] = self.shape.moved(pose)
-        if "crossings" in self.__dict__:
-            copy.__dict__["crossings"] = self.crossings
-        return copy
+        shape = self.shape.moved(pose)
+        return replace(
+            self,
+            vertices=fixed(pose.apply(self.vertices)),
+            midpoints=None if self.midpoints is None else fixed(pose.apply(self.midpoints)),
+            primitive=None if self.primitive is None else shape,
+            known_shape=shape,  # a rigid motion keeps all that was checked
+        )
 
 
-def extent_of(surface: Surface) -> float:
-    """Largest side of the upright box round a surface, or the largest distance within its exact shape [m].
+def rigid_motion(before: Surface, after: Surface) -> tuple[Pose, float]:
+    """Find the rigid motion that brings a surface nearest to another of the same triangles, in least squares.
 
-    Parameters
-    ----------
-    surface : the surface.
+    Returns
+    -------
+    The motion, and how far the vertex or the middle of an edge that fits worst is off [m]: infinite where the triangles
+    are others, or curved in another way.
     """
-    if surface.primitive is not None:
-        return surface.primitive.extent
-    return float(np.ptp(surface.corners.reshape(-1, 3), axis=0).max())
+    if before is after:
+        return Pose.identity(), 0.0
+    same = before.triangles is after.triangles or np.array_equal(before.triangles, after.triangles)
+    if not same or len(before.vertices) != len(after.vertices) or not _curved_alike(before, after):
+        return Pose.identity(), float("inf")
+    pose = Pose(*nearest_motion(before.vertices, after.vertices))
+    off = np.linalg.norm(pose.apply(before.vertices) - after.vertices, axis=1).max()
+    if before.midpoints is not None and after.midpoints is not None:
+        off = max(off, np.linalg.norm(pose.apply(before.midpoints) - after.midpoints, axis=2).max())
+    return pose, float(off)
+
+
+def _curved_alike(before: Surface, after: Surface) -> bool:
+    """Whether two surfaces are made from their triangles in the same way."""
+    return (
+        type(before.shape) is type(after.shape)
+        and (before.midpoints is None) == (after.midpoints is None)
+        and before.sharp_degrees == after.sharp_degrees
+    )
 
 
 def _triangles_of(given: np.ndarray) -> Int64[np.ndarray, "triangles 3"]:
     try:
         array = np.asarray(given)
     except ValueError:
-        raise InvalidInput(f"the {len(given)} surface triangles do not have three indices each.") from None
+        raise InvalidInput(
+            f"the {len(given)} surface triangles do not have three indices each.", code="wrong_shape"
+        ) from None
     if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
         raise InvalidInput(
-            f"surface triangles have shape {array.shape}, but they are an array of shape (triangles, 3)."
+            f"surface triangles have shape {array.shape}, but they are an array of shape (triangles, 3).",
+            code="wrong_shape",
         )
     if not np.issubdtype(array.dtype, np.integer):
-        raise InvalidInput(f"surface triangles are of type {array.dtype}, but vertex indices are integers.")
+        raise InvalidInput(
+            f"surface triangles are of type {array.dtype}, but vertex indices are integers.", code="not_integers"
+        )
     triangles = np.array(array, dtype=np.int64, order="C")
     triangles.flags.writeable = False
     return triangles
 
 
-def _check_wrong_angle(degrees: float) -> None:
-    if not 0.0 <= number(degrees, "sharp_degrees", "degrees") <= 180.0:
-        raise InvalidInput(f"sharp_degrees is {degrees:g}, but edges turn by 0 to 180 degrees.")
-
-
-def _check_other_shape(primitive: Shape, corners: Float64[np.ndarray, "triangles 3 3"]) -> None:
-    off = np.abs(primitive.depth(corners.reshape(-1, 3)))
-    if off.max() > 1e-6 * primitive.extent:
+def _check_primitive(primitive: Shape, corners: Float64[np.ndarray, "triangles 3 3"]) -> None:
+    points = corners.reshape(-1, 3)
+    off = np.abs(primitive.depth(points))
+    worst = int(off.argmax())
+    if off[worst] > 1e-6 * primitive.extent:
         raise InvalidInput(
-            f"a corner of triangle {int(off.argmax()) // 3} lies {off.max() * 1e3:.3g} mm off the exact shape that the "
-            "surface is said to be; leave the primitive out or take its own mesh."
+            f"a corner of triangle {worst // 3} lies {off[worst] * 1e3:.3g} mm off the exact shape that the surface is "
+            "given as; leave the primitive out or take its own mesh.",
+            points[worst],
+            code="not_on_shape",
         )
 
 
-def _check_bad_midpoints(
-    midpoints: np.ndarray, vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"]
+def _check_midpoints(
+    midpoints: np.ndarray, corners: Float64[np.ndarray, "triangles 3 3"], twins: Int64[np.ndarray, "triangles 3"]
 ) -> None:
-    if midpoints.shape != (len(triangles), 3, 3):
+    if midpoints.shape != corners.shape:
         raise InvalidInput(
-            f"surface midpoints have shape {midpoints.shape}, but {len(triangles)} triangles need "
-            f"({len(triangles)}, 3, 3)."
+            f"surface midpoints have shape {midpoints.shape}, but {len(corners)} triangles need {corners.shape}.",
+            code="wrong_shape",
         )
     check_finite(midpoints, "surface midpoints")
     flat = midpoints.reshape(-1, 3)
-    gap = np.linalg.norm(flat - flat[edge_twins(triangles).ravel()], axis=1)
-    parted = np.flatnonzero(gap > 1e-9 * np.ptp(vertices, axis=0).max())
+    gap = np.linalg.norm(flat - flat[twins.ravel()], axis=1)
+    parted = np.flatnonzero(gap > 1e-9 * np.ptp(corners.reshape(-1, 3), axis=0).max())
     if len(parted):
+        first = flat[parted[0]]
         raise InvalidInput(
             f"{counted(len(parted) // 2, 'edge has a midpoint', 'edges have midpoints')} that the two triangles do not "
-            f"share, the first near "
-            f"{in_mm(flat[parted[0]])}, {gap[parted[0]] * 1e3:.3g} mm apart; the curved skin would be open there.",
-            flat[parted[0]],
+            f"share, the first near {in_mm(first)}, {gap[parted[0]] * 1e3:.3g} mm apart; the curved surface would be "
+            "open there.",
+            first,
+            code="midpoints_not_shared",
         )
-    ends = vertices[triangles]
-    away = np.linalg.norm(midpoints - (ends + np.roll(ends, -1, axis=1)) / 2.0, axis=2)
-    bulge = away / np.linalg.norm(np.roll(ends, -1, axis=1) - ends, axis=2)
+    along = np.roll(corners, -1, axis=1)
+    away = np.linalg.norm(midpoints - (corners + along) / 2.0, axis=2)
+    bulge = away / np.linalg.norm(along - corners, axis=2)
     if bulge.max() > 0.5:
         triangle, edge = np.unravel_index(bulge.argmax(), bulge.shape)
         raise InvalidInput(
             f"a midpoint of triangle {triangle} lies {away[triangle, edge] * 1e3:.3g} mm off the middle of its edge, "
-            f"{bulge.max():.3g} of the edge's length; it may be half of it at most, so use a finer mesh."
+            f"{bulge.max():.3g} of the edge's length; it may be half of it at most, so use smaller triangles.",
+            midpoints[triangle, edge],
+            code="midpoint_off_edge",
         )

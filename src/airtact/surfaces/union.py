@@ -20,12 +20,13 @@ from airtact.surfaces.checks import (
     THINNEST,
     TOUCH,
     approach,
-    refuse_crossed,
-    refuse_too_thin,
-    thin_spot,
+    check_not_crossed,
+    check_surface,
+    thin_part,
 )
-from airtact.surfaces.flattening import AWAY, Mesh, corners_of, flattened
+from airtact.surfaces.flattening import AWAY, corners_of, flattened
 from airtact.surfaces.primitives import Capsule
+from airtact.surfaces.shape import FlatMesh
 from airtact.surfaces.surface import Surface
 from airtact.validation import in_mm, of_kind, within
 
@@ -53,31 +54,31 @@ PASSES = 2
 
 @dataclass(frozen=True, eq=False)
 class _Link:
-    """Two bodies no farther apart than the gap, by their numbers, and a place (3,) between them [m]."""
+    """Two bodies no farther apart than the gap, by their numbers, and a position (3,) between them [m]."""
 
     one: int
     two: int
-    place: Float64[np.ndarray, "3"]
+    position: Float64[np.ndarray, "3"]
 
 
 def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
     """Make one body of several that overlap, touch or stand nearer than a gap.
 
     Material fills the air between two bodies where the distances to both add up to at most the gap, as far as their
-    skins face each other: wholly within 17 degrees, less and less up to 53, so creases in which bodies meet at a wider
-    angle stay as they are. Where a bridge would be thinner than 0.5 mm, all are made of balls of 0.6 mm (1.2 gaps if
-    that is more) with their centres there. Air that is closed in is filled. Elsewhere the skin stays, within 10
+    surfaces face each other: wholly within 17 degrees, less and less up to 53, so furrows in which bodies meet at a
+    wider angle stay as they are. Where a bridge would be thinner than 0.5 mm, all are made of balls of 0.6 mm (1.2 gaps
+    if that is more) with their centres there. Air that is closed in is filled. Elsewhere the surface stays, within 10
     micrometres.
 
     Parameters
     ----------
     surfaces : the bodies, in any order; one that lies wholly in another adds nothing.
-    gap : distance of skins up to which they are bridged [m], 0.1 to 2 mm.
+    gap : distance of surfaces up to which they are bridged [m], 0.1 to 2 mm.
 
     Returns
     -------
-    The merged body; one body alone comes back as it is. Its triangles are flat on bridges and follow the skins of the
-    bodies elsewhere.
+    The merged body; one body alone comes back as it is. Its triangles are flat on bridges and follow the surfaces of
+    the bodies elsewhere.
 
     Raises
     ------
@@ -95,9 +96,9 @@ def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
     bodies = [of_kind(body, Surface, f"body {index}", "a Surface") for index, body in enumerate(surfaces)]
     gap = within(gap, NARROWEST, WIDEST, "the gap to be bridged", "m", "is it in millimetres? Give metres.")
     if not bodies:
-        raise InvalidInput("there are 0 bodies to merge; give one or more.")
+        raise InvalidInput("there are 0 bodies to merge; give one or more.", code="empty")
     for body in bodies:
-        refuse_crossed(body)
+        check_not_crossed(body)
     meshes = {index: flattened(body) for index, body in enumerate(bodies)}
     for index in reversed(range(len(bodies))):
         if any(_lies_in(bodies, meshes, index, other) for other in meshes if other != index):
@@ -105,37 +106,37 @@ def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
     if len(meshes) == 1:
         return bodies[next(iter(meshes))]
     found = _bridged(bodies, meshes, _links(bodies, list(meshes), gap), gap)
-    refuse_crossed(found)
-    refuse_too_thin(found)
+    check_surface(found)
     return found
 
 
-def _bridged(bodies: Sequence[Surface], meshes: dict[int, Mesh], links: Sequence[_Link], gap: float) -> Surface:
+def _bridged(bodies: Sequence[Surface], meshes: dict[int, FlatMesh], links: Sequence[_Link], gap: float) -> Surface:
     """Make one body with bridges as wide as the gap, or thicker ones where these are too thin."""
-    kept = [bodies[index] for index in meshes]
+    left = [bodies[index] for index in meshes]
     pieces = sum(int(shells(triangles).max()) + 1 for _, triangles in meshes.values()) - len(meshes) + 1
-    mended = tuple(sentence for body in kept for sentence in body.repairs)
-    found = kept[0]
+    repairs = tuple(sentence for body in left for sentence in body.repairs)
+    found = left[0]
     for radius in (0.0, max(THICK, 0.6 * gap)):
         bridges = [bridge for link in links for bridge in _bridges(bodies, meshes, link, gap, radius)]
         if radius == 0.0 and any(np.ptp(vertices, axis=0).max() < 2.0 * THICK for vertices, _ in bridges):
             continue
         for simple in SIMPLE:
             vertices, triangles = _united(meshes.values(), bridges, simple)
-            middles = _middles(kept, vertices, triangles)
-            found = Surface(vertices, triangles, middles, sharp_degrees=SHARP_DEGREES, repairs=mended)
+            middles = _middles(left, vertices, triangles)
+            found = Surface(vertices, triangles, middles, sharp_degrees=SHARP_DEGREES, repairs=repairs)
             if len(found.crossings) == 0:
                 break
-        if shells(found.triangles).max() < pieces and thin_spot(found, THINNEST, short=0.0) is None:
+        if shells(found.triangles).max() < pieces and thin_part(found, THINNEST, short=0.0) is None:
             break
     return found
 
 
-def _lies_in(bodies: Sequence[Surface], meshes: dict[int, Mesh], inner: int, outer: int) -> bool:
+def _lies_in(bodies: Sequence[Surface], meshes: dict[int, FlatMesh], inner: int, outer: int) -> bool:
     """Whether a body lies wholly in another, or is the same."""
     one, two = bodies[inner], bodies[outer]
-    if isinstance(one.primitive, Capsule) and isinstance(two.primitive, Capsule):
-        return bool((two.depth(one.primitive.axis) >= one.primitive.radius - TOUCH).all())  # balls at both ends are in
+    match one.shape, two.shape:
+        case Capsule() as rod, Capsule() as round_it:  # the balls at both of its ends are in
+            return bool((round_it.depth(rod.axis) >= rod.radius - TOUCH).all())
     if np.array_equal(meshes[inner][0], meshes[outer][0]) and np.array_equal(meshes[inner][1], meshes[outer][1]):
         return True
     corners = corners_of(meshes[inner])
@@ -144,19 +145,19 @@ def _lies_in(bodies: Sequence[Surface], meshes: dict[int, Mesh], inner: int, out
 
 
 def _links(bodies: Sequence[Surface], chosen: list[int], gap: float) -> list[_Link]:
-    """Pairs of bodies no farther apart than the gap; refused where not all hang together."""
+    """Find pairs of bodies no farther apart than the gap; raise ``InvalidInput`` where not all hang together."""
     links = []
     for one, two in combinations(chosen, 2):
         near = approach(bodies[one], bodies[two], gap * (1.0 + 1e-9))
         if near is not None:
-            links.append(_Link(one, two, near.place))
+            links.append(_Link(one, two, near.position))
     ends = np.array([(link.one, link.two) for link in links], dtype=np.int64).reshape(-1, 2).T
     graph = coo_array((np.ones(len(links), dtype=bool), tuple(ends)), shape=(len(bodies),) * 2)
     part = connected_components(graph, directed=False)[1]
     away = []
     for one, two in combinations(chosen, 2):
         if part[one] != part[two] and (near := approach(bodies[one], bodies[two])) is not None:
-            away.append((near.distance, one, two, near.place))
+            away.append((near.distance, one, two, near.position))
     if away:
         distance, one, two, where = min(away, key=itemgetter(0))
         raise InvalidInput(
@@ -164,24 +165,27 @@ def _links(bodies: Sequence[Surface], chosen: list[int], gap: float) -> list[_Li
             f"do not hang together, but only {gap * 1e3:.3g} mm are bridged; move them together, leave one out, or "
             "give a larger gap.",
             where,
+            code="bodies_too_far",
         )
     return links
 
 
-def _bridges(bodies: Sequence[Surface], meshes: dict[int, Mesh], link: _Link, gap: float, radius: float) -> list[Mesh]:
-    """Mesh what fills the air between two bodies, made of balls where a radius is given."""
+def _bridges(
+    bodies: Sequence[Surface], meshes: dict[int, FlatMesh], link: _Link, gap: float, radius: float
+) -> list[FlatMesh]:
+    """FlatMesh what fills the air between two bodies, made of balls where a radius is given."""
     one, two = meshes[link.one][0], meshes[link.two][0]
     low = np.maximum(one.min(axis=0), two.min(axis=0)) - 2.0 * gap
     high = np.minimum(one.max(axis=0), two.max(axis=0)) + 2.0 * gap
     found = filling(Filling(bodies[link.one].depth, bodies[link.two].depth, low, high, gap), radius)
-    always = balls(link.place[None], radius) if radius > 0.0 else None
+    always = balls(link.position[None], radius) if radius > 0.0 else None
     return [mesh for mesh in (found, always) if mesh is not None]
 
 
 def _middles(
     bodies: Sequence[Surface], vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"]
 ) -> Float64[np.ndarray, "triangles 3 3"]:
-    """Middles of the edges, brought to the skins of the bodies where these are so near that no triangle folds."""
+    """Middles of the edges, brought to the surfaces of the bodies where these are so near that no triangle folds."""
     corners = vertices[triangles]
     along = np.roll(corners, -1, axis=1) - corners
     twice = np.linalg.norm(np.cross(along[:, 0], along[:, 1]), axis=1)
@@ -201,7 +205,7 @@ def _middles(
 
 
 def _united(
-    bodies: Iterable[Mesh], bridges: Iterable[Mesh], simple: float
+    bodies: Iterable[FlatMesh], bridges: Iterable[FlatMesh], simple: float
 ) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
     """Unite closed meshes into one, without slivers and without the air that is closed in."""
     import manifold3d

@@ -23,7 +23,7 @@ from airtact.hand.hand import Hand, Side
 from airtact.hand.joints import CHAINS, FINGERS
 from airtact.hand.shape import HandShape
 from airtact.mesh.quadratic_triangles import QuadraticTriangles, enclosed_volume, panel_areas, smallest_angles
-from airtact.surfaces.mesh_shape import CurvedShape
+from airtact.surfaces.mesh_shape import MeshShape
 from airtact.timing import Progress, no_progress
 from airtact.tracking.recordings import ENDINGS as RECORDINGS
 from airtact.workflows.recording import Replayed, replay_recording
@@ -42,7 +42,7 @@ class Posed:
     """
 
     hand: Hand
-    shape: HandShape | CurvedShape
+    shape: HandShape | MeshShape
     quadratic_triangles: QuadraticTriangles
     file: Path
     picture: Path
@@ -172,8 +172,8 @@ def fit(
     eye = None if camera is None else np.array(camera, dtype=np.float64)
     fitted = fit_hand(points, joints, cast("Side | None", side), eye)
     report_step("bringing its skin to the points")
-    shape = cast("HandShape | CurvedShape", (fitted.surface if edge is None else fitted.skin(edge)).shape)
-    triangles = shape.quadratic_triangles if isinstance(shape, CurvedShape) else shape.panels(edge or EDGE)
+    shape = cast("HandShape | MeshShape", (fitted.surface if edge is None else fitted.skin(edge)).shape)
+    triangles = shape.quadratic_triangles if isinstance(shape, MeshShape) else shape.panels(edge or EDGE)
     distances = -shape.depth(fitted.points)
     picture = _written(triangles, file, lambda drawn: draw_cloud(drawn, fitted, distances), report_step)
     return Fitted(fitted.hand, shape, triangles, file, picture, fitted, distances)

@@ -18,7 +18,7 @@ from airtact.solvers.bem.solver import BoundaryElement
 from airtact.surfaces.checks import check_surface
 from airtact.surfaces.files import load_surface
 from airtact.surfaces.panels import Panels
-from airtact.surfaces.surface import Surface, extent_of
+from airtact.surfaces.surface import Surface
 from airtact.timing import Progress, no_progress
 from airtact.validation import positive
 
@@ -147,7 +147,7 @@ def mesh(
 
 
 def _checked_edge(edge: float, surface: Surface) -> float:
-    edge, extent = positive(edge, "edge", "m"), extent_of(surface)
+    edge, extent = positive(edge, "edge", "m"), surface.extent
     if edge > extent:
         raise InvalidInput(
             f"edge is {edge:g} m, but the surface spans {1e3 * extent:.3g} mm: is it in millimetres? Give metres."

@@ -11,10 +11,10 @@ from airtact.hand.fitting.fit import FittedHand, fit_hand
 from airtact.hand.fitting.size_prior import LEARNED, SPANS, HandAnatomy, anybody
 from airtact.hand.hand import Hand
 from airtact.hand.joints import FINGERS
-from airtact.mesh.closest_point import signed_distance
 from airtact.mesh.topology import edge_twins
 from hand.hand_poses import example, random_pose
 from hand.rigged_hand import Rigged, off_each_other, posed, rough, seen, turned_to_camera
+from mesh.meshes import flat_mesh
 
 CAMERA = np.zeros(3)
 
@@ -121,7 +121,7 @@ def test_moving_the_cloud_moves_the_hand(turn: tuple, shift: tuple) -> None:
 
 
 def test_strays_are_told_from_skin(true_hand: Rigged, fitted: FittedHand) -> None:
-    off = np.abs(signed_distance(true_hand.vertices, true_hand.triangles).depth(fitted.points))
+    off = np.abs(flat_mesh(true_hand.vertices, true_hand.triangles).depth(fitted.points))
 
     assert np.mean(fitted.strays[off > 12e-3]) > 0.8
     assert np.mean(fitted.strays[off < 2e-3]) < 0.1

@@ -9,9 +9,9 @@ from airtact.hand.fitting.fit import FittedHand, fit_hand
 from airtact.hand.fitting.skin_offset import MOST, NEAR, WIDE, WIDTH, in_relief
 from airtact.hand.hand import hand_from_joints
 from airtact.hand.sphere_mesh import Hulls
-from airtact.mesh.closest_point import signed_distance
 from hand.hand_poses import example
 from hand.rigged_hand import Rigged, posed, rough, seen, turned_to_camera
+from mesh.meshes import flat_mesh
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def shown(hulls: Hulls, out: float) -> np.ndarray:
 
 
 def test_skin_that_is_seen_is_nearer_to_the_true_one(true_hand: Rigged, fitted: FittedHand) -> None:
-    true, sight = signed_distance(true_hand.vertices, true_hand.triangles), np.array([0.0, 0.0, -1.0])
+    true, sight = flat_mesh(true_hand.vertices, true_hand.triangles), np.array([0.0, 0.0, -1.0])
     medians = []
     for places in (fitted.hand.shape.skin(3.5e-3).vertices, fitted.surface.vertices):
         faces = fitted.hand.shape.hulls.look(places).gradient @ sight > 0.3

@@ -3,11 +3,11 @@
 import numpy as np
 import trimesh
 
-from airtact.mesh.closest_point import signed_distance
-from airtact.mesh.repair.pipeline import Mended, mended
+from airtact.mesh.repair.pipeline import RepairedMesh, repaired
 from airtact.mesh.topology import cone_volumes
 from airtact.surfaces.checks import check_surface
 from airtact.surfaces.surface import Surface
+from mesh.meshes import flat_mesh
 
 Mesh = tuple[np.ndarray, np.ndarray]
 
@@ -42,9 +42,9 @@ def volume(vertices: np.ndarray, triangles: np.ndarray) -> float:
     return float(cone_volumes(vertices[triangles]).sum())
 
 
-def accepted(vertices: np.ndarray, triangles: np.ndarray, **settings) -> Mended:
+def accepted(vertices: np.ndarray, triangles: np.ndarray, **settings) -> RepairedMesh:
     """Mend, and let the checks of a scene look at what came out."""
-    result = mended(vertices, triangles, **settings)
+    result = repaired(vertices, triangles, **settings)
     check_surface(Surface(result.vertices, result.triangles, repairs=result.notes))
     return result
 
@@ -52,7 +52,7 @@ def accepted(vertices: np.ndarray, triangles: np.ndarray, **settings) -> Mended:
 def distance(one: Mesh, other: Mesh) -> float:
     """Farthest that a vertex or middle of a triangle of one mesh lies off the other [m]."""
     points = np.concatenate([one[0][np.unique(one[1])], one[0][one[1]].mean(axis=1)])
-    return float(np.abs(signed_distance(other[0], other[1]).depth(points)).max())
+    return float(np.abs(flat_mesh(other[0], other[1]).depth(points)).max())
 
 
 def apart(one: Mesh, other: Mesh) -> float:

@@ -6,7 +6,7 @@ import trimesh
 
 from airtact.conventions import InvalidInput
 from airtact.mesh.repair.holes import find_holes
-from airtact.mesh.repair.pipeline import mended
+from airtact.mesh.repair.pipeline import repaired
 from airtact.validation import in_mm
 from mesh.meshes import box_mesh
 from mesh.repair.repaired_meshes import accepted, apart, ball, fine_box, joined, near, tube, volume
@@ -113,7 +113,7 @@ def test_wider_holes_are_filled_when_asked_for():
     v, t = ball()
     gone = near(v, t, v[9])[:80]
     with pytest.raises(InvalidInput, match=r"1 hole is wider than 2 mm, the largest \d"):
-        mended(v, without(t, gone))
+        repaired(v, without(t, gone))
     result = accepted(v, without(t, gone), largest_hole=6e-3)
     assert volume(result.vertices, result.triangles) == pytest.approx(volume(v, t), rel=5e-3)
 
@@ -124,20 +124,20 @@ def test_wider_holes_are_filled_when_asked_for():
 def test_no_hole_is_filled_where_none_may_be():
     v, t = ball()
     with pytest.raises(InvalidInput, match=r"1 hole is wider than 0 mm, the largest 0\.\d+ mm across near \("):
-        mended(v, without(t, [3]), largest_hole=0.0)
+        repaired(v, without(t, [3]), largest_hole=0.0)
 
 
 @pytest.mark.parametrize("width", [-1e-3, 2.0, np.nan])
 def test_a_width_in_another_unit_is_refused(width):
     with pytest.raises(InvalidInput, match=f"largest_hole is {width:g} m, .* is it in millimetres"):
-        mended(*ball(2), largest_hole=width)
+        repaired(*ball(2), largest_hole=width)
 
 
 def test_large_holes_are_counted_and_the_largest_is_placed():
     v, t = fine_box()
     low, high = near(v, t, [-5e-3, 0, 0])[:40], near(v, t, [5e-3, 0, 0])[:80]
     with pytest.raises(InvalidInput, match=r"2 holes are wider than 2 mm, the largest .* near \(5\.00, .*\) mm"):
-        mended(v, without(t, np.r_[low, high]))
+        repaired(v, without(t, np.r_[low, high]))
 
 
 def test_the_lid_of_a_can_is_not_invented():
@@ -145,14 +145,14 @@ def test_the_lid_of_a_can_is_not_invented():
     v, t = 1e-3 * np.asarray(mesh.vertices), np.array(mesh.faces)
     lid = (v[t][:, :, 2] > 9.9e-3).all(axis=1)
     with pytest.raises(InvalidInput, match=r"1 hole is wider than 2 mm, the largest 20 mm across near \(.*10.00\) mm"):
-        mended(v, t[~lid])
+        repaired(v, t[~lid])
     with pytest.raises(InvalidInput, match="1 hole cannot be filled, because the skin round it runs out of its plane"):
-        mended(v, t[~lid], largest_hole=0.03)
+        repaired(v, t[~lid], largest_hole=0.03)
 
 
 def test_a_thin_tube_is_not_closed():
     with pytest.raises(InvalidInput, match=r"2 holes cannot be filled, because the skin .* 1.5 mm across near \("):
-        mended(*tube(0.75e-3, 0.02))
+        repaired(*tube(0.75e-3, 0.02))
 
 
 def test_a_lost_fingertip_is_not_cut_off_flat():
@@ -160,7 +160,7 @@ def test_a_lost_fingertip_is_not_cut_off_flat():
     v, t = 1e-3 * np.asarray(mesh.vertices), np.array(mesh.faces)
     tip = v[t][:, :, 2].min(axis=1) > v[:, 2].max() - 0.8e-3
     with pytest.raises(InvalidInput, match=r"1 hole (cannot be filled|may have taken)"):
-        mended(v, t[~tip])
+        repaired(v, t[~tip])
 
 
 def test_a_hole_that_may_have_taken_a_heard_share_is_refused():
@@ -169,7 +169,7 @@ def test_a_hole_that_may_have_taken_a_heard_share_is_refused():
     with pytest.raises(
         InvalidInput, match=r"1 hole may have taken [\d.]+ % of a body's volume, more than 0.5 %.* near"
     ):
-        mended(v, without(t, gone))
+        repaired(v, without(t, gone))
 
 
 def test_a_ring_missing_between_two_halves_is_refused():
@@ -187,19 +187,19 @@ def test_a_ring_missing_between_two_halves_is_refused():
         t.append([48 + j, 48 + i, 72])
     both = joined((v, np.array(t)), (v * [1, 1, -1], np.array(t)[:, ::-1]))
     with pytest.raises(InvalidInput, match=r"1 pair of holes faces each other, the first 0.6 mm apart near \("):
-        mended(*both)
+        repaired(*both)
 
 
 @pytest.mark.parametrize("size", [1e-3, 2e-2])
 def test_a_single_triangle_is_refused(size):
     with pytest.raises(InvalidInput, match=r"1 hole (is wider than 2 mm|cannot be filled, because).* mm"):
-        mended(size * np.eye(3), np.array([[0, 1, 2]]))
+        repaired(size * np.eye(3), np.array([[0, 1, 2]]))
 
 
 def test_loose_triangles_beside_a_body_are_refused():
     v, t = ball()
     with pytest.raises(InvalidInput, match="1 hole cannot be filled, because"):
-        mended(*joined((v, t), (0.012 + 1e-3 * np.eye(3), np.array([[0, 1, 2]]))))
+        repaired(*joined((v, t), (0.012 + 1e-3 * np.eye(3), np.array([[0, 1, 2]]))))
 
 
 def test_a_rim_of_too_many_edges_is_refused():
@@ -207,7 +207,7 @@ def test_a_rim_of_too_many_edges_is_refused():
     v, t = 1e-3 * np.asarray(mesh.vertices), np.array(mesh.faces)
     lid = (v[t][:, :, 2] > 4.9e-3).all(axis=1)
     with pytest.raises(InvalidInput, match="1 hole of more than 400 edges cannot be filled"):
-        mended(v, t[~lid], largest_hole=0.1)
+        repaired(v, t[~lid], largest_hole=0.1)
 
 
 def test_holes_are_walked_round_against_the_triangles_beside_them():

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from airtact.conventions import InvalidInput
-from airtact.mesh.repair.pipeline import mended
+from airtact.mesh.repair.pipeline import repaired
 from airtact.surfaces.checks import check_surface
 from airtact.surfaces.surface import Surface
 from airtact.validation import in_mm
@@ -17,7 +17,7 @@ from mesh.repair.repaired_meshes import accepted, apart, ball, fine_box, joined,
 
 @pytest.mark.parametrize("mesh", [ball(), fine_box(), torus_mesh(0.02, 0.005), box_mesh()])
 def test_a_mesh_that_needs_nothing_comes_back_as_it_is(mesh):
-    result = mended(*mesh)
+    result = repaired(*mesh)
     assert np.array_equal(result.vertices, mesh[0])
     assert np.array_equal(result.triangles, mesh[1])
     assert result.notes == ()
@@ -55,7 +55,7 @@ def test_nan_in_a_vertex_that_is_named_is_refused(value):
     v = v.copy()
     v[[70, 90], 1] = value
     with pytest.raises(InvalidInput, match=r"2 vertices .* NaN or infinite, the first is vertex 70 beside \(.*\) mm"):
-        mended(v, t)
+        repaired(v, t)
 
 
 @pytest.mark.parametrize("index", [-1, 162, 9999])
@@ -63,12 +63,12 @@ def test_an_index_out_of_range_is_refused(index):
     v, t = ball(2)
     t[17, 1] = index
     with pytest.raises(InvalidInput, match=rf"1 triangle names .* triangle 17 names {index}, .* from 0 to 161"):
-        mended(v, t)
+        repaired(v, t)
 
 
 def test_no_triangles_are_refused():
     with pytest.raises(InvalidInput, match="the surface holds 0 triangles"):
-        mended(ball()[0], np.zeros((0, 3), dtype=np.int64))
+        repaired(ball()[0], np.zeros((0, 3), dtype=np.int64))
 
 
 def test_vertices_a_hair_apart_are_merged_without_moving_the_first():
@@ -89,7 +89,7 @@ def test_the_two_sides_of_a_thin_plate_are_not_merged():
 def test_a_file_in_millimetres_is_asked_about_before_its_holes():
     v, t = ball()
     with pytest.raises(InvalidInput, match=r"spans 16 m.* is this in millimetres"):
-        mended(1e3 * v, t[5:])
+        repaired(1e3 * v, t[5:])
 
 
 # --- triangles ------------------------------------------------------------------------------------------------------
@@ -227,7 +227,7 @@ def test_each_piece_is_turned_by_itself():
 
 def test_a_cavity_is_left_for_the_check_to_refuse():
     v, t = ball()
-    both = mended(np.vstack([v, 0.5 * v]), np.vstack([t, t[:, ::-1] + len(v)]))
+    both = repaired(np.vstack([v, 0.5 * v]), np.vstack([t, t[:, ::-1] + len(v)]))
     with pytest.raises(InvalidInput, match="closed piece 1 of 2 lies inside piece 0"):
         check_surface(Surface(both.vertices, both.triangles))
 
@@ -242,7 +242,7 @@ def test_a_moebius_strip_is_refused():
         a, b, c, d = (i, i + 1, i + 41, i + 40) if i < 39 else (39, 40, 0, 79)  # the ends are joined crosswise
         strip += [[a, b, c], [a, c, d]]
     with pytest.raises(InvalidInput, match=r"80 triangles belong to a one-sided piece.* near \(.*\) mm"):
-        mended(v, np.array(strip))
+        repaired(v, np.array(strip))
 
 
 # --- what hangs together wrongly ------------------------------------------------------------------------------------
@@ -251,19 +251,19 @@ def test_a_moebius_strip_is_refused():
 def test_two_bodies_that_share_a_vertex_are_refused():
     low, high = box_mesh((0, 0, 0), (0.01, 0.01, 0.01)), box_mesh((0.01, 0.01, 0.01), (0.02, 0.02, 0.02))
     with pytest.raises(InvalidInput, match=r"1 vertex joins parts .* near \(10.00, 10.00, 10.00\) mm"):
-        mended(*joined(low, high))
+        repaired(*joined(low, high))
 
 
 def test_two_bodies_that_share_an_edge_are_refused():
     low, high = box_mesh((0, 0, 0), (0.01, 0.01, 0.01)), box_mesh((0.01, 0.01, 0), (0.02, 0.02, 0.01))
     with pytest.raises(InvalidInput, match=r"1 edge has more than two triangles, the first 4 of them near \(10.00, 10"):
-        mended(*joined(low, high))
+        repaired(*joined(low, high))
 
 
 def test_two_bodies_that_share_a_face_are_refused():
     low, high = box_mesh((0, 0, 0), (0.01, 0.01, 0.01)), box_mesh((0.01, 0, 0), (0.02, 0.01, 0.01))
     with pytest.raises(InvalidInput, match="4 edges have more than two triangles, the first 3 of them near"):
-        mended(*joined(low, high))
+        repaired(*joined(low, high))
 
 
 def test_a_wall_inside_a_body_is_refused():
@@ -274,7 +274,7 @@ def test_a_wall_inside_a_body_is_refused():
     lids = [lid + [[i, 0, 0]] for i, lid in enumerate(lids)]
     v = np.vstack([v, [[0, 0, 0], v[240] * [0, 0, 1], [0, 0, 0.02]]])
     with pytest.raises(InvalidInput, match="24 edges have more than two triangles, the first 3 of them"):
-        mended(v, np.vstack([t, *lids]))
+        repaired(v, np.vstack([t, *lids]))
 
 
 def test_a_pillow_without_thickness_is_refused():

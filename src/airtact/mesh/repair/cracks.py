@@ -18,7 +18,7 @@ CRACK = 5e-6
 FLATTEST = 1e-2
 """... if they are also nearer than this share of the edge's length."""
 MOST = 3_000_000
-"""With more vertices near edges than this, the mesh is no cracked surface but loose triangles, and is left alone."""
+"""With more vertices near edges than this, the mesh consists of loose triangles and is left alone."""
 ROUNDS = 8
 """Each round splits one edge of a triangle; later rounds find what was split on the other side of the crack."""
 
@@ -28,11 +28,7 @@ def without_cracks(
 ) -> Int64[np.ndarray, "whole 3"]:
     """Join the border vertices that face each other over a crack, and split the border edges on which others lie.
 
-    Parameters
-    ----------
-    vertices : (V, 3) [m].
-    triangles : (T, 3) vertex indices.
-    notes : what was mended is added here.
+    What was repaired is added to ``notes``.
     """
     triangles = _joined(vertices, triangles, notes)
     split: list[int] = []

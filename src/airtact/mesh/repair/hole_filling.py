@@ -2,8 +2,8 @@
 
 All triangulations of the rim are weighed by dynamic programming, after G. Barequet and M. Sharir, "Filling gaps in the
 boundary of a polyhedron", CAGD 12, 1995, and P. Liepa, "Filling holes in meshes", SGP 2003. The weight is the sum of
-the angles at all edges, towards the skin round the hole too: where a sharp edge of the body runs into the hole, it is
-drawn on through it, because one sharp fold weighs less than many half-sharp ones.
+the angles at all edges, towards the surface round the hole too: where a sharp edge of the body runs into the hole, it
+is drawn on through it, because one sharp fold weighs less than many half-sharp ones.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ THINNEST = 1e-3
 def patch(
     vertices: Float64[np.ndarray, "vertices 3"],
     rim: Int64[np.ndarray, "rim"],
-    skin: Float64[np.ndarray, "rim 3"],
+    beside: Float64[np.ndarray, "rim 3"],
     edges: Int64[np.ndarray, "edges"],
     count: int,
 ) -> Int64[np.ndarray, "filling 3"] | None:
@@ -30,7 +30,7 @@ def patch(
     ----------
     vertices : (V, 3) [m].
     rim : (N,) vertices in the direction of the new triangles.
-    skin : (N, 3) unit normals beside the edge from each rim vertex to the next.
+    beside : (N, 3) unit normals beside the edge from each rim vertex to the next.
     edges : (E,) sorted numbers low * count + high of the edges of the mesh.
     count : the number that they were made with.
     """
@@ -43,7 +43,7 @@ def patch(
     split = np.zeros((size, size), dtype=np.int64)
     index = np.arange(size - 1)
     cost[index, index + 1] = 0.0
-    normal[index, index + 1] = skin[:-1]
+    normal[index, index + 1] = beside[:-1]
     for gap in range(2, size):
         first = np.arange(size - gap)[:, None]
         middle = first + np.arange(1, gap)[None]
@@ -52,7 +52,7 @@ def patch(
         weight = cost[first, middle] + cost[middle, last] + THIN_WEIGHT * thin
         weight += _angles(facing, normal[first, middle]) + _angles(facing, normal[middle, last])
         if gap == size - 1:
-            weight += _angles(facing, np.broadcast_to(skin[-1], facing.shape))
+            weight += _angles(facing, np.broadcast_to(beside[-1], facing.shape))
         best = weight.argmin(axis=1)
         row = np.arange(size - gap)
         cost[row, row + gap] = weight[row, best] + LENGTH_WEIGHT * lengths[row, row + gap] / lengths.max()
@@ -72,8 +72,8 @@ def _barred(
     """Chords that the mesh already has as an edge, or that lead from a vertex to itself."""
     low, high = np.minimum(rim[:, None], rim[None]), np.maximum(rim[:, None], rim[None])
     keys = low * count + high
-    slot = np.minimum(np.searchsorted(edges, keys), len(edges) - 1)
-    return (edges[slot] == keys) | (low == high)
+    found = np.minimum(np.searchsorted(edges, keys), len(edges) - 1)
+    return (edges[found] == keys) | (low == high)
 
 
 def _facing(

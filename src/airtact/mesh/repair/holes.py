@@ -1,8 +1,8 @@
-"""Holes of a triangle mesh: their rims, whether they may be filled, and the triangles that fill them, on plain arrays.
+"""Holes of a triangle mesh: their rims, whether they may be filled, and the mesh with them filled, on plain arrays.
 
-A hole is filled only where the skin round it says what is missing: it is narrow, and the skin leans so little out of
-its plane that even a cone drawn on from the rim would add next to nothing to the body. The open end of a tube, a single
-loose triangle or a lost fingertip lean too much, and are refused.
+A hole is filled only where the surface round it shows what is missing: it is narrow, and the surface leans so little
+out of its plane that even a cone drawn on from the rim would add next to nothing to the body. The open end of a tube, a
+single loose triangle or a lost fingertip lean too much, and raise an error.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from scipy.spatial.distance import pdist
 
 from airtact.conventions import InvalidInput
 from airtact.mesh.repair.hole_filling import patch
-from airtact.mesh.topology import cone_volumes, edge_keys, edge_twins, pieces
+from airtact.mesh.topology import cone_volumes, edge_keys, edge_twins, shells
 from airtact.validation import counted, in_mm
 
 LARGEST_SHARE = 5e-3
@@ -22,7 +22,7 @@ LARGEST_SHARE = 5e-3
 FACING = 0.5
 """Cosine of the angle (60 degrees) off straight ahead within which two near holes face each other."""
 STEEPEST = 0.17
-"""Cosine of the largest mean angle (80 degrees) between the skin round a hole and the plane of the hole."""
+"""Cosine of the largest mean angle (80 degrees) between the surface round a hole and the plane of the hole."""
 MOST_EDGES = 400
 """Longest rim of a hole that is filled."""
 
@@ -34,13 +34,13 @@ class Hole:
     Attributes
     ----------
     rim : (N,) vertices along it, in the direction of the triangles that would fill it.
-    skin : (N,) the triangle beside the edge from each rim vertex to the next.
+    beside : (N,) the triangle beside the edge from each rim vertex to the next.
     width : largest distance of two rim vertices [m].
     middle : (3,) mean of the rim [m].
     """
 
     rim: Int64[np.ndarray, "rim"]
-    skin: Int64[np.ndarray, "rim"]
+    beside: Int64[np.ndarray, "rim"]
     width: float
     middle: Float64[np.ndarray, "3"]
 
@@ -51,20 +51,13 @@ def without_holes(
     largest: float,
     notes: list[str],
 ) -> Int64[np.ndarray, "more 3"]:
-    """Fill the small holes of a mesh and refuse the others.
-
-    Parameters
-    ----------
-    vertices : (V, 3) [m].
-    triangles : (T, 3) vertex indices of a mesh whose neighbours run alike.
-    largest : widest hole that is filled [m].
-    notes : what was mended is added here.
+    """Fill the holes, at most ``largest`` [m] wide, of a mesh whose neighbours run alike; add a sentence to ``notes``.
 
     Raises
     ------
     InvalidInput
-        With the number of holes that are too wide, that cut off what nobody can tell, or that no triangles over their
-        own vertices close; with the place and width of the largest.
+        With the number of holes that are too wide, whose missing part is unknown, or that no triangles over their own
+        vertices close; with the position and width of the largest.
     """
     holes = find_holes(vertices, triangles)
     if not holes:
@@ -72,20 +65,19 @@ def without_holes(
     _check_wide(holes, largest)
     normals = _normals(vertices[triangles])
     missing = np.array([_missing(vertices, normals, hole) for hole in holes])
-    _refuse(
+    _check_none(
         [hole for hole, volume in zip(holes, missing, strict=True) if not np.isfinite(volume)],
-        "cannot be filled, because the skin round it runs out of its plane and nobody can tell what is missing",
-        "cannot be filled, because the skin round them runs out of their planes and nobody can tell what is missing",
+        "cannot be filled, because the surface round it runs out of its plane: what is missing there is unknown",
     )
     keys = np.unique(edge_keys(triangles))
     count = int(triangles.max()) + 1
-    fillings = [patch(vertices, hole.rim, normals[hole.skin], keys, count) for hole in holes]
+    fillings = [patch(vertices, hole.rim, normals[hole.beside], keys, count) for hole in holes]
     unfilled = [hole for hole, filling in zip(holes, fillings, strict=True) if filling is None]
     no_way = "cannot be filled without meeting the surface again"
-    _refuse(unfilled, no_way, no_way)
+    _check_none(unfilled, no_way)
     whole = np.concatenate([triangles, *(filling for filling in fillings if filling is not None)])
     twins = edge_twins(whole)
-    _refuse([hole for hole in holes if _still_open(hole, whole, twins)], no_way, no_way)
+    _check_none([hole for hole in holes if _still_open(hole, whole, twins)], no_way)
     _check_doubtful(vertices, whole, twins, holes, missing)
     widest = max(hole.width for hole in holes)
     filled = counted(len(holes), "hole", "holes")
@@ -105,10 +97,10 @@ def _check_wide(holes: list[Hole], largest: float) -> None:
             f"the surface is open: {are} wider than {largest * 1e3:g} mm, the largest {widest.width * 1e3:.3g} mm "
             f"across near {in_mm(widest.middle)}; close it in the file, or let wider ones be filled with largest_hole.",
             widest.middle,
+            code="hole_too_wide",
         )
     long = [hole for hole in holes if len(hole.rim) > MOST_EDGES]
-    said = f"of more than {MOST_EDGES} edges cannot be filled"
-    _refuse(long, said, said)
+    _check_none(long, f"of more than {MOST_EDGES} edges cannot be filled")
 
 
 def _ahead(vertices: Float64[np.ndarray, "vertices 3"], hole: Hole) -> Float64[np.ndarray, "3"]:
@@ -118,13 +110,14 @@ def _ahead(vertices: Float64[np.ndarray, "vertices 3"], hole: Hole) -> Float64[n
     return area / max(float(np.linalg.norm(area)), 1e-30)
 
 
-def _refuse(holes: list[Hole], one: str, many: str) -> None:
+def _check_none(holes: list[Hole], fault: str) -> None:
     if holes:
         widest = max(holes, key=lambda hole: hole.width)
         raise InvalidInput(
-            f"the surface is open: {counted(len(holes), 'hole ' + one, 'holes ' + many)}, the largest "
+            f"the surface is open: {counted(len(holes), 'hole', 'holes')} {fault}, the largest "
             f"{widest.width * 1e3:.3g} mm across near {in_mm(widest.middle)}; close it in the file.",
             widest.middle,
+            code="hole_not_fillable",
         )
 
 
@@ -135,22 +128,21 @@ def _check_doubtful(
     holes: list[Hole],
     missing: Float64[np.ndarray, "holes"],
 ) -> None:
-    """Refuse holes that face each other or may have taken a share of their body that would be heard."""
-    piece = pieces(twins)
+    """Check that no holes face each other or may have taken an audible share of their body."""
+    piece = shells(whole, twins)
     volumes = np.bincount(piece, weights=cone_volumes(vertices[whole]))
-    where = piece[[hole.skin[0] for hole in holes]]
+    where = piece[[hole.beside[0] for hole in holes]]
     turned = np.sign(volumes[where])  # a body that is still inside out looks the other way
     _check_facing(holes, turned[:, None] * [_ahead(vertices, hole) for hole in holes])
     share = np.bincount(where, weights=missing, minlength=len(volumes)) / np.maximum(np.abs(volumes), 1e-30)
     worst = float(share.max())
     if worst > LARGEST_SHARE:
         here = [hole for hole, number in zip(holes, where, strict=True) if share[number] > LARGEST_SHARE]
-        taken = f"may have taken {100 * worst:.2g} % of a body's volume, more than {100 * LARGEST_SHARE:g} %"
-        _refuse(here, taken, taken)
+        _check_none(here, f"may have taken {100 * worst:.2g} % of a body's volume, more than {100 * LARGEST_SHARE:g} %")
 
 
 def _check_facing(holes: list[Hole], ahead: Float64[np.ndarray, "holes 3"]) -> None:
-    """Refuse holes between which a bridge is missing: filled, they would part what belongs together."""
+    """Check that no bridge is missing between holes: filled, they would part what belongs together."""
     middles = np.array([hole.middle for hole in holes])
     widths = np.array([hole.width for hole in holes])
     pairs = KDTree(middles).query_pairs(float(widths.max()), output_type="ndarray")
@@ -167,6 +159,7 @@ def _check_facing(holes: list[Hole], ahead: Float64[np.ndarray, "holes 3"]) -> N
             f"other, the first {gap[first] * 1e3:.2g} mm apart near {in_mm(between)}, so "
             "the bridge between them may be missing; close them in the file.",
             between,
+            code="bridge_missing",
         )
 
 
@@ -178,17 +171,17 @@ def _still_open(hole: Hole, whole: Int64[np.ndarray, "triangles 3"], twins: Int6
 def _missing(
     vertices: Float64[np.ndarray, "vertices 3"], normals: Float64[np.ndarray, "triangles 3"], hole: Hole
 ) -> float:
-    """Volume of the cone that the skin round a hole would close to if it went on straight [m³]; infinite for a tube."""
+    """Volume of the cone that the surface round a hole closes to if it goes on straight [m³]; infinite for a tube."""
     points = vertices[hole.rim] - hole.middle
     after = np.roll(points, -1, axis=0)
     ahead = _ahead(vertices, hole)
     size = float(ahead @ np.cross(points, after).sum(axis=0)) / 2.0
     lengths = np.linalg.norm(after - points, axis=1)
-    cosine = float(lengths @ (normals[hole.skin] @ ahead)) / max(float(lengths.sum()), 1e-30)
+    cosine = float(lengths @ (normals[hole.beside] @ ahead)) / max(float(lengths.sum()), 1e-30)
     if cosine < STEEPEST:
         return np.inf
-    slope = np.sqrt(max(1.0 - cosine**2, 0.0)) / cosine
-    return size * hole.width / 2.0 * float(slope) / 3.0
+    tangent = np.sqrt(max(1.0 - cosine**2, 0.0)) / cosine
+    return size * hole.width / 2.0 * float(tangent) / 3.0
 
 
 def _normals(corners: Float64[np.ndarray, "triangles 3 3"]) -> Float64[np.ndarray, "triangles 3"]:
@@ -198,15 +191,10 @@ def _normals(corners: Float64[np.ndarray, "triangles 3 3"]) -> Float64[np.ndarra
 
 
 def find_holes(vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"]) -> list[Hole]:
-    """Walk along the borders of a mesh.
+    """Walk along the borders of a mesh whose neighbours run alike.
 
     Where several holes meet in a vertex, the walk takes the border that comes next round that vertex, so that it goes
     round one gap at a time.
-
-    Parameters
-    ----------
-    vertices : (V, 3) [m].
-    triangles : (T, 3) vertex indices of a mesh whose neighbours run alike.
     """
     border = np.flatnonzero(edge_twins(triangles).ravel() < 0)
     starts = np.roll(triangles, -1, axis=1).ravel()[border]  # a hole runs against the triangles beside it
@@ -265,5 +253,5 @@ def _matched(going: Int64[np.ndarray, "pairs"], turn: Float64[np.ndarray, "pairs
 def _width(points: Float64[np.ndarray, "rim 3"]) -> float:
     if len(points) <= MOST_EDGES:
         return float(pdist(points).max())
-    far = points[np.linalg.norm(points - points[0], axis=1).argmax()]  # two sweeps are near enough for a refusal
+    far = points[np.linalg.norm(points - points[0], axis=1).argmax()]  # two sweeps are near enough for an error
     return float(np.linalg.norm(points - far, axis=1).max())

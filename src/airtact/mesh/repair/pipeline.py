@@ -1,8 +1,8 @@
-"""Mending damaged triangle meshes: what can be put right is put right and listed, what cannot is refused.
+"""Repairing damaged triangle meshes: what can be put right is put right and listed, what cannot raises an error.
 
-Every step leaves a mesh without its damage as it is, and says in one sentence each what it changed, with a number and
-the place of the first. The order matters: vertices are made one before triangles are compared, triangles run alike
-before slivers are flipped, holes are filled before the enclosed volume tells what is outside. Source of the kinds of
+Every step leaves a mesh without its damage as it is, and notes in one sentence each what it changed, with a number and
+the position of the first. The order matters: vertices are made one before triangles are compared, triangles run alike
+before slivers are flipped, holes are filled before the enclosed volume shows what is outside. Source of the kinds of
 damage and of the order: M. Attene, M. Campen, L. Kobbelt, "Polygon mesh repairing: an application perspective", ACM
 Computing Surveys 45(2), 2013, sections 2 and 3.
 """
@@ -19,8 +19,8 @@ from airtact.conventions import InvalidInput
 from airtact.mesh.repair.cracks import without_cracks
 from airtact.mesh.repair.holes import without_holes
 from airtact.mesh.repair.slivers import without_slivers
-from airtact.mesh.repair.winding import refuse_bow_ties, turned_outward, wound_alike
-from airtact.mesh.topology import check_indices, check_size, edge_twins
+from airtact.mesh.repair.winding import check_no_bow_ties, turned_outward, wound_alike
+from airtact.mesh.topology import check_closed, check_indices, check_not_degenerate, check_size, edge_twins
 from airtact.printing import in_short
 from airtact.validation import counted, in_mm, number, real_numbers
 
@@ -33,15 +33,15 @@ LARGEST_HOLE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Mended:
-    """A mesh that was mended.
+class RepairedMesh:
+    """A mesh that was repaired.
 
     Attributes
     ----------
     vertices : (V, 3) [m].
-    triangles : (T, 3) vertex indices; closed, neighbours run alike, closed pieces look outward.
-    notes : one sentence for each kind of damage that was mended, with a number and the place of the first; empty when
-        nothing was.
+    triangles : (T, 3) vertex indices; closed, not degenerate, neighbours run alike, closed pieces look outward.
+    notes : one sentence for each kind of damage that was repaired, with a number and the position of the first; empty
+        when nothing was.
     """
 
     vertices: Float64[np.ndarray, "vertices 3"]
@@ -51,15 +51,15 @@ class Mended:
     __repr__ = in_short
 
 
-def mended(
+def repaired(
     vertices: Real[np.ndarray, "vertices 3"], triangles: Integer[np.ndarray, "triangles 3"], largest_hole: float = 2e-3
-) -> Mended:
-    """Mend a damaged triangle mesh, or refuse it with the place of what cannot be mended.
+) -> RepairedMesh:
+    """Repair a damaged triangle mesh, or raise an error with the position of what cannot be repaired.
 
-    Mended are: vertices that no triangle names or that stand within a micrometre of another, triangles that repeat
+    Repaired are: vertices that no triangle names or that stand within a micrometre of another, triangles that repeat
     another or have no area, needles and caps, cracks without width, patches and pieces wound the wrong way, and small
-    holes where the surface round them says what is missing. A mesh that needs nothing comes back as it is. Whether the
-    surface crosses itself is left to ``check_surface``.
+    holes where the surface round them shows what is missing. A mesh that needs nothing comes back as it is.
+    ``check_surface`` looks for crossings of the surface with itself.
 
     Parameters
     ----------
@@ -71,13 +71,13 @@ def mended(
     ------
     InvalidInput
         Indices out of range, NaN in a vertex that is named, an extent over 2 m or under 0.5 mm, edges of more than two
-        triangles, one-sided surfaces, holes that are too large or whose missing part cannot be told, parts that hang
-        together in a point: each with how many and where.
+        triangles, one-sided surfaces, holes that are too large or whose missing part is unknown, parts that hang
+        together in a point, triangles or pieces that stay flat: each with how many and where.
 
     Examples
     --------
     >>> corners = 0.01 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1]])
-    >>> notes = mended(corners, np.array([[0, 2, 1], [0, 1, 3], [0, 2, 4], [1, 2, 3]])).notes
+    >>> notes = repaired(corners, np.array([[0, 2, 1], [0, 1, 3], [0, 2, 4], [1, 2, 3]])).notes
     >>> print(*notes)
     1 triangle ran against its neighbours and was turned, the first near (0.00, 3.33, 3.33) mm.
     """
@@ -85,20 +85,21 @@ def mended(
     vertices, triangles = real_numbers(vertices, "surface vertices"), triangles.astype(np.int64)
     check_indices(len(vertices), triangles)
     if len(triangles) == 0:
-        raise InvalidInput("the surface holds 0 triangles; give a closed one.")
+        raise InvalidInput("the surface holds 0 triangles; give a closed one.", code="no_triangles")
     notes: list[str] = []
     vertices, triangles = _with_named_vertices(vertices, triangles, notes)
     check_size(float(np.ptp(vertices, axis=0).max()))
     vertices, triangles = _with_merged_vertices(vertices, triangles, notes)
     triangles = _with_three_corners(vertices, triangles, notes)
     triangles = _without_repeats(vertices, triangles, notes)
-    triangles, twins = _closed(vertices, triangles, largest_hole, notes)
-    refuse_bow_ties(vertices, triangles, twins)
+    triangles = _closed(vertices, triangles, largest_hole, notes)
+    check_not_degenerate(vertices, triangles)
+    twins = check_closed(vertices, triangles)
+    check_no_bow_ties(vertices, triangles, twins)
     triangles = turned_outward(vertices, triangles, twins, notes)
     named = np.zeros(len(vertices), dtype=bool)
     named[triangles] = True
-    vertices, triangles = _kept(vertices, triangles, named)
-    return Mended(vertices, triangles, tuple(notes))
+    return RepairedMesh(*_without_vertices(vertices, triangles, named), tuple(notes))
 
 
 def _closed(
@@ -106,35 +107,34 @@ def _closed(
     triangles: Int64[np.ndarray, "triangles 3"],
     largest_hole: float,
     notes: list[str],
-) -> tuple[Int64[np.ndarray, "closed 3"], Int64[np.ndarray, "closed 3"]]:
-    """Close the mesh with all triangles running alike, and find its ``edge_twins``."""
-    twins = edge_twins(triangles)
-    if (twins >= 0).all():
-        smooth = without_slivers(vertices, triangles, notes)
-        return smooth, twins if smooth is triangles else edge_twins(smooth)
+) -> Int64[np.ndarray, "closed 3"]:
+    """Close the mesh with all triangles running alike."""
+    if (edge_twins(triangles) >= 0).all():
+        return without_slivers(vertices, triangles, notes)
     triangles = without_cracks(vertices, triangles, notes)
     triangles = wound_alike(vertices, triangles, notes)
     triangles = without_slivers(vertices, triangles, notes)
     filled = without_holes(vertices, triangles, largest_hole, notes)
     if filled is not triangles:
         filled = without_slivers(vertices, filled, notes)  # a rim along a straight line is filled with caps
-    return filled, edge_twins(filled)
+    return filled
 
 
 def _width(largest_hole: float) -> float:
     width = number(largest_hole, "largest_hole", "m")
     if not 0.0 <= width <= LARGEST_HOLE:
         raise InvalidInput(
-            f"largest_hole is {width:g} m, but it must lie between 0 and {LARGEST_HOLE:g} m: is it in millimetres?"
+            f"largest_hole is {width:g} m, but it must lie between 0 and {LARGEST_HOLE:g} m: is it in millimetres?",
+            code="out_of_range",
         )
     return width
 
 
-def _kept(
+def _without_vertices(
     vertices: Float64[np.ndarray, "vertices 3"],
     triangles: Int64[np.ndarray, "triangles 3"],
     keep: Bool[np.ndarray, "vertices"],
-) -> tuple[Float64[np.ndarray, "kept 3"], Int64[np.ndarray, "triangles 3"]]:
+) -> tuple[Float64[np.ndarray, "left 3"], Int64[np.ndarray, "triangles 3"]]:
     """Leave some vertices out and count the others anew."""
     if keep.all():
         return vertices, triangles
@@ -144,7 +144,7 @@ def _kept(
 def _with_named_vertices(
     vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"], notes: list[str]
 ) -> tuple[Float64[np.ndarray, "named 3"], Int64[np.ndarray, "triangles 3"]]:
-    """Drop the vertices that no triangle names, and refuse NaN in the others."""
+    """Drop the vertices that no triangle names; raise ``InvalidInput`` for NaN in the others."""
     named = np.zeros(len(vertices), dtype=bool)
     named[triangles] = True
     wrong = np.flatnonzero(named & ~np.isfinite(vertices).all(axis=1))
@@ -155,24 +155,25 @@ def _with_named_vertices(
         beside = known.mean(axis=0) if len(known) else None
         near = "" if beside is None else f" beside {in_mm(beside)}"
         raise InvalidInput(
-            f"{count} NaN or infinite, the first is vertex {int(wrong[0])}{near}; give it a place or remove its "
+            f"{count} NaN or infinite, the first is vertex {int(wrong[0])}{near}; give it a position or remove its "
             "triangles.",
             beside,
+            code="not_finite",
         )
     idle = np.flatnonzero(~named)
     if len(idle):
         count = counted(len(idle), "vertex that no triangle names was", "vertices that no triangle names were")
         notes.append(f"{count} dropped, the first is vertex {int(idle[0])}.")
-    return _kept(vertices, triangles, named)
+    return _without_vertices(vertices, triangles, named)
 
 
 def _with_merged_vertices(
     vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"], notes: list[str]
 ) -> tuple[Float64[np.ndarray, "merged 3"], Int64[np.ndarray, "triangles 3"]]:
-    """Make vertices at the same place one: the first of them, which stays where it is."""
+    """Make vertices at the same position one: the first of them, which stays where it is."""
     first = _first_alike(vertices)
     own = first == np.arange(len(vertices))
-    vertices, triangles = _kept(vertices, first[triangles], own)
+    vertices, triangles = _without_vertices(vertices, first[triangles], own)
     near = min(SAME_PLACE * float(np.ptp(vertices, axis=0).max()), FARTHEST_MERGED)
     pairs = KDTree(vertices, compact_nodes=False, balanced_tree=False).query_pairs(near, output_type="ndarray")
     if len(pairs) == 0:
@@ -187,7 +188,7 @@ def _with_merged_vertices(
         f"{merged} merged with another within {near * 1e6:.2g} micrometres, the first near "
         f"{in_mm(vertices[(~own).argmax()])}."
     )
-    return _kept(vertices, first[triangles], own)
+    return _without_vertices(vertices, first[triangles], own)
 
 
 def _first_alike(vertices: Float64[np.ndarray, "vertices 3"]) -> Int64[np.ndarray, "vertices"]:
@@ -219,12 +220,11 @@ def _with_three_corners(
         "triangles with two corners in one vertex were",
     )
     notes.append(f"{count} removed, the first near {in_mm(vertices[triangles[collapsed.argmax()]].mean(axis=0))}.")
-    return _some_left(triangles[~collapsed])
-
-
-def _some_left(triangles: Int64[np.ndarray, "left 3"]) -> Int64[np.ndarray, "left 3"]:
+    triangles = triangles[~collapsed]
     if len(triangles) == 0:
-        raise InvalidInput("0 triangles of the surface have an area; check its unit and its scale.")
+        raise InvalidInput(
+            "0 triangles of the surface have an area; check its unit and its scale.", code="no_triangles"
+        )
     return triangles
 
 

@@ -1,7 +1,7 @@
 """Slivers: needles lose their short edge, caps hand their long edge to the neighbour, on plain arrays.
 
-A surface with slivers is closed and right, but their normals point anywhere. Both cures move the skin by no more than
-the sliver is high. Source: M. Botsch, L. Kobbelt, "A robust procedure to eliminate degenerate faces from triangle
+A surface with slivers is closed and right, but their normals point anywhere. Both cures move the surface by no more
+than the sliver is high. Source: M. Botsch, L. Kobbelt, "A robust procedure to eliminate degenerate faces from triangle
 meshes", VMV 2001.
 """
 
@@ -18,9 +18,9 @@ from airtact.validation import counted, in_mm
 FLATTEST = 1e-3
 """A triangle is a sliver when its height is below this share of its longest edge ..."""
 HIGHEST = 5e-6
-"""... and below this [m], which is as far as the skin is moved."""
+"""... and below this [m], which is as far as the surface is moved."""
 ATTEMPTS = 4
-"""Where mending lets the skin cross itself, it is done again without the slivers there, so many times at most."""
+"""Where a repair lets the surface cross itself, it is done again without the slivers there, so often at most."""
 
 
 def without_slivers(
@@ -28,11 +28,7 @@ def without_slivers(
 ) -> Int64[np.ndarray, "left 3"]:
     """Collapse needles and flip the longest edges of caps, where that leaves the surface closed and unfolded.
 
-    Parameters
-    ----------
-    vertices : (V, 3) [m].
-    triangles : (T, 3) vertex indices of a mesh with at most two triangles at an edge.
-    notes : what was mended is added here.
+    The mesh has at most two triangles at an edge; what was repaired is added to ``notes``.
     """
     thin = np.flatnonzero(are_slivers(vertices[triangles]))
     if len(thin) == 0:
@@ -40,7 +36,7 @@ def without_slivers(
     left_alone = np.zeros(len(vertices), dtype=bool)
     for _ in range(ATTEMPTS):
         fabric = _Fabric(vertices, triangles)
-        needles, caps = _mend(fabric, thin[~left_alone[triangles[thin]].any(axis=1)])
+        needles, caps = _repair(fabric, thin[~left_alone[triangles[thin]].any(axis=1)])
         crossing = fabric.crossing()
         if len(crossing) == 0:
             break
@@ -51,8 +47,8 @@ def without_slivers(
         (needles, "needle was collapsed", "needles were collapsed"),
         (
             caps,
-            "flat cap was mended by flipping its longest edge",
-            "flat caps were mended by flipping their longest edges",
+            "flat cap was removed by flipping its longest edge",
+            "flat caps were removed by flipping their longest edges",
         ),
     ):
         if found:
@@ -61,8 +57,8 @@ def without_slivers(
     return fabric.triangles[fabric.alive]
 
 
-def _mend(fabric: "_Fabric", thin: Int64[np.ndarray, "some"]) -> tuple[list[int], list[int]]:
-    """Work off slivers and what becomes one; which were collapsed and which flipped."""
+def _repair(fabric: "_Fabric", thin: Int64[np.ndarray, "some"]) -> tuple[list[int], list[int]]:
+    """Repair slivers and what becomes one: which were collapsed and which flipped."""
     queue, left = deque(thin.tolist()), 20 * len(thin)
     needles, caps = [], []
     while queue and left > 0:
@@ -82,12 +78,7 @@ def _mend(fabric: "_Fabric", thin: Int64[np.ndarray, "some"]) -> tuple[list[int]
 
 
 def are_slivers(corners: Float64[np.ndarray, "some 3 3"]) -> Bool[np.ndarray, "some"]:
-    """Whether triangles are so flat that their normals mean nothing.
-
-    Parameters
-    ----------
-    corners : (T, 3, 3) [m].
-    """
+    """Whether triangles are so flat that their normals mean nothing."""
     a, b, c = np.moveaxis(corners, 1, 0)
     along, up = b - a, c - a
     longest = np.sqrt(np.maximum(np.maximum(_squares(along), _squares(up)), _squares(c - b)))
@@ -163,7 +154,7 @@ class _Fabric:
         return len(self.ring(vertex)) != len(self.round(vertex))
 
     def collapse(self, needle: int) -> list[int] | None:
-        """Draw the shortest edge of a triangle into one of its ends; None where it is long or the skin would fold."""
+        """Draw the shortest edge of a triangle into one of its ends; None if it is long or the surface would fold."""
         corners = self.corners(needle)
         lengths = self.lengths(corners)
         shortest = lengths.index(min(lengths))
@@ -182,7 +173,7 @@ class _Fabric:
         return None
 
     def _would_pinch(self, keep: int, gone: int, shared: set[int]) -> bool:
-        """Whether drawing a vertex into another would tie parts of the skin together or change a hole's shape."""
+        """Whether drawing a vertex into another would tie parts of the surface together or change a hole's shape."""
         apexes = {corner for triangle in shared for corner in self.corners(triangle)} - {keep, gone}
         if self.ring(keep) & self.ring(gone) != apexes or len(apexes) != len(shared):
             return True
@@ -213,7 +204,7 @@ class _Fabric:
         return [cap, neighbour] if self._changed({cap: new[0], neighbour: new[1]}) else None
 
     def _changed(self, changes: dict[int, list[int] | None]) -> bool:
-        """Make changes and say so, unless they turn a triangle over; slivers look anywhere, so they may turn."""
+        """Make changes and return True, unless they turn a triangle over; slivers may turn."""
         for triangle, corners in changes.items():
             if corners is not None and not self.thin(triangle) and self.folds(self.corners(triangle), corners):
                 return False

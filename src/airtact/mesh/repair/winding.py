@@ -6,7 +6,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from airtact.conventions import InvalidInput
-from airtact.mesh.topology import cone_volumes, edge_keys, pieces
+from airtact.mesh.topology import cone_volumes, edge_keys, shells
 from airtact.validation import counted, in_mm
 
 
@@ -17,17 +17,12 @@ def wound_alike(
 
     Every triangle stands twice in a graph, as it is and turned round, and is tied to those copies of its neighbours
     that run as it does. A piece that can be wound alike falls into two mirrored parts; a one-sided one stays one.
-
-    Parameters
-    ----------
-    vertices : (V, 3) [m].
-    triangles : (T, 3) vertex indices.
-    notes : what was mended is added here.
+    What was repaired is added to ``notes``.
 
     Raises
     ------
     InvalidInput
-        With the number and place of edges of more than two triangles, or of one-sided pieces.
+        With the number and position of edges of more than two triangles, or of one-sided pieces.
     """
     here, there, alike = _neighbours(vertices, triangles)
     count = len(triangles)
@@ -41,9 +36,9 @@ def wound_alike(
         where = vertices[triangles[one_sided[0]]].mean(axis=0)
         raise InvalidInput(
             f"{counted(len(one_sided), 'triangle belongs', 'triangles belong')} to a one-sided piece, as a Moebius "
-            f"strip is, the first near {in_mm(where)}: nobody can tell what "
-            "is outside of it; remove it.",
+            f"strip is, the first near {in_mm(where)}: it has no inside; remove it.",
             where,
+            code="mesh_one_sided",
         )
     as_given = np.bincount(plain, minlength=2 * count)
     flip = (as_given[plain] < as_given[turned]) | ((as_given[plain] == as_given[turned]) & (plain > turned))
@@ -76,6 +71,7 @@ def _neighbours(
             f"{edges} more than two triangles, the first {int(sizes[(order[starts] == first).argmax()])} of them near "
             f"{in_mm(ends.mean(axis=0))}: bodies meet there or a fin stands out; part them or remove it.",
             ends.mean(axis=0),
+            code="edge_shared_by_many",
         )
     twice = starts[sizes == 2]
     one, two = order[twice], order[twice + 1]
@@ -91,15 +87,20 @@ def turned_outward(
 ) -> Int64[np.ndarray, "triangles 3"]:
     """Turn the closed pieces round that are inside out, that is, enclose a volume below zero.
 
-    Parameters
-    ----------
-    vertices : (V, 3) [m].
-    triangles : (T, 3) vertex indices of a closed mesh.
-    twins : (T, 3) its ``edge_twins``.
-    notes : what was mended is added here.
+    ``twins`` are the ``edge_twins`` of the triangles; what was repaired is added to ``notes``. Raises ``InvalidInput``
+    for pieces that enclose nothing.
     """
-    piece = pieces(twins)
+    piece = shells(triangles, twins)
     volumes = np.bincount(piece, weights=cone_volumes(vertices[triangles]))
+    flat = np.flatnonzero(volumes == 0.0)
+    if len(flat):
+        where = vertices[triangles[(piece == flat[0]).argmax()]].mean(axis=0)
+        raise InvalidInput(
+            f"{counted(len(flat), 'closed piece encloses', 'closed pieces enclose')} 0 cm³, the first near "
+            f"{in_mm(where)}; remove it or give it a thickness.",
+            where,
+            code="mesh_without_volume",
+        )
     inward = np.flatnonzero(volumes < 0.0)
     if len(inward) == 0:
         return triangles
@@ -112,23 +113,17 @@ def turned_outward(
     return np.where(flip[:, None], triangles[:, ::-1], triangles)
 
 
-def refuse_bow_ties(
+def check_no_bow_ties(
     vertices: Float64[np.ndarray, "vertices 3"],
     triangles: Int64[np.ndarray, "triangles 3"],
     twins: Int64[np.ndarray, "triangles 3"],
 ) -> None:
-    """Refuse vertices in which parts of a closed mesh hang together by that point alone.
-
-    Parameters
-    ----------
-    vertices : (V, 3) [m].
-    triangles : (T, 3) vertex indices of a closed mesh.
-    twins : (T, 3) its ``edge_twins``.
+    """Check that no parts of a closed mesh, with its ``edge_twins``, hang together by one vertex alone.
 
     Raises
     ------
     InvalidInput
-        With the number of such vertices and the place of the first.
+        With the number of such vertices and the position of the first.
     """
     after = (3 * (twins // 3) + (twins + 1) % 3).ravel()  # the next corner round the same vertex
     least, jump = np.arange(len(after)), after
@@ -145,4 +140,5 @@ def refuse_bow_ties(
             f"{hang} parts of the surface that touch nowhere else, the first near {in_mm(vertices[tied[0]])}: a body "
             "cannot hang by a point; move the parts apart or join them.",
             vertices[tied[0]],
+            code="parts_share_vertex",
         )

@@ -21,7 +21,7 @@ from airtact.solvers.bem.reduced_body import ReducedBody
 from airtact.solvers.gmres import GmresResult, gmres
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.surfaces.panels import LARGEST_TO_POINT, LONGEST_TO_EQUILATERAL
-from airtact.surfaces.rigid_motion import rigid_motion
+from airtact.surfaces.surface import rigid_motion
 from airtact.validation import counted
 
 MOVED = 1e-3

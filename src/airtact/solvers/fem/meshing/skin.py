@@ -11,11 +11,10 @@ from jaxtyping import Bool, Float64, Int64, Real
 from scipy.spatial import KDTree
 
 from airtact.mesh.quadratic_triangles import QuadraticTriangles
-from airtact.mesh.remeshing import Ridged, remeshed
+from airtact.mesh.remeshing import RidgedMesh, remeshed
 from airtact.mesh.sizing import bend_sizes, strip_sizes
 from airtact.printing import in_short
 from airtact.solvers.fem.meshing.symmetry import Mirror
-from airtact.surfaces.mesh_shape import CurvedShape
 from airtact.surfaces.shape import Shape
 
 LARGEST = 1.5
@@ -96,7 +95,7 @@ def skin_mesh(shapes: Sequence[Shape], edge: float, mirrors: Sequence[Mirror]) -
 
 def _covered(
     shape: Shape,
-    rough: Ridged,
+    rough: RidgedMesh,
     edge: float,
     others: Real[np.ndarray, "others 3"],
     mirrors: Sequence[Mirror],
@@ -122,7 +121,7 @@ def _covered(
 
 
 def _on_the_skin(
-    shape: Shape, flat: Ridged, edge: float, mirrors: Sequence[Mirror]
+    shape: Shape, flat: RidgedMesh, edge: float, mirrors: Sequence[Mirror]
 ) -> tuple[Float64[np.ndarray, "vertices 3"], Float64[np.ndarray, "triangles 3 3"]]:
     """Vertices and mid-edge points on the true skin, moved outwards until they enclose its volume."""
     ridges, key = np.sort(flat.ridges, axis=1), len(flat.vertices)
@@ -157,9 +156,7 @@ def _projected(
     points = _put_on(points, held, mirrors)
     found = shape.project(points)
     if creased.any():
-        assert isinstance(shape, CurvedShape)
-        rest = shape.pose.inverse().apply(points[creased])
-        found[creased] = shape.pose.apply(shape.mesh.project_on_sharp_edges(rest))
+        found[creased] = shape.project_on_sharp_edges(points[creased])
     return _put_on(found, held, mirrors)
 
 
@@ -172,12 +169,12 @@ def _put_on(
     return points
 
 
-def _mean_edge(mesh: Ridged) -> float:
+def _mean_edge(mesh: RidgedMesh) -> float:
     corners = mesh.vertices[mesh.triangles]
     return float(np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).mean())
 
 
-def _with_cut(mesh: Ridged, mirror: Mirror, snap: float) -> Ridged:
+def _with_cut(mesh: RidgedMesh, mirror: Mirror, snap: float) -> RidgedMesh:
     """Cut the triangles of a mesh along a plane; the cut becomes a sharp edge, which MMG keeps."""
     vertices = np.array(mesh.vertices)
     side = vertices[:, mirror.axis] - mirror.place
@@ -185,7 +182,7 @@ def _with_cut(mesh: Ridged, mirror: Mirror, snap: float) -> Ridged:
     side = np.where(np.abs(side) < snap, 0.0, side)
     triangles, ridges = mesh.triangles, mesh.ridges
     if side.min() >= 0 or side.max() <= 0:
-        return Ridged(vertices, triangles, ridges)
+        return RidgedMesh(vertices, triangles, ridges)
     ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     unique, inverse = np.unique(ends, axis=0, return_inverse=True)
     crossed = side[unique[:, 0]] * side[unique[:, 1]] < 0
@@ -198,7 +195,7 @@ def _with_cut(mesh: Ridged, mirror: Mirror, snap: float) -> Ridged:
     vertices, side = np.concatenate([vertices, added]), np.concatenate([side, np.zeros(len(added))])
     pieces = _pieces(triangles, number[inverse.ravel()].reshape(-1, 3))
     split_ridges = _split_ridges(ridges, unique, number, len(vertices))
-    return Ridged(vertices, pieces, np.concatenate([split_ridges, _edges_between(pieces, side)]))
+    return RidgedMesh(vertices, pieces, np.concatenate([split_ridges, _edges_between(pieces, side)]))
 
 
 def _pieces(

@@ -9,7 +9,6 @@ from jaxtyping import Float64, Real
 
 from airtact.conventions import InvalidInput
 from airtact.scene.scene import Obstacle, Scene
-from airtact.surfaces.mesh_shape import CurvedShape
 
 AXES = "xyz"
 
@@ -95,8 +94,7 @@ def signs(parity: Sequence[int]) -> Float64[np.ndarray, "images"]:
 
 
 def _on_skin(obstacle: Obstacle) -> Float64[np.ndarray, "places 3"]:
-    shape = obstacle.surface.shape
-    return shape.extreme_points() if isinstance(shape, CurvedShape) else np.array(obstacle.surface.vertices)
+    return obstacle.surface.quadratic_triangles.reshape(-1, 3)
 
 
 def _off_symmetry(scene: Scene, mirror: Mirror) -> float:
