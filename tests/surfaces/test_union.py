@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from airtact.conventions import InvalidInput
 from airtact.surfaces.checks import check_surface
 from airtact.surfaces.primitives import capsule, sphere
 from airtact.surfaces.surface import Surface
 from airtact.surfaces.union import merged
+from faults import raises_code
 from mesh.meshes import box_mesh
 
 BALL = 4 / 3 * np.pi * 0.008**3
@@ -54,8 +54,8 @@ def test_one_body_and_one_inside_another_come_back_as_they_are():
     assert merged([sphere(0.003, 0.002), ball]) is ball
 
 
-def test_bodies_far_apart_are_refused_with_their_distance():
-    with pytest.raises(InvalidInput, match=r"bodies 0 and 1 are 1 mm apart near .* but only 0\.3 mm are bridged"):
+def test_bodies_far_apart_are_rejected_with_their_distance():
+    with raises_code("bodies_too_far", "bodies 0 and 1", " 1 mm apart near (", " 0.3 mm"):
         merged(pair(0.001))
-    with pytest.raises(InvalidInput, match="0 bodies to merge"):
+    with raises_code("empty", "0 bodies"):
         merged([])
