@@ -21,7 +21,7 @@ _EDGES = ([0, 1], [1, 2], [2, 0])
 def self_crossings(
     corners: Real[np.ndarray, "triangles 3 3"], triangles: Int[np.ndarray, "triangles 3"]
 ) -> Int64[np.ndarray, "crossings 2"]:
-    """Find pairs of triangles of one mesh that cross or touch beyond the corner or edge that they share, in ascending order.
+    """Find pairs of triangles of one mesh that cross or touch beyond what they share; in ascending order.
 
     Parameters
     ----------
