@@ -17,7 +17,7 @@ from airtact.experiments.ratios import ratios
 from airtact.experiments.rigid_motion import rigid_motion
 from airtact.experiments.settings import FULL, QUICK, Settings
 from airtact.experiments.solved import solved
-from airtact.pages.page import document, folded, paragraph, section, table, tiles
+from airtact.pages.page import document, folded, heading, paragraph, section, table, tiles
 from airtact.timing import Clock
 
 PAGE = "index.html"
@@ -109,7 +109,7 @@ def _facts(parts: list[Part]) -> tuple[tuple[str, str], ...]:
 def _page(settings: Settings, parts: list[Part], waiting: list[str], clock: Clock) -> str:
     title = "Inoue, Makino, Shinoda 2014, done again"
     head = [
-        f"<h1>{title}</h1>",
+        heading(title),
         paragraph(
             "Producing Airborne Ultrasonic 3D Tactile Image by Time Reversal Field Rendering, SICE Annual Conference "
             "2014, computed anew: 996 transducers round 14 x 14 x 18 cm at 40 kHz, two fingers, a focus on the skin of "

@@ -21,7 +21,7 @@ class Part:
     Attributes
     ----------
     title : its heading.
-    pieces : HTML made by ``report.page``.
+    pieces : HTML made by ``pages.page``.
     facts : (number, what it is), for the head of the page.
     """
 

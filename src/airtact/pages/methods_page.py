@@ -1,9 +1,9 @@
 """The page that compares ways to make a drive: a table, bars against the bound, and each field on one scale."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
@@ -12,7 +12,7 @@ from airtact.atomic import whole_file
 from airtact.evaluation.metrics import NOT_MODELLED
 from airtact.figures.field_figure import Cut, draw_fields
 from airtact.figures.method_figure import draw_bars
-from airtact.pages.page import document, folded, paragraph, picture, section, table, tiles
+from airtact.pages.page import page_from, picture
 from airtact.scene.target import Target
 from airtact.solvers.problem import SolveReport
 from airtact.transfer import Drive, TransferMatrix
@@ -27,9 +27,9 @@ class Contender:
     ----------
     name : of the method.
     drive : what it gave.
-    emitted : the same in 256 levels, which is what was judged.
-    pressures : (F,) peak pressure at the foci, by the judging solver [Pa].
-    quiet : (Q,) peak pressure at the suppression points [Pa].
+    emitted : the same in 256 levels, which is what is verified.
+    pressures : (F,) peak pressure at the foci, by the verification solve [Pa].
+    suppression_points : (Q,) peak pressure at the suppression points [Pa].
     seconds : how long it took [s].
     """
 
@@ -65,10 +65,10 @@ class Contest:
     foci : a name for each.
     bodies : a name for each body.
     contenders : the methods that made a drive, and the control last.
-    said : sentences of methods that made no drive or stalled.
+    notes : warnings of methods that made no drive or stalled.
     transfer : what the drives were made from.
     bound : no drive of amplitudes up to 1 gives every focus more than this times its weight [Pa].
-    report : how the judging solver came to the pressures.
+    report : how the verification solve came to the pressures.
     cut : the field of each drive in one plane.
     seconds : wall time by step [s].
     """
@@ -106,32 +106,30 @@ def write_methods_page(path: Path, contest: Contest) -> None:
 
     Parameters
     ----------
-    path : the file to write; it appears only once it is whole.
+    path : the file to write; it appears only once it is complete.
     contest : what to show.
     """
-    pieces = [*_summary(contest), *_table(contest), *_pictures(contest), *_how(contest)]
+    values = {**_summary(contest), **_tables(contest), **_pictures(contest)}
+    title = f"airtact: methods for {contest.title}"
     with whole_file(path) as partial:
-        partial.write_text(document(f"airtact: methods for {contest.title}", pieces), encoding="utf-8")
+        partial.write_text(page_from("methods.html.j2", title=title, contest=contest, **values), "utf-8")
 
 
-def _summary(contest: Contest) -> Iterable[str]:
+def _summary(contest: Contest) -> dict[str, Any]:
     best = contest.best
-    foci = counted(len(contest.foci), "focus", "foci")
-    yield f"<h1>{escape(contest.title)}: ways to make the drive</h1>"
-    yield paragraph(
-        f"{counted(len(contest.contenders), 'drive', 'drives')} for {foci}, all made from one transfer matrix with "
-        "the bodies in it, rounded to 256 levels, and judged by a finer solution.",
-        "lead",
-    )
-    yield tiles(
-        [
+    return {
+        "drives": counted(len(contest.contenders), "drive", "drives"),
+        "foci": counted(len(contest.foci), "focus", "foci"),
+        "facts": [
             (best.name, "gives its worst focus most"),
-            (f"{contest.worst(best):,.0f}", f"{_unit(contest)} at that focus"),
-            (f"{contest.of_the_bound(best):.0%}", "of a bound that no drive can pass, at full scale"),
+            (_digits(contest.worst(best)), f"{_unit(contest)} at that focus"),
+            (f"{contest.of_the_bound(best):.0%}", "of a bound that no drive exceeds, at full scale"),
             (f"{1e3 * best.seconds:.3g} ms", "to make that drive"),
-        ]
-    )
-    yield from (paragraph(words, "warning") for words in (*contest.notes, *contest.report.warnings))
+        ],
+        "warnings": [*contest.notes, *contest.report.warnings],
+        "not_modelled": NOT_MODELLED,
+        "steps": [[name, f"{seconds:.2f} s"] for name, seconds in contest.seconds.items()],
+    }
 
 
 def _unit(contest: Contest) -> str:
@@ -141,8 +139,12 @@ def _unit(contest: Contest) -> str:
     return "Pa" if contest.target.shares is None else "Pa over the share asked"
 
 
-def _table(contest: Contest) -> Iterable[str]:
-    yield section("What each method gives")
+def _digits(pressure: float) -> str:
+    """Write a pressure over its weight with four digits."""
+    return f"{pressure:,.0f}" if pressure >= 1e3 else f"{pressure:.4g}"
+
+
+def _tables(contest: Contest) -> dict[str, Any]:
     rows = []
     for one in sorted(contest.contenders, key=contest.of_the_bound, reverse=True):
         exact, rounded = (
@@ -151,7 +153,7 @@ def _table(contest: Contest) -> Iterable[str]:
         rows.append(
             [
                 one.name,
-                f"{contest.worst(one):,.4g}",
+                _digits(contest.worst(one)),
                 f"{contest.of_the_bound(one):.0%}",
                 f"{one.pressures.mean():,.0f}",
                 f"{one.pressures.min() / one.pressures.max():.2f}",
@@ -161,55 +163,28 @@ def _table(contest: Contest) -> Iterable[str]:
                 *([f"{one.suppression_level:+.1f}"] if len(one.suppression_points) else []),
             ]
         )
-    header = [
-        "method",
-        f"worst focus [{_unit(contest)}]",
-        "at full scale, of the bound",
-        "mean [Pa]",
-        "weakest / strongest",
-        "energy",
-        "rounding",
-        "time [ms]",
-        *(["suppression points [dB]"] if len(contest.target.suppression_points) else []),
-    ]
-    yield table(header, rows)
-    yield paragraph(
-        "The bound is certified for amplitudes up to full scale on this transfer matrix; no drive passes it, and "
-        "it need not be reachable. Energy is the mean of |d|² over the transducers. Rounding is how much "
-        "256 levels change the pressure at the foci at most. The control, hand ignored, is made from distances alone."
-        + (
-            " Suppression points: their mean p² over that of the foci."
-            if len(contest.target.suppression_points)
-            else ""
-        )
-    )
-    focus_rows = [[one.name, *(f"{pressure:,.0f}" for pressure in one.pressures)] for one in contest.contenders]
-    yield table(["peak pressure [Pa]", *contest.foci], focus_rows)
+    columns = ["mean [Pa]", "weakest / strongest", "energy", "rounding", "time [ms]"]
+    suppressed = ["suppression points [dB]"] if len(contest.target.suppression_points) else []
+    return {
+        "header": ["method", f"worst focus [{_unit(contest)}]", "at full scale, of the bound", *columns, *suppressed],
+        "rows": rows,
+        "focus_header": ["peak pressure [Pa]", *contest.foci],
+        "focus_rows": [[one.name, *(f"{pressure:,.0f}" for pressure in one.pressures)] for one in contest.contenders],
+    }
 
 
-def _pictures(contest: Contest) -> Iterable[str]:
+def _pictures(contest: Contest) -> dict[str, Any]:
     names = [one.name for one in contest.contenders]
     strengths = np.array([contest.of_the_bound(one) * contest.bound for one in contest.contenders])
-    yield picture(
+    bars = picture(
         draw_bars(names, strengths, contest.bound, f"worst focus at full scale [{_unit(contest)}]"),
-        "What the worst focus gets by each method with its loudest transducer at full scale, against the bound.",
-        "Bars of the pressure at the worst focus for each method, and a line at the bound",
+        "What the worst focus gets by each method with its strongest transducer at full scale, against the bound.",
+        f"Bars of the pressure at the worst focus for each method, from {_digits(strengths.min())} to "
+        f"{_digits(strengths.max())}, and a line at the bound of {_digits(contest.bound)}",
     )
-    yield section("The field of each drive")
-    yield picture(
+    fields = picture(
         draw_fields(contest.cut, contest.target.points, contest.foci, "each drive as it is"),
         "Peak pressure in the plane nearest to the foci, on one colour scale. Bodies are grey.",
-        "Maps of pressure for each method",
+        f"Maps of pressure for {len(names)} drives",
     )
-
-
-def _how(contest: Contest) -> Iterable[str]:
-    yield section("How this was computed")
-    report = contest.report
-    yield paragraph(
-        f"Judged by {report.solver} with {report.nodes:,} unknowns, estimated error {report.estimated_error:.2g}, "
-        f"around {', '.join(contest.bodies) or 'nothing'}. {NOT_MODELLED}"
-    )
-    steps = [[name, f"{seconds:.2f} s"] for name, seconds in contest.seconds.items()]
-    yield table(["step", "time"], steps)
-    yield folded("The scene file", contest.text)
+    return {"bars": bars, "fields": fields}

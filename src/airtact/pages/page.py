@@ -1,43 +1,53 @@
-"""Pieces of one self-contained HTML page: pictures embedded, no script, nothing fetched."""
+"""Self-contained HTML pages from the templates beside this module: pictures embedded, no script, nothing fetched."""
 
 import base64
 import io
 from collections.abc import Iterable, Sequence
-from html import escape
+from functools import cache
+from pathlib import Path
+from typing import Any
 
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
 from matplotlib.figure import Figure
 from matplotlib.image import imsave
 
 from airtact.figures.picture_file import PIXELS, drawn
 
-STYLE = """
-:root { color-scheme: light; --ink: #1d2430; --soft: #5b6675; --line: #dde2e9; --accent: #5a2a83; }
-body { font: 16px/1.55 system-ui, "Segoe UI", Roboto, "Helvetica Neue", sans-serif; color: var(--ink);
-  max-width: 68rem; margin: 2.5rem auto 4rem; padding: 0 1.5rem; background: #fff; }
-h1 { font-size: 1.7rem; margin: 0 0 .3rem; }
-h2 { font-size: 1.2rem; margin: 2.8rem 0 .6rem; padding-top: 1rem; border-top: 1px solid var(--line); }
-p { max-width: 50rem; }
-.lead { color: var(--soft); margin-top: 0; }
-.tiles { display: flex; flex-wrap: wrap; gap: .8rem; margin: 1.4rem 0; }
-.tile { border: 1px solid var(--line); border-radius: .5rem; padding: .7rem 1rem; min-width: 9rem; flex: 1; }
-.tile b { display: block; font-size: 1.45rem; color: var(--accent); font-variant-numeric: tabular-nums; }
-.tile span { color: var(--soft); font-size: .85rem; }
-figure { margin: 1rem 0; overflow-x: auto; }
-img { max-width: 100%; height: auto; display: block; }
-figcaption, caption { color: var(--soft); font-size: .9rem; text-align: left; max-width: 50rem; }
-caption { padding: 0 0 .4rem; }
-.scroll { overflow-x: auto; margin: 1rem 0; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .92rem; }
-th, td { padding: .3rem .9rem .3rem 0; text-align: right; border-bottom: 1px solid var(--line); vertical-align: top; }
-th:first-child, td:first-child { text-align: left; }
-thead th { color: var(--soft); font-weight: 600; }
-.text th, .text td { text-align: left; }
-.warning { border-left: 4px solid #d9822b; background: #fff7ec; padding: .6rem 1rem; }
-pre { background: #f6f7f9; padding: 1rem; overflow-x: auto; font-size: .85rem; }
-"""
+
+@cache
+def _templates() -> Environment:
+    return Environment(
+        loader=FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
 
 
-def picture(figure: Figure, caption: str, alternative: str) -> str:
+def page_from(template: str, **values: Any) -> str:
+    """Fill a template with values; text among them is escaped.
+
+    Parameters
+    ----------
+    template : name of the file, such as "report.html.j2".
+    values : what the template names.
+    """
+    return _templates().get_template(template).render(values)
+
+
+def _piece(name: str, *values: Any) -> Markup:
+    """Fill a macro of ``pieces.html.j2``."""
+    return getattr(_templates().get_template("pieces.html.j2").module, name)(*values)
+
+
+def document(title: str, pieces: Iterable[str]) -> str:
+    """Put pieces made by the functions of this module together as one page; any other text is escaped."""
+    return page_from("page.html.j2", title=title, pieces=list(pieces))
+
+
+def picture(figure: Figure, caption: str, alternative: str) -> Markup:
     """Embed a figure as PNG.
 
     Parameters
@@ -50,59 +60,42 @@ def picture(figure: Figure, caption: str, alternative: str) -> str:
     pixels = drawn(figure)
     imsave(buffer, pixels, format="png")
     data = base64.b64encode(buffer.getvalue()).decode("ascii")
-    width = round(pixels.shape[1] / PIXELS)
-    image = f'<img alt="{escape(alternative)}" width="{width}" src="data:image/png;base64,{data}">'
-    return f"<figure>{image}<figcaption>{escape(caption)}</figcaption></figure>"
+    return _piece("picture", data, round(pixels.shape[1] / PIXELS), caption, alternative)
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "", text: bool = False) -> str:
+def table(header: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "", text: bool = False) -> Markup:
     """Lay out rows of words; all but the first column to the right, or to the left if ``text``.
 
-    >>> table(["focus", "Pa"], [["thumb", "12"]])[-63:]
-    '<tbody><tr><td>thumb</td><td>12</td></tr></tbody></table></div>'
+    >>> print(table(["focus", "Pa"], [["<thumb>", "12"]]))
+    <div class="scroll"><table>
+    <thead><tr><th>focus</th><th>Pa</th></tr></thead>
+    <tbody>
+    <tr><td>&lt;thumb&gt;</td><td>12</td></tr>
+    </tbody></table></div>
     """
-    head = "".join(f"<th>{escape(word)}</th>" for word in header)
-    body = "".join("<tr>" + "".join(f"<td>{escape(word)}</td>" for word in row) + "</tr>" for row in rows)
-    title = f"<caption>{escape(caption)}</caption>" if caption else ""
-    kind = ' class="text"' if text else ""
-    return f'<div class="scroll"><table{kind}>{title}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+    return _piece("table", header, list(rows), caption, text)
 
 
-def tiles(facts: Iterable[tuple[str, str]]) -> str:
+def tiles(facts: Iterable[tuple[str, str]]) -> Markup:
     """Show a few numbers large, each (number, what it is)."""
-    shown = "".join(
-        f'<div class="tile"><b>{escape(number)}</b><span>{escape(what)}</span></div>' for number, what in facts
-    )
-    return f'<div class="tiles">{shown}</div>'
+    return _piece("tiles", list(facts))
 
 
-def paragraph(words: str, kind: str = "") -> str:
+def paragraph(words: str, kind: str = "") -> Markup:
     """One paragraph; ``kind`` may be "lead" or "warning"."""
-    return f'<p class="{kind}">{escape(words)}</p>' if kind else f"<p>{escape(words)}</p>"
+    return _piece("paragraph", words, kind)
 
 
-def folded(title: str, text: str) -> str:
+def folded(title: str, text: str) -> Markup:
     """Show a text as it is, behind a title to click."""
-    return f"<details><summary>{escape(title)}</summary><pre>{escape(text)}</pre></details>"
+    return _piece("folded", title, text)
 
 
-def document(title: str, pieces: Iterable[str]) -> str:
-    """Put pieces of HTML together as one page.
-
-    Parameters
-    ----------
-    title : of the page.
-    pieces : HTML made by the functions of this module.
-    """
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(title)}</title><style>{STYLE}</style></head>\n<body>\n"
-        + "\n".join(pieces)
-        + "\n</body></html>\n"
-    )
+def heading(title: str) -> Markup:
+    """Head a page."""
+    return _piece("heading", title)
 
 
-def section(title: str) -> str:
+def section(title: str) -> Markup:
     """Head a section."""
-    return f"<h2>{escape(title)}</h2>"
+    return _piece("section", title)

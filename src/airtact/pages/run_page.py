@@ -1,9 +1,9 @@
 """The page of one run: what the transducers emit, what it does, and how it was computed."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
@@ -14,8 +14,8 @@ from airtact.evaluation.metrics import NOT_MODELLED
 from airtact.figures.field_figure import Cut, draw_close_ups, draw_fields
 from airtact.figures.phase_figure import draw_phases
 from airtact.figures.scene_figure import draw_scene
-from airtact.pages.page import document, folded, paragraph, picture, section, table, tiles
-from airtact.scene.scene import Scene
+from airtact.pages.page import page_from, picture
+from airtact.scene.scene import Obstacle, Scene
 from airtact.scene.target import Target
 from airtact.solvers.problem import SolveReport
 from airtact.synthesis.quantise import Frame
@@ -27,7 +27,7 @@ CITATION = (
     "S. Inoue, Y. Makino, H. Shinoda, Producing Airborne Ultrasonic 3D Tactile Image by Time Reversal Field Rendering, "
     "SICE Annual Conference 2014, 1360"
 )
-LOUD = 5e3
+NONLINEAR = 5e3
 """Peak pressure from which the page warns that air is no longer linear [Pa]: a Mach number above 3 %."""
 
 
@@ -49,11 +49,11 @@ class Run:
     frame : the same in 256 levels.
     transfer : what the drive was made from.
     beacons : how the transfer matrix was solved.
-    reached : (F,) peak pressure at the foci under the drive, by the judging solver [Pa].
+    reached : (F,) peak pressure at the foci under the drive, by the verification solve [Pa].
     comparison : the drive against the one that ignores the hand.
     plane : pressures of both, at equal energy, in the plane through the foci.
     close_ups : the same across each focus; may be none.
-    said : what the method said of having stopped early.
+    notes : warnings of a method that stopped early.
     seconds : wall time by step of the run [s].
     """
 
@@ -82,189 +82,151 @@ def write_page(path: Path, run: Run) -> None:
 
     Parameters
     ----------
-    path : the file to write; it appears only once it is whole.
+    path : the file to write; it appears only once it is complete.
     run : what to show.
     """
-    pieces = [*_summary(run), *_emission(run), *_fields(run), *_space(run), *_foci(run), *_how(run)]
+    values = {**_summary(run), **_pictures(run), **_foci(run), **_how(run)}
     with whole_file(path) as partial:
-        partial.write_text(document(f"airtact: {run.title}", pieces), encoding="utf-8")
+        partial.write_text(page_from("report.html.j2", title=f"airtact: {run.title}", run=run, **values), "utf-8")
+
+
+def _summary(run: Run) -> dict[str, Any]:
+    ratio = float(run.comparison.ratios("equal energy")[1].mean())
+    solve = sum(run.seconds[step] for step in ("beacons", "transfer", "drive"))
+    warnings = [*run.notes, *run.beacons.warnings, *run.comparison.report.warnings]
+    if run.reached.max() > NONLINEAR:
+        warnings.append(
+            f"The computation is linear; at {_rounded(run.reached.max())} Pa real air steepens the wave, and a real "
+            "focus is weaker."
+        )
+    scatter = "scatters" if len(run.bodies) == 1 else "scatter"
+    return {
+        "transducers": _transducers(run),
+        "frequency": f"{run.scene.frequency / 1e3:g} kHz",
+        "foci": counted(len(run.foci), "focus", "foci"),
+        "stand": "stands" if len(run.foci) == 1 else "stand",
+        "where": f"beside {_and(run.bodies)}, which {scatter} the sound" if run.bodies else "in open air",
+        "facts": [
+            (f"{_rounded(run.reached.min())} Pa", "peak pressure at the weakest focus"),
+            (f"{ratio:.2f} ×", "pressure when the hand is ignored, at equal energy, mean over the foci"),
+            (f"{solve:.2f} s", "to solve and make the drive"),
+            (_percent(run.comparison.report.estimated_error), "estimated error of these pressures"),
+        ],
+        "warnings": list(dict.fromkeys(warnings)),
+    }
 
 
 def _transducers(run: Run) -> str:
     return counted(len(run.array), "transducer", "transducers")
 
 
-def _summary(run: Run) -> Iterable[str]:
-    share = float(run.comparison.ratios("equal energy")[1].mean())
-    count = f"{len(run.foci)} {'focus' if len(run.foci) == 1 else 'foci'}"
-    yield f"<h1>{escape(run.title)}</h1>"
-    yield paragraph(
-        f"What {_transducers(run)} must emit at {run.scene.frequency / 1e3:g} kHz so that {count} stand {_where(run)}.",
-        "lead",
+def _pictures(run: Run) -> dict[str, Any]:
+    considered, ignored = run.comparison.names
+    held = "both drives at equal energy"
+    off = 1e3 * np.abs(run.plane.window.height_of(run.target.points)).max()
+    plane, dashed = "through the foci", ""
+    if off >= 0.5:
+        plane, dashed = f"nearest to the foci, which are up to {off:.1f} mm off it", " Foci off the plane are dashed."
+    close_ups = run.close_ups and picture(
+        draw_close_ups(run.close_ups, run.foci, held),
+        "Peak pressure across each focus, at right angles to the surface, which lies below it; one colour scale.",
+        "Maps of pressure around each focus",
     )
-    solve = sum(run.seconds[step] for step in ("beacons", "transfer", "drive"))
-    yield tiles(
-        [
-            (f"{_rounded(run.reached.min())} Pa", "peak pressure at the weakest focus"),
-            (f"{share:.2f} ×", "pressure when the hand is ignored, at equal energy, mean over the foci"),
-            (f"{share**2:.2f} ×", "the same in pressure squared"),
-            (f"{solve:.2f} s", "to solve and make the drive"),
-            (_percent(run.comparison.report.estimated_error), "estimated error of these pressures"),
-        ]
+    fields = picture(
+        draw_fields(run.plane, run.target.points, run.foci, held),
+        f"Peak pressure in the plane {plane}, on one colour scale.{dashed}",
+        f"Two maps of pressure side by side, {considered} and {ignored}, up to "
+        f"{_rounded(max(np.nanmax(np.abs(one)) for one in run.plane.pressures.values()))} Pa",
     )
-    warnings = [*run.notes, *run.beacons.warnings, *run.comparison.report.warnings]
-    if run.reached.max() > LOUD:
-        warnings.append(
-            f"The computation is linear; at {_rounded(run.reached.max())} Pa real air steepens the wave, and a real "
-            "focus is weaker."
-        )
-    yield from (paragraph(words, "warning") for words in dict.fromkeys(warnings))
-
-
-def _where(run: Run) -> str:
-    if not run.bodies:
-        return "in open air"
-    return f"beside {_and(run.bodies)}, which {'scatters' if len(run.bodies) == 1 else 'scatter'} the sound"
-
-
-def _emission(run: Run) -> Iterable[str]:
-    exact = np.abs(run.transfer.pressure(run.drive))[: len(run.foci)]
-    rounded = np.abs(run.transfer.pressure(run.frame.drive()))[: len(run.foci)]
-    yield section("What each transducer emits")
-    yield picture(
+    phases = picture(
         draw_phases(run.array.positions, run.array.normals, run.drive.amplitudes),
         f"Phase and amplitude of each transducer by {run.method}, each face as seen from the side that it radiates to, "
         "in the order in which a viewer inside who turns to the right sees them (compare Fig. 5 of the paper). Phases "
         "are those of Re[u e^(−iωt)]. Rounded to 256 levels each (drive.csv) they change the pressure at the foci by "
-        f"{np.max(np.abs(rounded / exact - 1)):.2%} at most.",
-        "Phases and amplitudes of all transducers, face by face",
+        f"{_rounding(run):.2%} at most.",
+        f"Phases and amplitudes of all {_transducers(run)}, face by face",
     )
-
-
-def _fields(run: Run) -> Iterable[str]:
-    considered, ignored = run.comparison.names
-    normalisation = "both drives at equal energy"
-    off = 1e3 * np.abs(run.plane.window.height_of(run.target.points)).max()
-    plane = (
-        "the plane through the foci"
-        if off < 0.5
-        else f"the plane nearest to the foci, which are up to {off:.1f} mm off it"
-    )
-    yield section("The field, with the hand considered and ignored")
-    yield paragraph(
-        "Considered: the drive knows the bodies (Fig. 6 of the paper). Ignored: the drive is made from distances "
-        "alone, as if nothing were there, and played with the bodies there (Fig. 7). Both have equal energy: the sum "
-        "of the squared amplitudes of all transducers is the same. Bodies are grey."
-    )
-    if run.close_ups:
-        yield picture(
-            draw_close_ups(run.close_ups, run.foci, normalisation),
-            "Peak pressure across each focus, at right angles to the skin, which lies below it; one colour scale.",
-            "Maps of pressure around each focus",
-        )
-    dashed = "" if off < 0.5 else " Foci off the plane are dashed."
-    yield picture(
-        draw_fields(run.plane, run.target.points, run.foci, normalisation),
-        f"Peak pressure in {plane}, on one colour scale.{dashed}",
-        f"Two maps of pressure side by side, {considered} and {ignored}",
-    )
-
-
-def _space(run: Run) -> Iterable[str]:
     bodies = [obstacle.surface for obstacle in run.scene.obstacles]
-    yield section("Array, bodies and foci")
-    yield picture(
+    space = picture(
         draw_scene(run.array.positions, run.array.normals, run.drive.amplitudes, bodies, run.target.points),
         "Transducers coloured by phase, bodies in grey, foci in orange. Transducers that face away from the viewer are "
         "faint rings.",
         "Three-dimensional view of the array, the bodies and the foci",
     )
+    return {"close_ups": close_ups or "", "fields": fields, "phases": phases, "space": space}
 
 
-def _foci(run: Run) -> Iterable[str]:
-    yield section("What each focus gets")
+def _rounding(run: Run) -> float:
+    """Largest relative change of the pressure at a focus that 256 levels make."""
+    exact, rounded = (np.abs(run.transfer.pressure(drive))[: len(run.foci)] for drive in (run.drive, run.frame.drive()))
+    return float(np.max(np.abs(rounded / exact - 1)))
+
+
+def _foci(run: Run) -> dict[str, Any]:
     depths = -1e3 * run.scene.depth(run.target.points)
     asked = run.target.pressures
     rows = []
     for index, (name, point, got) in enumerate(zip(run.foci, 1e3 * run.target.points, run.reached, strict=True)):
         wanted = ["as strong as possible", "–"] if asked is None else [_pascal(asked[index]), _share(got, asked[index])]
-        place = [f"{number:.2f}" for number in point]
-        rows.append([name, *place, f"{depths[index]:.2f}", *wanted, _pascal(got), _kilopascal_squared(got)])
-    header = [
-        "focus",
-        "x [mm]",
-        "y [mm]",
-        "z [mm]",
-        "off the skin [mm]",
-        "asked [Pa]",
-        "reached",
-        "p [Pa]",
-        "p² [kPa²]",
-    ]
-    yield table(header, rows, f"This drive, {run.method}, loudest transducer at {_loudest(run.drive)} of full scale")
-    for held_equal, meaning in HELD_EQUAL.items():
-        yield _comparison_table(run, held_equal, f"{held_equal.capitalize()}: {meaning}")
-    yield paragraph(
-        "Ratios are ignored over considered. The normalisation can turn the conclusion round: a drive that leaves most "
-        "transducers quiet is strong at equal energy and weak at equal peak."
-    )
+        position = [f"{number:.2f}" for number in point]
+        rows.append([name, *position, f"{depths[index]:.2f}", *wanted, _pascal(got), _kilopascal_squared(got)])
+    axes = ["x [mm]", "y [mm]", "z [mm]"]
+    return {
+        "focus_header": ["focus", *axes, "off the surface [mm]", "asked [Pa]", "reached", "p [Pa]", "p² [kPa²]"],
+        "focus_rows": rows,
+        "amplitude": f"{np.abs(run.drive.amplitudes).max():.2f}",
+        "comparisons": [
+            (f"{held_equal.capitalize()}: {meaning}", *_comparison(run, held_equal))
+            for held_equal, meaning in HELD_EQUAL.items()
+        ],
+    }
 
 
-def _comparison_table(run: Run, held_equal: str, caption: str) -> str:
+def _comparison(run: Run, held_equal: str) -> tuple[list[str], list[list[str]]]:
+    """Header and rows of what each focus gets from both drives."""
     pressures, ratios = run.comparison.pressures[held_equal], run.comparison.ratios(held_equal)
     rows = []
     for index, name in enumerate(run.foci):
-        ours, theirs = pressures[:, index]
-        squares = _kilopascal_squared(ours), _kilopascal_squared(theirs)
+        first, second = pressures[:, index]
+        squares = _kilopascal_squared(first), _kilopascal_squared(second)
         ratio = ratios[1, index]
-        rows.append([name, _pascal(ours), _pascal(theirs), f"{ratio:.3f}", *squares, f"{ratio**2:.3f}"])
+        rows.append([name, _pascal(first), _pascal(second), f"{ratio:.3f}", *squares, f"{ratio**2:.3f}"])
     names = [name.removeprefix("hand ") for name in run.comparison.names]
     pressure, squared = ([quantity.format(name) for name in names] for quantity in ("p {} [Pa]", "p² {} [kPa²]"))
-    header = [*pressure, "ratio of p", *squared, "ratio of p²"]
-    return table(["focus", *header], rows, caption)
+    return ["focus", *pressure, "ratio of p", *squared, "ratio of p²"], rows
 
 
-def _how(run: Run) -> Iterable[str]:
+def _how(run: Run) -> dict[str, Any]:
     medium, scene = run.scene.medium, run.scene
-    yield section("How it was computed")
     reports = (run.beacons, run.comparison.report)
-    rows = [
-        ["solver", *(report.solver for report in reports)],
-        ["settings", *(_listed(report.settings) for report in reports)],
-        ["unknowns", *(f"{report.nodes:,}" for report in reports)],
-        ["unknowns per λ²", *(f"{report.nodes_per_square_wavelength:.0f}" for report in reports)],
-        ["iterations, residual", *(f"{report.iterations}, {report.residual:.1e}" for report in reports)],
-        ["estimated error", *(_percent(report.estimated_error) for report in reports)],
-        ["panels off the triangles given", *(_off_triangles(report) for report in reports)],
-        ["seconds", *(_listed({name: f"{time:.2f}" for name, time in report.seconds.items()}) for report in reports)],
-    ]
-    yield table(["", "for the drive", "to judge it"], rows, text=True)
-    yield paragraph(
-        "The drive comes from one solution with a beacon in each focus, heard at the transducers (reciprocity). It is "
-        "judged by another, finer solution with all transducers as sources, from which all pressures here come."
-    )
-    facts = [
-        ["medium", f"{medium.sound_speed:g} m/s, {medium.density:g} kg/m³, absorption {medium.absorption:g} Np/m"],
-        ["frequency", f"{scene.frequency:g} Hz, wavelength {1e3 * scene.wavelength:.2f} mm"],
-        ["bodies", ", ".join(_body(*pair) for pair in zip(run.bodies, scene.obstacles, strict=True))],
-        ["mended", _mended(run) or "nothing"],
-        ["array", f"{_transducers(run)} of {run.array.element.sensitivity:g} Pa·m (peak, uncalibrated)"],
-        ["not in the model", NOT_MODELLED],
-        ["wall time", _listed({name: f"{time:.2f} s" for name, time in run.seconds.items()})],
-    ]
-    yield table(["", ""], facts, text=True)
-    citations = dict.fromkeys([CITATION, *run.beacons.citations, *run.comparison.report.citations])
-    yield "<ul>" + "".join(f"<li>{escape(citation)}</li>" for citation in citations) + "</ul>"
-    yield folded("The scene file", run.text)
+    pairs = list(zip(run.bodies, scene.obstacles, strict=True))
+    repairs = " ".join(f"{name}: {note}" for name, obstacle in pairs for note in obstacle.surface.repairs)
+    return {
+        "report_rows": [
+            ["solver", *(report.solver for report in reports)],
+            ["settings", *(_listed(report.settings) for report in reports)],
+            ["unknowns", *(f"{report.nodes:,}" for report in reports)],
+            ["unknowns per λ²", *(f"{report.nodes_per_square_wavelength:.0f}" for report in reports)],
+            ["iterations, residual", *(f"{report.iterations}, {report.residual:.1e}" for report in reports)],
+            ["estimated error", *(_percent(report.estimated_error) for report in reports)],
+            ["panels off the triangles given", *(_off_triangles(report) for report in reports)],
+            ["seconds", *(_listed({name: f"{t:.2f}" for name, t in report.seconds.items()}) for report in reports)],
+        ],
+        "setting_rows": [
+            ["medium", f"{medium.sound_speed:g} m/s, {medium.density:g} kg/m³, absorption {medium.absorption:g} Np/m"],
+            ["frequency", f"{scene.frequency:g} Hz, wavelength {1e3 * scene.wavelength:.2f} mm"],
+            ["bodies", ", ".join(_body(*pair) for pair in pairs)],
+            ["repaired", repairs or "nothing"],
+            ["array", f"{_transducers(run)} of {run.array.element.sensitivity:g} Pa·m (peak, uncalibrated)"],
+            ["not in the model", NOT_MODELLED],
+            ["wall time", _listed({name: f"{time:.2f} s" for name, time in run.seconds.items()})],
+        ],
+        "citations": list(dict.fromkeys([CITATION, *run.beacons.citations, *run.comparison.report.citations])),
+    }
 
 
-def _body(name: str, obstacle) -> str:
+def _body(name: str, obstacle: Obstacle) -> str:
     return f"{name} ({obstacle.boundary.replace('_', '-')}, {1e4 * obstacle.surface.area:.1f} cm²)"
-
-
-def _mended(run: Run) -> str:
-    pairs = zip(run.bodies, run.scene.obstacles, strict=True)
-    return " ".join(f"{name}: {note}" for name, obstacle in pairs for note in obstacle.surface.repairs)
 
 
 def _off_triangles(report: SolveReport) -> str:
@@ -278,10 +240,6 @@ def _listed(facts: Mapping[str, object]) -> str:
 
 def _short(value: object) -> str:
     return f"{value:.3g}" if isinstance(value, float) else str(value)
-
-
-def _loudest(drive: Drive) -> str:
-    return f"{np.abs(drive.amplitudes).max():.2f}"
 
 
 def _pascal(pressure: float) -> str:
