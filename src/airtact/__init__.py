@@ -14,6 +14,7 @@ from airtact.conventions import InvalidInput, NotConverged
 from airtact.evaluation.comparison import compare
 from airtact.evaluation.field import field_map
 from airtact.evaluation.metrics import evaluate
+from airtact.files.drives import load_drive
 from airtact.hand.files import load_hand
 from airtact.hand.fitting.fit import fit_hand
 from airtact.hand.hand import Hand, hand_from_joints
@@ -96,6 +97,7 @@ __all__ = [
     "hand_from_joints",
     "hands",
     "impedance",
+    "load_drive",
     "load_hand",
     "load_surface",
     "max_min",

@@ -1,22 +1,24 @@
 """The transfer matrix H from a drive d to the pressures at the foci, p = H d, and drives by distance alone."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Complex128, Float64
 
 from airtact.conventions import InvalidInput
+from airtact.drive_file import save_drives
 from airtact.printing import in_short
 from airtact.scene.medium import Medium
+from airtact.scene.scene import Scene
 from airtact.scene.target import Target
 from airtact.solvers.problem import RadiatedField
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
+from airtact.transducers.levels import EIGHT_BITS, FULL_SCALE, Levels
 from airtact.transducers.placement import check_placement, check_reach
 from airtact.validation import check_finite, check_frequency, complex_numbers, counted, in_mm, of_kind
-
-FULL_SCALE = 1.0 + 1e-9
-"""Largest magnitude of a drive: full scale plus rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +63,48 @@ class Drive:
     def phase_only(self) -> "Drive":
         """Return the drive with its phases and full scale everywhere; an element of amplitude 0 stays silent."""
         return Drive(np.sign(self.amplitudes))
+
+    def save(
+        self,
+        path: str | Path,
+        array: PhasedArray | None = None,
+        scene: Scene | None = None,
+        transfer: "TransferMatrix | None" = None,
+        target: Target | None = None,
+        levels: Levels = EIGHT_BITS,
+        texts: Mapping[str, str] | None = None,
+    ) -> None:
+        """Write the drive to a file, which ``load_drive`` reads and ``airtact emit`` sends to boards.
+
+        Parameters
+        ----------
+        path : ends in .h5 or .npz (everything) or in .csv (a table of the elements); it appears once it is whole.
+        array : the transducers that the drive is for; boards need it.
+        scene : gives the frequency and the medium.
+        transfer : pressure at the foci per unit drive, for what rounding costs.
+        target : the foci.
+        levels : the amplitudes and phases that the drive is also written in, rounded.
+        texts : further texts by name, such as the scene file's.
+
+        Raises
+        ------
+        InvalidInput
+            If array or matrix are for another number of elements, the ending is another one, or the file cannot be
+            written.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> import airtact as at
+        >>> drive = Drive(np.array([1.0, 0.5j]))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     drive.save(f"{folder}/drive.h5")
+        ...     back = at.load_drive(f"{folder}/drive.h5")
+        >>> bool(np.allclose(back.amplitudes, drive.amplitudes, rtol=0, atol=1e-15))
+        True
+        """
+        matrix = None if transfer is None else transfer.matrix
+        save_drives(path, self.amplitudes[None], None, array, scene, matrix, target, levels, texts)
 
 
 def check_drive(drive: Drive, what: str) -> None:

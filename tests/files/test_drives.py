@@ -1,102 +1,102 @@
-"""What is written of a drive is read back the same."""
+"""Drives and sequences come back from their files as they were, and old files are read."""
 
-import csv
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
-from airtact.files.drives import COLUMNS, read_drive_h5, write_drive_csv, write_drive_h5, write_sequence_h5
-from airtact.scene.target import Target
-from airtact.synthesis.quantise import quantise
-from airtact.synthesis.sequence import Sequence
-from airtact.transducers.layout import autd3_board
-from airtact.transfer import Drive, TransferMatrix
+import airtact as at
+from airtact.files.drives import load_drive
+from faults import raises_code
+
+OLD = Path(__file__).parent / "old_drive.h5"
+AIR = at.Medium(343.1, 1.293, 0.14)
 
 
 @pytest.fixture
-def drive():
+def drive() -> at.Drive:
     random = np.random.default_rng(3)
-    return Drive(random.uniform(0, 1, 249) * np.exp(2j * np.pi * random.uniform(size=249)))
+    return at.Drive(random.uniform(0, 1, 249) * np.exp(2j * np.pi * random.uniform(size=249)))
 
 
-def read_csv(path):
-    with path.open(newline="") as file:
-        header, *rows = csv.reader(file)
-    return header, np.array(rows, dtype=float).T
-
-
-def test_the_table_holds_places_and_the_drive(tmp_path, drive):
-    array = autd3_board()
-    write_drive_csv(tmp_path / "drive.csv", array, drive, quantise(drive))
-    header, columns = read_csv(tmp_path / "drive.csv")
-    assert tuple(header) == COLUMNS
-    assert ",".join(header) == "index,x,y,z,nx,ny,nz,amplitude,phase,amplitude_level,phase_level"
-    np.testing.assert_array_equal(columns[0], np.arange(249))
-    np.testing.assert_allclose(columns[1:4].T, array.positions, atol=1e-9)
-    np.testing.assert_array_equal(columns[4:7].T, array.normals)
-    np.testing.assert_allclose(columns[7] * np.exp(1j * columns[8]), drive.amplitudes, atol=1e-8)
-
-
-def test_the_levels_are_256_steps_of_full_scale_and_of_a_turn(tmp_path, drive):
-    """Half a step of amplitude and half a step of phase, to first order."""
-    write_drive_csv(tmp_path / "drive.csv", autd3_board(), drive, quantise(drive))
-    columns = read_csv(tmp_path / "drive.csv")[1]
-    levels = columns[9] / 255 * np.exp(2j * np.pi * columns[10] / 256)
-    assert set(columns[9:].ravel()) <= set(range(256))
-    assert np.abs(levels - drive.amplitudes).max() < 0.5 / 255 + np.pi / 256
-
-
-def test_the_archive_holds_all_that_the_drive_came_from(tmp_path, drive):
-    array, matrix = autd3_board(), np.arange(2 * 249).reshape(2, 249) * (1 + 2j)
-    target = Target(np.array([[0.0, 0, 0.1], [0, 0, 0.2]]), pressures=np.array([10.0, 20.0]))
-    frame = quantise(drive)
-    texts = {"scene": "frequency = 4e4 # λ", "report": '{"solver": "x"}'}
-    transfer = TransferMatrix(matrix, 0.01)
-    write_drive_h5(tmp_path / "drive.h5", array, drive, frame, transfer, target, texts)
-    with h5py.File(tmp_path / "drive.h5") as file:
-        np.testing.assert_array_equal(file["positions"][:], array.positions)
-        np.testing.assert_array_equal(file["normals"][:], array.normals)
-        np.testing.assert_allclose(file["amplitude"][:] * np.exp(1j * file["phase"][:]), drive.amplitudes)
-        np.testing.assert_array_equal(file["amplitude_level"][:], frame.amplitude)
-        np.testing.assert_array_equal(file["phase_level"][:], frame.phase)
-        np.testing.assert_array_equal(file["transfer_matrix"][:], matrix)
-        np.testing.assert_array_equal(file["foci"][:], target.points)
-        np.testing.assert_array_equal(file["wanted_pressures"][:], [10.0, 20.0])
-        assert file["scene"].asstr()[()] == texts["scene"]
-        assert file["report"].asstr()[()] == texts["report"]
-        assert file["sensitivity"][()] == array.element.sensitivity
-        assert "uncalibrated" in file["sensitivity"].attrs["unit"]
-
-
-def test_what_was_written_is_read_back(tmp_path, drive):
-    array, matrix = autd3_board(), np.arange(2 * 249).reshape(2, 249) * (1 + 2j)
-    target = Target(np.array([[0.0, 0, 0.1], [0, 0, 0.2]]))
-    write_drive_h5(
-        tmp_path / "drive.h5", array, drive, quantise(drive), TransferMatrix(matrix, 0.0), target, {"scene": "x = 1"}
+@pytest.mark.parametrize(("ending", "digits"), [("h5", 1e-15), ("npz", 1e-15), ("csv", 1e-8)])
+def test_a_drive_comes_back(tmp_path, drive, ending: str, digits: float) -> None:
+    drive.save(tmp_path / f"drive.{ending}", at.autd3_board())
+    back = load_drive(str(tmp_path / f"drive.{ending}"))
+    assert isinstance(back, at.Drive)
+    np.testing.assert_allclose(back.amplitudes, drive.amplitudes, rtol=0, atol=digits)
+    assert at.quantise(back).same_as(at.quantise(drive))
+    drive.save(tmp_path / f"bare.{ending}")
+    np.testing.assert_allclose(
+        load_drive(tmp_path / f"bare.{ending}").amplitudes, drive.amplitudes, rtol=0, atol=digits
     )
-    stored = read_drive_h5(tmp_path / "drive.h5")
-    np.testing.assert_array_equal(stored.positions, array.positions)
-    np.testing.assert_array_equal(stored.normals, array.normals)
-    np.testing.assert_allclose(stored.drives, drive.amplitudes[None], rtol=0, atol=1e-15)
-    assert stored.transfer is not None
-    np.testing.assert_array_equal(stored.transfer.matrix, matrix)
-    assert (stored.rate, stored.scene, stored.sensitivity) == (None, "x = 1", array.element.sensitivity)
 
 
-def test_a_sequence_is_read_frame_by_frame(tmp_path, drive):
-    sequence = Sequence(np.exp(0.1j * np.arange(5))[:, None] * drive.amplitudes, 200.0)
-    transfer, target = TransferMatrix(np.ones((1, 249), dtype=complex), 0.0), Target(np.array([[0.0, 0.0, 0.1]]))
-    write_sequence_h5(tmp_path / "sequence.h5", autd3_board(), sequence, transfer, target, {"scene": "x = 1"})
-    stored = read_drive_h5(tmp_path / "sequence.h5")
-    np.testing.assert_allclose(stored.drives, sequence.drives, rtol=0, atol=1e-15)
-    assert (stored.rate, stored.scene) == (200.0, "x = 1")
+@pytest.mark.parametrize(("ending", "digits"), [("h5", 1e-15), ("npz", 1e-15), ("csv", 1e-8)])
+def test_two_thousand_frames_come_back(tmp_path, ending: str, digits: float) -> None:
+    random = np.random.default_rng(4)
+    drives = random.uniform(0, 1, (2000, 12)) * np.exp(2j * np.pi * random.uniform(size=(2000, 12)))
+    sequence = at.Sequence(drives, 40e3 / 7)
+    sequence.save(tmp_path / f"sequence.{ending}", at.board_array("nano16"), at.Scene(AIR, []))
+    back = load_drive(tmp_path / f"sequence.{ending}")
+    assert isinstance(back, at.Sequence)
+    assert len(back) == 2000
+    assert back.rate == pytest.approx(sequence.rate, rel=1e-11)
+    np.testing.assert_allclose(back.drives, sequence.drives, rtol=0, atol=digits)
 
 
-def test_an_array_and_its_drive_are_enough(tmp_path, drive):
-    with h5py.File(tmp_path / "drive.h5", "w") as file:
-        file["positions"], file["normals"] = autd3_board().positions, autd3_board().normals
-        file["amplitude"], file["phase"] = np.abs(drive.amplitudes), np.angle(drive.amplitudes)
-    stored = read_drive_h5(tmp_path / "drive.h5")
-    np.testing.assert_allclose(stored.drives, drive.amplitudes[None], rtol=0, atol=1e-15)
-    assert (stored.rate, stored.transfer, stored.scene, stored.sensitivity) == (None, None, None, None)
+def test_a_sequence_of_one_frame_stays_a_sequence(tmp_path, drive) -> None:
+    at.Sequence(drive.amplitudes[None], 200.0).save(tmp_path / "one.h5")
+    back = load_drive(tmp_path / "one.h5")
+    assert isinstance(back, at.Sequence)
+    assert (len(back), back.rate) == (1, 200.0)
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".csv", ".h5", ".bin"])
+@pytest.mark.parametrize("name", ["autd3", "sonicsurface", "openmpd"])
+def test_frames_come_back_from_the_files_of_a_link(tmp_path, name: str, suffix: str) -> None:
+    from airtact.hardware.codecs import codec_of
+    from hardware.test_codecs import random_frame
+
+    frames = [random_frame(name, 2, seed) for seed in range(3)]
+    link = at.FileLink(tmp_path / f"frames{suffix}", name, boards=2)
+    link.open()
+    link.play(frames, 4000.0)
+    link.close()
+    back = load_drive(link.path, board=name, boards=2, rate=4000.0 if suffix == ".bin" else None)
+    assert isinstance(back, at.Sequence)
+    assert (len(back), back.rate) == (3, 4000.0)
+    levels = codec_of(name).levels
+    for index, frame in enumerate(frames):
+        assert at.quantise(back.drive(index), levels).same_as(at.quantise(frame.drive(), levels))
+
+
+def test_an_old_drive_is_read() -> None:
+    """Written before files had versions, by examples/pinch.toml; one of its four boards."""
+    back = load_drive(OLD)
+    with h5py.File(OLD) as file:
+        assert "format_version" not in file
+        amplitude, phase = file["amplitude"][()], file["phase"][()]
+    assert isinstance(back, at.Drive)
+    np.testing.assert_array_equal(back.amplitudes, amplitude * np.exp(1j * phase))
+
+
+def test_frames_without_a_rate_are_rejected_until_one_is_given(tmp_path) -> None:
+    with h5py.File(tmp_path / "frames.h5", "w") as file:
+        file["amplitude"] = file["phase"] = np.ones((3, 12))
+    with raises_code("rate_missing", "3 frames", "frames.h5"):
+        load_drive(tmp_path / "frames.h5")
+    back = load_drive(tmp_path / "frames.h5", rate=100.0)
+    assert isinstance(back, at.Sequence)
+    assert back.rate == 100.0
+
+
+def test_messages_of_a_board_need_its_name(tmp_path) -> None:
+    with raises_code("board_missing", "frames.bin"):
+        load_drive(tmp_path / "frames.bin")
+    with raises_code("file_missing", "frames.bin"):
+        load_drive(tmp_path / "frames.bin", board="autd3")
+    (tmp_path / "frames.bin").write_bytes(bytes(66))
+    with raises_code("message_damaged", "66 bytes", "512"):
+        load_drive(tmp_path / "frames.bin", board="openmpd")

@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 from airtact.conventions import InvalidInput
 from airtact.hardware.codecs import codec_of
 from airtact.scene.target import Target
-from airtact.synthesis.quantise import Frame, Levels, quantise, rounding_error
+from airtact.synthesis.quantise import Frame, quantise, rounding_error
 from airtact.synthesis.time_reversal import time_reversal
 from airtact.transducers.boards import BOARDS, board_named
 from airtact.transducers.layout import surrounding_box
+from airtact.transducers.levels import Levels
 from airtact.transfer import Drive, TransferMatrix
 from hardware.receivers import Nano16, OpenMPD, SonicSurface, TwoSonicSurfaces, first_harmonic
 

@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 from airtact.conventions import InvalidInput
 from airtact.hardware.link import Link, LinkFailed
 from airtact.pose import Pose
-from airtact.synthesis.quantise import EIGHT_BITS, Frame
+from airtact.synthesis.quantise import Frame
+from airtact.transducers.levels import EIGHT_BITS
 from airtact.validation import of_kind
 
 KNOWN_VERSIONS = ("36.0.2",)

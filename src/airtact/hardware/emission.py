@@ -159,7 +159,7 @@ class Emission:
         check_drive(drive, "what is emitted")
         self._check_other_size(len(drive))
         share = share_under_cap(drive.amplitudes[None], self.link.levels, self._cap)
-        if not self._speaking and drive.amplitudes.any():
+        if self.link.real_time and not self._speaking and drive.amplitudes.any():
             self._rise(drive, share)
         return self._say(faded(drive, self.link.levels, share))
 
@@ -186,6 +186,9 @@ class Emission:
         LinkFailed
             If the emission was ended before or meanwhile.
         """
+        self.beat()
+        if not self.link.real_time:
+            return
         begun = looked = time.monotonic()
         while (left := begun + seconds - time.monotonic()) > 0.0:
             self.beat()
@@ -221,6 +224,10 @@ class Emission:
         self.link.check_sequence(len(drives), rate)
         share = share_under_cap(drives, self.link.levels, self._cap)
         frames = [faded(Drive(row), self.link.levels, share) for row in drives]
+        if not self.link.real_time:
+            count = max(round(seconds * rate), 1)
+            self._do(lambda: self.link.play([frames[index % len(frames)] for index in range(count)], rate))
+            return Played(rate, count, 0)
         if not self._speaking:
             self._rise(Drive(drives[np.linalg.norm(drives, axis=1).argmax()]), share)
         if self.link.plays_itself:
@@ -269,6 +276,7 @@ class Emission:
             with self._lock:
                 self._check_over()
                 self._fed = time.monotonic()
+                speaking = speaking and self.link.real_time
                 self._speaking = self._speaking or speaking
                 work()
                 self._speaking = speaking

@@ -1,16 +1,15 @@
-"""A link that ends in a file, for boards that have no link here and for looking at what would be sent."""
+"""A link that ends in a file, for boards that have no link here and to look at what would be sent."""
 
-import csv
-import io
-import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Complex128
 
+from airtact.atomic import whole_file
 from airtact.conventions import InvalidInput
+from airtact.drive_file import DriveFile, write_drive_file
 from airtact.hardware.codecs import codec_of
 from airtact.hardware.link import Link
 from airtact.synthesis.quantise import Frame
@@ -19,184 +18,96 @@ from airtact.validation import of_kind
 SUFFIXES = (".npz", ".csv", ".h5", ".bin")
 """Kinds of files: arrays of NumPy, a table, HDF5, and the very bytes that the boards are sent."""
 
-COLUMNS = ("frame", "seconds", "element", "amplitude_level", "phase_level", "amplitude", "phase")
-"""Columns of a .csv file: the last two are a share of full scale and radians of Re[d e^{−iωt}]."""
-
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Frames for one kind of board, and when each was sent.
+    """Frames for one kind of board.
 
     Attributes
     ----------
     board : name of the kind of board.
-    frames : what was sent.
-    seconds : (N,) when; NaN where the file does not say.
+    frames : in their order.
+    rate : frames a second; None for a single drive and for frames at no fixed rate.
     """
 
     board: str
     frames: tuple[Frame, ...]
-    seconds: Float64[np.ndarray, "frames"]
+    rate: float | None = None
 
 
 def check_suffix(path: Path) -> Path:
-    """Refuse a file of a kind that frames cannot be written to.
-
-    Raises
-    ------
-    InvalidInput
-        Listing the kinds that there are.
-    """
+    """Return the path of a file of a kind that frames can be written to."""
     if path.suffix.lower() not in SUFFIXES:
-        raise InvalidInput(f"{path.name} is none of the {len(SUFFIXES)} kinds of frame files: {', '.join(SUFFIXES)}.")
+        raise InvalidInput(
+            f"{path.name} is none of the {len(SUFFIXES)} kinds of frame files: {', '.join(SUFFIXES)}.",
+            code="unknown_ending",
+        )
     return path
 
 
 def write_frames(path: Path, written: Frames) -> None:
     """Write frames to a file of the kind that its name ends in, see ``SUFFIXES``; it appears once it is whole.
 
-    Parameters
-    ----------
-    path : the file.
-    written : the frames.
-
     Raises
     ------
     InvalidInput
-        If the name ends in something else, there is no frame, or they are for different numbers of elements.
+        If the name ends in something else, there is no frame, they are for different numbers of elements, or the file
+        cannot be written.
     """
-    kind = check_suffix(path).suffix.lower()
-    if not written.frames:
-        raise InvalidInput(f"{path.name} needs at least 1 frame, not 0.")
-    if len({len(frame) for frame in written.frames}) > 1:
-        raise InvalidInput(f"the {len(written.frames)} frames for {path.name} differ in their number of elements.")
-    if kind == ".bin":
-        codec = codec_of(written.board)
-        _whole(path, b"".join(codec.encode(frame) for frame in written.frames))
-    elif kind == ".csv":
-        _whole(path, _table(written).encode())
-    elif kind == ".npz":
-        packed = io.BytesIO()
-        np.savez_compressed(packed, allow_pickle=False, **_columns(written))
-        _whole(path, packed.getvalue())
-    else:
-        import h5py
-
-        packed = io.BytesIO()
-        with h5py.File(packed, "w") as file:
-            for name, values in _columns(written).items():
-                file.create_dataset(name, data=values if values.dtype.kind != "U" else str(values))
-        _whole(path, packed.getvalue())
-
-
-def read_frames(path: Path, board: str | None = None, boards: int = 1) -> Frames:
-    """Read what ``write_frames`` wrote.
-
-    Parameters
-    ----------
-    path : the file.
-    board : name of the kind of board; files but .npz and .h5 do not know it.
-    boards : how many boards a message of a .bin file is for.
-
-    Raises
-    ------
-    InvalidInput
-        If the file cannot be read, or the board is not given where the file does not say it.
-    """
-    kind = check_suffix(path).suffix.lower()
+    frames = written.frames
+    if not frames:
+        raise InvalidInput(f"{path.name} needs at least 1 frame, not 0.", code="empty")
+    if len({len(frame) for frame in frames}) > 1:
+        raise InvalidInput(
+            f"the {len(frames)} frames for {path.name} differ in their number of elements.", code="sizes_differ"
+        )
+    if check_suffix(path).suffix.lower() != ".bin":
+        drives = np.stack([frame.drive().amplitudes for frame in frames])
+        levels = (np.stack([frame.amplitude for frame in frames]), np.stack([frame.phase for frame in frames]))
+        write_drive_file(path, DriveFile(drives, written.rate, *levels, frames[0].levels, board=written.board))
+        return
+    codec = codec_of(written.board)
     try:
-        if kind in (".bin", ".csv") and board is None:
-            raise InvalidInput(f"{path.name} does not say of which board its frames are: give one name, such as autd3.")
-        if kind == ".bin":
-            return _split(path.read_bytes(), str(board), boards)
-        columns = _read_csv(path, str(board)) if kind == ".csv" else _read_columns(path, kind)
+        with whole_file(path) as partial:
+            partial.write_bytes(b"".join(codec.encode(frame) for frame in frames))
     except OSError as error:
-        raise InvalidInput(f"cannot read {path.name}: {error.strerror or error}.") from None
-    name, levels = str(columns["board"]), codec_of(str(columns["board"])).levels
-    pairs = zip(columns["amplitude_level"], columns["phase_level"], strict=True)
-    return Frames(name, tuple(Frame(amplitude, phase, levels) for amplitude, phase in pairs), columns["seconds"])
+        reason = f"{error.strerror} (error {error.errno})"
+        raise InvalidInput(f"cannot write {path}: {reason}.", code="file_not_writable") from None
 
 
-def _columns(written: Frames) -> dict[str, np.ndarray]:
-    drives = np.stack([frame.drive().amplitudes for frame in written.frames])
-    return {
-        "board": np.array(written.board),
-        "seconds": written.seconds,
-        "amplitude_level": np.stack([frame.amplitude for frame in written.frames]),
-        "phase_level": np.stack([frame.phase for frame in written.frames]),
-        "amplitude": np.abs(drives),
-        "phase": np.angle(drives),
-    }
+def read_messages(path: Path, board: str | None, boards: int = 1) -> Complex128[np.ndarray, "frames elements"]:
+    """Read the drives in a .bin file, which does not hold its kind of board and the number of boards.
 
-
-def _table(written: Frames) -> str:
-    text = io.StringIO(newline="")
-    writer = csv.writer(text)
-    writer.writerow(COLUMNS)
-    for index, (frame, seconds) in enumerate(zip(written.frames, written.seconds, strict=True)):
-        drive = frame.drive().amplitudes
-        for element in range(len(frame)):
-            levels = int(frame.amplitude[element]), int(frame.phase[element])
-            exact = f"{abs(drive[element]):.9g}", f"{np.angle(drive[element]):.9g}"
-            writer.writerow([index, f"{seconds:.6f}", element, *levels, *exact])
-    return text.getvalue()
-
-
-def _read_csv(path: Path, board: str) -> dict[str, np.ndarray]:
-    lines = path.read_text(encoding="utf-8").splitlines()
-    if not lines or tuple(lines[0].split(",")) != COLUMNS:
-        raise InvalidInput(f"line 1 of {path.name} must be {','.join(COLUMNS)}.")
-    rows = np.array([[float(word) for word in line.split(",")[:5]] for line in lines[1:]])
-    frames = int(rows[-1, 0]) + 1
-    levels = rows[:, 3:].astype(np.uint8).reshape(frames, -1, 2)
-    seconds = rows[:: levels.shape[1], 1].copy()
-    return {
-        "board": np.array(board),
-        "seconds": seconds,
-        "amplitude_level": levels[..., 0].copy(),
-        "phase_level": levels[..., 1].copy(),
-    }
-
-
-def _read_columns(path: Path, kind: str) -> dict[str, np.ndarray]:
-    if kind == ".npz":
-        with np.load(path) as file:
-            return {name: file[name] for name in file.files}
-    import h5py
-
-    file: Any
-    with h5py.File(path) as file:
-        board = np.array(file["board"].asstr()[()])
-        return {"board": board} | {name: file[name][()] for name in file if name != "board"}
-
-
-def _split(message: bytes, board: str, boards: int) -> Frames:
-    """Cut the content of a .bin file into messages."""
+    Raises
+    ------
+    InvalidInput
+        If the file cannot be read, the board is not given, or the bytes are not made of its messages.
+    """
+    if board is None:
+        raise InvalidInput(
+            f"{path.name} does not hold the name of its board: give 1, such as autd3.", code="board_missing"
+        )
     codec = codec_of(board)
+    try:
+        message = path.read_bytes()
+    except OSError as error:
+        raise InvalidInput(f"cannot read {path}: {error.strerror}.", code="file_missing") from None
     nothing = np.zeros(boards * len(codec.board), dtype=np.uint8)
     size = len(codec.encode(Frame(nothing, nothing, codec.levels)))
     if not message or len(message) % size:
         raise InvalidInput(
-            f"{len(message)} bytes are not made of messages of {size} bytes for {boards} {board} boards."
+            f"{len(message)} bytes are not made of messages of {size} bytes for {boards} {board} boards.",
+            code="message_damaged",
         )
-    frames = tuple(codec.decode(message[start : start + size]) for start in range(0, len(message), size))
-    return Frames(board, frames, np.full(len(frames), np.nan))
-
-
-def _whole(path: Path, content: bytes) -> None:
-    # Written beside and renamed, so that a run broken off leaves no half file; report/ cannot be asked from here.
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        partial.write_bytes(content)
-        partial.replace(path)
-    except OSError as error:
-        raise InvalidInput(f"cannot write {path}: {error.strerror} (error {error.errno}).") from None
-    finally:
-        partial.unlink(missing_ok=True)
+    starts = range(0, len(message), size)
+    return np.stack([codec.decode(message[start : start + size]).drive().amplitudes for start in starts])
 
 
 class FileLink(Link):
-    """Writes all frames that it was sent to a file when it is closed, see ``write_frames``.
+    """Writes every frame that it is sent to a file when it is closed, see ``write_frames``.
+
+    It keeps no clock: a sequence is written whole with its rate, as fast as the disk takes it, and neither a ramp nor
+    the silence at the end are added. ``load_drive`` reads the file.
 
     Parameters
     ----------
@@ -211,24 +122,47 @@ class FileLink(Link):
         super().__init__(board, boards)
         self.path = check_suffix(Path(of_kind(path, str | Path, "the file of frames", "its path")))
         self._frames: list[Frame] = []
-        self._seconds: list[float] = []
+        self._rate: float | None = None
 
     @property
     def name(self) -> str:
         """What commands call it."""
         return "file"
 
+    @property
+    def plays_itself(self) -> bool:
+        """A file takes whole sequences."""
+        return True
+
+    @property
+    def real_time(self) -> bool:
+        """A file takes frames at once."""
+        return False
+
+    def stop(self) -> None:
+        """Do nothing: a file emits nothing."""
+
     def _begin(self) -> None:
         if not self.path.parent.is_dir():
             raise InvalidInput(
-                f"there is no folder {self.path.parent} for {self.path.name}: make it first (0 written)."
+                f"there is no folder {self.path.parent} for {self.path.name}: make it first (0 written).",
+                code="file_not_writable",
             )
-        self._frames, self._seconds, self._begun = [], [], time.monotonic()
+        self._frames, self._rate = [], None
 
     def _transmit(self, frame: Frame) -> None:
         self._frames.append(frame)
-        self._seconds.append(time.monotonic() - self._begun)
+
+    def _upload(self, frames: Sequence[Frame], rate: float) -> None:
+        if self._frames and rate != self._rate:
+            raise InvalidInput(
+                f"{len(self._frames)} frames at another rate than {rate:g} frames/s are in {self.path.name} already: "
+                "write each sequence to a file of its own.",
+                code="rates_differ",
+            )
+        self._frames.extend(frames)
+        self._rate = rate
 
     def _end(self) -> None:
         if self._frames:
-            write_frames(self.path, Frames(self.codec.board.name, tuple(self._frames), np.array(self._seconds)))
+            write_frames(self.path, Frames(self.codec.board.name, tuple(self._frames), self._rate))

@@ -9,7 +9,8 @@ import numpy as np
 
 from airtact.conventions import InvalidInput
 from airtact.hardware.codecs import Codec, codec_of
-from airtact.synthesis.quantise import Frame, Levels
+from airtact.synthesis.quantise import Frame
+from airtact.transducers.levels import Levels
 from airtact.validation import counted, of_kind, positive
 
 
@@ -66,6 +67,11 @@ class Link(ABC):
     def plays_itself(self) -> bool:
         """Whether boards repeat a sequence by themselves once it was sent, or every frame must be sent in time."""
         return False
+
+    @property
+    def real_time(self) -> bool:
+        """Whether a frame sounds when it is sent, so that frames must be sent at their times."""
+        return True
 
     @property
     def levels(self) -> Levels:

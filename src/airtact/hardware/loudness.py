@@ -4,7 +4,8 @@ import numpy as np
 from jaxtyping import Complex, Float64, Real
 
 from airtact.conventions import InvalidInput
-from airtact.synthesis.quantise import Frame, Levels, quantise
+from airtact.synthesis.quantise import Frame, quantise
+from airtact.transducers.levels import Levels
 from airtact.transfer import Drive
 from airtact.validation import number
 

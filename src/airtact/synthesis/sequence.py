@@ -5,18 +5,23 @@ moving a focus to and fro (lateral modulation; R. Takahashi, K. Hasegawa, H. Shi
 or by leading it along a path (spatiotemporal modulation; W. Frier et al., EuroHaptics 2018).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Complex128, Float64, Int64
 
 from airtact.conventions import InvalidInput
+from airtact.drive_file import save_drives
 from airtact.printing import in_short
+from airtact.scene.scene import Scene
 from airtact.scene.target import Target
 from airtact.synthesis.reach import foci_rows
 from airtact.synthesis.time_reversal import phase_conjugate
-from airtact.transfer import FULL_SCALE, Drive, TransferMatrix, check_drive
+from airtact.transducers.layout import PhasedArray
+from airtact.transducers.levels import EIGHT_BITS, FULL_SCALE, Levels
+from airtact.transfer import Drive, TransferMatrix, check_drive
 from airtact.validation import check_finite, complex_numbers, counted, of_kind, positive
 
 FEWEST = 4
@@ -105,6 +110,31 @@ class Sequence:
                 f"of {counted(transfer.matrix.shape[1], 'element', 'elements')}."
             )
         return self.drives @ transfer.matrix.T
+
+    def save(
+        self,
+        path: str | Path,
+        array: PhasedArray | None = None,
+        scene: Scene | None = None,
+        transfer: TransferMatrix | None = None,
+        target: Target | None = None,
+        levels: Levels = EIGHT_BITS,
+        texts: Mapping[str, str] | None = None,
+    ) -> None:
+        """Write all frames to a file, which ``load_drive`` reads and ``airtact emit`` sends to boards.
+
+        Parameters
+        ----------
+        path, array, scene, transfer, target, levels, texts : as for ``Drive.save``; a .csv has one line for each
+            element in each frame, and its times give the rate where there are 2 frames or more.
+
+        Raises
+        ------
+        InvalidInput
+            As ``Drive.save``.
+        """
+        matrix = None if transfer is None else transfer.matrix
+        save_drives(path, self.drives, self.rate, array, scene, matrix, target, levels, texts)
 
     @property
     def slew(self) -> Float64[np.ndarray, "frames"]:

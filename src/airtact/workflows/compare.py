@@ -12,7 +12,6 @@ from airtact.conventions import InvalidInput
 from airtact.evaluation.metrics import radiate_drives
 from airtact.evaluation.windows import plane_through
 from airtact.figures.field_figure import Cut, cut_bodies
-from airtact.files.drives import write_drive_h5
 from airtact.pages.methods_page import Contender, Contest, write_methods_page
 from airtact.scene_file.building import Setup, read_scene
 from airtact.solvers.problem import RadiatedField, SolveReport
@@ -105,7 +104,7 @@ def _write_drives(
     texts = {"scene": setup.text, "report": msgspec.json.encode(beacons).decode()}
     for name, drive in drives.items():
         file = folder / f"{name.replace(' ', '_')}.h5"
-        write_drive_h5(file, setup.array, drive, quantise(drive), transfer, setup.target, texts)
+        drive.save(file, setup.array, setup.scene, transfer, setup.target, texts=texts)
 
 
 def _all_drives(setup: Setup, transfer: TransferMatrix) -> tuple[dict[str, Drive], dict[str, float], list[str]]:

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Complex128, Float64
 
 from airtact.conventions import InvalidInput, about
+from airtact.drive_file import DriveFile, read_drive_file
 from airtact.evaluation.thresholds import sound_pressure_level
-from airtact.files.drives import StoredDrive, read_drive_h5
 from airtact.hardware.codecs import codec_of
 from airtact.hardware.emission import Emission, Played
 from airtact.hardware.file_link import Frames, write_frames
@@ -18,13 +18,11 @@ from airtact.hardware.links import Connection, link_to
 from airtact.hardware.loudness import faded, loudest_around, share_under_cap
 from airtact.pose import Pose
 from airtact.scene.medium import air
-from airtact.scene_file.building import medium_of
-from airtact.scene_file.parsing import parse_scene
 from airtact.synthesis.quantise import quantise, rounding_error
 from airtact.synthesis.sequence import Sequence
 from airtact.transducers.boards import Board, board_named, boards_needed, poses_of_boards
 from airtact.transducers.element import DEFAULT_SENSITIVITY
-from airtact.transfer import Drive
+from airtact.transfer import Drive, TransferMatrix
 from airtact.validation import counted, positive
 
 FREQUENCY = 40e3
@@ -49,7 +47,7 @@ class Plan:
     cap : loudest that an element may be, in per cent of full scale.
     """
 
-    stored: StoredDrive
+    stored: DriveFile
     board: Board
     poses: tuple[Pose, ...]
     rounding: Float64[np.ndarray, "foci"] | None
@@ -73,12 +71,18 @@ def plan(path: Path, board: str, cap: float = 100.0) -> Plan:
         or the cap is not above 0 and at most 100.
     """
     kind = board_named(board)
-    stored = read_drive_h5(path)
+    stored = read_drive_file(path)
     with about(path.name):
+        stored.frame_rate()
         boards_needed(kind, stored.drives.shape[1])
+        if stored.positions is None or stored.normals is None:
+            raise InvalidInput(
+                "the file holds 0 positions of transducers: save the drive with its array.", code="positions_missing"
+            )
         if not stored.drives.any():
             raise InvalidInput(
-                f"the drive is silent: all {stored.drives.size} amplitudes are 0, so nothing would sound."
+                f"the drive is silent: all {stored.drives.size} amplitudes are 0, so nothing would be emitted.",
+                code="drive_silent",
             )
         speed = _sound_speed(stored)
         poses = tuple(poses_of_boards(kind, stored.positions, stored.normals))
@@ -97,11 +101,12 @@ def _most_powerful(drives: Complex128[np.ndarray, "frames elements"]) -> Complex
 
 
 def _rounding(
-    stored: StoredDrive, loud: Complex128[np.ndarray, "loud elements"], board: Board
+    stored: DriveFile, loud: Complex128[np.ndarray, "loud elements"], board: Board
 ) -> Float64[np.ndarray, "foci"] | None:
-    transfer, levels = stored.transfer, codec_of(board).levels
-    if transfer is None or transfer.matrix.shape[1] != loud.shape[1]:
+    levels = codec_of(board).levels
+    if stored.matrix is None or stored.matrix.shape[1] != loud.shape[1]:
         return None
+    transfer = TransferMatrix(stored.matrix, np.nan, stored.foci)
     pairs = [(drive, quantise(drive, levels)) for drive in (Drive(row) for row in loud)]
     heard = [rounding_error(transfer, drive, frame) for drive, frame in pairs if not frame.silent]
     if not heard:
@@ -110,16 +115,14 @@ def _rounding(
     return changes[np.abs(changes).argmax(axis=0), np.arange(changes.shape[1])]
 
 
-def _sound_speed(stored: StoredDrive) -> float:
-    """Return the speed of sound that the drive was made with; refuse another frequency than the boards play."""
-    if stored.scene is None:
-        return air().sound_speed
-    scene = parse_scene(stored.scene)
-    if abs(scene.frequency - FREQUENCY) > 1.0:
+def _sound_speed(stored: DriveFile) -> float:
+    """Return the speed of sound that the drive was made with, in air at 20 °C where the file does not hold it."""
+    if stored.frequency is not None and abs(stored.frequency - FREQUENCY) > 1.0:
         raise InvalidInput(
-            f"the drive is for {scene.frequency:g} Hz, and boards play {FREQUENCY:g} Hz: make it for that."
+            f"the drive is for {stored.frequency:g} Hz, and boards emit {FREQUENCY:g} Hz: make it for that.",
+            code="wrong_frequency",
         )
-    return medium_of(scene.medium, scene.frequency).sound_speed
+    return (stored.medium or air()).sound_speed
 
 
 def link_for(
@@ -197,6 +200,5 @@ def export(made: Plan, out: Path) -> str:
     levels = codec_of(made.board).levels
     share = share_under_cap(made.stored.drives, levels, made.cap)
     frames = tuple(faded(Drive(row), levels, share) for row in made.stored.drives)
-    seconds = np.arange(len(frames)) / (made.stored.rate or 1.0)
-    write_frames(out, Frames(made.board.name, frames, seconds))
+    write_frames(out, Frames(made.board.name, frames, made.stored.rate))
     return f"{counted(len(frames), 'frame', 'frames')} for {counted(len(made.poses), 'board', 'boards')}"

@@ -10,7 +10,6 @@ from airtact.atomic import writable_folder
 from airtact.evaluation.comparison import Comparison, compare
 from airtact.evaluation.windows import Window, box_around, close_up, plane_through
 from airtact.figures.field_figure import Cut, cut_bodies
-from airtact.files.drives import write_drive_csv, write_drive_h5
 from airtact.files.vtkhdf import write_field
 from airtact.pages.run_page import Run, write_page
 from airtact.scene.target_points import outward
@@ -109,9 +108,9 @@ def _write_drive(folder: Path, setup: Setup, made: _Made) -> None:
     # An older run's field and page must not stand beside this run's drive.
     for name in FILES:
         (folder / name).unlink(missing_ok=True)
-    write_drive_csv(folder / "drive.csv", setup.array, made.drive, made.frame)
     texts = {"scene": setup.text, "report": msgspec.json.encode(made.beacons).decode()}
-    write_drive_h5(folder / "drive.h5", setup.array, made.drive, made.frame, made.transfer, setup.target, texts)
+    for name in FILES[:2]:
+        made.drive.save(folder / name, setup.array, setup.scene, made.transfer, setup.target, made.frame.levels, texts)
 
 
 def _judge(setup: Setup, made: _Made, clock: Clock, store: Path | None) -> Comparison:

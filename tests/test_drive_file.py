@@ -1,0 +1,194 @@
+"""A drive file holds all that emitting it needs, in datasets whose names and units stay."""
+
+import csv
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import airtact as at
+from airtact.drive_file import COLUMNS, DriveFile, read_drive_file, write_drive_file
+from airtact.transducers.levels import Levels
+from faults import raises_code
+
+OLD = Path(__file__).parent / "files" / "old_drive.h5"
+ARRAY = at.autd3_board().moved(at.Pose.turn(np.array([0.0, 1.0, 0.0]), 0.3, translation=(0.1, 0.0, -0.2)))
+SCENE = at.Scene(at.Medium(343.1, 1.293, 0.14), [], frequency=39e3)
+MATRIX = at.TransferMatrix(np.arange(2 * 249).reshape(2, 249) * (1 + 2j), 0.01)
+TARGET = at.Target(np.array([[0.0, 0, 0.1], [0, 0, 0.2]]), pressures=np.array([10.0, 20.0]))
+
+
+@pytest.fixture
+def drive() -> at.Drive:
+    random = np.random.default_rng(3)
+    return at.Drive(random.uniform(0, 1, 249) * np.exp(2j * np.pi * random.uniform(size=249)))
+
+
+@pytest.fixture
+def path(tmp_path: Path, drive: at.Drive) -> Path:
+    drive.save(tmp_path / "drive.h5", ARRAY, SCENE, MATRIX, TARGET, texts={"scene": "colour = 3 # λ", "report": "{}"})
+    return tmp_path / "drive.h5"
+
+
+def read_csv(path):
+    with path.open(newline="") as file:
+        header, *rows = csv.reader(file)
+    return header, np.array(rows, dtype=float).T
+
+
+def test_the_table_holds_places_and_the_drive(tmp_path, drive) -> None:
+    array = at.autd3_board()
+    drive.save(tmp_path / "drive.csv", array)
+    header, columns = read_csv(tmp_path / "drive.csv")
+    assert tuple(header) == COLUMNS
+    assert ",".join(header) == "index,x,y,z,nx,ny,nz,amplitude,phase,amplitude_level,phase_level"
+    np.testing.assert_array_equal(columns[0], np.arange(249))
+    np.testing.assert_allclose(columns[1:4].T, array.positions, atol=1e-9)
+    np.testing.assert_array_equal(columns[4:7].T, array.normals)
+    np.testing.assert_allclose(columns[7] * np.exp(1j * columns[8]), drive.amplitudes, atol=1e-8)
+
+
+def test_the_levels_are_256_steps_of_full_scale_and_of_a_turn(tmp_path, drive) -> None:
+    """Half a step of amplitude and half a step of phase, to first order."""
+    drive.save(tmp_path / "drive.csv", at.autd3_board())
+    columns = read_csv(tmp_path / "drive.csv")[1]
+    levels = columns[9] / 255 * np.exp(2j * np.pi * columns[10] / 256)
+    assert set(columns[9:].ravel()) <= set(range(256))
+    assert np.abs(levels - drive.amplitudes).max() < 0.5 / 255 + np.pi / 256
+
+
+def test_the_datasets_keep_their_names_and_units(path, drive) -> None:
+    frame = at.quantise(drive)
+    with h5py.File(path) as file:
+        np.testing.assert_array_equal(file["positions"][:], ARRAY.positions)
+        np.testing.assert_array_equal(file["normals"][:], ARRAY.normals)
+        np.testing.assert_array_equal(file["amplitude"][:], np.abs(drive.amplitudes))
+        np.testing.assert_array_equal(file["phase"][:], np.angle(drive.amplitudes))
+        np.testing.assert_array_equal(file["amplitude_level"][:], frame.amplitude)
+        np.testing.assert_array_equal(file["phase_level"][:], frame.phase)
+        np.testing.assert_array_equal(file["transfer_matrix"][:], MATRIX.matrix)
+        np.testing.assert_array_equal(file["foci"][:], TARGET.points)
+        np.testing.assert_array_equal(file["wanted_pressures"][:], [10.0, 20.0])
+        assert file["scene"].asstr()[()] == "colour = 3 # λ"
+        assert file["report"].asstr()[()] == "{}"
+        assert file["modulation"].asstr()[()] == "none"
+        assert file["format_version"][()] == 1
+        assert file["sensitivity"][()] == ARRAY.element.sensitivity
+        assert "uncalibrated" in file["sensitivity"].attrs["unit"]
+        assert file["frequency"].attrs["unit"] == "Hz"
+        assert "rate" not in file
+
+
+@pytest.mark.parametrize("ending", ["h5", "npz"])
+def test_a_file_holds_all_that_emitting_it_needs(tmp_path, drive, ending: str) -> None:
+    drive.save(tmp_path / f"drive.{ending}", ARRAY, SCENE, MATRIX, TARGET)
+    back = read_drive_file(tmp_path / f"drive.{ending}")
+    assert (back.frequency, back.medium, back.rate) == (39e3, SCENE.medium, None)
+    assert (back.sensitivity, back.element_radius) == (ARRAY.element.sensitivity, 0.0)
+    assert back.positions is not None
+    assert back.normals is not None
+    assert back.poses is not None
+    np.testing.assert_array_equal(back.positions, ARRAY.positions)
+    np.testing.assert_array_equal(back.normals, ARRAY.normals)
+    assert back.board == "autd3"
+    np.testing.assert_allclose(back.poses[0].apply(at.board_named("autd3").positions), ARRAY.positions, atol=1e-12)
+    assert back.foci is not None
+    assert back.matrix is not None
+    np.testing.assert_array_equal(back.foci, TARGET.points)
+    np.testing.assert_array_equal(back.matrix, MATRIX.matrix)
+
+
+def test_other_levels_are_written_with_what_they_stand_for(tmp_path, drive) -> None:
+    levels = Levels.even(amplitudes=5, phases=16)
+    drive.save(tmp_path / "drive.h5", levels=levels)
+    back = read_drive_file(tmp_path / "drive.h5")
+    assert back.levels is not None
+    assert back.levels.same_as(levels)
+    assert back.amplitude_level is not None
+    assert back.amplitude_level.max() == 4
+    np.testing.assert_array_equal(back.amplitude_level[0], at.quantise(drive, levels).amplitude)
+
+
+def test_an_old_file_tells_frequency_and_medium_in_its_scene(tmp_path) -> None:
+    back = read_drive_file(OLD)
+    assert (back.frequency, back.medium) == (40e3, at.Medium(343.1, 1.293))
+    with h5py.File(tmp_path / "warm.h5", "w") as file:
+        file["amplitude"], file["phase"] = np.ones(2), np.zeros(2)
+        file["scene"] = "frequency = 25e3\n[medium]\ncelsius = 30.0\n[a_key_of_no_scene]\nx = 1\n"
+    back = read_drive_file(tmp_path / "warm.h5")
+    assert (back.frequency, back.medium) == (25e3, at.air(30.0, frequency=25e3))
+
+
+def test_amplitude_and_phase_are_enough(tmp_path) -> None:
+    with h5py.File(tmp_path / "drive.h5", "w") as file:
+        file["amplitude"], file["phase"] = np.ones(3), np.zeros(3)
+    back = read_drive_file(tmp_path / "drive.h5")
+    np.testing.assert_array_equal(back.drives, np.ones((1, 3)))
+    assert (back.rate, back.matrix, back.positions, back.frequency, back.medium) == (None,) * 5
+
+
+def changed(path: Path, **columns) -> Path:
+    with h5py.File(path, "a") as file:
+        for name, values in columns.items():
+            if name in file:
+                del file[name]
+            if values is not None:
+                file[name] = values
+    return path
+
+
+@pytest.mark.parametrize(
+    ("columns", "code", "shown"),
+    [
+        ({"format_version": 2}, "unknown_version", "version 2"),
+        ({"format_version": -1}, "unknown_version", "version -1"),
+        ({"format_version": "new"}, "unknown_version", "version new"),
+        ({"amplitude": None}, "dataset_missing", "amplitude"),
+        ({"normals": None}, "sizes_differ", "249 positions have 0 normals"),
+        ({"amplitude": np.ones(3)}, "wrong_shape", "(3,)"),
+        ({"amplitude": np.ones((0, 249)), "phase": np.ones((0, 249))}, "empty", "0 frames"),
+        ({"amplitude": np.full(249, 1.5)}, "out_of_range", "249 are not, the first 1.5 of element 0"),
+        ({"phase": np.full(249, np.nan)}, "not_finite", "249"),
+        ({"rate": -1.0}, "not_positive", "-1"),
+        ({"phase_level": np.zeros(3, dtype=np.uint8)}, "wrong_shape", "249"),
+        ({"board_rotations": None}, "wrong_shape", "board_rotations"),
+        ({"format_version": None, "scene": "frequency = "}, "file_unreadable", "version 0"),
+    ],
+)
+def test_what_no_drive_is_has_a_code(path, columns, code: str, shown: str) -> None:
+    with raises_code(code, shown, "drive.h5"):
+        read_drive_file(changed(path, **columns))
+
+
+def test_files_that_cannot_be_read_or_written_are_rejected(tmp_path, drive) -> None:
+    for ending in ("h5", "npz", "csv"):
+        (tmp_path / f"text.{ending}").write_text("not a drive")
+    with raises_code("file_unreadable", "text.h5"):
+        read_drive_file(tmp_path / "text.h5")
+    with raises_code("file_unreadable", "text.npz"):
+        read_drive_file(tmp_path / "text.npz")
+    with raises_code("header_missing", "text.csv"):
+        read_drive_file(tmp_path / "text.csv")
+    (tmp_path / "text.csv").write_text(",".join(COLUMNS) + "\n" + "1," * 10 + "x\n")
+    with raises_code("cell_unreadable", "text.csv"):
+        read_drive_file(tmp_path / "text.csv")
+    (tmp_path / "text.csv").write_text(",".join(COLUMNS) + "\n1,2\n")
+    with raises_code("wrong_cell_count", "11 cells"):
+        read_drive_file(tmp_path / "text.csv")
+    with raises_code("file_missing", "none.h5"):
+        read_drive_file(tmp_path / "none.h5")
+    with raises_code("unknown_ending", "drive.txt"):
+        drive.save(tmp_path / "drive.txt")
+    with raises_code("file_not_writable", "drive.h5"):
+        drive.save(tmp_path / "none" / "drive.h5")
+    with raises_code("dataset_missing", "0 levels"):
+        write_drive_file(tmp_path / "drive.csv", DriveFile(drive.amplitudes[None]))
+    assert not (tmp_path / "drive.csv").exists()
+
+
+def test_an_array_or_a_matrix_of_another_size_is_rejected(tmp_path, drive) -> None:
+    with raises_code("element_count", "256", "249"):
+        drive.save(tmp_path / "drive.h5", at.board_array("sonicsurface"))
+    with raises_code("element_count", "3", "249"):
+        drive.save(tmp_path / "drive.h5", transfer=at.TransferMatrix(np.ones((1, 3), dtype=complex), 0.0))
