@@ -9,6 +9,8 @@ import pytest
 
 import airtact as at
 from airtact.drive_file import COLUMNS, DriveFile, read_drive_file, write_drive_file
+from airtact.transducers.boards import board_named
+from airtact.transducers.layout import board_array
 from airtact.transducers.levels import Levels
 from faults import raises_code
 
@@ -92,7 +94,7 @@ def test_a_file_holds_all_that_emitting_it_needs(tmp_path, drive, ending: str) -
     np.testing.assert_array_equal(back.positions, ARRAY.positions)
     np.testing.assert_array_equal(back.normals, ARRAY.normals)
     assert back.board == "autd3"
-    np.testing.assert_allclose(back.poses[0].apply(at.board_named("autd3").positions), ARRAY.positions, atol=1e-12)
+    np.testing.assert_allclose(back.poses[0].apply(board_named("autd3").positions), ARRAY.positions, atol=1e-12)
     assert back.foci is not None
     assert back.matrix is not None
     np.testing.assert_array_equal(back.foci, TARGET.points)
@@ -189,6 +191,6 @@ def test_files_that_cannot_be_read_or_written_are_rejected(tmp_path, drive) -> N
 
 def test_an_array_or_a_matrix_of_another_size_is_rejected(tmp_path, drive) -> None:
     with raises_code("element_count", "256", "249"):
-        drive.save(tmp_path / "drive.h5", at.board_array("sonicsurface"))
+        drive.save(tmp_path / "drive.h5", board_array("sonicsurface"))
     with raises_code("element_count", "3", "249"):
         drive.save(tmp_path / "drive.h5", transfer=at.TransferMatrix(np.ones((1, 3), dtype=complex), 0.0))

@@ -128,7 +128,7 @@ def save_drives(
     rate: float | None,
     array: PhasedArray | None,
     scene: Scene | None,
-    matrix: Complex128[np.ndarray, "foci elements"] | None,
+    matrix: Complex128[np.ndarray, "foci columns"] | None,
     target: Target | None,
     levels: Levels,
     texts: Mapping[str, str] | None,

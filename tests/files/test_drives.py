@@ -8,6 +8,9 @@ import pytest
 
 import airtact as at
 from airtact.files.drives import load_drive
+from airtact.hardware.file_link import FileLink
+from airtact.synthesis.sequence import Sequence
+from airtact.transducers.layout import board_array
 from faults import raises_code
 
 OLD = Path(__file__).parent / "old_drive.h5"
@@ -37,19 +40,19 @@ def test_a_drive_comes_back(tmp_path, drive, ending: str, digits: float) -> None
 def test_two_thousand_frames_come_back(tmp_path, ending: str, digits: float) -> None:
     random = np.random.default_rng(4)
     drives = random.uniform(0, 1, (2000, 12)) * np.exp(2j * np.pi * random.uniform(size=(2000, 12)))
-    sequence = at.Sequence(drives, 40e3 / 7)
-    sequence.save(tmp_path / f"sequence.{ending}", at.board_array("nano16"), at.Scene(AIR, []))
+    sequence = Sequence(drives, 40e3 / 7)
+    sequence.save(tmp_path / f"sequence.{ending}", board_array("nano16"), at.Scene(AIR, []))
     back = load_drive(tmp_path / f"sequence.{ending}")
-    assert isinstance(back, at.Sequence)
+    assert isinstance(back, Sequence)
     assert len(back) == 2000
     assert back.rate == pytest.approx(sequence.rate, rel=1e-11)
     np.testing.assert_allclose(back.drives, sequence.drives, rtol=0, atol=digits)
 
 
 def test_a_sequence_of_one_frame_stays_a_sequence(tmp_path, drive) -> None:
-    at.Sequence(drive.amplitudes[None], 200.0).save(tmp_path / "one.h5")
+    Sequence(drive.amplitudes[None], 200.0).save(tmp_path / "one.h5")
     back = load_drive(tmp_path / "one.h5")
-    assert isinstance(back, at.Sequence)
+    assert isinstance(back, Sequence)
     assert (len(back), back.rate) == (1, 200.0)
 
 
@@ -60,12 +63,12 @@ def test_frames_come_back_from_the_files_of_a_link(tmp_path, name: str, suffix: 
     from hardware.test_codecs import random_frame
 
     frames = [random_frame(name, 2, seed) for seed in range(3)]
-    link = at.FileLink(tmp_path / f"frames{suffix}", name, boards=2)
+    link = FileLink(tmp_path / f"frames{suffix}", name, boards=2)
     link.open()
     link.play(frames, 4000.0)
     link.close()
     back = load_drive(link.path, board=name, boards=2, rate=4000.0 if suffix == ".bin" else None)
-    assert isinstance(back, at.Sequence)
+    assert isinstance(back, Sequence)
     assert (len(back), back.rate) == (3, 4000.0)
     levels = codec_of(name).levels
     for index, frame in enumerate(frames):
@@ -88,7 +91,7 @@ def test_frames_without_a_rate_are_rejected_until_one_is_given(tmp_path) -> None
     with raises_code("rate_missing", "3 frames", "frames.h5"):
         load_drive(tmp_path / "frames.h5")
     back = load_drive(tmp_path / "frames.h5", rate=100.0)
-    assert isinstance(back, at.Sequence)
+    assert isinstance(back, Sequence)
     assert back.rate == 100.0
 
 

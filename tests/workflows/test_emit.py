@@ -194,6 +194,7 @@ def test_no_frame_of_a_sequence_is_lost_on_the_way_to_a_file(capsys, tmp_path, k
     code, printed, errors = output(capsys, "emit", path, *to_file)
     assert code == 0, errors
     assert "2000 frames, 0 dropped" in printed
+    assert "2000 frames were written." in printed
     levels = codec_of("sonicsurface").levels
     asked, back = load_drive(path), load_drive(out, rate=4000.0, board="sonicsurface")
     assert isinstance(asked, Sequence)

@@ -34,7 +34,7 @@ def emit(drive: Path, board: str, link: str, cap: float, seconds: float, yes: bo
     frame of zeros is sent and confirmed as far as the boards can.
     """
     from airtact.evaluation.thresholds import NO_SAFETY_ASSESSMENT
-    from airtact.validation import positive
+    from airtact.validation import counted, positive
     from airtact.workflows import emit as workflow
 
     positive(seconds, "how long to emit", "s")
@@ -45,7 +45,10 @@ def emit(drive: Path, board: str, link: str, cap: float, seconds: float, yes: bo
         _ask(f"Emit for {seconds:g} s through {link} to {way.devices}?")
     with progress() as report_step:
         played = workflow.emit(plan, way, seconds, report_step)
-    show(lines=[f"{way.sent} frames were sent; the last was silence, {_confirmed(link, board)}."])
+    if way.real_time:
+        show(lines=[f"{way.sent} frames were sent; the last was silence, {_confirmed(link, board)}."])
+    else:
+        show(lines=[f"{counted(way.sent, 'frame was', 'frames were')} written."])
     if played is not None:
         show(
             lines=[
@@ -92,4 +95,4 @@ def _ask(question: str) -> None:
 def _confirmed(link: str, board: str) -> str:
     if link == "serial" and board == "sonicsurface":
         return "written to the port (a SonicSurface never answers)"
-    return "and confirmed" if link != "file" else "and written"
+    return "and confirmed"

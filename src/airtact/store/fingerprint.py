@@ -86,18 +86,21 @@ def code_files(modules: frozenset[str], package: Path = PACKAGE) -> dict[str, Pa
 
     Returns
     -------
-    The files by the names of their modules; packages on the way are among them.
+    The files by the names of their modules. A package on the way counts with its own file; what that imports is
+    followed only where a module asks the package for a name that it takes from there.
     """
     found: dict[str, Path] = {}
-    waiting = list(modules)
+    waiting, followed = list(modules), {"airtact._kernels"}
     while waiting:
         name = waiting.pop()
-        if name in found or name == "airtact._kernels":
+        if name in followed:
             continue
+        followed.add(name)
         found[name] = _file_of(name, package)
         waiting.extend(_imports(_bytes_of(found[name]).decode(), package))
-        if name.startswith("airtact.") and name.count(".") > 1:
-            waiting.append(name.rpartition(".")[0])
+        while name.startswith("airtact.") and name.count(".") > 1:
+            name = name.rpartition(".")[0]
+            found[name] = _file_of(name, package)
     return found
 
 

@@ -12,7 +12,7 @@ from airtact.synthesis.gradient import gradient
 from airtact.synthesis.inverse_filter import inverse_filter, iterated_time_reversal
 from airtact.synthesis.max_min import max_min
 from airtact.synthesis.methods import METHODS
-from airtact.synthesis.quantise import Frame, Levels, quantise, rounding_error
+from airtact.synthesis.quantise import Frame, quantise, rounding_error
 from airtact.synthesis.reach import achieved_fraction
 from airtact.synthesis.sequence import (
     Sequence,
@@ -24,6 +24,7 @@ from airtact.synthesis.sequence import (
 from airtact.synthesis.stalling import Stalled
 from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
 from airtact.synthesis.upper_bound import UpperBound, upper_bound
+from airtact.transducers.levels import Levels
 from airtact.transfer import focus_by_distance, focus_by_distance_phase_only
 
 __all__ = [
