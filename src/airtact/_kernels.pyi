@@ -1,4 +1,4 @@
-"""Types of the compiled loops; src/kernels/kernels.hpp says what each computes."""
+"""Types of the compiled loops; src/kernels/kernels.hpp documents each."""
 
 import numpy as np
 
@@ -39,12 +39,12 @@ def dual_crosses_bfloat16(
 def dual_product_bfloat16(
     whole_first: np.ndarray,
     whole_column: np.ndarray,
-    tiles: np.ndarray,
+    blocks: np.ndarray,
     far_first: np.ndarray,
     far_column: np.ndarray,
     count: np.ndarray,
     begin: np.ndarray,
-    crosses: np.ndarray,
+    terms: np.ndarray,
     v: np.ndarray,
     transposed: bool,
     out: np.ndarray,
@@ -85,7 +85,7 @@ def near_excess_float32(
     targets: np.ndarray,
     first: np.ndarray,
     panel: np.ndarray,
-    six_nodes: np.ndarray,
+    quadratic_triangles: np.ndarray,
     contact: np.ndarray,
     sources: np.ndarray,
     normals: np.ndarray,
@@ -130,12 +130,12 @@ def list_near(
 ) -> None: ...
 def closest_on_panels(
     targets: np.ndarray,
-    six_nodes: np.ndarray,
+    quadratic_triangles: np.ndarray,
     order: np.ndarray,
     lower: np.ndarray,
     upper: np.ndarray,
     panel: np.ndarray,
-    foot: np.ndarray,
+    reference: np.ndarray,
     distance: np.ndarray,
 ) -> None: ...
 def gerchberg_saxton(
@@ -143,8 +143,8 @@ def gerchberg_saxton(
     imag: np.ndarray,
     rows: np.ndarray,
     wanted: np.ndarray,
-    foci_turns: int,
-    turns: int,
+    foci_iterations: int,
+    iterations: int,
     weighted: bool,
     sources: np.ndarray,
     worst: np.ndarray,
@@ -165,7 +165,7 @@ def near_integrals(
     radial: int,
     out: np.ndarray,
     distance: np.ndarray,
-    foot: np.ndarray,
+    reference: np.ndarray,
 ) -> None: ...
 def hull_distances(points: np.ndarray, balls: np.ndarray, parts: np.ndarray, out: np.ndarray) -> None: ...
 def blended_distance(
@@ -190,7 +190,7 @@ def hull_gaps(
     camera: np.ndarray,
     facing: float,
     distance: np.ndarray,
-    slopes: np.ndarray,
+    gradients: np.ndarray,
     hull: np.ndarray,
 ) -> None: ...
 def project_on_hulls(
@@ -202,7 +202,7 @@ def project_on_hulls(
     reach: float,
     most: int,
     longest: float,
-    on_skin: float,
+    on_surface: float,
     stride: float,
     halvings: int,
 ) -> None: ...

@@ -22,9 +22,9 @@ double squared_distance_to_box(const double *lower, const double *upper, const d
 
 }  // namespace
 
-void closest_on_panels(const double *targets, std::int64_t n, const double *six_nodes, const std::int64_t *order,
+void closest_on_panels(const double *targets, std::int64_t n, const double *quadratic_triangles, const std::int64_t *order,
                        std::int64_t panels, const double *lower, const double *upper, std::int64_t leaves,
-                       std::int64_t *panel, double *foot, double *distance) {
+                       std::int64_t *panel, double *reference, double *distance) {
 #pragma omp parallel for schedule(dynamic, 64)
     for (std::int64_t i = 0; i < n; i++) {
         const double *x = targets + 3 * i;
@@ -46,12 +46,12 @@ void closest_on_panels(const double *targets, std::int64_t n, const double *six_
             if (box - leaves >= panels) continue;
             const std::int64_t found = order[box - leaves];
             double candidate[2];
-            const double squared = closest_point(Patch(six_nodes + 18 * found, x), candidate);
+            const double squared = closest_point(Patch(quadratic_triangles + 18 * found, x), candidate);
             if (squared < best) {
                 best = squared;
                 panel[i] = found;
-                foot[2 * i] = candidate[0];
-                foot[2 * i + 1] = candidate[1];
+                reference[2 * i] = candidate[0];
+                reference[2 * i + 1] = candidate[1];
             }
         }
         distance[i] = std::sqrt(best);

@@ -1,13 +1,13 @@
-// The matrix of the dual-surface equation: its tiles, filled a row at a time, and its products with a few vectors at once.
-#include "tiles.hpp"
+// The matrix of the dual-surface equation: its blocks, filled a row at a time, and its products with a few vectors at once.
+#include "storage.hpp"
 
 namespace airtact {
 namespace AIRTACT_VARIANT {
 namespace {
 
-static_assert(lanes % 6 == 0 && lanes % sharing == 0, "a panel is in one tile");
+static_assert(lanes % 6 == 0 && lanes % sharing == 0, "a panel is in one block");
 
-// Calls add(column, real, imaginary) for what the near panels of target i add to the columns of a tile. `next` is the
+// Calls add(column, real, imaginary) for the corrections of the near panels of target i to the columns of a block. `next` is the
 // first of them that may be in it or a later one: panels come in order.
 template <class Add>
 void add_near(const NearRows &near, std::int64_t i, std::int64_t begin, std::int64_t n, std::int64_t &next,
@@ -19,7 +19,7 @@ void add_near(const NearRows &near, std::int64_t i, std::int64_t begin, std::int
 
 template <class Store, bool Lossy>
 void fill(const double *points, const double *shifted, const double *normals, std::int64_t m, Wavenumber wavenumber,
-          const NearRows &near, const NearRows &near_shifted, const Pairs &whole, Store *tiles) {
+          const NearRows &near, const NearRows &near_shifted, const Pairs &whole, Store *blocks) {
     using Real = typename Arithmetic<Store>::Real;
     const double zero[3] = {0, 0, 0};
     const Origin origin(points, m);
@@ -35,14 +35,14 @@ void fill(const double *points, const double *shifted, const double *normals, st
             t2[d] = x2[d][group];
             for (std::int64_t r = 0; r < sharing; r++) t[r][d] = y[d][sharing * group + r];
         }
-        const std::int64_t tile = sharing * group / lanes, top = sharing * group % lanes;
-        for (std::int64_t e = whole.first[tile]; e < whole.first[tile + 1]; e++) {
+        const std::int64_t block = sharing * group / lanes, top = sharing * group % lanes;
+        for (std::int64_t e = whole.first[block]; e < whole.first[block + 1]; e++) {
             const std::int64_t begin = lanes * whole.column[e], n = std::min(lanes, m - begin);
             if (n < lanes) std::fill(rows[0], rows[0] + sharing * 2 * lanes, Real(0));
             const Real *sx = y[0] + begin, *sy = y[1] + begin, *sz = y[2] + begin;
             const Real *nx = a[0] + begin, *ny = a[1] + begin, *nz = a[2] + begin;
 #pragma omp simd
-            for (std::int64_t l = 0; l < n; l++) {  // i D(x') - D(x), all that share x' at once: each waits for itself
+            for (std::int64_t l = 0; l < n; l++) {  // i D(x') - D(x), all that share x' at once, which hides the latency
                 Real inside_re, inside_im, re, im;
                 double_layer<Real, Lossy>(sx[l] - t2[0], sy[l] - t2[1], sz[l] - t2[2], nx[l], ny[l], nz[l], k, Real(0),
                                           inside_re, inside_im);
@@ -62,7 +62,7 @@ void fill(const double *points, const double *shifted, const double *normals, st
                     rows[r][l] -= Real(re), rows[r][l + lanes] -= Real(im);
                 });
                 if (begin <= i && i < begin + n) rows[r][i - begin] += Real(0.5);
-                Store *out = tiles + row_words * (lanes * e + top + r);
+                Store *out = blocks + row_words * (lanes * e + top + r);
                 store(rows[r], out);
                 store(rows[r] + lanes, out + stored<Store>);
             }
@@ -70,12 +70,12 @@ void fill(const double *points, const double *shifted, const double *normals, st
     }
 }
 
-template <class Real> struct Sounds {  // vectors as planes that are filled up with zeros: real parts, imaginary parts
+template <class Real> struct Vectors {  // vectors as planes padded with zeros: real parts, imaginary parts
     std::int64_t length;
     std::vector<Real> data;
-    Sounds(std::int64_t sounds, std::int64_t m) : length((m + lanes - 1) / lanes * lanes), data(2 * sounds * length) {}
-    Sounds(const std::complex<Real> *v, std::int64_t sounds, std::int64_t m) : Sounds(sounds, m) {
-        for (std::int64_t s = 0; s < sounds; s++)
+    Vectors(std::int64_t vectors, std::int64_t m) : length((m + lanes - 1) / lanes * lanes), data(2 * vectors * length) {}
+    Vectors(const std::complex<Real> *v, std::int64_t vectors, std::int64_t m) : Vectors(vectors, m) {
+        for (std::int64_t s = 0; s < vectors; s++)
             for (std::int64_t j = 0; j < m; j++) {
                 data[2 * s * length + j] = v[s * m + j].real();
                 data[(2 * s + 1) * length + j] = v[s * m + j].imag();
@@ -83,12 +83,12 @@ template <class Real> struct Sounds {  // vectors as planes that are filled up w
     }
 };
 
-// Adds to N sounds what a row hears in them, planes of `length` that begin with its tile's part
+// Adds to N sums the products of a row with N vectors, planes of `length` that begin at its block
 template <int N, class Store, class Real>
-void hear(const Store *row, const Real *v_re, std::int64_t length, Real *re, Real *im) {
+void multiply_row(const Store *row, const Real *v_re, std::int64_t length, Real *re, Real *im) {
     const Store *a_re = row, *a_im = row + stored<Store>;
     const Real *v_im = v_re + length, *w_re = v_re + (N > 1 ? 2 * length : 0), *w_im = w_re + length;
-    Real rr = 0, ii = 0, ri = 0, ir = 0, r2 = 0, i2 = 0, x2 = 0, y2 = 0;  // one sum alone waits for itself
+    Real rr = 0, ii = 0, ri = 0, ir = 0, r2 = 0, i2 = 0, x2 = 0, y2 = 0;  // several sums hide the latency of each
 #pragma omp simd reduction(+ : rr, ii, ri, ir, r2, i2, x2, y2)
     for (std::int64_t l = 0; l < half; l++) {
         const std::int64_t h = half + l;
@@ -105,20 +105,20 @@ void hear(const Store *row, const Real *v_re, std::int64_t length, Real *re, Rea
 
 constexpr int rows_at_once = 4;
 
-// Adds to N sounds, planes of `length` that begin with the tile's part, what some rows say in them, planes of `saying`
+// Adds to N vectors, planes of `length` that begin at the block, up to four rows times their weights, planes of `stride`
 template <int N, class Store, class Real>
-void speak(const Store *rows, std::int64_t count, const Real *said, std::int64_t saying, Real *heard,
+void add_four(const Store *rows, std::int64_t count, const Real *weights, std::int64_t stride, Real *sums,
            std::int64_t length) {
     Real c[rows_at_once][2] = {}, d[rows_at_once][2] = {};
     const Store *row[rows_at_once];
     for (std::int64_t r = 0; r < rows_at_once; r++) {
         row[r] = rows + 2 * stored<Store> * (r < count ? r : 0);
         for (int s = 0; r < count && s < N; s++) {
-            c[r][s] = said[2 * s * saying + r];
-            d[r][s] = said[(2 * s + 1) * saying + r];
+            c[r][s] = weights[2 * s * stride + r];
+            d[r][s] = weights[(2 * s + 1) * stride + r];
         }
     }
-    Real *const re = heard, *const im = re + length;
+    Real *const re = sums, *const im = re + length;
     Real *const re2 = re + (N > 1 ? 2 * length : 0), *const im2 = re2 + length;
 #pragma omp simd
     for (std::int64_t l = 0; l < half; l++) {
@@ -138,31 +138,31 @@ void speak(const Store *rows, std::int64_t count, const Real *said, std::int64_t
     }
 }
 
-// hears: adds to `said`, planes of `saying`, what each of some rows hears; speaks: adds to `heard` what they say
+// The products of some rows with vectors are added to `weights`, planes of `stride`; or the rows times weights to `sums`
 template <int N, class Store, class Real>
-void rows_hear(const Store *rows, std::int64_t count, const Real *v, std::int64_t length, Real *said,
-               std::int64_t saying) {
+void multiply_rows(const Store *rows, std::int64_t count, const Real *v, std::int64_t length, Real *weights,
+               std::int64_t stride) {
     for (std::int64_t r = 0; r < count; r++) {
         Real re[2] = {}, im[2] = {};
-        hear<N, Store, Real>(rows + 2 * stored<Store> * r, v, length, re, im);
-        for (int s = 0; s < N; s++) said[2 * s * saying + r] += re[s], said[(2 * s + 1) * saying + r] += im[s];
+        multiply_row<N, Store, Real>(rows + 2 * stored<Store> * r, v, length, re, im);
+        for (int s = 0; s < N; s++) weights[2 * s * stride + r] += re[s], weights[(2 * s + 1) * stride + r] += im[s];
     }
 }
 template <int N, class Store, class Real>
-void rows_speak(const Store *rows, std::int64_t count, const Real *said, std::int64_t saying, Real *heard,
+void add_rows(const Store *rows, std::int64_t count, const Real *weights, std::int64_t stride, Real *sums,
                 std::int64_t length) {
     for (std::int64_t r = 0; r < count; r += rows_at_once)
-        speak<N, Store, Real>(rows + 2 * stored<Store> * r, std::min<std::int64_t>(rows_at_once, count - r), said + r,
-                              saying, heard, length);
+        add_four<N, Store, Real>(rows + 2 * stored<Store> * r, std::min<std::int64_t>(rows_at_once, count - r), weights + r,
+                              stride, sums, length);
 }
 
-struct Met {  // one tile meets another: the number of their pair
-    std::int64_t tile, pair;
+struct Partner {  // another block of a pair: its number and that of the pair
+    std::int64_t block, pair;
 };
 
-std::vector<std::vector<Met>> met(const Pairs &pairs, bool transposed) {  // by the tile that the product is wanted at
-    std::vector<std::vector<Met>> out(pairs.tiles);
-    for (std::int64_t t = 0; t < pairs.tiles; t++)
+std::vector<std::vector<Partner>> by_block(const Pairs &pairs, bool transposed) {  // by the block of the product
+    std::vector<std::vector<Partner>> out(pairs.blocks);
+    for (std::int64_t t = 0; t < pairs.blocks; t++)
         for (std::int64_t e = pairs.first[t]; e < pairs.first[t + 1]; e++) {
             const std::int64_t c = pairs.column[e];
             transposed ? out[c].push_back({t, e}) : out[t].push_back({c, e});
@@ -170,65 +170,65 @@ std::vector<std::vector<Met>> met(const Pairs &pairs, bool transposed) {  // by 
     return out;
 }
 
-// What one or two sounds, planes of `length`, become at one tile
+// One block of the product with one or two vectors, planes of `length`
 template <int N, class Store, class Real>
-void product_at(std::int64_t tile, const std::vector<Met> &whole, const Store *tiles, const std::vector<Met> &far,
-                const Crosses<Store> &crosses, std::int64_t m, const Real *v, std::int64_t length, bool transposed,
+void product_at(std::int64_t block, const std::vector<Partner> &whole, const Store *blocks, const std::vector<Partner> &far,
+                const LowRank<Store> &terms, std::int64_t m, const Real *v, std::int64_t length, bool transposed,
                 Real *out) {
     constexpr std::int64_t row_words = 2 * stored<Store>;
-    for (const Met &one : whole) {
-        const Store *rows = tiles + row_words * lanes * one.pair;
+    for (const Partner &one : whole) {
+        const Store *rows = blocks + row_words * lanes * one.pair;
         if (transposed)
-            rows_speak<N, Store, Real>(rows, std::min(lanes, m - lanes * one.tile), v + lanes * one.tile, length,
-                                       out + lanes * tile, length);
+            add_rows<N, Store, Real>(rows, std::min(lanes, m - lanes * one.block), v + lanes * one.block, length,
+                                       out + lanes * block, length);
         else
-            rows_hear<N, Store, Real>(rows, std::min(lanes, m - lanes * tile), v + lanes * one.tile, length,
-                                      out + lanes * tile, length);
+            multiply_rows<N, Store, Real>(rows, std::min(lanes, m - lanes * block), v + lanes * one.block, length,
+                                      out + lanes * block, length);
     }
-    for (const Met &one : far) {
-        const std::int64_t count = crosses.count[one.pair];
-        const Store *of_columns = crosses.rows + row_words * crosses.begin[one.pair];
+    for (const Partner &one : far) {
+        const std::int64_t count = terms.count[one.pair];
+        const Store *of_columns = terms.rows + row_words * terms.begin[one.pair];
         const Store *of_rows = of_columns + row_words * count;
         if (transposed) std::swap(of_columns, of_rows);
-        Real said[2 * N * lanes] = {};
-        rows_hear<N, Store, Real>(of_columns, count, v + lanes * one.tile, length, said, lanes);
-        rows_speak<N, Store, Real>(of_rows, count, said, lanes, out + lanes * tile, length);
+        Real weights[2 * N * lanes] = {};
+        multiply_rows<N, Store, Real>(of_columns, count, v + lanes * one.block, length, weights, lanes);
+        add_rows<N, Store, Real>(of_rows, count, weights, lanes, out + lanes * block, length);
     }
 }
 
 }  // namespace
 
 template <class Store>
-void dual_tiles(const double *points, const double *shifted, const double *normals, std::int64_t m, Wavenumber k,
-                NearRows near, NearRows near_shifted, Pairs whole, Store *tiles) {
+void dual_blocks(const double *points, const double *shifted, const double *normals, std::int64_t m, Wavenumber k,
+                NearRows near, NearRows near_shifted, Pairs whole, Store *blocks) {
     (k.imag > 0 ? fill<Store, true> : fill<Store, false>)(points, shifted, normals, m, k, near, near_shifted, whole,
-                                                          tiles);
+                                                          blocks);
 }
 
 template <class Store>
-void dual_product(Pairs whole, const Store *tiles, Pairs far, Crosses<Store> crosses, std::int64_t m,
-                  const std::complex<typename Arithmetic<Store>::Real> *v, std::int64_t sounds, bool transposed,
+void dual_product(Pairs whole, const Store *blocks, Pairs far, LowRank<Store> terms, std::int64_t m,
+                  const std::complex<typename Arithmetic<Store>::Real> *v, std::int64_t vectors, bool transposed,
                   std::complex<typename Arithmetic<Store>::Real> *out) {
     using Real = typename Arithmetic<Store>::Real;
-    const Sounds<Real> given(v, sounds, m);
-    Sounds<Real> made(sounds, m);
-    const auto whole_met = met(whole, transposed), far_met = met(far, transposed);
+    const Vectors<Real> given(v, vectors, m);
+    Vectors<Real> made(vectors, m);
+    const auto whole_pairs = by_block(whole, transposed), far_pairs = by_block(far, transposed);
     const std::int64_t length = given.length;
 #pragma omp parallel for schedule(dynamic, 1)
-    for (std::int64_t tile = 0; tile < whole.tiles; tile++)
-        for (std::int64_t s = 0; s < sounds; s += 2)
-            (s + 1 < sounds ? product_at<2, Store, Real> : product_at<1, Store, Real>)(
-                tile, whole_met[tile], tiles, far_met[tile], crosses, m, given.data.data() + 2 * s * length, length,
+    for (std::int64_t block = 0; block < whole.blocks; block++)
+        for (std::int64_t s = 0; s < vectors; s += 2)
+            (s + 1 < vectors ? product_at<2, Store, Real> : product_at<1, Store, Real>)(
+                block, whole_pairs[block], blocks, far_pairs[block], terms, m, given.data.data() + 2 * s * length, length,
                 transposed, made.data.data() + 2 * s * length);
-    for (std::int64_t s = 0; s < sounds; s++)
+    for (std::int64_t s = 0; s < vectors; s++)
         for (std::int64_t j = 0; j < m; j++)
             out[s * m + j] = {made.data[2 * s * length + j], made.data[(2 * s + 1) * length + j]};
 }
 
 #define AIRTACT_DUAL(Store)                                                                                           \
-    template void dual_tiles<Store>(const double *, const double *, const double *, std::int64_t, Wavenumber,         \
+    template void dual_blocks<Store>(const double *, const double *, const double *, std::int64_t, Wavenumber,         \
                                     NearRows, NearRows, Pairs, Store *);                                              \
-    template void dual_product<Store>(Pairs, const Store *, Pairs, Crosses<Store>, std::int64_t,                      \
+    template void dual_product<Store>(Pairs, const Store *, Pairs, LowRank<Store>, std::int64_t,                      \
                                       const std::complex<Arithmetic<Store>::Real> *, std::int64_t, bool,              \
                                       std::complex<Arithmetic<Store>::Real> *);
 AIRTACT_DUAL(std::uint32_t)

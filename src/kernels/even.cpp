@@ -1,5 +1,5 @@
-// Even triangles on a closed skin: long edges split, short ones collapsed, diagonals flipped, corners moved within the
-// skin towards the middle of their neighbours (M. Botsch, L. Kobbelt, "A remeshing approach to multiresolution
+// Even triangles on a closed surface: long edges split, short ones collapsed, diagonals flipped, corners moved within the
+// surface towards the middle of their neighbours (M. Botsch, L. Kobbelt, "A remeshing approach to multiresolution
 // modeling", Symposium on Geometry Processing 2004). Nothing here opens the mesh or turns a triangle over.
 #include <algorithm>
 #include <array>

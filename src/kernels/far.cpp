@@ -115,7 +115,7 @@ void apply_in_cells(const double *targets, const std::int64_t *first, std::int64
                     double reach, bool inside, const double *sources, const double *normals, std::int64_t m,
                     const std::complex<double> *density, std::int64_t sounds, Wavenumber k, double least,
                     std::complex<double> *out) {
-    using Real = float;  // with the cell's centre as origin it tells sources apart however near they are
+    using Real = float;  // with the cell's centre as origin it resolves near sources
     const Wave<Real> wave(k);
 #pragma omp parallel
     {

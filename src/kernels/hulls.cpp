@@ -1,4 +1,4 @@
-// Distance to a union of hulls of two or three balls, its creases filled.
+// Distance to a union of hulls of two or three balls, its edges filled.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -22,7 +22,7 @@ Vector cross(Vector a, Vector b) { return {a.y * b.z - a.z * b.y, a.z * b.x - a.
 Vector read(const double *p) { return {p[0], p[1], p[2]}; }
 void write(Vector a, double *p) { p[0] = a.x, p[1] = a.y, p[2] = a.z; }
 
-struct Foot {
+struct Projection {
     double distance;  // to the hull, negative inside
     Vector normal;
     double radius;  // of the ball that is nearest
@@ -30,26 +30,26 @@ struct Foot {
 
 struct Rod {  // hull of two balls
     Vector start, axis;
-    double length, first, slope, tangent;
+    double length, first, taper, tangent;
 
     Rod() = default;
     Rod(const double *one, const double *two) : start(read(one)), first(one[3]) {
         const Vector along = read(two) - start;
         length = norm_of(along);
         axis = length > 0 ? (1 / length) * along : Vector{0, 0, 1};
-        slope = length > 0 ? (one[3] - two[3]) / length : 0;
-        const double cosine = 1 - slope * slope;
-        tangent = cosine > 0 ? slope / std::sqrt(cosine) : slope * std::numeric_limits<double>::infinity();
+        taper = length > 0 ? (one[3] - two[3]) / length : 0;
+        const double cosine = 1 - taper * taper;
+        tangent = cosine > 0 ? taper / std::sqrt(cosine) : taper * std::numeric_limits<double>::infinity();
     }
     static double norm_of(Vector a) { return std::sqrt(dot(a, a)); }
-    void at(Vector x, Foot &best) const {
+    void at(Vector x, Projection &best) const {
         const Vector out = x - start;
         const double along = dot(out, axis);
         const double away = std::sqrt(std::max(dot(out, out) - along * along, 0.0));
-        double place = std::abs(slope) < 1 ? along - away * tangent : (slope > 0 ? 0 : length);
+        double place = std::abs(taper) < 1 ? along - away * tangent : (taper > 0 ? 0 : length);
         place = std::min(std::max(place, 0.0), length);
         const Vector spoke = out - place * axis;
-        const double far = norm_of(spoke), radius = first - slope * place, distance = far - radius;
+        const double far = norm_of(spoke), radius = first - taper * place, distance = far - radius;
         if (distance < best.distance)
             best = {distance, far > 0 ? (1 / far) * spoke : Vector{1, 0, 0}, radius};
     }
@@ -95,8 +95,8 @@ struct Hull {
                          std::max(length(read(two) - middle) + two[3], length(read(three) - middle) + three[3]));
     }
     double least(Vector x) const { return length(x - middle) - reach; }
-    Foot at(Vector x) const {
-        Foot best{std::numeric_limits<double>::infinity(), {1, 0, 0}, 0};
+    Projection at(Vector x) const {
+        Projection best{std::numeric_limits<double>::infinity(), {1, 0, 0}, 0};
         if (flat) {
             const Vector out = x - corner;
             const double height = dot(out, up);
@@ -154,7 +154,7 @@ struct Body {
     double carve, reach;
     int count, some = 0;
     std::vector<double> least, level;
-    std::vector<Foot> feet;
+    std::vector<Projection> feet;
     std::vector<int> close, here;  // hulls near the point, and near the place
 
     Body(const std::vector<Hull> &all, const double *widths, const double *standing, double carved, double looked)
@@ -209,7 +209,7 @@ struct Body {
             }
         }
     }
-    void fill_creases(Found &found) const {
+    void fill_edges(Found &found) const {
         for (int a = 0; a < some; a++)
             for (int b = 0; b < a; b++) {
                 const int i = close[a], j = close[b];
@@ -240,7 +240,7 @@ struct Body {
             if (apart[winner * count + i] > 0 && feet[i].distance < found.facing && joint(winner, i) > 0)
                 found.facing = feet[i].distance;
         }
-        fill_creases(found);
+        fill_edges(found);
         return found;
     }
 };
@@ -273,44 +273,44 @@ void nearest_hulls(const std::vector<Hull> &hulls, Vector x, Touched *near) {
     double radius[looked_at];
     for (int i = 0; i < int(hulls.size()); i++) {
         if (hulls[i].least(x) >= near[looked_at - 1].distance) continue;
-        const Foot foot = hulls[i].at(x);
-        if (foot.distance >= near[looked_at - 1].distance) continue;
+        const Projection closest = hulls[i].at(x);
+        if (closest.distance >= near[looked_at - 1].distance) continue;
         int place = looked_at - 1;
-        for (; place > 0 && near[place - 1].distance > foot.distance; place--)
+        for (; place > 0 && near[place - 1].distance > closest.distance; place--)
             near[place] = near[place - 1], radius[place] = radius[place - 1];
-        near[place].hull = i, near[place].distance = foot.distance, near[place].normal = foot.normal;
-        radius[place] = foot.radius;
+        near[place].hull = i, near[place].distance = closest.distance, near[place].normal = closest.normal;
+        radius[place] = closest.radius;
     }
     for (int k = 0; k < looked_at && near[k].hull >= 0; k++)
         hulls[near[k].hull].shares(x - (near[k].distance + radius[k]) * near[k].normal, near[k].share);
 }
 
-// Hold a point that touches skin facing away from the camera against the front of the same ball, or its rim beside it
-bool hold_before(Vector x, Vector sight, double facing, const double *balls, const std::int64_t *part, Touched &foot) {
-    if (dot(foot.normal, sight) >= facing) return false;
+// Hold a point that touches a surface facing away from the camera against the front of the same ball, or its rim beside it
+bool hold_before(Vector x, Vector sight, double facing, const double *balls, const std::int64_t *part, Touched &closest) {
+    if (dot(closest.normal, sight) >= facing) return false;
     Vector centre{0, 0, 0};
     double radius = 0;
     for (int k = 0; k < 3 && part[k] >= 0; k++) {
-        centre = centre + foot.share[k] * read(balls + 4 * part[k]);
-        radius += foot.share[k] * balls[4 * part[k] + 3];
+        centre = centre + closest.share[k] * read(balls + 4 * part[k]);
+        radius += closest.share[k] * balls[4 * part[k] + 3];
     }
     const Vector out = x - centre, across = out - dot(out, sight) * sight;
     const double wide = length(across);
     if (wide < radius) {
-        foot.normal = 1 / radius * (across + std::sqrt(radius * radius - wide * wide) * sight);
-        foot.distance = dot(foot.normal, out) - radius;
+        closest.normal = 1 / radius * (across + std::sqrt(radius * radius - wide * wide) * sight);
+        closest.distance = dot(closest.normal, out) - radius;
     } else {
-        foot.normal = wide > 0 ? 1 / wide * across : Vector{1, 0, 0};
-        foot.distance = wide - radius;
+        closest.normal = wide > 0 ? 1 / wide * across : Vector{1, 0, 0};
+        closest.distance = wide - radius;
     }
     return true;
 }
 
-void add_slopes(const Touched &foot, double weight, const std::int64_t *part, double *slopes) {
+void add_gradients(const Touched &closest, double weight, const std::int64_t *part, double *gradients) {
     for (int k = 0; k < 3 && part[k] >= 0; k++) {
-        double *own = slopes + 4 * part[k];
-        const double by = -weight * foot.share[k];
-        own[0] += by * foot.normal.x, own[1] += by * foot.normal.y, own[2] += by * foot.normal.z, own[3] += by;
+        double *own = gradients + 4 * part[k];
+        const double by = -weight * closest.share[k];
+        own[0] += by * closest.normal.x, own[1] += by * closest.normal.y, own[2] += by * closest.normal.z, own[3] += by;
     }
 }
 
@@ -318,14 +318,14 @@ void add_slopes(const Touched &foot, double weight, const std::int64_t *part, do
 
 void hull_gaps(const double *points, std::int64_t n, const double *balls, std::int64_t some, const std::int64_t *parts,
                std::int64_t count, const double *blend, const double *camera, double facing, double *distance,
-               double *slopes, std::int64_t *hull) {
+               double *gradients, std::int64_t *hull) {
     const std::vector<Hull> hulls = hulls_of(balls, parts, count);
 #pragma omp parallel for schedule(static)
     for (std::int64_t p = 0; p < n; p++) {
         const Vector x = read(points + 3 * p);
         Touched near[looked_at];
         nearest_hulls(hulls, x, near);
-        std::fill(slopes + 4 * some * p, slopes + 4 * some * (p + 1), 0.0);
+        std::fill(gradients + 4 * some * p, gradients + 4 * some * (p + 1), 0.0);
         distance[p] = std::numeric_limits<double>::quiet_NaN(), hull[p] = 0;
         if (near[0].hull < 0) continue;  // the point is NaN
         int chosen = 0, other = 0;
@@ -351,8 +351,8 @@ void hull_gaps(const double *points, std::int64_t n, const double *balls, std::i
             distance[p] = joined, other = k;
             share = step >= 0 ? over / (2 * width) : 1 - over / (2 * width);
         }
-        add_slopes(own, 1 - share, parts + 3 * own.hull, slopes + 4 * some * p);
-        if (share > 0) add_slopes(near[other], share, parts + 3 * near[other].hull, slopes + 4 * some * p);
+        add_gradients(own, 1 - share, parts + 3 * own.hull, gradients + 4 * some * p);
+        if (share > 0) add_gradients(near[other], share, parts + 3 * near[other].hull, gradients + 4 * some * p);
         hull[p] = own.hull;
     }
 }
@@ -398,13 +398,13 @@ void project_on_hulls(double *points, std::int64_t n, const double *balls, const
         for (std::int64_t p = 0; p < n; p++) {
             Vector x = read(points + 3 * p);
             Found found = body.look(x);
-            for (std::int64_t step = 0; step < steps.most && std::abs(found.distance) > steps.on_skin; step++) {
-                const double square = std::max(dot(found.gradient, found.gradient), 0.1), slope = std::sqrt(square);
-                const double far = std::min(std::max(found.distance / slope, -steps.longest), steps.longest);
-                x = x - far / slope * found.gradient;
+            for (std::int64_t step = 0; step < steps.most && std::abs(found.distance) > steps.on_surface; step++) {
+                const double square = std::max(dot(found.gradient, found.gradient), 0.1), taper = std::sqrt(square);
+                const double far = std::min(std::max(found.distance / taper, -steps.longest), steps.longest);
+                x = x - far / taper * found.gradient;
                 found = body.look(x);
             }
-            if (std::abs(found.distance) > steps.on_skin) {  // it jumps from side to side of a crease
+            if (std::abs(found.distance) > steps.on_surface) {  // it jumps from side to side of an edge
                 const double side = found.distance > 0 ? 1 : -1;
                 Vector far = x - side * steps.stride * found.gradient;
                 const bool through = side * body.look(far).distance < 0;

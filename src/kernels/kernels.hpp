@@ -12,29 +12,29 @@ struct Wavenumber {
     double real, imag;
 };
 
-constexpr std::int64_t lanes = 192;  // nodes of a tile, those of 32 panels
+constexpr std::int64_t lanes = 192;  // nodes of a block, those of 32 panels
 constexpr std::int64_t sharing = 3;  // nodes that share a second collocation point
 
-template <class Store> struct Arithmetic {  // what a matrix is computed in, by what it is kept as
+template <class Store> struct Arithmetic {  // the type a matrix is computed in, by its number format
     using Real = Store;
 };
 template <> struct Arithmetic<std::uint32_t> {  // two of bfloat16
     using Real = float;
 };
 
-struct NearRows {  // for each target its near panels, and what to add to the entries of their six nodes
+struct NearRows {  // for each target its near panels, and the corrections to the entries of their six nodes
     const std::int64_t *first, *panel;
     const std::complex<double> *excess;
 };
 
-struct Pairs {  // of tiles: tile t of the rows with tiles column[first[t]] ... column[first[t + 1] - 1], in rising order
-    std::int64_t tiles;
+struct Pairs {  // of blocks: block t of the rows with blocks column[first[t]] ... column[first[t + 1] - 1], in rising order
+    std::int64_t blocks;
     const std::int64_t *first, *column;
 };
 
-// For each far pair the number of its crosses, and where in them its rows begin: those of the columns' tile first, then
-// those of the rows' tile. A row is `lanes` real parts, then as many imaginary parts, as `Store` keeps them.
-template <class Store> struct Crosses {
+// For each far block its rank, and where its factors begin: those along its columns first, then those along its rows. A
+// factor is `lanes` real parts, then as many imaginary parts, in the format of `Store`.
+template <class Store> struct LowRank {
     const std::int64_t *count, *begin;
     const Store *rows;
 };
@@ -45,10 +45,10 @@ struct NearRule {
     std::int64_t angular, radial;   // points for a target far from the panel's plane
 };
 
-struct Steps {  // that bring points onto a skin
+struct Steps {  // that move points onto a surface
     std::int64_t most;
-    double longest, on_skin;  // no step is longer; nearer points are there
-    double stride;            // where they do not settle, the skin is looked for so far on ...
+    double longest, on_surface;  // no step is longer; nearer points are there
+    double stride;            // where they do not converge, the surface is searched so far on ...
     std::int64_t halvings;    // ... and found by halving the way so often
 };
 
@@ -58,28 +58,28 @@ struct Steps {  // that bring points onto a skin
 namespace airtact {
 namespace AIRTACT_VARIANT {
 
-// The matrix of the dual-surface equation, M x M, in tiles of `lanes` rows and columns, the last columns filled up with zeros:
-//   0.5 [i = j] - D(x_i, y_j) + i D(x'_i, y_j) with what the near panels, in rising order, add to either D,
-// D being the normal derivative at y of e^{ikr}/(4 pi r) times area; x_i = y_i; x'_i = shifted[i / sharing]. A tile is
+// The matrix of the dual-surface equation, M x M, in blocks of `lanes` rows and columns, the last columns padded with zeros:
+//   0.5 [i = j] - D(x_i, y_j) + i D(x'_i, y_j) plus the corrections of the near panels, in rising order, to either D,
+// where D is the normal derivative at y of e^{ikr}/(4 pi r) times area; x_i = y_i; x'_i = shifted[i / sharing]. A block is
 // `lanes` rows, each of `lanes` real parts, then imaginary parts. As bfloat16, the upper half of a float, number
-// l + lanes / 2 stands in the upper 16 bits of word l, and number l in the lower ones.
+// l + lanes / 2 is in the upper 16 bits of word l, and number l in the lower ones.
 
-// The tiles that are kept whole, one after another. All near panels must be in one of them.
+// The blocks that are stored whole, one after another. All near panels must be in one of them.
 template <class Store>
-void dual_tiles(const double *points, const double *shifted, const double *normals, std::int64_t m, Wavenumber k,
-                NearRows near, NearRows near_shifted, Pairs whole, Store *tiles);
+void dual_blocks(const double *points, const double *shifted, const double *normals, std::int64_t m, Wavenumber k,
+                NearRows near, NearRows near_shifted, Pairs whole, Store *blocks);
 
-// The other tiles as sums of crosses: of few of their own columns times few of their own rows, chosen as they are needed
-// (adaptive cross approximation), until three rows in turn differ from the tile's by so little that all of it would by
-// `tolerance`, in the Frobenius norm. Returns how many rows they take; where `room` is less, those beyond are left out.
+// The other blocks as sums of low-rank terms: few of their own columns times few of their own rows, chosen one by one
+// (adaptive cross approximation, ACA), until the residuals of three rows in turn, scaled to the block, are below
+// `tolerance` in the Frobenius norm. Returns how many factors they take; those beyond `room` are not written.
 template <class Store>
-std::int64_t dual_crosses(const double *points, const double *shifted, const double *normals, std::int64_t m,
+std::int64_t dual_low_rank(const double *points, const double *shifted, const double *normals, std::int64_t m,
                           Wavenumber k, Pairs far, double tolerance, std::int64_t room, std::int64_t *count,
                           std::int64_t *begin, Store *rows);
 
 // out[s] = A v[s], or A^T v[s], for each of S vectors (S, M)
 template <class Store>
-void dual_product(Pairs whole, const Store *tiles, Pairs far, Crosses<Store> crosses, std::int64_t m,
+void dual_product(Pairs whole, const Store *blocks, Pairs far, LowRank<Store> terms, std::int64_t m,
                   const std::complex<typename Arithmetic<Store>::Real> *v, std::int64_t sounds, bool transposed,
                   std::complex<typename Arithmetic<Store>::Real> *out);
 
@@ -120,32 +120,32 @@ void near_pairs(const double *targets, std::int64_t n, const double *centres, co
 // For each target the panel that is closest, the reference coordinates of its closest point and how far that is. The
 // boxes are a binary tree as a heap: box 1 holds all, box b holds boxes 2 b and 2 b + 1, box leaves + l holds panel
 // order[l].
-void closest_on_panels(const double *targets, std::int64_t n, const double *six_nodes, const std::int64_t *order,
+void closest_on_panels(const double *targets, std::int64_t n, const double *quadratic_triangles, const std::int64_t *order,
                        std::int64_t panels, const double *lower, const double *upper, std::int64_t leaves,
-                       std::int64_t *panel, double *foot, double *distance);
+                       std::int64_t *panel, double *reference, double *distance);
 
 // out[e, m] = integral over the panel of kernel(x, y) * monomial_m(reference point) dS, m in 1, x, y, xx, xy, yy;
-// distance[e] and foot[e] = the closest point's distance and reference coordinates. A target nearer to a panel than its
-// contact counts as on it, at its foot.
+// distance[e] and reference[e] = the closest point's distance and reference coordinates. A target nearer to a panel than its
+// contact counts as on it, at its closest point.
 void near_integrals(bool single_layer, const double *targets, const std::int64_t *pair_target,
-                    const std::int64_t *pair_panel, std::int64_t pairs, const double *six_nodes,
+                    const std::int64_t *pair_panel, std::int64_t pairs, const double *quadratic_triangles,
                     const double *contact, Wavenumber k, NearRule rule, std::complex<double> *out, double *distance,
-                    double *foot);
+                    double *reference);
 
-// out[e, l] = what near panel e adds to the entry of its node l: the integral over it of kernel(x, y) * L_l, L_l being
-// the quadratic that is 1 at node l, less D(x, y_l) where y_l is farther than `least`. The near panels of target i are
+// out[e, l] = correction by near panel e to the entry of its node l: the integral over it of kernel(x, y) * L_l, L_l
+// being the quadratic that is 1 at node l, less D(x, y_l) where y_l is farther than `least`. The near panels of target i are
 // pair_panel[first[i]] ... pair_panel[first[i + 1] - 1]; nodal (6, 6) holds the monomials of each L_l in its columns.
 template <class Real>
 void near_excess(const double *targets, std::int64_t n, const std::int64_t *first, const std::int64_t *pair_panel,
-                 const double *six_nodes, const double *contact, const double *sources, const double *normals,
+                 const double *quadratic_triangles, const double *contact, const double *sources, const double *normals,
                  const double *nodal, Wavenumber k, double least, NearRule rule, std::complex<double> *out);
 
 // out[i, h] = distance of point i to the hull h of the two or three balls parts[h] (the third -1 for two), negative inside
 void hull_distances(const double *points, std::int64_t n, const double *balls, const std::int64_t *parts,
                     std::int64_t count, double *out);
 
-// Distance to the union of hulls, creases between hulls i and j filled over a width blend[i, j] (1 - n_i n_j)/2, n being
-// outward normals. Hulls with apart[i, j] > 0 are each carved out to `carve` round the other, or not at all if 0, but not
+// Distance to the union of hulls, the edges between hulls i and j filled over a blend radius blend[i, j] (1 - n_i n_j)/2, n being
+// outward normals. Hulls with apart[i, j] > 0 are each carved out to `carve` around the other, or not at all if 0, but not
 // where a hull that joins both is nearer. Hulls farther than the nearest by `reach` are left out. Also its gradient; the
 // radius at which it bends there; the distance of the nearest hull that stands apart from the nearest one; the nearest
 // hull.
@@ -155,13 +155,13 @@ void blended_distance(const double *points, std::int64_t n, const double *balls,
                       std::int64_t *nearest);
 
 // Signed distance to that union, of the three nearest hulls only, its derivatives by centre and radius of each of `some`
-// balls (n, 4 some), and the hull that each point belongs to. A foot on skin whose normal has a cosine to the line to the
-// camera below `facing` is held against the front of the same ball, or its rim; camera is null for none.
+// balls (n, 4 some), and the hull that each point belongs to. A closest point whose normal has a cosine to the line to the
+// camera below `facing` is compared with the front of the same ball, or its rim; camera is null for none.
 void hull_gaps(const double *points, std::int64_t n, const double *balls, std::int64_t some, const std::int64_t *parts,
                std::int64_t count, const double *blend, const double *camera, double facing, double *distance,
-               double *slopes, std::int64_t *hull);
+               double *gradients, std::int64_t *hull);
 
-// Bring points onto that skin, in place, along the gradient of the distance.
+// Move points onto that surface, in place, along the gradient of the distance.
 void project_on_hulls(double *points, std::int64_t n, const double *balls, const std::int64_t *parts,
                       std::int64_t count, const double *blend, const double *apart, double reach, Steps steps);
 
@@ -172,18 +172,18 @@ void grade_sizes(const double *vertices, const std::int64_t *triangles, std::int
 // One pass towards even triangles with edges about as long as the sizes of their ends, in place: `counts` are the
 // vertices and triangles in use, before and after, `most` the vertices and half the triangles that there is room for.
 // With `keep` only vertices move. Triangles with a larger cosine than `needle` lose their shortest edge; vertices move
-// by `share` of the way to the middle of their neighbours, within the skin.
+// by `share` of the way to the middle of their neighbours, within the surface.
 void even_pass(double *vertices, double *sizes, std::int64_t most, std::int64_t *triangles, std::int64_t *counts,
                bool keep, double needle, double share);
 
-// For each set of foci, `foci_turns` of GS-PAT on what foci hear of each other, if above 0, and then `turns` of
+// For each set of foci, `foci_iterations` of GS-PAT on the foci alone, if above 0, and then `iterations` of
 // Gerchberg-Saxton with elements at full scale, weighted or not. The matrix is (points, elements); rows (sets, foci) are
-// each set's rows of it, wanted (sets, foci) what they ask, 0 for nothing. In: sources (sets, foci) to start from, their
-// magnitudes being the weights. Out: sources of the best turn (the last one where not weighted), worst (sets) = min |p| /
+// each set's rows of it, wanted (sets, foci) the pressures asked for, 0 for none. In: sources (sets, foci) to start from,
+// their magnitudes being the weights. Out: sources of the best iteration (the last one where not weighted), worst (sets) = min |p| /
 // wanted then, and drives (sets, elements), all magnitudes 1.
 void gerchberg_saxton(const float *real, const float *imag, std::int64_t elements, const std::int64_t *rows,
-                      const float *wanted, std::int64_t sets, std::int64_t foci, std::int64_t foci_turns,
-                      std::int64_t turns, bool weighted, std::complex<float> *sources, float *worst,
+                      const float *wanted, std::int64_t sets, std::int64_t foci, std::int64_t foci_iterations,
+                      std::int64_t iterations, bool weighted, std::complex<float> *sources, float *worst,
                       std::complex<float> *drives);
 
 }  // namespace AIRTACT_VARIANT

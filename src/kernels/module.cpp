@@ -35,8 +35,8 @@ template <class Real> struct Far {
 };
 
 template <class Store> struct Dual {
-    decltype(&baseline::dual_tiles<Store>) tiles;
-    decltype(&baseline::dual_crosses<Store>) crosses;
+    decltype(&baseline::dual_blocks<Store>) blocks;
+    decltype(&baseline::dual_low_rank<Store>) terms;
     decltype(&baseline::dual_product<Store>) product;
 };
 
@@ -63,7 +63,7 @@ struct Variant {
     { &v::double_layer_matrix<Real>, &v::apply_double_layer<Real>, &v::apply_monopoles<Real>,           \
       &v::near_excess<Real> }
 #define AIRTACT_DUAL(v, Store)                                                                                       \
-    Dual<Store> { &v::dual_tiles<Store>, &v::dual_crosses<Store>, &v::dual_product<Store> }
+    Dual<Store> { &v::dual_blocks<Store>, &v::dual_low_rank<Store>, &v::dual_product<Store> }
 #define AIRTACT_TABLE(v)                                                                                             \
     { #v, {AIRTACT_DUAL(v, std::uint32_t), AIRTACT_DUAL(v, float), AIRTACT_DUAL(v, double)}, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::apply_in_cells, &v::interpolate, &v::near_pairs, &v::closest_on_panels,      \
       &v::near_integrals, &v::hull_distances, &v::blended_distance, &v::hull_gaps, &v::project_on_hulls, &v::grade_sizes, \
@@ -127,35 +127,35 @@ static NearRows near_rows(Points x, std::size_t nodes, Index first, Index panel,
 template <class Store>  // two bfloat16 are one word
 constexpr int words = std::is_same_v<std::remove_const_t<Store>, std::uint32_t> ? lanes / 2 : lanes;
 template <class Store>
-using Tiles = nb::ndarray<Store, nb::shape<-1, lanes, 2, words<Store>>, nb::c_contig, nb::device::cpu>;
+using Blocks = nb::ndarray<Store, nb::shape<-1, lanes, 2, words<Store>>, nb::c_contig, nb::device::cpu>;
 template <class Store> using Rows = nb::ndarray<Store, nb::shape<-1, 2, words<Store>>, nb::c_contig, nb::device::cpu>;
 
 static Pairs pairs(Index first, Index column, std::size_t m) {
-    const std::size_t tiles = (m + lanes - 1) / lanes;
-    same(first.shape(0), tiles + 1);
+    const std::size_t blocks = (m + lanes - 1) / lanes;
+    same(first.shape(0), blocks + 1);
     const std::int64_t *from = first.data();
-    same(column.shape(0), std::size_t(from[tiles]));
-    for (std::size_t t = 0; t < tiles; t++)
+    same(column.shape(0), std::size_t(from[blocks]));
+    for (std::size_t t = 0; t < blocks; t++)
         if (from[t] < 0 || from[t] > from[t + 1] || !std::is_sorted(column.data() + from[t], column.data() + from[t + 1]))
-            throw nb::value_error("tiles out of order");
+            throw nb::value_error("blocks out of order");
     for (std::size_t e = 0; e < column.shape(0); e++)
-        if (column.data()[e] < 0 || column.data()[e] >= std::int64_t(tiles)) throw nb::index_error("a tile does not exist");
-    return {std::int64_t(tiles), from, column.data()};
+        if (column.data()[e] < 0 || column.data()[e] >= std::int64_t(blocks)) throw nb::index_error("a block does not exist");
+    return {std::int64_t(blocks), from, column.data()};
 }
 
 static void all_in(const NearRows &near, std::size_t targets, std::int64_t each, const Pairs &whole) {
     for (std::size_t i = 0; i < targets; i++) {
-        const std::int64_t tile = std::int64_t(i) * each / lanes;
-        const std::int64_t *begin = whole.column + whole.first[tile], *end = whole.column + whole.first[tile + 1];
+        const std::int64_t block = std::int64_t(i) * each / lanes;
+        const std::int64_t *begin = whole.column + whole.first[block], *end = whole.column + whole.first[block + 1];
         for (std::int64_t e = near.first[i]; e < near.first[i + 1]; e++)
             if (!std::binary_search(begin, end, 6 * near.panel[e] / lanes))
-                throw nb::value_error("a near panel is in a tile that is not whole");
+                throw nb::value_error("a near panel is in a block that is not whole");
     }
 }
 
 template <class Store>
-void dual_tiles(Points x, Points x2, Points a, Complex k, Index first, Index panel, Near excess, Index first_shifted,
-                Index panel_shifted, Near excess_shifted, Index whole_first, Index whole_column, Tiles<Store> out) {
+void dual_blocks(Points x, Points x2, Points a, Complex k, Index first, Index panel, Near excess, Index first_shifted,
+                Index panel_shifted, Near excess_shifted, Index whole_first, Index whole_column, Blocks<Store> out) {
     const std::size_t m = x.shape(0);
     same(m, sharing * x2.shape(0)), same(m, a.shape(0));
     const Pairs whole = pairs(whole_first, whole_column, m);
@@ -165,11 +165,11 @@ void dual_tiles(Points x, Points x2, Points a, Complex k, Index first, Index pan
     all_in(near, m, 1, whole), all_in(near_shifted, m / sharing, sharing, whole);
     nb::gil_scoped_release release;
     std::get<Dual<Store>>(active->dual)
-        .tiles(x.data(), x2.data(), a.data(), std::int64_t(m), wave(k), near, near_shifted, whole, out.data());
+        .blocks(x.data(), x2.data(), a.data(), std::int64_t(m), wave(k), near, near_shifted, whole, out.data());
 }
 
 template <class Store>
-std::int64_t dual_crosses(Points x, Points x2, Points a, Complex k, Index far_first, Index far_column, double tolerance,
+std::int64_t dual_low_rank(Points x, Points x2, Points a, Complex k, Index far_first, Index far_column, double tolerance,
                           Write<std::int64_t, -1> count, Write<std::int64_t, -1> begin, Rows<Store> out) {
     const std::size_t m = x.shape(0);
     same(m, sharing * x2.shape(0)), same(m, a.shape(0));
@@ -177,27 +177,27 @@ std::int64_t dual_crosses(Points x, Points x2, Points a, Complex k, Index far_fi
     same(count.shape(0), far_column.shape(0)), same(begin.shape(0), far_column.shape(0));
     nb::gil_scoped_release release;
     return std::get<Dual<Store>>(active->dual)
-        .crosses(x.data(), x2.data(), a.data(), std::int64_t(m), wave(k), far, tolerance, std::int64_t(out.shape(0)),
+        .terms(x.data(), x2.data(), a.data(), std::int64_t(m), wave(k), far, tolerance, std::int64_t(out.shape(0)),
                  count.data(), begin.data(), out.data());
 }
 
 template <class Store>
-void product(Index whole_first, Index whole_column, Tiles<const Store> tiles, Index far_first, Index far_column,
-             Index count, Index begin, Rows<const Store> crosses,
+void product(Index whole_first, Index whole_column, Blocks<const Store> blocks, Index far_first, Index far_column,
+             Index count, Index begin, Rows<const Store> terms,
              Read<std::complex<typename Arithmetic<Store>::Real>, -1, -1> v, bool transposed,
              Write<std::complex<typename Arithmetic<Store>::Real>, -1, -1> out) {
     const std::size_t m = v.shape(1);
     const Pairs whole = pairs(whole_first, whole_column, m), far = pairs(far_first, far_column, m);
-    same(tiles.shape(0), whole_column.shape(0));
+    same(blocks.shape(0), whole_column.shape(0));
     same(count.shape(0), far_column.shape(0)), same(begin.shape(0), far_column.shape(0));
     for (std::size_t e = 0; e < count.shape(0); e++)
         if (count.data()[e] < 0 || count.data()[e] > lanes || begin.data()[e] < 0 ||
-            begin.data()[e] + 2 * count.data()[e] > std::int64_t(crosses.shape(0)))
-            throw nb::index_error("a cross does not exist");
+            begin.data()[e] + 2 * count.data()[e] > std::int64_t(terms.shape(0)))
+            throw nb::index_error("a low-rank term does not exist");
     same(v.shape(0), out.shape(0)), same(m, out.shape(1));
     nb::gil_scoped_release release;
     std::get<Dual<Store>>(active->dual)
-        .product(whole, tiles.data(), far, {count.data(), begin.data(), crosses.data()}, std::int64_t(m), v.data(),
+        .product(whole, blocks.data(), far, {count.data(), begin.data(), terms.data()}, std::int64_t(m), v.data(),
                  v.shape(0), transposed, out.data());
 }
 
@@ -272,16 +272,16 @@ static void list_near(Points x, Points centres, Line reach, Write<std::int64_t, 
 
 static void near(bool single_layer, Points targets, Index pair_target, Index pair_panel, Read<double, -1, 6, 3> panels,
                  Line contact, Complex k, Line nodes, Line weights, int largest, int angular, int radial, Write<Complex, -1, 6> out,
-                 Write<double, -1> distance, Write<double, -1, 2> foot) {
+                 Write<double, -1> distance, Write<double, -1, 2> reference) {
     const std::size_t pairs = pair_target.shape(0);
     same(pairs, pair_panel.shape(0)), same(pairs, out.shape(0)), same(pairs, distance.shape(0));
     same(panels.shape(0), contact.shape(0));
-    same(pairs, foot.shape(0)), same(nodes.shape(0), std::size_t(largest * (largest + 1) / 2));
+    same(pairs, reference.shape(0)), same(nodes.shape(0), std::size_t(largest * (largest + 1) / 2));
     same(nodes.shape(0), weights.shape(0));
     nb::gil_scoped_release release;
     active->near_integrals(single_layer, targets.data(), pair_target.data(), pair_panel.data(), std::int64_t(pairs),
                    panels.data(), contact.data(), wave(k), {nodes.data(), weights.data(), largest, angular, radial}, out.data(),
-                   distance.data(), foot.data());
+                   distance.data(), reference.data());
 }
 
 template <class Real>
@@ -300,17 +300,17 @@ void excess(Points targets, Index first, Index panel, Read<double, -1, 6, 3> pan
 }
 
 static void closest(Points targets, Read<double, -1, 6, 3> panels, Index order, Points lower, Points upper,
-                    Write<std::int64_t, -1> panel, Write<double, -1, 2> foot, Write<double, -1> distance) {
+                    Write<std::int64_t, -1> panel, Write<double, -1, 2> reference, Write<double, -1> distance) {
     same(panels.shape(0), order.shape(0)), same(lower.shape(0), upper.shape(0));
-    same(targets.shape(0), panel.shape(0)), same(targets.shape(0), foot.shape(0));
+    same(targets.shape(0), panel.shape(0)), same(targets.shape(0), reference.shape(0));
     same(targets.shape(0), distance.shape(0));
     nb::gil_scoped_release release;
     active->closest_on_panels(targets.data(), targets.shape(0), panels.data(), order.data(), panels.shape(0), lower.data(),
-                              upper.data(), lower.shape(0) / 2, panel.data(), foot.data(), distance.data());
+                              upper.data(), lower.shape(0) / 2, panel.data(), reference.data(), distance.data());
 }
 
 static void saxton(Read<float, -1, -1> real, Read<float, -1, -1> imag, Read<std::int64_t, -1, -1> rows,
-                   Read<float, -1, -1> wanted, std::int64_t foci_turns, std::int64_t turns, bool weighted,
+                   Read<float, -1, -1> wanted, std::int64_t foci_iterations, std::int64_t iterations, bool weighted,
                    Write<std::complex<float>, -1, -1> sources, Write<float, -1> worst,
                    Write<std::complex<float>, -1, -1> drives) {
     const std::size_t sets = rows.shape(0), foci = rows.shape(1), points = real.shape(0), elements = real.shape(1);
@@ -321,7 +321,7 @@ static void saxton(Read<float, -1, -1> real, Read<float, -1, -1> imag, Read<std:
         if (rows.data()[i] < 0 || rows.data()[i] >= std::int64_t(points))
             throw nb::index_error("a set has a row that the matrix does not have");
     nb::gil_scoped_release release;
-    active->gerchberg_saxton(real.data(), imag.data(), elements, rows.data(), wanted.data(), sets, foci, foci_turns, turns, weighted,
+    active->gerchberg_saxton(real.data(), imag.data(), elements, rows.data(), wanted.data(), sets, foci, foci_iterations, iterations, weighted,
                              sources.data(), worst.data(), drives.data());
 }
 
@@ -356,28 +356,28 @@ static void blended(Points x, Read<double, -1, 4> balls, Hulls parts, Square ble
 }
 
 static void gaps(Points x, Read<double, -1, 4> balls, Hulls parts, Square blend, Read<double, -1> camera, double facing,
-                 Write<double, -1> distance, Write<double, -1, -1> slopes, Write<std::int64_t, -1> hull) {
+                 Write<double, -1> distance, Write<double, -1, -1> gradients, Write<std::int64_t, -1> hull) {
     right_balls(balls, parts);
     same(blend.shape(0), parts.shape(0)), same(blend.shape(1), parts.shape(0));
-    same(distance.shape(0), x.shape(0)), same(slopes.shape(0), x.shape(0)), same(hull.shape(0), x.shape(0));
-    same(slopes.shape(1), 4 * balls.shape(0));
+    same(distance.shape(0), x.shape(0)), same(gradients.shape(0), x.shape(0)), same(hull.shape(0), x.shape(0));
+    same(gradients.shape(1), 4 * balls.shape(0));
     if (parts.shape(0) == 0) throw nb::index_error("there is no hull");
     if (camera.shape(0) > 0) same(camera.shape(0), 3);
     nb::gil_scoped_release release;
     active->hull_gaps(x.data(), x.shape(0), balls.data(), balls.shape(0), parts.data(), parts.shape(0), blend.data(),
-                      camera.shape(0) > 0 ? camera.data() : nullptr, facing, distance.data(), slopes.data(),
+                      camera.shape(0) > 0 ? camera.data() : nullptr, facing, distance.data(), gradients.data(),
                       hull.data());
 }
 
 static void on_hulls(Write<double, -1, 3> x, Read<double, -1, 4> balls, Hulls parts, Square blend, Square apart,
-                     double reach, std::int64_t most, double longest, double on_skin, double stride,
+                     double reach, std::int64_t most, double longest, double on_surface, double stride,
                      std::int64_t halvings) {
     right_balls(balls, parts);
     for (const Square &table : {blend, apart})
         same(table.shape(0), parts.shape(0)), same(table.shape(1), parts.shape(0));
     nb::gil_scoped_release release;
     active->project_on_hulls(x.data(), x.shape(0), balls.data(), parts.data(), parts.shape(0), blend.data(),
-                             apart.data(), reach, {most, longest, on_skin, stride, halvings});
+                             apart.data(), reach, {most, longest, on_surface, stride, halvings});
 }
 
 template <class Triangles> static void right_vertices(Triangles triangles, std::int64_t used, std::size_t vertices) {
@@ -403,7 +403,7 @@ static void even(Write<double, -1, 3> vertices, Write<double, -1> sizes, Write<s
 }
 
 NB_MODULE(_kernels, m) {
-    m.doc() = "The compiled loops of the boundary element solver; kernels.hpp says what each computes.";
+    m.doc() = "The compiled loops; kernels.hpp documents each.";
     m.def("variants", [] {
         nb::list names;
         for (const Variant &variant : variants) names.append(variant.name);
@@ -413,12 +413,12 @@ NB_MODULE(_kernels, m) {
     m.def("use_variant", &use);
     m.attr("lanes") = lanes;
     m.attr("sharing") = sharing;
-    m.def("dual_tiles_bfloat16", &dual_tiles<std::uint32_t>);
-    m.def("dual_crosses_bfloat16", &dual_crosses<std::uint32_t>);
-    m.def("dual_tiles_float32", &dual_tiles<float>);
-    m.def("dual_crosses_float32", &dual_crosses<float>);
-    m.def("dual_tiles_float64", &dual_tiles<double>);
-    m.def("dual_crosses_float64", &dual_crosses<double>);
+    m.def("dual_tiles_bfloat16", &dual_blocks<std::uint32_t>);
+    m.def("dual_crosses_bfloat16", &dual_low_rank<std::uint32_t>);
+    m.def("dual_tiles_float32", &dual_blocks<float>);
+    m.def("dual_crosses_float32", &dual_low_rank<float>);
+    m.def("dual_tiles_float64", &dual_blocks<double>);
+    m.def("dual_crosses_float64", &dual_low_rank<double>);
     m.def("dual_product_bfloat16", &product<std::uint32_t>);
     m.def("dual_product_float32", &product<float>);
     m.def("dual_product_float64", &product<double>);

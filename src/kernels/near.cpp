@@ -26,7 +26,7 @@ struct Moments {
     double re[6] = {0, 0, 0, 0, 0, 0}, im[6] = {0, 0, 0, 0, 0, 0};
 };
 
-// Points on rays from the foot: how far along their ray, before the stretching is undone; ray; stretched by asinh of
+// Points on rays from the closest point: how far along their ray, before the stretching is undone; ray; stretched by asinh of
 // what; weight of all but the radius and the area element
 template <class Real> struct Points {
     Real along[most_points], ray_u[most_points], ray_v[most_points], scale[most_points], weight[most_points];
@@ -35,7 +35,7 @@ template <class Real> struct Points {
 
 // Adds kernel * monomials at the collected points, and forgets them
 template <bool SingleLayer, class Real>
-void add_points(const Patch &patch, const double *foot, bool stretched, Points<Real> &points, Wave<Real> k,
+void add_points(const Patch &patch, const double *reference, bool stretched, Points<Real> &points, Wave<Real> k,
                 Moments &sum) {
     Real us[most_points], vs[most_points], re[most_points], im[most_points], c[6][3];
     for (int m = 0; m < 6; m++)
@@ -45,7 +45,7 @@ void add_points(const Patch &patch, const double *foot, bool stretched, Points<R
         points.along[n] = points.scale[n] = Real(0.5);
         points.ray_u[n] = points.ray_v[n] = points.weight[n] = 0;
     }
-    const Real at_u = Real(foot[0]), at_v = Real(foot[1]);
+    const Real at_u = Real(reference[0]), at_v = Real(reference[1]);
     Real *const along = points.along, *const weights = points.weight;
     const Real *const scales = points.scale, *const ray_u = points.ray_u, *const ray_v = points.ray_v;
     if (stretched) {
@@ -104,7 +104,7 @@ template <class Real> Real inverse_sinh(Real x) {
     return x < 0 ? -exact : exact;
 }
 
-// Rays from the foot to the edges, before and after the stretching of their angle
+// Rays from the closest point to the edges, before and after the stretching of their angle
 template <class Real> struct Rays {
     static constexpr int most = 128;  // three rules of at most 40 points, in whole vectors
     Real t[most], weight[most], centre[most], wide[most], length2[most], high2[most], along_u[most], along_v[most];
@@ -112,14 +112,14 @@ template <class Real> struct Rays {
     int n = 0;
 };
 
-// Those of one of the three triangles between the foot and an edge
+// Those of one of the three triangles between the closest point and an edge
 template <class Real>
-void add_triangle(const double *foot, double distance, const double *a, const double *b, int edge, const NearRule &rule,
+void add_triangle(const double *reference, double distance, const double *a, const double *b, int edge, const NearRule &rule,
                   Rays<Real> &rays) {
-    const double from[2] = {corner[edge][0] - foot[0], corner[edge][1] - foot[1]};
+    const double from[2] = {corner[edge][0] - reference[0], corner[edge][1] - reference[1]};
     const double along[2] = {corner[edge + 1][0] - corner[edge][0], corner[edge + 1][1] - corner[edge][1]};
     const double jacobian = from[0] * along[1] - from[1] * along[0];
-    if (jacobian < 1e-10) return;  // the foot stands on this edge
+    if (jacobian < 1e-10) return;  // the closest point is on this edge
     double start[3], run[3];
     for (int d = 0; d < 3; d++) {
         start[d] = a[d] * from[0] + b[d] * from[1];
@@ -169,13 +169,13 @@ template <bool Stretched, class Real> void stretch(Rays<Real> &rays, Real distan
 }
 
 template <bool SingleLayer, class Real>
-Moments one_pair(const double *six_nodes, const double *target, double contact, Wavenumber wavenumber,
-                 const NearRule &rule, double *distance, double *foot) {
-    Patch patch(six_nodes, target);
-    *distance = std::sqrt(closest_point(patch, foot));
+Moments one_pair(const double *quadratic_triangles, const double *target, double contact, Wavenumber wavenumber,
+                 const NearRule &rule, double *distance, double *reference) {
+    Patch patch(quadratic_triangles, target);
+    *distance = std::sqrt(closest_point(patch, reference));
     double x[3], a[3], b[3], height = *distance;
-    patch.at(foot[0], foot[1], x, a, b);
-    if (height < contact) {  // the target counts as on the panel: the principal value at its foot
+    patch.at(reference[0], reference[1], x, a, b);
+    if (height < contact) {  // the target counts as on the panel: the principal value at its closest point
         for (int d = 0; d < 3; d++) patch.c[0][d] -= x[d];
         height = 0;
     }
@@ -185,11 +185,11 @@ Moments one_pair(const double *six_nodes, const double *target, double contact, 
     Moments sum;
     Points<Real> points;
     Rays<Real> rays;
-    for (int edge = 0; edge < 3; edge++) add_triangle(foot, height, a, b, edge, rule, rays);
+    for (int edge = 0; edge < 3; edge++) add_triangle(reference, height, a, b, edge, rule, rays);
     (stretched ? stretch<true, Real> : stretch<false, Real>)(rays, Real(height));
     for (int i = 0; i < rays.n; i++) {
         const GaussRule radial(rule, int(Real(rule.radial) * (stretched ? 1 + Real(0.5) * rays.stretch[i] : Real(1))));
-        if (points.n + radial.n > most_points) add_points<SingleLayer>(patch, foot, stretched, points, k, sum);
+        if (points.n + radial.n > most_points) add_points<SingleLayer>(patch, reference, stretched, points, k, sum);
         for (int l = 0; l < radial.n; l++, points.n++) {
             points.along[points.n] = Real(radial.nodes[l]) * rays.stretch[i];
             points.ray_u[points.n] = rays.u[i], points.ray_v[points.n] = rays.v[i];
@@ -197,28 +197,28 @@ Moments one_pair(const double *six_nodes, const double *target, double contact, 
             points.weight[points.n] = rays.weight[i] * Real(radial.weights[l]);
         }
     }
-    add_points<SingleLayer>(patch, foot, stretched, points, k, sum);
+    add_points<SingleLayer>(patch, reference, stretched, points, k, sum);
     return sum;
 }
 
 }  // namespace
 
 void near_integrals(bool single_layer, const double *targets, const std::int64_t *pair_target,
-                    const std::int64_t *pair_panel, std::int64_t pairs, const double *six_nodes,
+                    const std::int64_t *pair_panel, std::int64_t pairs, const double *quadratic_triangles,
                     const double *contact, Wavenumber k, NearRule rule,
-                    std::complex<double> *out, double *distance, double *foot) {
+                    std::complex<double> *out, double *distance, double *reference) {
 #pragma omp parallel for schedule(dynamic, 64) if (pairs > 64)
     for (std::int64_t e = 0; e < pairs; e++) {
         const auto one = single_layer ? one_pair<true, double> : one_pair<false, double>;
-        const Moments sum = one(six_nodes + 18 * pair_panel[e], targets + 3 * pair_target[e], contact[pair_panel[e]], k,
-                                rule, distance + e, foot + 2 * e);
+        const Moments sum = one(quadratic_triangles + 18 * pair_panel[e], targets + 3 * pair_target[e], contact[pair_panel[e]], k,
+                                rule, distance + e, reference + 2 * e);
         for (int m = 0; m < 6; m++) out[6 * e + m] = {sum.re[m], sum.im[m]};
     }
 }
 
 template <class Real>
 void near_excess(const double *targets, std::int64_t n, const std::int64_t *first, const std::int64_t *pair_panel,
-                 const double *six_nodes, const double *contact, const double *sources, const double *normals,
+                 const double *quadratic_triangles, const double *contact, const double *sources, const double *normals,
                  const double *nodal, Wavenumber k, double least, NearRule rule, std::complex<double> *out) {
     const Wave<Real> wave(k);
     const Real nearest = Real(least * least);
@@ -226,9 +226,9 @@ void near_excess(const double *targets, std::int64_t n, const std::int64_t *firs
     for (std::int64_t i = 0; i < n; i++)
         for (std::int64_t e = first[i]; e < first[i + 1]; e++) {
             const std::int64_t panel = pair_panel[e];
-            double distance, foot[2];
-            const Moments sum = one_pair<false, Real>(six_nodes + 18 * panel, targets + 3 * i, contact[panel], k, rule,
-                                                      &distance, foot);
+            double distance, reference[2];
+            const Moments sum = one_pair<false, Real>(quadratic_triangles + 18 * panel, targets + 3 * i, contact[panel], k, rule,
+                                                      &distance, reference);
             Real re[8], im[8], d[6][8] = {};
             for (int l = 0; l < 6; l++)
                 for (int axis = 0; axis < 3; axis++) {

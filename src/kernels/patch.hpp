@@ -58,7 +58,7 @@ double closest_on_edge(const Patch &patch, int edge, double *best) {
 }
 
 // Reference coordinates of the panel's point nearest the target (the origin); returns the squared distance
-double closest_point(const Patch &patch, double *foot) {
+double closest_point(const Patch &patch, double *reference) {
     double u = 1.0 / 3, v = 1.0 / 3, x[3], a[3], b[3];
     bool settled = false, convex = true;
     for (int step = 0; step < 20 && !settled; step++) {
@@ -81,8 +81,8 @@ double closest_point(const Patch &patch, double *foot) {
         settled = std::abs(du) + std::abs(dv) < 1e-6;  // quadratically: the step just taken is exact
     }
     if (std::abs(u) < 4 && std::abs(v) < 4 && u >= 0 && v >= 0 && u + v <= 1) {
-        foot[0] = u;
-        foot[1] = v;
+        reference[0] = u;
+        reference[1] = v;
         return patch.squared_distance(u, v);
     }
     const bool beyond[3] = {v < 0, u + v > 1, u < 0};  // a line to the lowest point leaves the panel there, if convex
@@ -94,8 +94,8 @@ double closest_point(const Patch &patch, double *foot) {
         const double distance = closest_on_edge(patch, edge, candidate);
         if (distance < best) {
             best = distance;
-            foot[0] = candidate[0];
-            foot[1] = candidate[1];
+            reference[0] = candidate[0];
+            reference[1] = candidate[1];
         }
     }
     return best;

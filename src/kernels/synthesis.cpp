@@ -25,7 +25,7 @@ inline float inverse_root(float square) { return square > 0.0f ? 1.0f / std::sqr
 
 // re + i im += sum over G foci of conj(H[f, begin + j]) s[f]
 template <int G>
-inline void speak(const Set &set, std::size_t f, std::int64_t begin, std::int64_t n, float *re, float *im) {
+inline void superpose(const Set &set, std::size_t f, std::int64_t begin, std::int64_t n, float *re, float *im) {
     const float *hr[G], *hi[G];
     float sr[G], si[G];
     for (int g = 0; g < G; g++) {
@@ -45,7 +45,7 @@ inline void speak(const Set &set, std::size_t f, std::int64_t begin, std::int64_
 
 // p[g] += sum_j H[f + g, begin + j] d[j] for G foci
 template <int G>
-inline void hear(const Set &set, std::size_t f, std::int64_t begin, std::int64_t n, const float *re, const float *im,
+inline void evaluate(const Set &set, std::size_t f, std::int64_t begin, std::int64_t n, const float *re, const float *im,
                  float *pressure_real, float *pressure_imag) {
     constexpr int lanes = 8;  // sums side by side: a compiler may not reorder one sum
     const float *hr[G], *hi[G];
@@ -73,16 +73,16 @@ inline void hear(const Set &set, std::size_t f, std::int64_t begin, std::int64_t
 inline void forth(const Set &set, std::size_t count, std::int64_t begin, std::int64_t n, const float *re,
                   const float *im, float *pressure_real, float *pressure_imag) {
     std::size_t f = 0;
-    for (; f + 4 <= count; f += 4) hear<4>(set, f, begin, n, re, im, pressure_real + f, pressure_imag + f);
-    for (; f < count; f++) hear<1>(set, f, begin, n, re, im, pressure_real + f, pressure_imag + f);
+    for (; f + 4 <= count; f += 4) evaluate<4>(set, f, begin, n, re, im, pressure_real + f, pressure_imag + f);
+    for (; f < count; f++) evaluate<1>(set, f, begin, n, re, im, pressure_real + f, pressure_imag + f);
 }
 
 // d[j] = phase(sum_f conj(H[f, begin + j]) s[f])
 inline void back(const Set &set, std::int64_t begin, std::int64_t n, float *re, float *im) {
     for (std::int64_t j = 0; j < n; j++) re[j] = im[j] = 0.0f;
     std::size_t f = 0;
-    for (; f + 4 <= set.real.size(); f += 4) speak<4>(set, f, begin, n, re, im);
-    for (; f < set.real.size(); f++) speak<1>(set, f, begin, n, re, im);
+    for (; f + 4 <= set.real.size(); f += 4) superpose<4>(set, f, begin, n, re, im);
+    for (; f < set.real.size(); f++) superpose<1>(set, f, begin, n, re, im);
 #pragma omp simd
     for (std::int64_t j = 0; j < n; j++) {
         const float scale = inverse_root(re[j] * re[j] + im[j] * im[j]);
@@ -91,7 +91,7 @@ inline void back(const Set &set, std::int64_t begin, std::int64_t n, float *re, 
     }
 }
 
-// Sources anew from the pressures; returns the worst share of what is asked.
+// Sources anew from the pressures; returns the worst ratio to the pressure asked for.
 inline float turn(Set &set, bool weighted) {
     const std::size_t n = set.wanted.size();
     float worst = INFINITY, mean = 0.0f;
@@ -100,7 +100,7 @@ inline float turn(Set &set, bool weighted) {
         worst = std::min(worst, share);
         mean += share / float(n);
     }
-    // Where steps undo each other, as between two foci heard alike, shorter ones settle.
+    // Where steps undo each other, as between two foci with like rows, shorter ones settle.
     float undone = 0.0f, before = 0.0f, most = 0.0f;
     for (std::size_t f = 0; f < n && weighted; f++) {
         const float loud = std::hypot(set.pressure_real[f], set.pressure_imag[f]) / set.wanted[f];
@@ -125,8 +125,8 @@ inline float turn(Set &set, bool weighted) {
     return worst;
 }
 
-// What focus g hears of focus f, H[g] . conj(H[f]), into row f of both planes; only for g up to f
-inline void hear_each_other(const Set &set, std::int64_t elements, std::vector<float> &real, std::vector<float> &imag) {
+// Pressure at focus g for the conjugate row of focus f, H[g] . conj(H[f]), into row f of both planes; only for g up to f
+inline void gram_rows(const Set &set, std::int64_t elements, std::vector<float> &real, std::vector<float> &imag) {
     const std::size_t count = set.real.size();
     float conjugate[tile];
     for (std::int64_t e = 0; e < elements; e += tile) {
@@ -144,20 +144,20 @@ inline void hear_each_other(const Set &set, std::int64_t elements, std::vector<f
 }
 
 // Gerchberg-Saxton between foci alone; at the end sources are w^2 / |p|
-inline void turn_between_foci(Set &set, std::int64_t elements, std::int64_t turns) {
+inline void iterate_on_foci(Set &set, std::int64_t elements, std::int64_t iterations) {
     const std::size_t n = set.real.size();
     std::vector<float> real(n * n), imag(n * n);
-    hear_each_other(set, elements, real, imag);
+    gram_rows(set, elements, real, imag);
     float *sr = set.source_real.data(), *si = set.source_imag.data();
     float *pr = set.pressure_real.data(), *pi = set.pressure_imag.data();
     std::copy(sr, sr + n, pr), std::copy(si, si + n, pi);
-    for (std::int64_t t = 0; t < turns; t++) {
+    for (std::int64_t t = 0; t < iterations; t++) {
         for (std::size_t f = 0; f < n; f++) {
             const float scale = set.wanted[f] * inverse_root(pr[f] * pr[f] + pi[f] * pi[f]);
             sr[f] = pr[f] * scale, si[f] = pi[f] * scale;
             pr[f] = pi[f] = 0.0f;
         }
-        for (std::size_t g = 0; g < n; g++) {  // row g holds what g says to all
+        for (std::size_t g = 0; g < n; g++) {  // row g holds the pressures of g at all
             const float *hr = real.data() + g * n, *hi = imag.data() + g * n;
 #pragma omp simd
             for (std::size_t f = 0; f < n; f++) {
@@ -178,8 +178,8 @@ inline void turn_between_foci(Set &set, std::int64_t elements, std::int64_t turn
 }  // namespace
 
 void gerchberg_saxton(const float *real, const float *imag, std::int64_t elements, const std::int64_t *rows,
-                      const float *wanted, std::int64_t sets, std::int64_t foci, std::int64_t foci_turns,
-                      std::int64_t turns, bool weighted,
+                      const float *wanted, std::int64_t sets, std::int64_t foci, std::int64_t foci_iterations,
+                      std::int64_t iterations, bool weighted,
                       std::complex<float> *sources, float *worst, std::complex<float> *drives) {
 #pragma omp parallel for schedule(static) if (sets > 8)
     for (std::int64_t s = 0; s < sets; s++) {
@@ -196,10 +196,10 @@ void gerchberg_saxton(const float *real, const float *imag, std::int64_t element
             set.weight[g] = std::abs(sources[s * foci + f]);
             g++;
         }
-        if (foci_turns > 0) turn_between_foci(set, elements, foci_turns);
+        if (foci_iterations > 0) iterate_on_foci(set, elements, foci_iterations);
         float re[tile], im[tile];
         worst[s] = -1.0f;
-        for (std::int64_t t = 0; t < turns; t++) {
+        for (std::int64_t t = 0; t < iterations; t++) {
             std::fill(set.pressure_real.begin(), set.pressure_real.end(), 0.0f);
             std::fill(set.pressure_imag.begin(), set.pressure_imag.end(), 0.0f);
             for (std::int64_t e = 0; e < elements; e += tile) {

@@ -181,19 +181,19 @@ def test_near_panels_out_of_order_are_refused():
 def test_near_panels_in_tiles_that_are_not_whole_are_refused():
     points = scattered_points(1, 12)
     rows = np.arange(13), np.ones(12, int), np.zeros((12, 6), complex)
-    with pytest.raises(ValueError, match="a near panel is in a tile that is not whole"):
+    with pytest.raises(ValueError, match="a near panel is in a block that is not whole"):
         fill_one_tile(points, rows, (np.zeros(2, int), np.zeros(0, int)))
 
 
 def test_tiles_and_crosses_that_do_not_exist_are_refused():
     points = scattered_points(1, 12)
     rows = np.zeros(13, int), *NO_NEAR
-    with pytest.raises(IndexError, match="a tile does not exist"):
+    with pytest.raises(IndexError, match="a block does not exist"):
         fill_one_tile(points, rows, (np.array([0, 1]), np.array([1])))
     none = np.zeros(2, int), np.zeros(0, int), blank((0, _kernels.lanes, 2, _kernels.lanes), "float32")
     crosses = np.ones(1, int), np.zeros(1, int), blank((1, 2, _kernels.lanes), "float32")
     vectors = np.zeros((1, 12), np.complex64)
-    with pytest.raises(IndexError, match="a cross does not exist"):
+    with pytest.raises(IndexError, match="a low-rank term does not exist"):
         _kernels.dual_product_float32(*none, np.array([0, 1]), np.zeros(1, int), *crosses, vectors, False, vectors)
 
 

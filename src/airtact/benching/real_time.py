@@ -116,7 +116,7 @@ class RealTime:
     @cached_property
     def factorised(self) -> Solver:
         """Two fingers at rest, each factorised alone."""
-        return self._quick(self.accuracy).factorised(self.rest.scene, beside=self.rest.foci)
+        return self._quick(self.accuracy).factorised(self.rest.scene, refined=self.rest.foci)
 
     def _quick(self, accuracy: float) -> BoundaryElement:
         return BoundaryElement(accuracy=accuracy, estimate=False)

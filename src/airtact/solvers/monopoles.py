@@ -1,9 +1,9 @@
-"""The free field of monopoles, which every solver adds to what bodies scatter."""
+"""The open-air field of monopoles, which every solver adds to the scattered field."""
 
 import numpy as np
 from jaxtyping import Complex, Complex128, Real
 
-from airtact import _kernels
+from airtact.solvers.loops import loop
 
 
 def monopole_pressure(
@@ -13,9 +13,9 @@ def monopole_pressure(
     wavenumber: complex,
     precision: str,
 ) -> Complex128[np.ndarray, "points sounds"]:
-    """Free-field pressure Σ_j s_j e^{ikr}/r at points [Pa]."""
+    """Open-air pressure Σ_j s_j e^{ikr}/r at points [Pa]; ``precision`` is float32 or float64."""
     out = np.empty((len(points), strengths.shape[1]), dtype=np.complex128)
-    getattr(_kernels, f"apply_monopoles_{precision}")(
+    loop("apply_monopoles", precision)(
         np.ascontiguousarray(points, dtype=np.float64),
         np.ascontiguousarray(positions, dtype=np.float64),
         np.ascontiguousarray(strengths, dtype=np.complex128),

@@ -1,4 +1,4 @@
-"""Panels in an order in which runs of them lie together, and which such runs, the tiles, are near each other."""
+"""Blocks of the matrix: an order of the panels that keeps each block compact, and which blocks are near each other."""
 
 from dataclasses import dataclass
 
@@ -9,17 +9,17 @@ from airtact import _kernels
 from airtact.printing import in_short
 
 PANELS = _kernels.lanes // 6
-"""Panels of a tile."""
+"""Panels of a block."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Pairs of tiles, those of tile t of the rows being ``column[first[t]:first[t + 1]]``.
+    """Pairs of blocks; block t of the rows is paired with ``column[first[t]:first[t + 1]]``.
 
     Attributes
     ----------
-    first : (C + 1,) where each tile's pairs begin.
-    column : (N,) rising for each tile.
+    first : (C + 1,) where the pairs of each block begin.
+    column : (N,) rising for each block.
     """
 
     first: Int64[np.ndarray, "bounds"]
@@ -28,45 +28,45 @@ class Pairs:
     __repr__ = in_short
 
     @classmethod
-    def of(cls, chosen: Bool[np.ndarray, "tiles tiles"]) -> "Pairs":
+    def of(cls, chosen: Bool[np.ndarray, "blocks blocks"]) -> "Pairs":
         """Take the pairs that are chosen."""
         first = np.concatenate([[0], np.cumsum(chosen.sum(axis=1))])
         return cls(first.astype(np.int64), np.nonzero(chosen)[1].astype(np.int64))
 
     @property
     def row(self) -> Int64[np.ndarray, "pairs"]:
-        """(N,) tile of the rows of each pair."""
+        """(N,) block of the rows of each pair."""
         return np.repeat(np.arange(len(self.first) - 1), np.diff(self.first))
 
 
 def blocks_of(unknowns: int) -> int:
-    """How many tiles so many unknowns have."""
+    """How many blocks so many unknowns have."""
     return -(-unknowns // _kernels.lanes)
 
 
-def in_blocks(centres: Float64[np.ndarray, "panels 3"]) -> Int64[np.ndarray, "panels"]:
-    """Order of panels with centres (T, 3) in which each tile's panels lie together.
+def block_order(centres: Float64[np.ndarray, "panels 3"]) -> Int64[np.ndarray, "panels"]:
+    """Order of panels with centres (T, 3) in which the panels of each block lie together.
 
-    The panels are parted across the direction in which they reach farthest, and each part again. Bodies that move
-    keep their tiles.
+    The panels are bisected across the direction of their largest extent, and each half again. Bodies that move keep
+    their blocks.
     """
     done, waiting = [], [np.arange(len(centres))]
     while waiting:
         some = waiting.pop()
-        tiles = -(-len(some) // PANELS)
-        if tiles <= 1:
+        blocks = -(-len(some) // PANELS)
+        if blocks <= 1:
             done.append(some)
             continue
         off = centres[some] - centres[some].mean(axis=0)
         along = off @ _longest(off)
         some = some[np.argsort(_rounded(along / np.abs(along).max()), kind="stable")]
-        middle = PANELS * (tiles // 2)
-        waiting += [some[middle:], some[:middle]]  # so that only the last tile may have room left
+        middle = PANELS * (blocks // 2)
+        waiting += [some[middle:], some[:middle]]  # so that only the last block may be incomplete
     return np.concatenate(done)
 
 
 def _longest(off: Float64[np.ndarray, "panels 3"]) -> Float64[np.ndarray, "3"]:
-    """Direction in which points about the origin reach farthest: by powers of their covariance, from the farthest."""
+    """Direction in which points around the origin extend farthest: by powers of their covariance, from the farthest."""
     size = np.einsum("pd,pd->p", off, off)
     spread = np.linalg.matrix_power(off.T @ off / size.sum(), 16)
     along = spread @ off[_rounded(size / size.max()).argmax()]
@@ -74,22 +74,22 @@ def _longest(off: Float64[np.ndarray, "panels 3"]) -> Float64[np.ndarray, "3"]:
 
 
 def _rounded(parts: Float64[np.ndarray, "parts"]) -> Int64[np.ndarray, "parts"]:
-    """Parts of 1 in millionths, in which panels that are alike do not differ."""
+    """Parts of 1 in millionths, so that symmetric panels do not differ by rounding."""
     return np.rint(1e6 * parts).astype(np.int64)
 
 
-def near_tiles(
+def near_blocks(
     panels: int, first: Int64[np.ndarray, "bounds"], near: Int64[np.ndarray, "pairs"]
-) -> Bool[np.ndarray, "tiles tiles"]:
-    """Which tiles have panels near each other.
+) -> Bool[np.ndarray, "blocks blocks"]:
+    """Which blocks have panels near each other.
 
     Parameters
     ----------
     panels : how many there are.
-    first, near : where the panels near each thing begin, and those panels; as many things belong to each panel.
+    first, near : where the panels near each point begin, and those panels; every panel has as many points.
     """
-    tiles, each = -(-panels // PANELS), (len(first) - 1) // panels
-    met = np.zeros((tiles, tiles), dtype=bool)
+    blocks, each = -(-panels // PANELS), (len(first) - 1) // panels
+    met = np.zeros((blocks, blocks), dtype=bool)
     rows = np.repeat(np.arange(len(first) - 1) // (each * PANELS), np.diff(first))
     met[rows, near // PANELS] = True
     return met

@@ -1,4 +1,4 @@
-"""Bodies that are factorised one by one, for foci that change and for bodies that move rigidly against each other."""
+"""Bodies factorised one by one, for foci that change and for bodies that move rigidly against each other."""
 
 import time
 from collections.abc import Iterator, Sequence
@@ -15,7 +15,7 @@ from airtact.printing import in_short
 from airtact.scene.scene import Obstacle, Scene, check_sources
 from airtact.scene.sources import Monopoles
 from airtact.solvers.bem.layer_potentials import project_contacts
-from airtact.solvers.bem.placed_body import Coupling, PartsField, PlacedBody
+from airtact.solvers.bem.placed_body import Coupling, FactorisedField, PlacedBody
 from airtact.solvers.bem.quadrature import OFF_SURFACE
 from airtact.solvers.bem.reduced_body import ReducedBody
 from airtact.solvers.gmres import GmresResult, gmres
@@ -30,34 +30,36 @@ MOVED = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class FactorisedBodies(Solver):
-    """Bodies whose own scattering is kept: a solver for them alone, wherever each of them is moved.
+    """Bodies factorised one by one: a solver for these bodies alone, wherever each of them is moved.
 
     Attributes
     ----------
     scene : the bodies as they were factorised.
-    parts : what each of them does to sound, in its own frame.
-    whole : the solver that takes over where two bodies come too near for it.
-    report : how it was made, before any sound was solved.
-    smallest : edge below which no panel was cut for the sake of points beside it [m].
+    bodies : each of them reduced to its skeletons, in its own frame.
+    whole : the solver that takes over where two bodies come too near.
+    tolerance : relative residual of the iteration over the bodies.
+    smallest : edge below which no panel was refined [m].
+    report : how the factorisation was made.
     """
 
     scene: Scene
-    parts: tuple[ReducedBody, ...]
+    bodies: tuple[ReducedBody, ...]
     whole: Solver
-    report: SolveReport
+    tolerance: float
     smallest: float
+    report: SolveReport
 
     __repr__ = in_short
 
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
         """Solve for the monopoles, with each body where the scene has it.
 
-        Where two bodies stand nearer than the kept scattering reaches, the scene is solved as a whole.
+        Where two bodies are nearer to each other than the skeletons' reach, ``whole`` solves the scene.
 
         Parameters
         ----------
         scene : the same bodies, each of them moved rigidly or not, in the same medium at the same frequency.
-        sources : monopoles outside the bodies or on their skin.
+        sources : monopoles outside the bodies or on their surfaces.
 
         Raises
         ------
@@ -72,10 +74,10 @@ class FactorisedBodies(Solver):
         if coupling is None:
             return self.whole.radiate(scene, sources)
         placed = coupling.placed
-        sources, factors = _on_skins(scene, placed, sources)
-        spoken = factors[:, None] * sources.strengths
+        sources, factors = _projected(scene, placed, sources)
+        strengths = factors[:, None] * sources.strengths
         alone = np.ascontiguousarray(
-            np.concatenate([body.alone(sources.positions, spoken, factors > 1) for body in placed]).T
+            np.concatenate([body.alone(sources.positions, strengths, factors > 1) for body in placed]).T
         )
         result = self._together(coupling, alone)
         report = replace(
@@ -85,46 +87,46 @@ class FactorisedBodies(Solver):
             seconds={"bodies": time.perf_counter() - began},
             warnings=(*self.report.warnings, *self._coarse(placed, sources)),
         )
-        return PartsField(scene, sources, placed, result.solution.T.astype(np.complex128), factors, report)
+        return FactorisedField(scene, sources, placed, result.solution.T.astype(np.complex128), factors, report)
 
     def _coarse(self, placed: Sequence[PlacedBody], sources: Monopoles) -> Iterator[str]:
-        """Warn of sources so near a skin that its panels should be finer than they are."""
+        """Warn of sources so near a surface that its panels should be smaller than they are."""
         for body, one in enumerate(placed):
-            distance, node = one.part.tree.query(one.local.apply(sources.positions))
-            panels = one.part.surface.nodes.quadratic_triangles[np.asarray(node) // 6]
+            distance, node = one.reduced.tree.query(one.local.apply(sources.positions))
+            panels = one.reduced.surface.nodes.quadratic_triangles[np.asarray(node) // 6]
             for source, edge in enumerate(longest_edges(panels)):
                 if edge > 1.001 * max(LONGEST_TO_EQUILATERAL * self.smallest, LARGEST_TO_POINT * distance[source]):
                     yield (
-                        f"source {source} stands {1e3 * distance[source]:.2g} mm from a node of body {body}, where "
-                        f"panels are {1e3 * edge:.2g} mm long: it may be farther off than the accuracy asked; "
-                        "factorise the bodies with that place in beside"
+                        f"source {source} is {1e3 * distance[source]:.2g} mm from a node of body {body}, where "
+                        f"panels are {1e3 * edge:.2g} mm long: its error may exceed the accuracy asked for; "
+                        "factorise the bodies with that point in refined"
                     )
 
-    def _together(self, coupling: Coupling, alone: Complex[np.ndarray, "sounds hearing"]) -> GmresResult:
-        """Strengths of all bodies from those that each would have alone: at once where they stand as they did."""
+    def _together(self, coupling: Coupling, alone: Complex[np.ndarray, "sounds rows"]) -> GmresResult:
+        """Densities of all bodies from those that each would have alone; by an inverse where none has moved."""
         if coupling is self._at_rest:
             inverse, residual = self._inverse
             return GmresResult(alone @ inverse, np.full(len(alone), residual), 0)
-        return gmres(coupling.times, alone, float(self.report.settings["gmres_tolerance"]))
+        return gmres(coupling.times, alone, self.tolerance)
 
     @cached_property
-    def _inverse(self) -> tuple[Complex[np.ndarray, "hearing heard"], float]:
-        """Inverse of the coupling of the bodies as they were factorised, and the largest residual that it leaves."""
+    def _inverse(self) -> tuple[Complex[np.ndarray, "rows rows"], float]:
+        """Inverse of the coupling of the bodies as they were factorised, and its largest residual."""
         assert self._at_rest is not None
-        count = sum(len(part.hears) for part in self.parts)
-        matrix = self._at_rest.times(np.eye(count, dtype=self.parts[0].solved.dtype))
+        count = sum(len(body.rows) for body in self.bodies)
+        matrix = self._at_rest.times(np.eye(count, dtype=self.bodies[0].solved.dtype))
         inverse = np.linalg.inv(matrix)
         return inverse, float(np.linalg.norm(inverse @ matrix - np.eye(count), axis=1).max())
 
     @cached_property
     def _at_rest(self) -> Coupling | None:
         """The bodies as they were factorised."""
-        return _coupled([PlacedBody(part, Pose.identity()) for part in self.parts])
+        return _coupled([PlacedBody(body, Pose.identity()) for body in self.bodies])
 
     def _coupling(self, scene: Scene) -> Coupling | None:
-        """Put the bodies where the scene has them; None where they are too near each other."""
+        """Place the bodies where the scene has them; None where they are too near each other."""
         self._check_others(scene)
-        pairs = list(zip(self.scene.obstacles, scene.obstacles, self.parts, strict=True))
+        pairs = list(zip(self.scene.obstacles, scene.obstacles, self.bodies, strict=True))
         if all(before.surface is after.surface and before.boundary == after.boundary for before, after, _ in pairs):
             return self._at_rest
         return _coupled([self._where(index, *pair) for index, pair in enumerate(pairs)])
@@ -133,15 +135,17 @@ class FactorisedBodies(Solver):
         if scene.medium != self.scene.medium or scene.frequency != self.scene.frequency:
             raise InvalidInput(
                 f"the bodies were factorised for {self.scene.frequency:g} Hz in {self.scene.medium}, but the scene has "
-                f"{scene.frequency:g} Hz in {scene.medium}; factorise them for it."
+                f"{scene.frequency:g} Hz in {scene.medium}; factorise them for it.",
+                code="not_factorised",
             )
-        if len(scene.obstacles) != len(self.parts):
+        if len(scene.obstacles) != len(self.bodies):
             raise InvalidInput(
-                f"{counted(len(self.parts), 'body was', 'bodies were')} factorised, but the scene has "
-                f"{len(scene.obstacles)}; factorise those."
+                f"{counted(len(self.bodies), 'body was', 'bodies were')} factorised, but the scene has "
+                f"{len(scene.obstacles)}; factorise those.",
+                code="not_factorised",
             )
 
-    def _where(self, index: int, before: Obstacle, after: Obstacle, part: ReducedBody) -> PlacedBody:
+    def _where(self, index: int, before: Obstacle, after: Obstacle, body: ReducedBody) -> PlacedBody:
         pose, off = rigid_motion(before.surface, after.surface)
         if off > MOVED * self.scene.wavelength or after.boundary != before.boundary:
             why = (
@@ -152,26 +156,29 @@ class FactorisedBodies(Solver):
             why = why if after.boundary == before.boundary else f"it is {after.boundary}"
             raise InvalidInput(
                 f"body {index} is not the one that was factorised, moved rigidly: {why}; factorise the scene again, or "
-                "solve it with BoundaryElement."
+                "solve it with BoundaryElement.",
+                code="not_factorised",
             )
-        return PlacedBody(part, pose)
+        return PlacedBody(body, pose)
 
 
 def _coupled(placed: Sequence[PlacedBody]) -> Coupling | None:
-    """How bodies hear each other; None where two of them stand too near for what is kept."""
+    """Couple the bodies; None where two of them are too near each other for their skeletons."""
     if any(first.meets(second) for index, first in enumerate(placed) for second in placed[:index]):
         return None
     return Coupling.of(placed)
 
 
-def _on_skins(
+def _projected(
     scene: Scene, placed: Sequence[PlacedBody], sources: Monopoles
 ) -> tuple[Monopoles, Float64[np.ndarray, "sources"]]:
-    """Put sources that touch a skin exactly on its panel, and count them twice: they speak with their image."""
+    """Project sources that touch a surface onto its panel, with factor 2: they radiate together with their image."""
     positions, factors = np.array(sources.positions), np.ones(len(sources.positions))
-    close = np.abs(scene.depth(positions)) < OFF_SURFACE * max(body.part.surface.nodes.contact.max() for body in placed)
+    close = np.abs(scene.depth(positions)) < OFF_SURFACE * max(
+        body.reduced.surface.nodes.contact.max() for body in placed
+    )
     for body in placed if close.any() else ():
-        local, contact = project_contacts(body.part.surface.nodes, body.local.apply(positions))
+        local, contact = project_contacts(body.reduced.surface.nodes, body.local.apply(positions))
         positions[contact] = body.pose.apply(local[contact])
         factors[contact] = 2.0
     return replace(sources, positions=positions) if (factors > 1).any() else sources, factors

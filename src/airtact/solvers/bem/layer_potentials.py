@@ -19,6 +19,7 @@ from airtact.solvers.bem.quadrature import (
     near_lists,
 )
 from airtact.solvers.bem.target_cells import Cells
+from airtact.solvers.loops import loop
 
 ROWS_AT_ONCE = 512
 
@@ -72,7 +73,7 @@ def near_rows(
     """
     first, panel = near_lists(nodes, points, near_rule.reach * nodes.radii)
     excess = np.empty((len(panel), 6), dtype=np.complex128)
-    getattr(_kernels, f"near_excess_{precision}")(
+    loop("near_excess", precision)(
         np.ascontiguousarray(points, dtype=np.float64),
         first,
         panel,
@@ -112,7 +113,7 @@ def double_layer_pressure(
     if cells is None:
         least, precision = _least_distance(nodes, near_rule, precision)
         out = np.empty((len(points), pressure.shape[1]), dtype=np.complex128)
-        getattr(_kernels, f"apply_double_layer_{precision}")(
+        loop("apply_double_layer", precision)(
             points,
             nodes.points,
             nodes.weighted_normals,
@@ -185,7 +186,7 @@ def double_layer_transposed(
             block = slice(start, start + ROWS_AT_ONCE)
             shape = (len(some[block]), len(nodes.points))
             rows = np.empty(shape, dtype=np.complex64 if kind == "float32" else np.complex128)
-            fill = getattr(_kernels, f"double_layer_matrix_{kind}")
+            fill = loop("double_layer_matrix", kind)
             fill(some[block], nodes.points, nodes.weighted_normals, complex(wavenumber), rows)
             total += rows.T @ weights[block].astype(rows.dtype)
     return total

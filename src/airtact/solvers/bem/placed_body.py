@@ -1,4 +1,4 @@
-"""Bodies of which the scattering is kept, put somewhere, and how they hear each other and are heard."""
+"""Reduced bodies at poses in a scene, how they scatter each other's field, and the field around them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,7 +8,6 @@ from itertools import permutations
 import numpy as np
 from jaxtyping import Bool, Complex, Complex128, Float64, Real
 
-from airtact import _kernels
 from airtact.conventions import InvalidInput
 from airtact.pose import Pose
 from airtact.printing import in_short
@@ -16,6 +15,7 @@ from airtact.scene.scene import Scene
 from airtact.scene.sources import Monopoles
 from airtact.solvers.bem.layer_potentials import double_layer_transposed
 from airtact.solvers.bem.reduced_body import ReducedBody
+from airtact.solvers.loops import loop
 from airtact.solvers.monopoles import monopole_pressure
 from airtact.solvers.problem import RadiatedField, SolveReport, SurfaceField, receivers
 from airtact.validation import points_of
@@ -23,130 +23,129 @@ from airtact.validation import points_of
 
 @dataclass(frozen=True, eq=False)
 class PlacedBody:
-    """A part somewhere.
+    """A reduced body at a pose.
 
     Attributes
     ----------
-    part : in its own frame.
+    reduced : the body in its own frame.
     pose : from there to the scene.
     """
 
-    part: ReducedBody
+    reduced: ReducedBody
     pose: Pose
 
     __repr__ = in_short
 
     @cached_property
     def local(self) -> Pose:
-        """From the scene to the part's own frame."""
+        """From the scene to the body's own frame."""
         return self.pose.inverse()
 
     @cached_property
     def ball(self) -> tuple[Float64[np.ndarray, "3"], float]:
         """Centre and radius of a ball that holds all nodes [m]."""
-        tree = self.part.tree
+        tree = self.reduced.tree
         return self.pose.apply(0.5 * (tree.mins + tree.maxes)), 0.5 * float(np.linalg.norm(tree.maxes - tree.mins))
 
     def clear_of(self, points: Real[np.ndarray, "points 3"]) -> bool:
-        """Whether all points (P, 3) [m] are so far off that nothing more need be asked."""
+        """Whether all points (P, 3) [m] are beyond the reach by the distance from the ball alone."""
         centre, radius = self.ball
         off = points - centre
-        return bool(np.einsum("pd,pd->p", off, off).min(initial=np.inf) > (radius + self.part.reach) ** 2)
+        return bool(np.einsum("pd,pd->p", off, off).min(initial=np.inf) > (radius + self.reduced.reach) ** 2)
 
     def reaches(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
-        """Which points (P, 3) [m] are too near to be heard from the skeleton."""
-        near = self.boxes(points, self.part.reach)
+        """Which points (P, 3) [m] are too near for the skeletons."""
+        near = self.in_box(points, self.reduced.reach)
         if near.any():
-            distance, _ = self.part.tree.query(self.local.apply(points[near]), distance_upper_bound=self.part.reach)
+            distance, _ = self.reduced.tree.query(
+                self.local.apply(points[near]), distance_upper_bound=self.reduced.reach
+            )
             near[near] = np.isfinite(distance)
         return near
 
-    def boxes(self, points: Real[np.ndarray, "points 3"], beyond: float = 0.0) -> Bool[np.ndarray, "points"]:
-        """Which points (P, 3) [m] lie in the box round the part, or ``beyond`` [m] of it."""
-        tree, local = self.part.tree, self.local.apply(points)
+    def in_box(self, points: Real[np.ndarray, "points 3"], beyond: float = 0.0) -> Bool[np.ndarray, "points"]:
+        """Which points (P, 3) [m] lie in the box around the body, or within ``beyond`` [m] of it."""
+        tree, local = self.reduced.tree, self.local.apply(points)
         return ((local > tree.mins - beyond) & (local < tree.maxes + beyond)).all(axis=1)
 
     def meets(self, other: "PlacedBody") -> bool:
-        """Whether another body stands too near."""
-        return bool(self.reaches(other.pose.apply(other.part.surface.nodes.points)).any())
+        """Whether another body is too near for the skeletons."""
+        return bool(self.reaches(other.pose.apply(other.reduced.surface.nodes.points)).any())
 
     def alone(
         self,
         positions: Real[np.ndarray, "sources 3"],
-        spoken: Complex128[np.ndarray, "sources sounds"],
+        strengths: Complex128[np.ndarray, "sources sounds"],
         contact: Bool[np.ndarray, "sources"],
-    ) -> Complex[np.ndarray, "hearing sounds"]:
-        """Strengths of the hearing skeleton for monopoles, some of which touch a skin, were no other body there."""
-        part, surface = self.part, self.part.surface
-        local, rule = self.local.apply(positions), surface.near_rule
-        heard = double_layer_transposed(
-            local, surface.nodes, spoken, surface.wavenumber, rule, surface.precision, contact
-        )
-        return part.solved @ heard.astype(part.solved.dtype)
+    ) -> Complex[np.ndarray, "rows sounds"]:
+        """Densities on the skeleton of the rows for monopoles, some of which touch a surface, without other bodies."""
+        surface, solved = self.reduced.surface, self.reduced.solved
+        given = strengths, surface.wavenumber, surface.near_rule, surface.precision
+        right = double_layer_transposed(self.local.apply(positions), surface.nodes, *given, contact)
+        return solved @ right.astype(solved.dtype)
 
-    def hears(self, other: "PlacedBody") -> Complex[np.ndarray, "hearing speaking"]:
-        """−D(x) + i D(x') at the hearing skeleton, D the double layer of the other's speaking skeleton."""
-        count, surface = len(self.part.hears), self.part.surface
-        places, normals = other.part.speaking
-        kind = self.part.solved.dtype
-        rows = np.empty((2 * count, len(places)), dtype=kind)
-        fill = getattr(_kernels, f"double_layer_matrix_{surface.precision}")
-        listening = self.pose.apply(self.part.hearing)
-        fill(listening, other.pose.apply(places), other.pose.rotate(normals), complex(surface.wavenumber), rows)
-        heard = rows[count:]
-        heard *= 1j
-        heard -= rows[:count]
-        return heard
+    def coupling_from(self, other: "PlacedBody") -> Complex[np.ndarray, "rows columns"]:
+        """−D(x) + i D(x') at the skeleton of the rows, D the double layer of the other's skeleton of the columns."""
+        count, surface = len(self.reduced.rows), self.reduced.surface
+        nodes, normals = other.reduced.column_nodes
+        both = np.empty((2 * count, len(nodes)), dtype=self.reduced.solved.dtype)
+        receivers = self.pose.apply(self.reduced.row_points)
+        fill = loop("double_layer_matrix", surface.precision)
+        fill(receivers, other.pose.apply(nodes), other.pose.rotate(normals), complex(surface.wavenumber), both)
+        block = both[count:]
+        block *= 1j
+        block -= both[:count]
+        return block
 
 
 @dataclass(frozen=True, eq=False)
 class Coupling:
-    """How bodies scatter each other's sound.
+    """How bodies scatter each other's field.
 
     Attributes
     ----------
     placed : the bodies.
-    heard : for each two of them what the first hears of the second's skin, (R, Q).
+    blocks : for each two of them the coupling of the first from the second, (R, Q).
     """
 
     placed: tuple[PlacedBody, ...]
-    heard: dict[tuple[int, int], Complex[np.ndarray, "hearing speaking"]]
+    blocks: dict[tuple[int, int], Complex[np.ndarray, "rows columns"]]
 
     __repr__ = in_short
 
     @classmethod
     def of(cls, placed: Sequence[PlacedBody]) -> "Coupling":
-        """Let each body hear each other one."""
+        """Couple each body to each other one."""
         pairs = permutations(range(len(placed)), 2)
-        return cls(tuple(placed), {(one, other): placed[one].hears(placed[other]) for one, other in pairs})
+        return cls(tuple(placed), {(one, other): placed[one].coupling_from(placed[other]) for one, other in pairs})
 
-    def times(self, strengths: Complex[np.ndarray, "sounds hearing"]) -> Complex[np.ndarray, "sounds hearing"]:
-        """Apply the equation for the strengths y of all hearing skeletons: y_b + Σ_c S_b K_cbᵀ y_c."""
-        parts = np.split(strengths, np.cumsum([len(one.part.hears) for one in self.placed])[:-1], axis=1)
+    def times(self, densities: Complex[np.ndarray, "sounds rows"]) -> Complex[np.ndarray, "sounds rows"]:
+        """Apply the equation for the densities y on the skeletons of all bodies: y_b + Σ_c S_b K_cbᵀ y_c."""
+        each = np.split(densities, np.cumsum([len(one.reduced.rows) for one in self.placed])[:-1], axis=1)
         out = []
         for body, own in enumerate(self.placed):
-            spoken = [part @ self.heard[other, body] for other, part in enumerate(parts) if other != body]
-            out.append(parts[body] + sum(spoken) @ own.part.scatters.T if spoken else parts[body])
+            emitted = [density @ self.blocks[other, body] for other, density in enumerate(each) if other != body]
+            out.append(each[body] + sum(emitted) @ own.reduced.scattering.T if emitted else each[body])
         return np.concatenate(out, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
-class PartsField(RadiatedField):
-    """The field of some monopoles around bodies whose scattering is kept: heard away from the skins only.
+class FactorisedField(RadiatedField):
+    """The field of some monopoles around factorised bodies, known away from their surfaces only.
 
     Attributes
     ----------
     scene, sources : what was solved.
     placed : the bodies.
-    strengths : (R, S) monopoles at the hearing skeletons of all bodies that stand for their scattering [Pa·m].
-    factors : (N,) 1 for sources off the skin, 2 for those on it, which speak with their image.
+    densities : (R, S) strengths of the monopoles at all skeletons, which radiate the scattered field [Pa·m].
+    factors : (N,) 1 for sources off the surface, 2 for those on it, which radiate together with their image.
     report : how it was made.
     """
 
     scene: Scene
     sources: Monopoles
     placed: tuple[PlacedBody, ...]
-    strengths: Complex128[np.ndarray, "hearing sounds"]
+    densities: Complex128[np.ndarray, "rows sounds"]
     factors: Float64[np.ndarray, "sources"]
     report: SolveReport
 
@@ -154,24 +153,25 @@ class PartsField(RadiatedField):
 
     @property
     def on_surface(self) -> SurfaceField:
-        """Not known from kept scattering."""
+        """Raise InvalidInput: the pressure on the surfaces does not follow from the reduced scattering."""
         raise InvalidInput(
-            f"the pressure on the skin of {len(self.placed)} factorised bodies is not solved for; solve the scene with "
-            "BoundaryElement."
+            f"the pressure on the surface of {len(self.placed)} factorised bodies is not solved for; solve the scene "
+            "with BoundaryElement.",
+            code="surface_not_solved",
         )
 
     def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
-        """Whether points (P, 3) [m] lie outside the bodies and farther from them than the kept scattering's reach."""
+        """Whether points (P, 3) [m] lie outside the bodies and farther from them than the skeletons' reach."""
         points = points_of(points, "points", least=0)
         if all(body.clear_of(points) for body in self.placed):
             return np.ones(len(points), dtype=bool)
         known = ~np.any([body.reaches(points) for body in self.placed], axis=0)
-        within = known & np.any([body.boxes(points) for body in self.placed], axis=0)
+        within = known & np.any([body.in_box(points) for body in self.placed], axis=0)
         known[within] = self.scene.depth(points[within]) < 0
         return known
 
     def at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
-        """Total pressure [Pa] at points (P, 3) for each of the S sounds; NaN in the bodies and nearer than the reach.
+        """Total pressure [Pa] at points (P, 3) for each of the S excitations; NaN where ``valid`` is False.
 
         Raises
         ------
@@ -179,9 +179,9 @@ class PartsField(RadiatedField):
             A point is NaN or infinite, or stands on a source.
         """
         points = receivers(points, self.sources)
-        out = np.full((len(points), self.strengths.shape[1]), np.nan, dtype=np.complex128)
+        out = np.full((len(points), self.densities.shape[1]), np.nan, dtype=np.complex128)
         known = self.valid(points)
-        wavenumber, precision = self.scene.wavenumber, self.placed[0].part.surface.precision
+        wavenumber, precision = self.scene.wavenumber, self.placed[0].reduced.surface.precision
         free = self.factors[:, None] * self.sources.strengths
         out[known] = monopole_pressure(points[known], self.sources.positions, free, wavenumber, "float64")
         out[known] += monopole_pressure(points[known], *self._scattered, wavenumber, precision)
@@ -190,21 +190,21 @@ class PartsField(RadiatedField):
     def scattered_at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
         """Scattered pressure [Pa] at points (P, 3), also at the sources; NaN where ``valid`` is False."""
         points = points_of(points, "points", least=0)
-        out = np.full((len(points), self.strengths.shape[1]), np.nan, dtype=np.complex128)
+        out = np.full((len(points), self.densities.shape[1]), np.nan, dtype=np.complex128)
         known, image = self.valid(points), self.factors > 1
-        wavenumber, precision = self.scene.wavenumber, self.placed[0].part.surface.precision
+        wavenumber, precision = self.scene.wavenumber, self.placed[0].reduced.surface.precision
         out[known] = monopole_pressure(points[known], *self._scattered, wavenumber, precision)
         images = self.sources.positions[image], self.sources.strengths[image]
         out[known] += monopole_pressure(points[known], *images, wavenumber, "float64")
         return out
 
     @property
-    def _scattered(self) -> tuple[Float64[np.ndarray, "places 3"], Complex128[np.ndarray, "places sounds"]]:
-        """Monopoles at the skeletons and at the points inside that belong to them."""
-        places, strengths, begin = [], [], 0
+    def _scattered(self) -> tuple[Float64[np.ndarray, "points 3"], Complex128[np.ndarray, "points sounds"]]:
+        """Monopoles at the skeletons and at their shifted points inside."""
+        points, strengths, begin = [], [], 0
         for body in self.placed:
-            own = self.strengths[begin : begin + len(body.part.hears)]
-            places.append(body.pose.apply(body.part.hearing))
+            own = self.densities[begin : begin + len(body.reduced.rows)]
+            points.append(body.pose.apply(body.reduced.row_points))
             strengths += [own, -1j * own]
             begin += len(own)
-        return np.concatenate(places), np.concatenate(strengths)
+        return np.concatenate(points), np.concatenate(strengths)

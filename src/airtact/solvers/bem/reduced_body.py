@@ -1,8 +1,8 @@
-"""What one body does to sound, kept: its own matrix is inverted once, and it is heard through few of its nodes.
+"""The scattering of one body, reduced to a few of its nodes: its own matrix is inverted once.
 
-Seen from some distance, the nodes of a body hear and speak through a few of them, its skeleton, to any accuracy: all
-other nodes are combinations of those, whatever stands outside. Which nodes, and the combinations, follow from monopoles
-on a surface round the body (the proxy surface).
+From some distance on, the incident field at the nodes of a body and the field that the nodes radiate are determined, to
+any accuracy, by a few of them, its skeletons: all other nodes are linear combinations of those, whatever is outside.
+Which nodes, and the combinations, follow from monopoles on a surface around the body (the proxy surface).
 
 Source: P. G. Martinsson and V. Rokhlin, "A fast direct solver for boundary integral equations in two dimensions",
 Journal of Computational Physics 205 (2005) 1.
@@ -26,76 +26,76 @@ from airtact.solvers.bem.operator import DualSurface, assemble
 from airtact.solvers.bem.quadrature import Nodes
 
 SECOND_LAYER = 2.5
-"""How much farther off than the first the second half of the proxy monopoles stands."""
+"""Distance of the second half of the proxy monopoles from the body, over that of the first."""
 
 SKETCHED = 12
-"""Random combinations of the proxies for each square wavelength of skin to begin with; twice as many until a few are
-left over."""
+"""Random combinations of the proxies for each square wavelength of surface to begin with, doubled until a few are
+redundant."""
 
 CHECKED = 64
-"""Proxies, and points beside the skin, from which the kept scattering is checked."""
+"""Proxies, and points beside the surface, from which the reduced scattering is checked."""
 
 BESIDE = 0.06
-"""Wavelengths off the skin where the latter stand: half a millimetre at 40 kHz in air."""
+"""Height of the latter over the surface in wavelengths: half a millimetre at 40 kHz in air."""
 
 FIRST, TIGHTER, TRIES = 0.3, 0.4, 4
-"""Tolerance of the first skeletons as a share of the error wanted, how much less each next one has, and how many there
-may be."""
+"""Tolerance of the first skeletons over the error wanted, the factor from one to the next, and the most trials."""
 
 GROUPS_AT_ONCE = 100
-"""Points inside, and three times as many nodes, that hear the proxies at once."""
+"""Shifted points, and three times as many nodes, at which the proxies are evaluated at once."""
 
-LEFT_OVER = 0.7
-"""Share of the combinations that a skeleton may need at most."""
+FULLEST = 0.7
+"""Largest rank of a skeleton over the number of combinations."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReducedBody:
-    """One body in its own frame, as its skeletons hear and speak.
+    """One body in its own frame, reduced to its skeletons.
 
     Attributes
     ----------
-    surface : where and how the dual-surface equation of this body alone is written down.
-    reach : nothing nearer to a node than this is heard through the skeleton [m].
-    hears, speaks : (R,) and (Q,) the nodes of both skeletons.
-    solved : (R, M) the transposed solution as the skeleton hears it, from the right-hand side.
-    scatters : (R, Q) the same from a right-hand side known at the speaking skeleton: the scattering matrix.
+    surface : the discrete dual-surface equation of this body alone.
+    reach : the skeletons serve points farther from all nodes than this [m].
+    rows, columns : (R,) and (Q,) the nodes of the two skeletons: of the rows of the matrix, where incident fields are
+        evaluated, and of its columns, which radiate.
+    solved : (R, M) transposed solution on the skeleton of the rows, from the right-hand side at all nodes.
+    scattering : (R, Q) the same from the right-hand side at the skeleton of the columns: the scattering matrix.
     error : relative error of the scattering against all nodes, to points as near as the reach, from there and from
-        beside the skin.
+        beside the surface.
     tree : the nodes, for distances.
     """
 
     surface: DualSurface
     reach: float
-    hears: Int64[np.ndarray, "hearing"]
-    speaks: Int64[np.ndarray, "speaking"]
-    solved: Complex[np.ndarray, "hearing nodes"]
-    scatters: Complex[np.ndarray, "hearing speaking"]
+    rows: Int64[np.ndarray, "rows"]
+    columns: Int64[np.ndarray, "columns"]
+    solved: Complex[np.ndarray, "rows nodes"]
+    scattering: Complex[np.ndarray, "rows columns"]
     error: float
     tree: KDTree
 
     __repr__ = in_short
 
     @property
-    def hearing(self) -> Float64[np.ndarray, "both 3"]:
-        """Where the hearing skeleton listens (2 R, 3) [m]: its nodes, then the points inside that belong to them."""
+    def row_points(self) -> Float64[np.ndarray, "both 3"]:
+        """Collocation points of the skeleton of the rows (2 R, 3) [m]: its nodes, then their shifted points inside."""
         surface = self.surface
-        return np.concatenate([surface.nodes.points[self.hears], surface.shifted[self.hears // _kernels.sharing]])
+        return np.concatenate([surface.nodes.points[self.rows], surface.shifted[self.rows // _kernels.sharing]])
 
     @property
-    def speaking(self) -> tuple[Float64[np.ndarray, "speaking 3"], Float64[np.ndarray, "speaking 3"]]:
-        """Where the speaking skeleton speaks (Q, 3) [m], and its normals times area [m²]."""
+    def column_nodes(self) -> tuple[Float64[np.ndarray, "columns 3"], Float64[np.ndarray, "columns 3"]]:
+        """Nodes of the skeleton of the columns (Q, 3) [m], and their normals times area [m²]."""
         nodes = self.surface.nodes
-        return nodes.points[self.speaks], nodes.weighted_normals[self.speaks]
+        return nodes.points[self.columns], nodes.weighted_normals[self.columns]
 
 
 def reduced_body(surface: DualSurface, reach: float, wanted: float) -> ReducedBody:
-    """Invert a body's own matrix and find its skeletons, larger ones until they are right.
+    """Invert a body's own matrix and find its skeletons, larger ones until their error is small enough.
 
     Parameters
     ----------
     surface : the dual-surface equation of the body alone.
-    reach : distance beyond which the body is heard through its skeletons [m].
+    reach : distance from which on the skeletons serve [m].
     wanted : relative error that the skeletons may leave.
     """
     tree = KDTree(surface.nodes.points)
@@ -103,17 +103,17 @@ def reduced_body(surface: DualSurface, reach: float, wanted: float) -> ReducedBo
     matrix = assemble(surface, "float64" if surface.precision == "float64" else "float32").dense()
     factors = scipy.linalg.lu_factor(matrix, overwrite_a=True, check_finite=False)
     checks = _checks(surface, proxies, factors)
-    tolerance, part = FIRST * wanted, None
+    tolerance, body = FIRST * wanted, None
     for _ in range(TRIES):
-        part = _kept(surface, reach, tree, proxies, factors, tolerance, checks)
-        if part.error <= wanted:
+        body = _skeletonised(surface, reach, tree, proxies, factors, tolerance, checks)
+        if body.error <= wanted:
             break
         tolerance *= TIGHTER
-    assert part is not None
-    return part
+    assert body is not None
+    return body
 
 
-def _kept(
+def _skeletonised(
     surface: DualSurface,
     reach: float,
     tree: KDTree,
@@ -122,49 +122,49 @@ def _kept(
     tolerance: float,
     checks: "_Checks",
 ) -> ReducedBody:
-    """Find skeletons to a tolerance, and what that leaves of the scattering."""
+    """Find skeletons to a tolerance, and the reduced scattering."""
     kind = factors[0].dtype.type
     area = float(surface.nodes.weights.sum()) * (surface.wavenumber.real / (2 * np.pi)) ** 2
     count = min(math.ceil(SKETCHED * (area + 4)), len(proxies))
-    hears, hearing = _skeleton(partial(_heard_by, surface, proxies), len(proxies), count, tolerance, kind)
-    speaks, speaking = _skeleton(partial(_spoken_to, surface, proxies), len(proxies), count, tolerance, kind)
-    solved = np.ascontiguousarray(scipy.linalg.lu_solve(factors, hearing.T.astype(kind), check_finite=False).T)
-    scatters = solved @ speaking.T.astype(kind)
-    error = checks.error(hears, speaks, solved, scatters)
-    return ReducedBody(surface, reach, hears, speaks, solved, scatters, error, tree)
+    rows, of_rows = _skeleton(partial(_direct_sides, surface, proxies), len(proxies), count, tolerance, kind)
+    columns, of_columns = _skeleton(partial(_transposed_sides, surface, proxies), len(proxies), count, tolerance, kind)
+    solved = np.ascontiguousarray(scipy.linalg.lu_solve(factors, of_rows.T.astype(kind), check_finite=False).T)
+    scattering = solved @ of_columns.T.astype(kind)
+    error = checks.error(rows, columns, solved, scattering)
+    return ReducedBody(surface, reach, rows, columns, solved, scattering, error, tree)
 
 
 @dataclass(frozen=True, eq=False)
 class _Checks:
-    """Sound from points as near as the reach and from points beside the skin, scattered to other points at the reach.
+    """Sources as near as the reach and sources beside the surface, and their field scattered to points at the reach.
 
     Attributes
     ----------
-    far, near : (M, C) right-hand sides of the transposed equation for both kinds of points.
-    listening : (M, L) how the nodes are heard.
-    exact_far, exact_near : (C, L) what all nodes together scatter.
+    far, near : (M, C) right-hand sides of the transposed equation for both kinds of sources.
+    radiated : (M, L) pressure of each node at the receivers.
+    exact_far, exact_near : (C, L) pressure scattered by all nodes together.
     """
 
     far: Complex128[np.ndarray, "nodes far"]
     near: Complex128[np.ndarray, "nodes near"]
-    listening: Complex128[np.ndarray, "nodes listening"]
-    exact_far: Complex128[np.ndarray, "far listening"]
-    exact_near: Complex128[np.ndarray, "near listening"]
+    radiated: Complex128[np.ndarray, "nodes receivers"]
+    exact_far: Complex128[np.ndarray, "far receivers"]
+    exact_near: Complex128[np.ndarray, "near receivers"]
 
     def error(
         self,
-        hears: Int64[np.ndarray, "hearing"],
-        speaks: Int64[np.ndarray, "speaking"],
-        solved: Complex[np.ndarray, "hearing nodes"],
-        scatters: Complex[np.ndarray, "hearing speaking"],
+        rows: Int64[np.ndarray, "rows"],
+        columns: Int64[np.ndarray, "columns"],
+        solved: Complex[np.ndarray, "rows nodes"],
+        scattering: Complex[np.ndarray, "rows columns"],
     ) -> float:
-        """Relative error that skeletons leave, the larger of both kinds."""
-        heard = self.listening[hears]
+        """Relative error of skeletons, the larger of both kinds."""
+        radiated = self.radiated[rows]
         pairs = (
-            (self.exact_far, (scatters @ self.far[speaks]).T @ heard),
-            (self.exact_near, (solved @ self.near).T @ heard),
+            (self.exact_far, (scattering @ self.far[columns]).T @ radiated),
+            (self.exact_near, (solved @ self.near).T @ radiated),
         )
-        return max(float(np.linalg.norm(kept - exact) / np.linalg.norm(exact)) for exact, kept in pairs)
+        return max(float(np.linalg.norm(found - exact) / np.linalg.norm(exact)) for exact, found in pairs)
 
 
 def _checks(
@@ -174,49 +174,49 @@ def _checks(
 ) -> _Checks:
     nodes, wavelength = surface.nodes, 2 * np.pi / surface.wavenumber.real
     some, beside = (np.arange(0, count, -(-count // CHECKED)) for count in (len(proxies), len(nodes.points)))
-    listening = _heard_by(surface, proxies[some - len(proxies) // 2], np.eye(len(some)))
+    radiated = _direct_sides(surface, proxies[some - len(proxies) // 2], np.eye(len(some)))
     close = nodes.points[beside] + BESIDE * wavelength * nodes.normals[beside]
-    far, near = (_spoken_to(surface, points, np.eye(len(points))) for points in (proxies[some], close))
-    exact = [scipy.linalg.lu_solve(factors, one, trans=1, check_finite=False).T @ listening for one in (far, near)]
-    return _Checks(far, near, listening, *exact)
+    far, near = (_transposed_sides(surface, points, np.eye(len(points))) for points in (proxies[some], close))
+    exact = [scipy.linalg.lu_solve(factors, one, trans=1, check_finite=False).T @ radiated for one in (far, near)]
+    return _Checks(far, near, radiated, *exact)
 
 
 def _proxies(nodes: Nodes, tree: KDTree, reach: float) -> Float64[np.ndarray, "proxies 3"]:
-    """Monopoles all round the body: off every node, and farther off every second one."""
+    """Place monopoles all around the body: off every node, and farther off every second one."""
     near = nodes.points + reach * nodes.normals
     far = nodes.points[::2] + SECOND_LAYER * reach * nodes.normals[::2]
     everywhere = np.concatenate([near, far])
     return everywhere[tree.query(everywhere, distance_upper_bound=0.95 * reach)[0] > 0.95 * reach]
 
 
-def _heard_by(
+def _direct_sides(
     surface: DualSurface, proxies: Float64[np.ndarray, "proxies 3"], strengths: Num[np.ndarray, "proxies some"]
 ) -> Complex128[np.ndarray, "nodes some"]:
-    """Right-hand sides of the direct equation that the proxies cause."""
+    """Right-hand sides of the direct equation for the proxies as sources."""
     points, sharing = surface.nodes.points, _kernels.sharing
     kind = np.complex64 if surface.precision == "float32" else np.complex128
     strengths = strengths.astype(kind)
-    heard = np.empty((len(points), strengths.shape[1]), dtype=np.complex128)
+    sides = np.empty((len(points), strengths.shape[1]), dtype=np.complex128)
     for begin in range(0, len(points), sharing * GROUPS_AT_ONCE):
         rows = slice(begin, begin + sharing * GROUPS_AT_ONCE)
         groups = slice(begin // sharing, begin // sharing + GROUPS_AT_ONCE)
         inside = np.repeat(_open_air(surface.shifted[groups], proxies, surface.wavenumber), sharing, axis=0)
-        heard[rows] = (_open_air(points[rows], proxies, surface.wavenumber) - 1j * inside).astype(kind) @ strengths
-    return heard
+        sides[rows] = (_open_air(points[rows], proxies, surface.wavenumber) - 1j * inside).astype(kind) @ strengths
+    return sides
 
 
 def _open_air(
     points: Float64[np.ndarray, "points 3"], proxies: Float64[np.ndarray, "proxies 3"], wavenumber: complex
 ) -> Complex128[np.ndarray, "points proxies"]:
-    """Pressure e^{ikr}/r of each proxy by itself."""
+    """Pressure e^{ikr}/r of each proxy."""
     distance = cdist(points, proxies)
     return np.exp(1j * wavenumber * distance) / distance
 
 
-def _spoken_to(
+def _transposed_sides(
     surface: DualSurface, proxies: Float64[np.ndarray, "proxies 3"], strengths: Num[np.ndarray, "proxies some"]
 ) -> Complex128[np.ndarray, "nodes some"]:
-    """How the pressure at the nodes is heard by the proxies: right-hand sides of the transposed equation."""
+    """Right-hand sides of the transposed equation for the proxies as sources."""
     rule, precision = surface.near_rule, surface.precision
     return double_layer_transposed(
         proxies, surface.nodes, strengths.astype(np.complex128), surface.wavenumber, rule, precision
@@ -230,9 +230,9 @@ def _skeleton(
     tolerance: float,
     kind: type[np.complexfloating],
 ) -> tuple[Int64[np.ndarray, "skeleton"], Complex128[np.ndarray, "skeleton nodes"]]:
-    """Nodes of which all others are combinations, and those combinations.
+    """Find nodes of which all others are linear combinations, and those combinations.
 
-    ``mixed`` gives what the nodes have to do with random strengths of the proxies: an interpolative decomposition of a
+    ``mixed`` returns the right-hand sides for random strengths of the proxies: an interpolative decomposition of a
     random sketch (E. Liberty, F. Woolfe, P. G. Martinsson, V. Rokhlin, M. Tygert, PNAS 104 (2007) 20167).
     """
     random = np.random.default_rng(0)
@@ -242,7 +242,7 @@ def _skeleton(
         upper, order = np.asarray(decomposed[0]), np.asarray(decomposed[-1])
         size = np.abs(np.diag(upper))
         rank = int(np.count_nonzero(size > tolerance * size[0]))
-        if rank <= LEFT_OVER * count or count >= min(proxies, len(sketch)):
+        if rank <= FULLEST * count or count >= min(proxies, len(sketch)):
             break
         count = min(2 * count, proxies)
     combinations = np.empty((rank, len(sketch)), dtype=np.complex128)

@@ -1,7 +1,6 @@
-"""BoundaryElement: the sound of monopoles around rigid bodies, from the pressure on the bodies' skin alone."""
+"""BoundaryElement: the field of monopoles around sound-hard bodies, from the pressure on their surfaces alone."""
 
-import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -10,29 +9,31 @@ from jaxtyping import Complex128, Float64, Int64, Real
 
 from airtact.conventions import InvalidInput
 from airtact.mesh.quadratic_triangles import QuadraticTriangles
-from airtact.scene.scene import Scene, check_near, check_outside, check_sources
+from airtact.scene.scene import Obstacle, Scene, check_near, check_outside, check_sources
 from airtact.scene.sources import Monopoles
-from airtact.solvers.bem.blocks import blocks_of, in_blocks
+from airtact.solvers.bem.blocks import block_order, blocks_of
 from airtact.solvers.bem.factorised_bodies import FactorisedBodies
 from airtact.solvers.bem.field import BoundaryField
 from airtact.solvers.bem.layer_potentials import NearRule
 from airtact.solvers.bem.operator import (
     DualMatrix,
+    DualSurface,
     Store,
     assemble,
     check_memory,
+    direct_right_side,
     dual_surface,
-    give_back,
-    heard,
-    incident,
+    release,
+    transposed_right_side,
 )
-from airtact.solvers.bem.quadrature import place_nodes
+from airtact.solvers.bem.quadrature import Nodes, place_nodes
 from airtact.solvers.bem.reduced_body import ReducedBody, reduced_body
 from airtact.solvers.gmres import GmresResult, gmres
 from airtact.solvers.probes import surrounding_points
 from airtact.solvers.problem import Solver, SolveReport
 from airtact.surfaces.panels import Panels, panels_of
 from airtact.surfaces.shape import BEND
+from airtact.timing import Clock
 from airtact.validation import number, points_of
 
 CITATIONS = (
@@ -41,46 +42,45 @@ CITATIONS = (
     "Y. Saad, M. H. Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856: GMRES",
 )
 
-CROSSES_SOURCE = (
+LOW_RANK_SOURCE = (
     "M. Bebendorf, S. Rjasanow, Computing 70 (2003) 1: adaptive cross approximation of collocation matrices"
 )
 
-KEPT_SOURCE = "P. G. Martinsson, V. Rokhlin, Journal of Computational Physics 205 (2005) 1: skeletons of kept bodies"
+SKELETON_SOURCE = "P. G. Martinsson, V. Rokhlin, Journal of Computational Physics 205 (2005) 1: skeletons of bodies"
 
 REACH = 0.7
-"""Wavelengths beyond which a factorised body is heard through its skeleton."""
+"""Wavelengths from a factorised body from which on its skeletons serve."""
 
-KEPT = 0.5
-"""Share of the accuracy that the skeletons may lose nearby; far from the bodies they lose less."""
+SKELETON_ERROR = 0.5
+"""Error of the skeletons over the accuracy; far from the bodies it is less."""
 
-
-CROSSED = 0.2
-"""Share of the accuracy that the matrix may be off where tiles of it are far from each other."""
+LOW_RANK_ERROR = 0.2
+"""Error of the low-rank blocks of the matrix over the accuracy."""
 
 PREVIEWS = 0.02
 """Accuracy from which on panels are integrated coarsely."""
 
 ROUNDED = 0.003
-"""Accuracy from which on the matrix may be rounded: that takes a thousandth from the field."""
+"""Accuracy from which on the matrix may be rounded to bfloat16: that changes the field by a thousandth."""
 
 DRIVES = 0.06
-"""Accuracy from which on a solution serves for drives only, which bear a residual twice as large."""
+"""Accuracy from which on a solution serves drives only, for which twice the residual is enough."""
 
 
 @dataclass(frozen=True)
 class BoundaryElement(Solver):
-    """Boundary elements for sound-hard bodies, safe at interior resonances.
+    """Boundary elements for sound-hard bodies, without spurious interior resonances.
 
-    Discontinuous quadratic Nyström on curved six-node panels, the dual-surface equation, GMRES. Each solve is done
-    twice, directly and transposed: the transposed one hears beacons on or near the skin accurately from afar, the
-    direct one gives the pressure on and near the skin, and their difference estimates the error.
+    A discontinuous quadratic Nyström method on curved six-node panels solves the dual-surface equation by GMRES, twice:
+    the transposed solution is accurate away from the bodies for sources on or near their surfaces, the direct solution
+    is the pressure on and near the surfaces, and the difference of both estimates the error.
 
     Attributes
     ----------
-    accuracy : relative error wanted away from the skin; the panels follow from it. 0.03 is a preview.
+    accuracy : relative error wanted away from the surfaces; the size of the panels follows from it. 0.03 is a preview.
     precision : "float32" or "float64", of the matrix and the iteration.
-    estimate : solve the direct equation as well. Without it a solve takes about half the time, and its field is
-        heard away from the skin only: enough for a transfer matrix.
+    estimate : solve the direct equation as well. Without it a solve takes about half the time, and the field is known
+        away from the surfaces only: enough for a transfer matrix.
 
     Raises
     ------
@@ -105,17 +105,22 @@ class BoundaryElement(Solver):
         """Check both settings."""
         number(self.accuracy, "accuracy", "parts of 1")
         if not 1e-4 <= self.accuracy <= 0.3:
-            raise InvalidInput(f"accuracy is {self.accuracy:g}, but it must lie between 0.0001 and 0.3 (0.01 is 1 %).")
+            raise InvalidInput(
+                f"accuracy is {self.accuracy:g}, but it must lie between 0.0001 and 0.3 (0.01 is 1 %).",
+                code="out_of_range",
+            )
         if self.precision not in ("float32", "float64"):
-            raise InvalidInput(f"precision is {self.precision!r}, but it must be 'float32' or 'float64'.")
+            raise InvalidInput(
+                f"precision is {self.precision!r}, but it must be 'float32' or 'float64'.", code="unknown_setting"
+            )
 
     @property
     def nodes_per_square_wavelength(self) -> float:
-        """Nodes that a square wavelength of skin gets: the error falls as the third power of the panel edge."""
+        """Nodes per square wavelength of surface: the error falls as the third power of the panel edge."""
         return 34.0 * (0.01 / self.accuracy) ** (2 / 3)
 
     def unknowns(self, scene: Scene, sources: Monopoles) -> int:
-        """Count the nodes that a solve would have."""
+        """Count the nodes (unknowns) of a solve, from its panels alone."""
         return 6 * len(self._panels(scene, sources.refined_positions).quadratic_triangles)
 
     def radiate(self, scene: Scene, sources: Monopoles) -> BoundaryField:
@@ -124,7 +129,7 @@ class BoundaryElement(Solver):
         Parameters
         ----------
         scene : sound-hard bodies.
-        sources : monopoles outside the bodies or on their skin.
+        sources : monopoles outside the bodies or on their surfaces.
 
         Raises
         ------
@@ -133,23 +138,22 @@ class BoundaryElement(Solver):
         NotConverged
             GMRES did not reach its tolerance.
         """
-        _check_unfit(scene, sources)
-        clock = _Clock()
-        panels = self._panels(scene, sources.refined_positions)
-        nodes = place_nodes(*_in_tiles(panels))
-        clock.lap("panels")
-        thinnest = np.array([obstacle.surface.shape.thinnest for obstacle in scene.obstacles])
-        surface = dual_surface(nodes, scene.wavenumber, self._near_rule(), self.precision, thinnest)
-        matrix = assemble(surface, self._store(), self._cross_error())
-        clock.lap("matrix")
-        rows, factors = heard(surface, sources.positions, sources.strengths)
-        transposed = self._solved(matrix, rows, transposed=True)
-        solved = [transposed]
-        if self.estimate:
-            right = incident(surface, sources.positions, sources.strengths)
-            solved.append(self._solved(matrix, right, transposed=False))
-        give_back(matrix)
-        clock.lap("gmres")
+        check_sources(scene, sources)
+        _check_bodies(scene)
+        clock = Clock()
+        with clock.step("panels"):
+            panels = self._panels(scene, sources.refined_positions)
+            nodes = place_nodes(*_in_block_order(panels))
+        with clock.step("matrix"):
+            surface = self._surface(nodes, scene, scene.obstacles)
+            matrix = assemble(surface, self._store(), self._low_rank_error())
+        with clock.step("gmres"):
+            right, factors = transposed_right_side(surface, sources.positions, sources.strengths)
+            solved = [self._solved(matrix, right, transposed=True)]
+            if self.estimate:
+                right = direct_right_side(surface, sources.positions, sources.strengths)
+                solved.append(self._solved(matrix, right, transposed=False))
+            release(matrix)
         report = SolveReport(
             solver="BoundaryElement",
             residual=float(max(result.residuals.max() for result in solved)),
@@ -157,9 +161,9 @@ class BoundaryElement(Solver):
             nodes=len(nodes.points),
             nodes_per_square_wavelength=len(nodes.points) * scene.wavelength**2 / float(nodes.weights.sum()),
             estimated_error=float("nan"),
-            seconds=clock.laps,
+            seconds=clock.seconds,
             settings={"accuracy": self.accuracy, "precision": self.precision, "gmres_tolerance": self._tolerance()},
-            citations=CITATIONS + ((CROSSES_SOURCE,) if matrix.far.column.size else ()),
+            citations=CITATIONS + ((LOW_RANK_SOURCE,) if matrix.far.column.size else ()),
             warnings=tuple(_off_triangles(panels, scene.wavelength)),
             farthest_off_triangles=float(panels.farthest.max()),
             mean_off_triangles=float(panels.mean_distance.max()),
@@ -170,39 +174,40 @@ class BoundaryElement(Solver):
         )
         if not self.estimate:
             return field
-        estimate = float(field.error_at(surrounding_points(scene, nodes.points)).max())
-        clock.lap("estimate")
+        with clock.step("estimate"):
+            estimate = float(field.error_at(surrounding_points(scene, nodes.points)).max())
         warnings = (*_warnings(estimate, self.accuracy), *report.warnings)
         return replace(field, report=replace(report, estimated_error=estimate, warnings=warnings))
 
-    def factorised(self, scene: Scene, beside: Real[np.ndarray, "points 3"] | None = None) -> FactorisedBodies:
-        """Solve each body by itself once, to hear it for many foci and wherever it is moved.
+    def factorised(self, scene: Scene, refined: Real[np.ndarray, "points 3"] | None = None) -> FactorisedBodies:
+        """Factorise each body by itself once: a solver for these bodies, for any sources and wherever they are moved.
 
-        What is kept hears a new pose of two fingers, or other foci, in a small part of the time of ``radiate``; the
-        field is heard away from the bodies only, as without an estimate. Making it takes as long as some tens of
-        solves, 2 s for two fingers of 1,100 unknowns each, and grows as the cube of a body's unknowns: minutes for a
-        hand of 8,000.
+        It solves for a new pose of two fingers, or other foci, in a small part of the time of ``radiate``; the field is
+        known away from the bodies only, as without an estimate. The factorisation takes as long as some tens of solves,
+        2 s for two fingers of 1,100 unknowns each, and grows as the cube of a body's unknowns: minutes for a hand of
+        8,000.
 
         Parameters
         ----------
         scene : sound-hard bodies.
-        beside : (P, 3) points beside which foci will stand; the skin is panelled finer there [m].
+        refined : (P, 3) points [m], such as the foci to come, beside which the panels are smaller.
 
         Raises
         ------
         InvalidInput
             No bodies, a boundary other than sound-hard, or too little memory.
         """
-        fine = np.empty((0, 3)) if beside is None else points_of(beside, "points beside the skin", least=0)
+        points = np.empty((0, 3)) if refined is None else points_of(refined, "refined points", least=0)
         _check_bodies(scene)
-        if len(fine):
-            check_outside(scene, fine, "beside")
-            check_near(scene, fine, "beside")
-        clock = _Clock()
-        panels = self._panels(scene, fine)
-        parts = tuple(self._part(panels, body, scene) for body in range(len(scene.obstacles)))
-        clock.lap("bodies")
-        nodes = [part.surface.nodes for part in parts]
+        if len(points):
+            check_outside(scene, points, "refined")
+            check_near(scene, points, "refined")
+        clock = Clock()
+        with clock.step("bodies"):
+            panels = self._panels(scene, points)
+            bodies = tuple(self._reduced(panels, body, scene) for body in range(len(scene.obstacles)))
+        nodes = [body.surface.nodes for body in bodies]
+        tolerance = 0.1 * self.accuracy
         count = sum(len(one.points) for one in nodes)
         report = SolveReport(
             solver="BoundaryElement, factorised",
@@ -211,30 +216,32 @@ class BoundaryElement(Solver):
             nodes=count,
             nodes_per_square_wavelength=count * scene.wavelength**2 / float(sum(one.weights.sum() for one in nodes)),
             estimated_error=float("nan"),
-            seconds=clock.laps,
+            seconds=clock.seconds,
             settings={
                 "accuracy": self.accuracy,
                 "precision": self.precision,
-                "gmres_tolerance": 0.1 * self.accuracy,
-                "kept_error": max(part.error for part in parts),
+                "gmres_tolerance": tolerance,
+                "skeleton_error": max(body.error for body in bodies),
             },
-            citations=(*CITATIONS, KEPT_SOURCE),
-            warnings=(*_lost_by_keeping(parts, KEPT * self.accuracy), *_off_triangles(panels, scene.wavelength)),
+            citations=(*CITATIONS, SKELETON_SOURCE),
+            warnings=(
+                *_lost_by_skeletons(bodies, SKELETON_ERROR * self.accuracy),
+                *_off_triangles(panels, scene.wavelength),
+            ),
             farthest_off_triangles=float(panels.farthest.max()),
             mean_off_triangles=float(panels.mean_distance.max()),
         )
-        return FactorisedBodies(scene, parts, self, report, self._smallest(scene))
+        return FactorisedBodies(scene, bodies, self, tolerance, self._smallest(scene), report)
 
-    def _part(self, panels: Panels, body: int, scene: Scene) -> ReducedBody:
+    def _reduced(self, panels: Panels, body: int, scene: Scene) -> ReducedBody:
         """Factorise one body."""
         own = np.flatnonzero(panels.body == body)
         nodes = place_nodes(panels.quadratic_triangles[own], np.zeros(len(own), dtype=np.int64), panels.deviation[own])
         whole = blocks_of(len(nodes.points)) ** 2
-        copies = 4  # itself, its factors, what they are solved for
-        check_memory(len(nodes.points), self.precision, copies * whole, rows=0)
-        thinnest = np.array([scene.obstacles[body].surface.shape.thinnest])
-        surface = dual_surface(nodes, scene.wavenumber, self._near_rule(), self.precision, thinnest)
-        return reduced_body(surface, REACH * scene.wavelength, KEPT * self.accuracy)
+        copies = 4  # the matrix, its factors, right-hand sides and solutions
+        check_memory(len(nodes.points), self.precision, copies * whole, factors=0)
+        surface = self._surface(nodes, scene, scene.obstacles[body : body + 1])
+        return reduced_body(surface, REACH * scene.wavelength, SKELETON_ERROR * self.accuracy)
 
     def _solved(
         self, matrix: DualMatrix, right: Complex128[np.ndarray, "nodes sounds"], transposed: bool
@@ -242,21 +249,25 @@ class BoundaryElement(Solver):
         sides = np.ascontiguousarray(right.T, dtype=matrix.precision)
         return gmres(lambda vectors: matrix.times(vectors, transposed), sides, self._tolerance())
 
-    def _panels(self, scene: Scene, fine: Real[np.ndarray, "points 3"]) -> Panels:
+    def _surface(self, nodes: Nodes, scene: Scene, obstacles: Sequence[Obstacle]) -> DualSurface:
+        thinnest = np.array([obstacle.surface.shape.thinnest for obstacle in obstacles])
+        return dual_surface(nodes, scene.wavenumber, self._near_rule(), self.precision, thinnest)
+
+    def _panels(self, scene: Scene, refined: Real[np.ndarray, "points 3"]) -> Panels:
         smallest = self._smallest(scene)
-        near = fine[scene.depth(fine) > -2 * smallest]
+        near = refined[scene.depth(refined) > -2 * smallest]
         shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
         return panels_of(shapes, 2 * smallest, near, smallest, bend=self._bend())
 
     def _smallest(self, scene: Scene) -> float:
-        """Edge below which no panel is cut for a source's sake, half of what others have [m]."""
+        """Edge below which no panel is refined for a source, half of that of the others [m]."""
         return 0.5 * scene.wavelength * float(np.sqrt(6 / self.nodes_per_square_wavelength * 4 / np.sqrt(3)))
 
     def _bend(self) -> float:
-        """Angle that a panel of a round skin may turn by [rad]: 10, 8 or 6 of them go round."""
+        """Angle that a panel of a round surface may bend by [rad]: 10, 8 or (for far fields only) 6 go around."""
         if self.accuracy < PREVIEWS:
             return BEND
-        return np.pi / 4 if self.accuracy < DRIVES or self.estimate else np.pi / 3  # too coarse to hear the skin on
+        return np.pi / 4 if self.accuracy < DRIVES or self.estimate else np.pi / 3
 
     def _near_rule(self) -> NearRule:
         if self.precision == "float64":
@@ -264,55 +275,38 @@ class BoundaryElement(Solver):
         return NearRule(1.1, (3, 3)) if self.accuracy >= PREVIEWS else NearRule(1.6, (4, 4))
 
     def _store(self) -> Store:
-        """Keep the matrix to 0.2 % where sums of it are far better than wanted: half the memory, half the traffic."""
+        """Store the matrix to 0.2 % where its sums are far better than wanted: half the memory, half the traffic."""
         return "bfloat16" if self.precision == "float32" and self.accuracy >= ROUNDED else self.precision
 
-    def _cross_error(self) -> float | None:
-        """Share that the matrix may be off where its tiles are far from each other; None in double precision."""
-        return None if self.precision == "float64" else CROSSED * self.accuracy
+    def _low_rank_error(self) -> float | None:
+        """Relative error of the low-rank blocks of the matrix; None, for no such blocks, in double precision."""
+        return None if self.precision == "float64" else LOW_RANK_ERROR * self.accuracy
 
     def _tolerance(self) -> float:
         if self.precision == "float64":
             return min(0.1 * self.accuracy, 1e-8)
-        if not self.estimate:  # heard from afar only
+        if not self.estimate:  # for receivers far away only
             return self.accuracy * (0.4 if self.accuracy < DRIVES else 0.8)
         return min(0.3 * self.accuracy, 0.01) if self.accuracy >= PREVIEWS else max(0.1 * self.accuracy, 2e-6)
 
 
-def _in_tiles(
+def _in_block_order(
     panels: Panels,
 ) -> tuple[QuadraticTriangles, Int64[np.ndarray, "panels"], Float64[np.ndarray, "panels"]]:
-    """Sort panels, their bodies and deviations so that those of a tile of the matrix lie together."""
-    order = in_blocks(panels.quadratic_triangles[:, :3].mean(axis=1))
+    """Sort panels, their bodies and deviations so that those of a block of the matrix lie together."""
+    order = block_order(panels.quadratic_triangles[:, :3].mean(axis=1))
     return panels.quadratic_triangles[order], panels.body[order], panels.deviation[order]
-
-
-class _Clock:
-    """Wall time by step."""
-
-    def __init__(self) -> None:
-        self.laps: dict[str, float] = {}
-        self._last = time.perf_counter()
-
-    def lap(self, name: str) -> None:
-        now = time.perf_counter()
-        self.laps[name] = now - self._last
-        self._last = now
-
-
-def _check_unfit(scene: Scene, sources: Monopoles) -> None:
-    check_sources(scene, sources)
-    _check_bodies(scene)
 
 
 def _check_bodies(scene: Scene) -> None:
     if not scene.obstacles:
-        raise InvalidInput("the scene has 0 obstacles; use FreeField for open air.")
+        raise InvalidInput("the scene has 0 obstacles; use FreeField for open air.", code="no_bodies")
     for index, obstacle in enumerate(scene.obstacles):
         if obstacle.boundary != "sound_hard":
             raise InvalidInput(
                 f"obstacle {index} is {obstacle.boundary}, but BoundaryElement solves sound-hard bodies only; use "
-                "SphereSeries for a single sphere."
+                "SphereSeries for a single sphere.",
+                code="boundary_not_solved",
             )
 
 
@@ -320,15 +314,15 @@ def _warnings(estimate: float, accuracy: float) -> Iterator[str]:
     if estimate > 1.5 * accuracy:
         yield (
             f"the direct solution is estimated to be {100 * estimate:.1f} % off, and {100 * accuracy:.1f} % was asked: "
-            "uneven triangles, a narrow gap, or a source on the skin (which the transposed solution bears better)"
+            "uneven triangles, a narrow gap, or a source on the surface (the transposed solution is more accurate then)"
         )
 
 
-def _lost_by_keeping(parts: tuple[ReducedBody, ...], wanted: float) -> Iterator[str]:
-    for body, part in enumerate(parts):
-        if part.error > 1.5 * wanted:
+def _lost_by_skeletons(bodies: tuple[ReducedBody, ...], wanted: float) -> Iterator[str]:
+    for index, body in enumerate(bodies):
+        if body.error > 1.5 * wanted:
             yield (
-                f"what is kept of body {body} is {100 * part.error:.1f} % off, and {100 * wanted:.1f} % was to be: "
+                f"the skeletons of body {index} are {100 * body.error:.1f} % off, and {100 * wanted:.1f} % was wanted: "
                 "a narrow cavity, or precision 'float32' for so fine an accuracy"
             )
 
@@ -339,5 +333,5 @@ def _off_triangles(panels: Panels, wavelength: float) -> Iterator[str]:
             yield (
                 f"the panels of body {body} lie up to {1e3 * farthest:.2g} mm ({1e3 * mean:.2g} mm in the mean) off "
                 "the triangles that it was given as, more than 1/20 of the wavelength: these are coarse for a curved "
-                "skin; give a finer mesh, or sharp_degrees = 0 if it shall be faceted"
+                "surface; give a mesh with shorter edges, or sharp_degrees = 0 for a faceted body"
             )

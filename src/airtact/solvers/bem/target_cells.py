@@ -1,7 +1,7 @@
-"""Sums over many sources at many points that stand close together, such as those of a picture.
+"""Sums over many sources at many points close together, such as those of a picture.
 
-The points are sorted into cells narrower than a wavelength. What sources away from a cell give there is smooth: it is
-summed on a grid of Chebyshev's points and read between them; the sources nearby are summed at each point.
+The points are sorted into cells narrower than a wavelength. The field of sources away from a cell is smooth there: it
+is summed on a grid of Chebyshev points and interpolated between them; the sources nearby are summed at each point.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from airtact.printing import in_short
 from airtact.solvers.chebyshev import chebyshev_weights
 
 WIDTH = 1.0
-"""Of a cell, in wavelengths, at most."""
+"""Largest width of a cell, in wavelengths."""
 
 ORDERS = {1e-3: (8, 0.3), 2e-5: (10, 0.6)}
 """Points of the grid along each edge of a cell, and wavelengths beyond its corners within which sources are summed at
@@ -27,7 +27,7 @@ MOST = 2**16
 """Cells that points may be sorted into."""
 
 PAYS = 0.5
-"""Share of the points that the grids may have where they are worth their while."""
+"""Most points of the grids over the points themselves for the cells to pay."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Cells:
     Attributes
     ----------
     points : (P, 3) cell by cell [m].
-    order : (P,) where each stood before.
+    order : (P,) the original index of each.
     first : (C + 1,) where each cell's points begin.
     centres : (C, 3) of the cells [m].
     reach : within which sources are near a cell [m].
@@ -63,25 +63,25 @@ class Cells:
         wavenumber: complex,
         least: float = 0.0,
     ) -> Complex128[np.ndarray, "points sounds"]:
-        """Sum monopoles, or with normals (times area) a double layer, at the points as they stood before.
+        """Sum monopoles, or with normals (times area) a double layer, at the points in their original order.
 
-        In float32, as seen from the middle of each cell. In the double layer nodes nearer than ``least`` [m] are left
-        out.
+        The sums are in float32, with the centre of each cell as origin. The double layer leaves out nodes nearer than
+        ``least`` [m].
         """
         strengths = np.ascontiguousarray(strengths, dtype=np.complex128)
         given = np.ascontiguousarray(sources), normals, strengths, complex(wavenumber), least
-        heard = np.empty((len(self.points), strengths.shape[1]), dtype=np.complex128)
-        _kernels.apply_in_cells(self.points, self.first, self.centres, self.reach, True, *given, heard)
+        near = np.empty((len(self.points), strengths.shape[1]), dtype=np.complex128)
+        _kernels.apply_in_cells(self.points, self.first, self.centres, self.reach, True, *given, near)
         far = np.empty((len(self.grids), strengths.shape[1]), dtype=np.complex128)
         each = len(self.grids) // len(self.centres)
         bounds = each * np.arange(len(self.first))
         _kernels.apply_in_cells(self.grids, bounds, self.centres, self.reach, False, *given, far)
-        out = np.empty_like(heard)
-        out[self.order] = heard + self._between(far)
+        out = np.empty_like(near)
+        out[self.order] = near + self._between(far)
         return out
 
     def _between(self, far: Complex128[np.ndarray, "grids sounds"]) -> Complex128[np.ndarray, "points sounds"]:
-        """Read the grids at the points."""
+        """Interpolate the grids at the points."""
         sounds, (_, b, c) = far.shape[1], (part.shape[1] for part in self.weights)
         cell = np.repeat(np.arange(len(self.centres)), np.diff(self.first))
         read = np.empty((len(self.points), sounds), dtype=np.complex128)
@@ -101,8 +101,8 @@ def cells_of(points: Real[np.ndarray, "points 3"], wavelength: float, error: flo
     Parameters
     ----------
     points : (P, 3) [m].
-    wavelength : of what shall be summed [m].
-    error : relative error allowed; what is less than any of ``ORDERS`` has no cells.
+    wavelength : of the field to be summed [m].
+    error : relative error allowed; below the least of ``ORDERS`` there are no cells.
     """
     order, beyond = min((choice for left, choice in ORDERS.items() if left <= error), default=(0, 0.0))
     if not order or len(points) < order**2 / PAYS:
@@ -120,8 +120,8 @@ def cells_of(points: Real[np.ndarray, "points 3"], wavelength: float, error: flo
     width = np.where(deep, extent, wavelength) / count
     number = np.zeros(len(points), dtype=np.int64)
     for axis in np.flatnonzero(count > 1):
-        place = ((local[axis] - low[axis]) / width[axis]).astype(np.int64)
-        number += count[axis + 1 :].prod() * np.minimum(place, count[axis] - 1)
+        index = ((local[axis] - low[axis]) / width[axis]).astype(np.int64)
+        number += count[axis + 1 :].prod() * np.minimum(index, count[axis] - 1)
     used = np.flatnonzero(np.bincount(number))
     if len(used) * size.prod() > PAYS * len(points):
         return None
@@ -146,8 +146,8 @@ def cells_of(points: Real[np.ndarray, "points 3"], wavelength: float, error: flo
     )
 
 
-def _weights(places: Float64[np.ndarray, "points"], count: int) -> Float32[np.ndarray, "points count"]:
+def _weights(coordinates: Float64[np.ndarray, "points"], count: int) -> Float32[np.ndarray, "points count"]:
     """Weights of a cell's grid along one of its axes; one for each point where it has no extent."""
     if count == 1:
-        return np.ones((len(places), 1), dtype=np.float32)
-    return chebyshev_weights(places.astype(np.float32), count)
+        return np.ones((len(coordinates), 1), dtype=np.float32)
+    return chebyshev_weights(coordinates.astype(np.float32), count)

@@ -1,17 +1,17 @@
-// Tiles of the dual-surface matrix that are far from each other, as sums of few crosses.
+// Blocks of the dual-surface matrix that are far from each other, as sums of few low-rank terms, by adaptive cross approximation (ACA).
 //
 // Source: M. Bebendorf and S. Rjasanow, "Adaptive low-rank approximation of collocation matrices", Computing 70 (2003) 1.
-#include "tiles.hpp"
+#include "storage.hpp"
 
 namespace airtact {
 namespace AIRTACT_VARIANT {
 namespace {
 
-constexpr int checks = 3;               // rows in turn that must be right
-constexpr std::int64_t stride = 73;     // from one of them to the next: prime to `lanes`, so that all are met
+constexpr int checks = 3;               // rows in turn whose residual must be small
+constexpr std::int64_t stride = 73;     // from one of them to the next: prime to `lanes`, so that all are checked
 
-template <class Real> struct Skin {  // what the entries follow from; x' of each node
-    Planes<Real> place, normal, inside;
+template <class Real> struct Geometry {  // that the entries follow from; x' of each node
+    Planes<Real> position, normal, inside;
     Wave<Real> k;
 };
 
@@ -21,14 +21,14 @@ std::vector<double> spread(const double *shifted, std::int64_t m) {  // x' of ea
     return out;
 }
 
-template <class Real> struct Place {
+template <class Real> struct Position {
     Real x, y, z;
-    Place(const Planes<Real> &of, std::int64_t i) : x(of[0][i]), y(of[1][i]), z(of[2][i]) {}
+    Position(const Planes<Real> &of, std::int64_t i) : x(of[0][i]), y(of[1][i]), z(of[2][i]) {}
 };
 
 // i D(x') - D(x) of a node at y with normal n
 template <class Real, bool Lossy>
-inline void entry(Place<Real> x, Place<Real> inside, Place<Real> y, Place<Real> n, Wave<Real> k, Real &re, Real &im) {
+inline void entry(Position<Real> x, Position<Real> inside, Position<Real> y, Position<Real> n, Wave<Real> k, Real &re, Real &im) {
     Real a, b, c, d;
     double_layer<Real, Lossy>(y.x - inside.x, y.y - inside.y, y.z - inside.z, n.x, n.y, n.z, k, Real(0), a, b);
     double_layer<Real, Lossy>(y.x - x.x, y.y - x.y, y.z - x.z, n.x, n.y, n.z, k, Real(0), c, d);
@@ -37,52 +37,51 @@ inline void entry(Place<Real> x, Place<Real> inside, Place<Real> y, Place<Real> 
 
 // Entries of the rows' node i with the columns' nodes from `begin` on, or of the columns' node j with those of the rows
 template <class Real, bool Lossy>
-void row_of(const Skin<Real> &skin, std::int64_t i, std::int64_t begin, std::int64_t n, Real *re, Real *im) {
-    const Place<Real> x(skin.place, i), inside(skin.inside, i);
+void row_of(const Geometry<Real> &geometry, std::int64_t i, std::int64_t begin, std::int64_t n, Real *re, Real *im) {
+    const Position<Real> x(geometry.position, i), inside(geometry.inside, i);
 #pragma omp simd
     for (std::int64_t l = 0; l < n; l++)
-        entry<Real, Lossy>(x, inside, {skin.place, begin + l}, {skin.normal, begin + l}, skin.k, re[l], im[l]);
+        entry<Real, Lossy>(x, inside, {geometry.position, begin + l}, {geometry.normal, begin + l}, geometry.k, re[l], im[l]);
 }
 template <class Real, bool Lossy>
-void column_of(const Skin<Real> &skin, std::int64_t j, std::int64_t begin, std::int64_t n, Real *re, Real *im) {
-    const Place<Real> y(skin.place, j), normal(skin.normal, j);
+void column_of(const Geometry<Real> &geometry, std::int64_t j, std::int64_t begin, std::int64_t n, Real *re, Real *im) {
+    const Position<Real> y(geometry.position, j), normal(geometry.normal, j);
 #pragma omp simd
     for (std::int64_t l = 0; l < n; l++)
-        entry<Real, Lossy>({skin.place, begin + l}, {skin.inside, begin + l}, y, normal, skin.k, re[l], im[l]);
+        entry<Real, Lossy>({geometry.position, begin + l}, {geometry.inside, begin + l}, y, normal, geometry.k, re[l], im[l]);
 }
 
-template <class Real> struct Cross {  // a column and a row of what the crosses before it leave: real, then imaginary parts
+template <class Real> struct Term {  // a column and a row of the residual of the terms before it: real, then imaginary parts
     Real column[2 * lanes] = {}, row[2 * lanes] = {};
 };
 
-// Takes from `left`, a row or a column, what `many` crosses have in it: of each its `part` there, times number `at` of its
-// other one
+// Subtracts `many` terms from a row or a column: the `part` of each along it, times number `at` of its other factor
 template <int many, class Real>
-void take(const Cross<Real> *crosses, Real (Cross<Real>::*part)[2 * lanes], Real (Cross<Real>::*other)[2 * lanes],
-          std::int64_t at, Real *left) {
+void subtract(const Term<Real> *terms, Real (Term<Real>::*part)[2 * lanes], Real (Term<Real>::*other)[2 * lanes],
+          std::int64_t at, Real *residual) {
     const Real *line[many];
     Real c[many], d[many];
     for (int n = 0; n < many; n++) {
-        line[n] = crosses[n].*part;
-        c[n] = (crosses[n].*other)[at], d[n] = (crosses[n].*other)[lanes + at];
+        line[n] = terms[n].*part;
+        c[n] = (terms[n].*other)[at], d[n] = (terms[n].*other)[lanes + at];
     }
 #pragma omp simd
     for (std::int64_t l = 0; l < lanes; l++) {
-        Real re = left[l], im = left[lanes + l];
+        Real re = residual[l], im = residual[lanes + l];
         for (int n = 0; n < many; n++) {
             re -= line[n][l] * c[n] - line[n][lanes + l] * d[n];
             im -= line[n][l] * d[n] + line[n][lanes + l] * c[n];
         }
-        left[l] = re, left[lanes + l] = im;
+        residual[l] = re, residual[lanes + l] = im;
     }
 }
 
 template <class Real>
-void take_all(const std::vector<Cross<Real>> &crosses, std::int64_t count, Real (Cross<Real>::*part)[2 * lanes],
-              Real (Cross<Real>::*other)[2 * lanes], std::int64_t at, Real *left) {
+void subtract_all(const std::vector<Term<Real>> &terms, std::int64_t count, Real (Term<Real>::*part)[2 * lanes],
+              Real (Term<Real>::*other)[2 * lanes], std::int64_t at, Real *residual) {
     std::int64_t n = 0;
-    for (; n + 4 <= count; n += 4) take<4>(crosses.data() + n, part, other, at, left);
-    for (; n < count; n++) take<1>(crosses.data() + n, part, other, at, left);
+    for (; n + 4 <= count; n += 4) subtract<4>(terms.data() + n, part, other, at, residual);
+    for (; n < count; n++) subtract<1>(terms.data() + n, part, other, at, residual);
 }
 
 template <class Real> Real square(const Real *line, std::int64_t l) {
@@ -99,32 +98,32 @@ std::int64_t largest(const Real *line, std::int64_t n, const bool *passed) {  //
 }
 
 template <class Real, bool Lossy>
-void cross(const Skin<Real> &skin, std::int64_t rows, std::int64_t columns, std::int64_t m, Real tolerance,
-           std::vector<Cross<Real>> &crosses, std::int64_t &count) {
+void approximate(const Geometry<Real> &geometry, std::int64_t rows, std::int64_t columns, std::int64_t m, Real tolerance,
+           std::vector<Term<Real>> &terms, std::int64_t &count) {
     const std::int64_t top = lanes * rows, left = lanes * columns;
     const std::int64_t height = std::min(lanes, m - top), width = std::min(lanes, m - left);
     bool seen[lanes] = {};
-    std::int64_t i = height / 2, quiet = 0;
+    std::int64_t i = height / 2, passed = 0;
     count = 0;
-    for (std::int64_t step = 0; step < height && quiet < checks && count < width; step++) {
+    for (std::int64_t step = 0; step < height && passed < checks && count < width; step++) {
         seen[i] = true;
-        if (std::int64_t(crosses.size()) <= count) crosses.emplace_back();
-        Cross<Real> &next = crosses[count];
+        if (std::int64_t(terms.size()) <= count) terms.emplace_back();
+        Term<Real> &next = terms[count];
         std::fill(next.row, next.row + 2 * lanes, Real(0));
-        row_of<Real, Lossy>(skin, top + i, left, width, next.row, next.row + lanes);
-        take_all(crosses, count, &Cross<Real>::row, &Cross<Real>::column, i, next.row);
+        row_of<Real, Lossy>(geometry, top + i, left, width, next.row, next.row + lanes);
+        subtract_all(terms, count, &Term<Real>::row, &Term<Real>::column, i, next.row);
         Real sum = 0;
         for (std::int64_t l = 0; l < width; l++) sum += square(next.row, l);
         if (sum * Real(height) <= tolerance * tolerance) {
-            quiet++;
+            passed++;
             for (std::int64_t n = 0; n < height && seen[i]; n++) i = (i + stride) % height;
             continue;
         }
-        quiet = 0;
+        passed = 0;
         const std::int64_t j = largest(next.row, width, static_cast<const bool *>(nullptr));
         std::fill(next.column, next.column + 2 * lanes, Real(0));
-        column_of<Real, Lossy>(skin, left + j, top, height, next.column, next.column + lanes);
-        take_all(crosses, count, &Cross<Real>::column, &Cross<Real>::row, j, next.column);
+        column_of<Real, Lossy>(geometry, left + j, top, height, next.column, next.column + lanes);
+        subtract_all(terms, count, &Term<Real>::column, &Term<Real>::row, j, next.column);
         const Real size = square(next.row, j), p = next.row[j] / size, q = -next.row[lanes + j] / size;
         for (std::int64_t l = 0; l < width; l++) {
             const Real re = next.row[l], im = next.row[lanes + l];
@@ -136,23 +135,23 @@ void cross(const Skin<Real> &skin, std::int64_t rows, std::int64_t columns, std:
 }
 
 template <class Store, bool Lossy>
-std::int64_t all_crosses(const double *points, const double *shifted, const double *normals, std::int64_t m,
+std::int64_t all_low_rank(const double *points, const double *shifted, const double *normals, std::int64_t m,
                          Wavenumber wavenumber, const Pairs &far, double tolerance, std::int64_t room,
                          std::int64_t *count, std::int64_t *begin, Store *out) {
     using Real = typename Arithmetic<Store>::Real;
     const double zero[3] = {0, 0, 0};
     const Origin origin(points, m);
     const std::vector<double> inside = spread(shifted, m);
-    const Skin<Real> skin{Planes<Real>(points, m, origin.at), Planes<Real>(normals, m, zero),
+    const Geometry<Real> geometry{Planes<Real>(points, m, origin.at), Planes<Real>(normals, m, zero),
                           Planes<Real>(inside.data(), m, origin.at), Wave<Real>(wavenumber)};
     std::int64_t taken = 0;
 #pragma omp parallel
     {
-        std::vector<Cross<Real>> crosses;
+        std::vector<Term<Real>> terms;
 #pragma omp for schedule(dynamic, 1)
-        for (std::int64_t t = 0; t < far.tiles; t++)
+        for (std::int64_t t = 0; t < far.blocks; t++)
             for (std::int64_t e = far.first[t]; e < far.first[t + 1]; e++) {
-                cross<Real, Lossy>(skin, t, far.column[e], m, Real(tolerance), crosses, count[e]);
+                approximate<Real, Lossy>(geometry, t, far.column[e], m, Real(tolerance), terms, count[e]);
                 std::int64_t at;
 #pragma omp atomic capture
                 {
@@ -162,7 +161,7 @@ std::int64_t all_crosses(const double *points, const double *shifted, const doub
                 begin[e] = at;
                 if (at + 2 * count[e] > room) continue;
                 for (std::int64_t c = 0; c < 2 * count[e]; c++) {
-                    const Real *line = c < count[e] ? crosses[c].row : crosses[c - count[e]].column;
+                    const Real *line = c < count[e] ? terms[c].row : terms[c - count[e]].column;
                     store(line, out + 2 * stored<Store> * (at + c));
                     store(line + lanes, out + 2 * stored<Store> * (at + c) + stored<Store>);
                 }
@@ -174,20 +173,20 @@ std::int64_t all_crosses(const double *points, const double *shifted, const doub
 }  // namespace
 
 template <class Store>
-std::int64_t dual_crosses(const double *points, const double *shifted, const double *normals, std::int64_t m,
+std::int64_t dual_low_rank(const double *points, const double *shifted, const double *normals, std::int64_t m,
                           Wavenumber k, Pairs far, double tolerance, std::int64_t room, std::int64_t *count,
                           std::int64_t *begin, Store *rows) {
-    return (k.imag > 0 ? all_crosses<Store, true> : all_crosses<Store, false>)(points, shifted, normals, m, k, far,
+    return (k.imag > 0 ? all_low_rank<Store, true> : all_low_rank<Store, false>)(points, shifted, normals, m, k, far,
                                                                              tolerance, room, count, begin, rows);
 }
 
-#define AIRTACT_CROSSES(Store)                                                                                        \
-    template std::int64_t dual_crosses<Store>(const double *, const double *, const double *, std::int64_t,           \
+#define AIRTACT_LOW_RANK(Store)                                                                                        \
+    template std::int64_t dual_low_rank<Store>(const double *, const double *, const double *, std::int64_t,           \
                                               Wavenumber, Pairs, double, std::int64_t, std::int64_t *,                \
                                               std::int64_t *, Store *);
-AIRTACT_CROSSES(std::uint32_t)
-AIRTACT_CROSSES(float)
-AIRTACT_CROSSES(double)
+AIRTACT_LOW_RANK(std::uint32_t)
+AIRTACT_LOW_RANK(float)
+AIRTACT_LOW_RANK(double)
 
 }  // namespace AIRTACT_VARIANT
 }  // namespace airtact

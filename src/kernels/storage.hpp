@@ -1,4 +1,4 @@
-// How the numbers of a tile are kept.
+// Number formats of a block in memory.
 #pragma once
 #include "rows.hpp"
 
