@@ -13,8 +13,8 @@ from airtact.experiments.plane_figure import carried, draw_planes
 from airtact.experiments.settings import Settings
 from airtact.experiments.solved import CONSIDERED, Solved
 from airtact.figures.field_figure import cut_bodies
-from airtact.figures.panel_figure import draw_panels
 from airtact.figures.phase_figure import draw_phases
+from airtact.figures.surface_figure import draw_panels
 from airtact.mesh.quadratic_triangles import QuadraticTriangles
 from airtact.pages.page import paragraph, picture
 from airtact.solvers.fem.system import System

@@ -11,7 +11,7 @@ from jaxtyping import Float64
 from airtact.atomic import whole_file
 from airtact.evaluation.metrics import NOT_MODELLED
 from airtact.figures.field_figure import Cut, draw_fields
-from airtact.figures.method_figure import draw_bars
+from airtact.figures.plots import draw_bars
 from airtact.pages.page import page_from, picture
 from airtact.scene.target import Target
 from airtact.solvers.problem import SolveReport

@@ -8,8 +8,7 @@ import numpy as np
 
 from airtact.atomic import writable_folder
 from airtact.conventions import InvalidInput, about
-from airtact.figures.body_figure import draw_bodies
-from airtact.figures.fault_figure import draw_fault
+from airtact.figures.body_figure import draw_bodies, draw_fault
 from airtact.figures.picture_file import write_picture
 from airtact.scene.medium import air
 from airtact.scene.scene import Scene, sound_hard

@@ -12,7 +12,7 @@ from airtact.evaluation.field import drive_sources
 from airtact.evaluation.microphone import Microphone
 from airtact.evaluation.scan import Overlay, load_scan, overlay_scan
 from airtact.figures.picture_file import write_picture
-from airtact.figures.scan_figure import draw_overlay
+from airtact.figures.plots import draw_overlay
 from airtact.scene_file.building import read_scene
 from airtact.solvers.problem import SolveReport
 from airtact.steps import solve_foci, synthesise, verification_solver

@@ -11,9 +11,8 @@ from matplotlib.figure import Figure
 
 from airtact.atomic import writable_folder
 from airtact.conventions import InvalidInput
-from airtact.figures.cloud_figure import draw_cloud
-from airtact.figures.panel_figure import draw_panels
 from airtact.figures.picture_file import write_picture
+from airtact.figures.surface_figure import draw_cloud, draw_panels
 from airtact.files.panels import EDGE, check_ending, checked_edge, write_triangles
 from airtact.hand.files import load_hand, load_landmarks
 from airtact.hand.fitting.cloud_files import ENDINGS as CLOUDS

@@ -7,7 +7,7 @@ from pathlib import Path
 from airtact.atomic import writable_folder
 from airtact.conventions import InvalidInput, about
 from airtact.figures.picture_file import write_picture
-from airtact.figures.track_figure import draw_tracks
+from airtact.figures.plots import draw_tracks
 from airtact.files.panels import EDGE, check_ending, checked_edge, write_triangles
 from airtact.hand.hand import Side
 from airtact.timing import Progress, no_progress

@@ -10,7 +10,7 @@ from mpl_toolkits.mplot3d import Axes3D
 
 from airtact.evaluation.radiation import RadiationMap, radiation_of
 from airtact.figures.picture_file import write_picture
-from airtact.figures.skin_figure import FOCUS, _on_pieces, draw_skin
+from airtact.figures.surface_figure import FOCUS, _on_pieces, draw_radiation
 from airtact.scene.medium import Medium
 from airtact.scene.scene import Scene, sound_hard
 from airtact.scene.sources import Monopoles
@@ -38,9 +38,9 @@ def redness(tmp_path, figure) -> tuple[float, float]:
 
 
 def test_the_side_towards_the_source_is_redder(skin, tmp_path) -> None:
-    left, right = redness(tmp_path, draw_skin(skin))
+    left, right = redness(tmp_path, draw_radiation(skin))
     assert left > 1.3 * right  # the left view is from where the source is
-    pale, _ = redness(tmp_path, draw_skin(skin, most=100 * skin.radiation_pressure.max()))
+    pale, _ = redness(tmp_path, draw_radiation(skin, most=100 * skin.radiation_pressure.max()))
     assert pale < 0.5 * left
 
 
@@ -54,7 +54,7 @@ def test_colours_are_the_pressures_of_the_panels(skin) -> None:
 
 
 def test_foci_are_rings(skin) -> None:
-    figure = draw_skin(skin, foci=np.array([[0.0, 0.0, 9e-3]]))
+    figure = draw_radiation(skin, foci=np.array([[0.0, 0.0, 9e-3]]))
     spaces = [axes for axes in figure.axes if isinstance(axes, Axes3D)]
     assert len(spaces) == 2
     for axes in spaces:

@@ -6,12 +6,11 @@ from matplotlib.collections import PolyCollection
 from matplotlib.image import imread
 from mpl_toolkits.mplot3d import Axes3D
 
-from airtact.figures.body_figure import draw_bodies, sharp_edges
-from airtact.figures.fault_figure import MARK, draw_fault
-from airtact.figures.panel_figure import draw_panels
+from airtact.figures.body_figure import MARK, draw_bodies, draw_fault, sharp_edges
 from airtact.figures.picture_file import write_picture
 from airtact.figures.solids import INSIDE, edge_lines, fine_pieces, polygons_of, unit_normals
 from airtact.figures.space_axes import View, broad_view
+from airtact.figures.surface_figure import draw_panels
 from airtact.pose import Pose
 from airtact.surfaces.primitives import sphere
 from airtact.surfaces.surface import Surface
@@ -80,16 +79,16 @@ def test_the_legend_names_bodies_sharp_edges_and_foci():
 
 def test_a_hole_shows_the_inside_and_its_edge(tmp_path):
     vertices, triangles = box_mesh()
-    place = vertices[triangles[0]].mean(axis=0)
-    figure = draw_fault(vertices, triangles[1:], "1 triangle is missing.", place)
+    position = vertices[triangles[0]].mean(axis=0)
+    figure = draw_fault(vertices, triangles[1:], "1 triangle is missing.", position)
     assert "1 triangle is missing." in figure.get_suptitle()
     words = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert words == ["outside of triangles", "inside", "edge without a neighbour", "place of the fault"]
+    assert words == ["outside of triangles", "inside", "edge without a neighbour", "position of the fault"]
     (space,), (close,) = spaces(figure), [axes for axes in figure.axes if not isinstance(axes, Axes3D)]
     assert close.get_title() == "close up: the mark is at (6.67, 20.00, 0.00) mm"
     assert close.get_xlim() == (-24.0, 24.0)  # 0.6 of the longest side
     (ring,) = space.lines
-    np.testing.assert_allclose(np.ravel(ring.get_data_3d()), 1e3 * place)
+    np.testing.assert_allclose(np.ravel(ring.get_data_3d()), 1e3 * position)
     assert ring.get_color() == MARK
     # the face that the triangle is missing from looks to -z, and so it is looked at from below
     assert space.elev < 0
@@ -109,7 +108,7 @@ def test_a_place_under_turned_triangles_is_looked_at_from_outside():
 def test_a_fault_without_a_place_shows_all_from_two_sides_and_says_so():
     figure = draw_fault(*box_mesh(), "It is no good.", None)
     assert len(spaces(figure)) == len(figure.axes) == 2
-    assert figure.get_suptitle() == "It is no good. (No one place was given for this fault.)"
+    assert figure.get_suptitle() == "It is no good. (The fault has no single position for this fault.)"
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["outside of triangles", "inside"]
 
 

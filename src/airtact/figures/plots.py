@@ -1,0 +1,173 @@
+"""Plots of numbers: methods against a bound, pads over time, a measured scan beside its prediction."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float64, Real
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from airtact.evaluation.scan import Overlay
+from airtact.figures.field_figure import COLOURS
+from airtact.hand.joints import FINGERS
+from airtact.tracking.pads import PadTrack
+
+BAR, BOUND = "#5a2a83", "#c2410c"
+
+USUAL = 3.0
+"""Frames farther apart than this times the median count as a gap."""
+
+FLAT = 0.02
+"""Positions spread less than this part of their widest spread lie on a line."""
+
+
+def draw_bars(names: Sequence[str], heights: Float64[np.ndarray, "names"], bound: float, label: str) -> Figure:
+    """Draw one bar for each name, the longest on top, and a line at the bound.
+
+    Parameters
+    ----------
+    names : what the bars are called.
+    heights : (N,) how long they are, in the unit of the bound.
+    bound : what none can pass.
+    label : what is shown, with its unit.
+    """
+    order = np.argsort(heights)
+    figure = Figure(figsize=(8.0, 0.34 * len(names) + 1.2), layout="constrained")
+    axes = figure.subplots()
+    bars = axes.barh([names[index] for index in order], heights[order], color=BAR, height=0.62)
+    axes.bar_label(bars, [f"{heights[index] / bound:.0%}" for index in order], padding=4, fontsize=9)
+    axes.axvline(bound, color=BOUND, linewidth=2, label="bound")
+    axes.set(xlabel=label, xlim=(0.0, 1.12 * max(bound, float(heights.max()))))
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(loc="lower right", frameon=False)
+    return figure
+
+
+def draw_tracks(tracks: Sequence[PadTrack], said: str = "") -> Figure:
+    """Draw where the pads of hands were, coordinate by coordinate, and the gap between thumb and index finger.
+
+    Times at which a hand was lost are grey.
+
+    Parameters
+    ----------
+    tracks : one for each hand.
+    said : a line over all, such as the counted faults.
+    """
+    figure = Figure(figsize=(5.0 + 3.5 * len(tracks), 7.0), layout="constrained")
+    rows = figure.subplots(4, len(tracks), sharex="col", squeeze=False)
+    start = min(float(track.times[0]) for track in tracks)
+    for column, track in enumerate(tracks):
+        times = track.times - start
+        whole, lost = _with_breaks(times, track.pads)
+        for row, axis in enumerate("xyz"):
+            axes = rows[row, column]
+            for finger, name in enumerate(FINGERS):
+                colour = colormaps["viridis"](finger / 4.4)
+                axes.plot(whole, 1e3 * lost[:, finger, row], color=colour, linewidth=1.2, label=name)
+            axes.set_ylabel(f"{axis} [mm]")
+        gap = 1e3 * np.linalg.norm(lost[:, 0] - lost[:, 1], axis=1)
+        rows[3, column].plot(whole, gap, color="#444444", linewidth=1.2)
+        rows[3, column].set_ylabel("thumb to index\npad [mm]")
+        rows[3, column].set_ylim(bottom=0.0)
+        rows[3, column].set_xlabel("time [s]")
+        rows[0, column].set_title(f"{track.side} hand", fontsize=10)
+        for axes in rows[:, column]:
+            _shade(axes, times, np.isfinite(track.pads[:, 0, 0]))
+    rows[0, 0].legend(frameon=False, fontsize=8, ncols=5, loc="lower left", bbox_to_anchor=(0.0, 1.12))
+    figure.suptitle(said, fontsize=9)
+    return figure
+
+
+def _with_breaks(
+    times: Real[np.ndarray, "frames"], pads: Real[np.ndarray, "frames 5 3"]
+) -> tuple[Real[np.ndarray, "rows"], Real[np.ndarray, "rows 5 3"]]:
+    """Put NaN where frames are missing, so that no line is drawn across."""
+    steps = np.diff(times)
+    after = 1 + np.flatnonzero(steps > USUAL * np.median(steps)) if len(steps) else np.empty(0, dtype=int)
+    return np.insert(times, after, times[after]), np.insert(pads, after, np.nan, axis=0)
+
+
+def _shade(axes: Axes, times: Real[np.ndarray, "frames"], seen: Bool[np.ndarray, "frames"]) -> None:
+    """Make times grey at which the hand was lost, to the next frame that has it."""
+    begun = None
+    for index, there in enumerate([*seen, True]):
+        if not there and begun is None:
+            begun = times[index]
+        if there and begun is not None:
+            axes.axvspan(float(begun), float(times[min(index, len(times) - 1)]), color="#dddddd", linewidth=0)
+            begun = None
+
+
+def draw_overlay(overlay: Overlay) -> Figure:
+    """Draw what was measured, what was predicted and how they differ, in the plane that the positions lie in.
+
+    Positions on a line are drawn as two curves.
+
+    Parameters
+    ----------
+    overlay : the scan and its prediction.
+    """
+    used = overlay.used
+    measured = overlay.scan.pressures[used]
+    model = overlay.scale * overlay.predicted[used]
+    if not overlay.scan.phased:
+        measured, model = np.abs(measured), np.abs(model)
+    places, axes = _seen(overlay.scan.points[used])
+    peak = float(np.abs(measured).max())
+    shown = {
+        "measured": np.abs(measured) / peak,
+        "predicted": np.abs(model) / peak,
+        f"difference, {overlay.error:.1%} rms": np.abs(measured - model) / peak,
+    }
+    return _curves(places[:, 0], axes[0], shown) if len(axes) == 1 else _maps(places, axes, shown)
+
+
+def _seen(
+    points: Float64[np.ndarray, "points 3"],
+) -> tuple[Float64[np.ndarray, "points axes"], tuple[str, ...]]:
+    """Project points into their own line or plane [mm]; along the frame's axes where these lie in it."""
+    centred = points - points.mean(axis=0)
+    spans = np.ptp(points, axis=0)
+    wide = np.flatnonzero(spans > FLAT * spans.max())
+    if len(wide) <= 2:
+        return 1e3 * points[:, wide], tuple(f"{'xyz'[axis]} [mm]" for axis in wide)
+    _, spreads, ways = np.linalg.svd(centred, full_matrices=False)
+    kept = ways[: 1 if spreads[1] < FLAT * spreads[0] else 2]
+    return 1e3 * centred @ kept.T, ("along the scan [mm]", "across the scan [mm]")[: len(kept)]
+
+
+def _curves(
+    along: Float64[np.ndarray, "points"], label: str, shown: dict[str, Float64[np.ndarray, "points"]]
+) -> Figure:
+    figure = Figure(figsize=(8.0, 4.0), layout="constrained")
+    axes = figure.subplots()
+    order = np.argsort(along)
+    for (name, values), style in zip(shown.items(), ("o", "-", ":"), strict=True):
+        axes.plot(along[order], values[order], style, label=name, markersize=4)
+    axes.set(xlabel=label, ylabel="pressure over the largest measured", ylim=(0.0, None))
+    axes.legend(frameon=False)
+    return figure
+
+
+def _maps(
+    places: Float64[np.ndarray, "points 2"], labels: tuple[str, ...], shown: dict[str, Float64[np.ndarray, "points"]]
+) -> Figure:
+    wide, tall = np.ptp(places, axis=0)
+    size = 3.6 / max(wide, tall)
+    figure = Figure(figsize=(3 * max(wide * size, 1.6) + 1.4, max(tall * size, 1.6) + 1.0), layout="constrained")
+    axes = figure.subplots(1, 3, sharex=True, sharey=True)
+    scale = Normalize(0.0, max(float(values.max()) for values in shown.values()))
+    # squares that just meet where the positions form a grid
+    side = 72 * size * np.sqrt(wide * tall / len(places))
+    for place, (name, values) in zip(axes, shown.items(), strict=True):
+        place.scatter(*places.T, c=values, cmap=COLOURS, norm=scale, s=max(side, 2.0) ** 2, marker="s", linewidths=0)
+        place.set_title(name, fontsize=11)
+        place.set(xlabel=labels[0], aspect="equal", facecolor="0.85")
+    axes[0].set_ylabel(labels[1])
+    figure.colorbar(
+        ScalarMappable(scale, COLOURS), ax=list(axes), label="pressure over the largest measured", aspect=28
+    )
+    return figure
