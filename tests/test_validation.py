@@ -31,11 +31,11 @@ def test_positive_gives_the_number_back():
 
 def test_fixed_copies_and_locks():
     given = np.arange(3)
-    kept = fixed(given)
+    copy = fixed(given)
     given[0] = 7
-    assert kept.tolist() == [0.0, 1.0, 2.0]
+    assert copy.tolist() == [0.0, 1.0, 2.0]
     with pytest.raises(ValueError, match="read-only"):
-        kept[0] = 1.0
+        copy[0] = 1.0
 
 
 @pytest.mark.parametrize("shape", [(3,), (4, 2), (2, 3, 1)])

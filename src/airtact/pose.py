@@ -39,7 +39,7 @@ class Pose:
     __repr__ = in_short
 
     def __post_init__(self) -> None:
-        """Check both arrays and keep them read-only."""
+        """Check both arrays and make them read-only."""
         rotation = real_numbers(self.rotation, "the pose's rotation")
         translation = real_numbers(self.translation, "the pose's translation")
         if rotation.shape != (3, 3) or translation.shape != (3,):
@@ -67,7 +67,7 @@ class Pose:
 
     @classmethod
     def turn(cls, axis: Vector, angle: float, translation: Vector = (0, 0, 0)) -> "Pose":
-        """Turn about an axis through the origin, then shift.
+        """Build a rotation about an axis through the origin, then a translation.
 
         Parameters
         ----------
@@ -78,16 +78,19 @@ class Pose:
         Raises
         ------
         InvalidInput
-            When the axis has no length.
+            When the axis is zero, or a number is not real or not finite.
         """
-        along, angle = real_numbers(np.asarray(axis), "the axis of a turn"), number(angle, "the angle of a turn", "rad")
+        along, angle = (
+            real_numbers(np.asarray(axis), "the axis of a rotation"),
+            number(angle, "the angle of a rotation", "rad"),
+        )
         if along.shape != (3,):
             raise InvalidInput(
-                f"the axis of a turn has shape {along.shape}, but a direction has shape (3,).", code="wrong_shape"
+                f"the axis of a rotation has shape {along.shape}, but a direction has shape (3,).", code="wrong_shape"
             )
         length = float(np.linalg.norm(along))
         if not length > 0.0:
-            raise InvalidInput(f"the axis of a turn has length {length:g}; give a direction.", code="zero_length")
+            raise InvalidInput(f"the axis of a rotation has length {length:g}; give a direction.", code="zero_length")
         x, y, z = along / length
         cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
         rotation = np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
@@ -103,7 +106,7 @@ class Pose:
         return self.rotate(points) + self.translation
 
     def rotate(self, vectors: Real[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 3"]:
-        """Turn directions, without the shift.
+        """Rotate directions, without the translation.
 
         Parameters
         ----------

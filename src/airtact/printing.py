@@ -12,16 +12,12 @@ class _Dataclass(Protocol):
     __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
 
 
-FEW = 9
-"""So many numbers are printed themselves: a rotation, three points."""
+PRINTED_IN_FULL = 9
+"""Size of the largest array whose numbers are printed: a rotation, three points."""
 
 
 def in_short(self: _Dataclass) -> str:
-    """Say a dataclass in one line, its larger arrays by their shapes; a class takes it by ``__repr__ = in_short``.
-
-    Parameters
-    ----------
-    self : an object of a dataclass.
+    """Write a dataclass in one line, its larger arrays by their shapes; a class uses it by ``__repr__ = in_short``.
 
     Examples
     --------
@@ -37,7 +33,7 @@ def in_short(self: _Dataclass) -> str:
 
 def _short(value: object) -> str:
     if isinstance(value, np.ndarray):
-        return str(value.tolist()) if value.size <= FEW else f"{value.dtype} {value.shape}"
+        return str(value.tolist()) if value.size <= PRINTED_IN_FULL else f"{value.dtype} {value.shape}"
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{key!r}: {_short(part)}" for key, part in value.items()) + "}"
     return repr(value)

@@ -270,10 +270,10 @@ KINDS = {
     "joining others": (lambda: at.join([ARRAY, AIR]), "array 1 is a Medium, but it must be a PhasedArray"),
     "seen from a point": (lambda: ARRAY.seen_from(np.zeros(3)), r"where the hand is is an array of shape \(3,\)|hand"),
     "surface moved by a point": (lambda: at.sphere(0.01, 0.005).moved(np.zeros(3)), r"must be a Pose: give Pose\("),
-    "turn about a plane": (lambda: at.Pose.turn((0, 1), 0.3), r"the axis of a turn has shape \(2,\)"),
+    "turn about a plane": (lambda: at.Pose.turn((0, 1), 0.3), r"the axis of a rotation has shape \(2,\)"),
     "turn by words": (
         lambda: at.Pose.turn((0, 0, 1), "90"),
-        "the angle of a turn is '90', but it must be one real number",
+        "the angle of a rotation is '90', but it must be one real number",
     ),
     "array far off": (
         lambda: at.evaluate(SCENE, ARRAY.moved(FAR), DRIVE, TARGET, solver=FREE),

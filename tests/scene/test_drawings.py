@@ -1,4 +1,4 @@
-"""Writing, SVG and pictures as points: upright, to scale, and refused with what is wrong."""
+"""Writing, SVG and pictures as points: upright, to scale, and rejected with what is wrong."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ def test_a_letter_is_upright_to_scale_and_in_the_middle():
     assert letter[:, 1].max() == pytest.approx(0.01)
     assert letter[:, 1].min() == pytest.approx(-0.01)
     np.testing.assert_allclose(letter[:, 2], 0.05)
-    # The apex of an A is one point over its middle, its feet are far apart.
+    # The apex of an A is one point over its middle, its legs are far apart.
     top, bottom = letter[letter[:, 1] > 0.008], letter[letter[:, 1] < -0.0095]
     assert np.ptp(top[:, 0]) < 3e-3
     assert top[:, 0].mean() == pytest.approx(0.01, abs=1e-4)
@@ -131,12 +131,12 @@ def test_a_picture_file_is_read_as_grey(tmp_path):
     ],
 )
 @pytest.mark.usefixtures("as_outside_the_tests")
-def test_faults_are_refused(make, code, sentence):
+def test_faults_are_rejected(make, code, sentence):
     with raises_code(code, *sentence.split(" ... ")):
         make()
 
 
-def test_a_broken_svg_file_is_refused(tmp_path):
+def test_a_broken_svg_file_is_rejected(tmp_path):
     (tmp_path / "broken.svg").write_text("<svg><path")
     with raises_code("file_unreadable", "broken.svg is not SVG"):
         svg_path(tmp_path / "broken.svg", 0.02, 2e-3)

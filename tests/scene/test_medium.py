@@ -101,7 +101,7 @@ def test_wavelength_and_wavenumber_are_those_of_the_paper():
         ((343.0, 1.2, math.nan), "out_of_range", "absorption is nan"),
     ],
 )
-def test_impossible_media_are_refused(arguments, code, sentence):
+def test_impossible_media_are_rejected(arguments, code, sentence):
     with raises_code(code, sentence):
         Medium(*arguments)
 
@@ -125,7 +125,7 @@ def test_a_frequency_must_be_above_zero(frequency):
         (20.0, math.nan, "out_of_range", "humidity is nan"),
     ],
 )
-def test_air_outside_its_formulas_is_refused(celsius, humidity, code, sentence):
+def test_air_outside_its_formulas_is_rejected(celsius, humidity, code, sentence):
     with raises_code(code, *sentence.split(" ... ")):
         air(celsius, humidity)
 

@@ -49,13 +49,13 @@ def test_nothing_is_deep_in_open_air():
     assert Scene(AIR, []).depth(np.zeros((2, 3))).tolist() == [-math.inf, -math.inf]
 
 
-def test_points_outside_and_on_the_skin_pass(ball):
+def test_points_outside_and_on_the_surface_pass(ball):
     scene = Scene(AIR, [sound_hard(ball)])
     check_outside(scene, np.array([[0.0, 0.0, 0.01], [0.0, 0.0, 0.01 - 0.9e-9], [1.0, 1.0, 1.0]]), "focus")
     check_outside(Scene(AIR, []), np.zeros((1, 3)), "focus")
 
 
-def test_points_inside_are_refused_with_the_deepest_one(ball):
+def test_points_inside_are_rejected_with_the_deepest_one(ball):
     scene = Scene(AIR, [sound_hard(ball)])
     points = np.array([[0.0, 0.0, 0.02], [0.0, 0.0, 0.009], [0.0075, 0.0, 0.0]])
     with raises_code(
@@ -69,14 +69,14 @@ def test_a_tenth_of_a_micrometre_is_inside(ball):
         check_outside(Scene(AIR, [sound_hard(ball)]), np.array([[0.0, 0.0, 0.01 - 1e-7]]), "transducer")
 
 
-def test_points_inside_a_mesh_are_refused():
+def test_points_inside_a_mesh_are_rejected():
     scene = Scene(AIR, [sound_hard(Surface(*box_mesh((0, 0, 0), (0.02, 0.03, 0.04))))])
     with raises_code("focus_inside_body", "focus 0", "is 4 mm deep"):
         check_outside(scene, np.array([[0.004, 0.015, 0.02]]), "focus")
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_points_that_are_not_finite_are_refused(ball, value):
+def test_points_that_are_not_finite_are_rejected(ball, value):
     with raises_code("not_finite", "focus points hold 1 NaN or infinite value, the first at index [0, 2]"):
         check_outside(Scene(AIR, [sound_hard(ball)]), np.array([[0.0, 0.0, value]]), "focus")
 
@@ -87,21 +87,21 @@ def test_the_frequency_must_be_above_zero(frequency):
         Scene(AIR, [], frequency)
 
 
-def test_a_surface_that_crosses_itself_is_refused():
+def test_a_surface_that_crosses_itself_is_rejected():
     with pytest.raises(InvalidInput, match=r"crosses itself: \d+ pairs of triangles"):
         Scene(AIR, [sound_hard(Surface(*torus_mesh(0.015, 0.02)))])
 
 
-def test_bodies_that_overlap_are_refused(ball):
+def test_bodies_that_overlap_are_rejected(ball):
     with pytest.raises(InvalidInput, match="bodies 0 and 1 overlap or touch: 5 mm deep"):
         Scene(AIR, [sound_hard(ball), sound_hard(sphere(0.01, 0.005, centre=(0.015, 0.0, 0.0)))])
 
 
 @pytest.mark.parametrize(
-    ("ratio", "said"), [(0, "0"), (-1 + 2j, "-1"), (math.nan, "nan"), (math.inf, "inf"), (complex(1, math.inf), "1")]
+    ("ratio", "written"), [(0, "0"), (-1 + 2j, "-1"), (math.nan, "nan"), (math.inf, "inf"), (complex(1, math.inf), "1")]
 )
-def test_an_impedance_that_gives_off_power_or_is_no_number_is_refused(ball, ratio, said):
-    with pytest.raises(InvalidInput, match=f"impedance ratio is {said}"):
+def test_an_impedance_that_emits_power_or_is_no_number_is_rejected(ball, ratio, written):
+    with pytest.raises(InvalidInput, match=f"impedance ratio is {written}"):
         impedance(ball, complex(ratio))
 
 
@@ -151,15 +151,15 @@ def test_a_boundary_takes_what_it_needs_and_no_more(ball, arguments, code, sente
         (lambda ball: impedance(ball, "soft"), "the impedance ratio is 'soft', but it must be one number, Z/(ρc)."),
     ],
 )
-def test_a_scene_of_the_wrong_kinds_is_refused(ball, make, sentence):
+def test_a_scene_of_the_wrong_kinds_is_rejected(ball, make, sentence):
     with pytest.raises(InvalidInput, match="^" + re.escape(sentence)):
         make(ball)
 
 
 @pytest.mark.usefixtures("as_outside_the_tests")
-def test_what_speaks_is_monopoles(ball):
+def test_sources_are_monopoles(ball):
     scene, target = Scene(AIR, [sound_hard(ball)]), Target(np.array([[0.0, 0.0, 0.02]]))
-    with raises_code("wrong_kind", "what speaks in the scene is a Target,", ": give target.beacons()."):
+    with raises_code("wrong_kind", "the source of the scene is a Target,", ": give target.beacons()."):
         check_sources(scene, target)
     with raises_code("wrong_kind", "is an array of shape (1, 3), but", ": give Monopoles(positions, strengths"):
         check_sources(scene, target.points)
@@ -205,7 +205,7 @@ def test_a_scene_prints_in_a_line_or_two(ball):
 
 def test_bodies_placed_in_millimetres_are_asked_about(ball):
     far = sphere(0.01, 0.005, centre=(0.0, 0.0, 50.0))
-    with raises_code("too_far", "body 1 stands 50.01 m from the origin,", "is its place in millimetres?"):
+    with raises_code("too_far", "body 1 stands 50.01 m from the origin,", "is it in millimetres?"):
         Scene(AIR, [sound_hard(ball), sound_hard(far)])
 
 

@@ -57,7 +57,7 @@ def test_arrays_are_locked():
     ],
 )
 @pytest.mark.usefixtures("as_outside_the_tests")
-def test_faults_are_refused(points, pressures, code, sentence):
+def test_faults_are_rejected(points, pressures, code, sentence):
     with raises_code(code, sentence):
         Target(points, pressures)
 
@@ -68,8 +68,8 @@ def test_foci_in_millimetres_are_asked_about():
 
 
 def test_printing_a_target_is_short():
-    said = "Target(points=[[0.0, 0.0, 0.0], [0.0, 0.0, 0.01]], pressures=[3.0, 3.0], "
-    assert repr(Target(POINTS, 3.0)) == said + "shares=None, phases=None, suppression_points=[])"
+    written = "Target(points=[[0.0, 0.0, 0.0], [0.0, 0.0, 0.01]], pressures=[3.0, 3.0], "
+    assert repr(Target(POINTS, 3.0)) == written + "shares=None, phases=None, suppression_points=[])"
 
 
 def test_a_share_asks_for_proportions_only():
@@ -129,6 +129,6 @@ def test_suppression_points_follow_the_foci_as_beacons_where_asked():
     ],
 )
 @pytest.mark.usefixtures("as_outside_the_tests")
-def test_faults_of_what_is_wanted_are_refused(asked, code, sentence):
+def test_faults_of_what_is_wanted_are_rejected(asked, code, sentence):
     with raises_code(code, sentence):
         Target(POINTS, **asked)

@@ -1,4 +1,4 @@
-"""Shapes as points: on the shape, no farther apart than asked, and refused with a number."""
+"""Shapes as points: on the shape, no farther apart than asked, and rejected with a number."""
 
 import numpy as np
 import pytest
@@ -11,9 +11,9 @@ from airtact.scene.target_points import (
     onto_surface,
     polyline,
     segment,
+    spaced_apart,
     sphere_shell,
     surface_points,
-    thinned,
 )
 from airtact.surfaces.files import load_surface
 from airtact.surfaces.primitives import sphere
@@ -63,7 +63,7 @@ def test_a_shell_is_even():
     np.testing.assert_allclose(points.mean(axis=0), [0, 0, 0.1], atol=2e-4)
 
 
-def test_skin_points_lie_on_the_side_that_looks_there():
+def test_surface_points_lie_on_the_side_that_faces_there():
     finger = pinch().surfaces[1]
     everywhere, back = surface_points(finger, 3e-3), surface_points(finger, 3e-3, facing=(1.0, 0.0, 0.0))
     np.testing.assert_allclose(finger.depth(everywhere), 0.0, atol=1e-9)
@@ -76,7 +76,7 @@ def test_skin_points_lie_on_the_side_that_looks_there():
     assert 0 < len(narrow) < 0.5 * len(back)
 
 
-def test_skin_points_are_neither_dense_nor_sparse():
+def test_surface_points_are_neither_dense_nor_sparse():
     ball = sphere(0.01, edge=3e-3)
     points = surface_points(ball, 2.5e-3)
     nearest = KDTree(points).query(points, k=2)[0][:, 1]
@@ -87,8 +87,8 @@ def test_skin_points_are_neither_dense_nor_sparse():
 
 def test_thinning_keeps_the_first():
     points = np.array([[0.0, 0, 0], [1e-3, 0, 0], [3e-3, 0, 0]])
-    np.testing.assert_array_equal(thinned(points, 2e-3), points[[0, 2]])
-    np.testing.assert_array_equal(thinned(points, 1e-3), points)
+    np.testing.assert_array_equal(spaced_apart(points, 2e-3), points[[0, 2]])
+    np.testing.assert_array_equal(spaced_apart(points, 1e-3), points)
 
 
 def test_a_plane_is_seen_upright():
@@ -130,11 +130,11 @@ def test_a_plane_is_seen_upright():
         (
             lambda: surface_points(sphere(0.01, edge=4e-3), 3e-3, facing=(0, 0, 1), within=0.01),
             "empty",
-            "0 points of the skin look within 0.01 degrees of [0, 0, 1]",
+            "0 points of the surface face within 0.01 degrees of [0, 0, 1]",
         ),
     ],
 )
-def test_faults_are_refused_with_a_number(make, code, sentence):
+def test_faults_are_rejected_with_a_number(make, code, sentence):
     with raises_code(code, *sentence.split(" ... ")):
         make()
 
@@ -147,11 +147,11 @@ def test_a_circle_is_brought_onto_a_ball():
     np.testing.assert_allclose(brought, expected, atol=1e-7)
 
 
-def test_an_offset_in_millimetres_and_a_crevice_are_refused(hand_file):
+def test_an_offset_in_millimetres_and_a_crevice_are_rejected(hand_file):
     with raises_code("out_of_range", "the offset is 0.5 m, but it must lie between 0 and 0.02"):
         onto_surface(np.array([[0.0, 0.0, 0.02]]), sphere(0.01, edge=2e-3), offset=0.5)
     hand = load_surface(hand_file)
     between = hand.vertices[hand.vertices[:, 1].argmin()] + [0.0, 0.02, 0.012]
     crowd = between + np.random.default_rng(0).normal(scale=4e-3, size=(300, 3))
-    with raises_code("in_crevice", "stands in a crevice or before another part"):
+    with raises_code("in_crevice", "lies in a crevice or before another part"):
         onto_surface(crowd, hand, offset=0.015)

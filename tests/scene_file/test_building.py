@@ -1,4 +1,4 @@
-"""A scene file becomes bodies, transducers and foci where it says; what cannot be is rejected with a number."""
+"""A scene file becomes bodies, transducers and foci at their positions; what cannot be is rejected with a number."""
 
 import numpy as np
 import pytest
@@ -61,7 +61,7 @@ def test_the_open_hand_looks_at_the_boards():
     np.testing.assert_allclose(array.normals, np.tile([1.0, 0.0, 0.0], (996, 1)), atol=1e-12)
     palm = foci[setup.foci.index("palm")]
     np.testing.assert_allclose((palm - array.positions) @ [1.0, 0.0, 0.0], 0.2, atol=1e-9)
-    # Each focus but the thumb's stands between the skin and the boards, where nothing is in between.
+    # Each focus but the thumb's stands between the hand and the boards, where nothing is in between.
     for focus in foci[1:]:
         way = focus - np.linspace(1e-4, 0.15, 300)[:, None] * [1.0, 0.0, 0.0]
         assert setup.scene.depth(way).max() < 0
@@ -78,7 +78,7 @@ def test_absorption_is_kept(read):
     assert read(MEDIUM, "absorption = 0.15\n", ARRAY, BALL, FOCUS).scene.medium.absorption == 0.15
 
 
-def test_a_capsule_stands_where_it_says(read):
+def test_a_capsule_stands_at_its_position(read):
     rod = "[[obstacles]]\ncapsule = { start = [0.02, 0.0, 0.0], end = [0.02, 0.0, 0.03], radius = 6e-3 }\n"
     surface = read(MEDIUM, ARRAY, rod, FOCUS).scene.obstacles[0].surface
     expected = capsule(np.array([0.02, 0, 0]), np.array([0.02, 0, 0.03]), radius=6e-3, edge=2.5e-3)

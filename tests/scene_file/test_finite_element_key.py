@@ -34,7 +34,7 @@ def test_finite_elements_are_taken_for_a_filled_body(tmp_path, accuracy, order):
     assert read_scene(path).solver == at.FiniteElement(order=order)
 
 
-def test_more_than_finite_elements_reach_is_refused(tmp_path):
+def test_more_than_finite_elements_reach_is_rejected(tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text(TEXT.replace("ACCURACY", "0.0001"))
     with pytest.raises(at.InvalidInput, match=r"accuracy is 0\.0001, but finite elements reach 0\.001 to 0\.3"):
@@ -42,14 +42,14 @@ def test_more_than_finite_elements_reach_is_refused(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_filled_body_is_judged_by_the_next_order(tmp_path):
+def test_a_filled_body_is_verified_by_the_next_order(tmp_path):
     path = tmp_path / "scene.toml"
     small = TEXT.replace("radius = 0.004", "radius = 0.0015").replace("0.006", "0.003")
     path.write_text(small.replace("ACCURACY", "0.3"))
     setup = read_scene(path)
     field = setup.solver.radiate(setup.scene, setup.target.beacons())
-    judged = verification_solver(setup).radiate(setup.scene, setup.target.beacons())
-    assert judged.report.settings["order"] == field.report.settings["order"] + 1
+    verified = verification_solver(setup).radiate(setup.scene, setup.target.beacons())
+    assert verified.report.settings["order"] == int(field.report.settings["order"]) + 1
 
 
 def test_the_report_goes_into_the_files_of_a_run():

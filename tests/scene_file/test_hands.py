@@ -34,7 +34,7 @@ def test_the_example_has_its_foci_half_a_millimetre_before_the_pads():
     assert setup.scene.depth(setup.target.points) == pytest.approx([-0.5e-3, -0.5e-3], abs=1e-8)
 
 
-def test_pads_inside_the_body_are_refused(tmp_path):
+def test_pads_inside_the_body_are_rejected(tmp_path):
     with pytest.raises(InvalidInput, match=r"obstacles\[0\]: thumb.pad at .* mm inside the body.* would free it"):
         read_scene(scene_file(tmp_path, "gap = 0.012\n"))
 
@@ -53,12 +53,12 @@ def test_the_command_writes_a_closed_skin_and_a_picture(tmp_path, capsys):
     assert edge_twins(np.asarray(mesh.faces)).min() >= 0
     assert 2.5e-4 < mesh.volume < 5e-4
     assert (tmp_path / "hand.png").stat().st_size > 20_000
-    said = capsys.readouterr().out
-    assert "Merged: the last phalanx of the thumb and the last phalanx of the index finger are one" in said
-    assert "5.3 mm inside the body" in said
+    written = capsys.readouterr().out
+    assert "Merged: the last phalanx of the thumb and the last phalanx of the index finger are one" in written
+    assert "5.3 mm inside the body" in written
 
 
-def test_the_command_refuses_what_it_cannot_do(tmp_path):
+def test_the_command_rejects_what_it_cannot_do(tmp_path):
     with raises_code("out_of_range", "edge is 6 m, but it must lie between 0.0008 and 0.02 m"):
         pose(PINCH, tmp_path / "hand.ply", edge=6)
     with pytest.raises(InvalidInput, match=r"hand.png ends in '\.png'"):
@@ -66,7 +66,7 @@ def test_the_command_refuses_what_it_cannot_do(tmp_path):
     assert main(["hand", str(tmp_path / "none.json"), "--out", str(tmp_path / "hand.ply")]) == 2
 
 
-def test_fingers_that_are_swapped_are_refused(tmp_path):
+def test_fingers_that_are_swapped_are_rejected(tmp_path):
     pose_of = json.loads(PINCH.read_text())
     chains = [list(range(5 + 5 * finger, 10 + 5 * finger)) for finger in range(4)]
     for order, sentence in (
@@ -88,7 +88,7 @@ def test_fingers_that_are_swapped_are_refused(tmp_path):
         ('{"positions_m": [[0, 0, 0]], "joints": [7]}', "joint 0 is named 7"),
     ],
 )
-def test_files_that_hold_no_pose_are_refused(tmp_path, text, sentence):
+def test_files_that_hold_no_pose_are_rejected(tmp_path, text, sentence):
     file = tmp_path / "pose.json"
     file.write_text(text)
     with pytest.raises(InvalidInput, match=sentence):

@@ -1,4 +1,4 @@
-"""The text of a scene file becomes tables, or a sentence that says where it is wrong."""
+"""The text of a scene file becomes tables, or a sentence with the position of the fault."""
 
 import pytest
 

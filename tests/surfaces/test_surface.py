@@ -86,9 +86,9 @@ def test_what_is_no_rigid_motion_is_rejected(rotation, translation, sentence):
 
 
 def test_a_turn_needs_an_axis_and_an_angle():
-    with pytest.raises(InvalidInput, match="axis of a turn has length 0"):
+    with pytest.raises(InvalidInput, match="axis of a rotation has length 0"):
         Pose.turn((0, 0, 0), 1.0)
-    with pytest.raises(InvalidInput, match="axis of a turn has length nan"):
+    with pytest.raises(InvalidInput, match="axis of a rotation has length nan"):
         Pose.turn((0.0, math.nan, 0.0), 1.0)
     with pytest.raises(InvalidInput, match="the pose's rotation hold 9 NaN"):
         Pose.turn((0, 0, 1), math.nan)

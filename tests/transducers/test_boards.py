@@ -52,7 +52,7 @@ def random_poses(count: int, seed: int = 5) -> list[Pose]:
 
 
 @pytest.mark.parametrize("board", known_boards(), ids=lambda board: board.name)
-def test_a_board_is_a_plane_of_places_with_a_channel_each(board) -> None:
+def test_a_board_is_a_plane_of_positions_with_a_channel_each(board) -> None:
     assert board.positions.shape == (len(board), 3)
     assert not board.positions[:, 2].any()
     assert len(set(board.channels.tolist())) == len(board)
@@ -69,14 +69,14 @@ def test_sonicsurface_has_the_order_of_its_own_software() -> None:
         np.testing.assert_allclose(1e3 * board.positions[channel], [x, 2.0 - z, 0.0], rtol=0, atol=1e-9)
 
 
-def test_openmpd_has_the_places_and_pins_of_its_board_file() -> None:
+def test_openmpd_has_the_positions_and_pins_of_its_board_file() -> None:
     board = board_named("openmpd")
     for index, (x, y, pin) in OPENMPD.items():
         np.testing.assert_allclose(1e3 * board.positions[index], [x, y, 0.0], rtol=0, atol=1e-9)
         assert board.channels[index] == pin
 
 
-def test_a_nano_speaks_through_the_pins_that_its_firmware_drives() -> None:
+def test_a_nano_drives_the_pins_that_its_firmware_drives() -> None:
     # DDRC = 0b00111111 and DDRD = 0b11111100, bits 0 to 7 of a slot being port C and 8 to 15 port D.
     driven = [bit for bit in range(16) if (0b11111100 << 8 | 0b00111111) >> bit & 1]
     assert board_named("nano16").channels.tolist() == driven
@@ -116,7 +116,7 @@ def test_real_boards_close_their_box_without_overlap() -> None:
     np.testing.assert_allclose(np.ptp(every, axis=0) / 1e3, [151.4, 151.4, 192.0], rtol=0, atol=1e-3)
 
 
-def test_boards_without_places_of_their_own_are_anywhere() -> None:
+def test_boards_without_positions_of_their_own_are_anywhere() -> None:
     places = np.random.default_rng(1).uniform(-0.1, 0.1, (12, 3))
     pose = poses_of_boards(board_named("nano16"), places, np.tile([0.0, 0.0, 1.0], (12, 1)))
     np.testing.assert_array_equal(pose[0].rotation, np.eye(3))
@@ -177,7 +177,7 @@ def mirrored():
         ),
     ],
 )
-def test_what_is_no_board_is_refused(make, code: str, sentence: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_no_board_is_rejected(make, code: str, sentence: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
     with raises_code(code, *sentence.split(" ... ")):
         make()

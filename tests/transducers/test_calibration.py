@@ -36,13 +36,13 @@ def test_the_table_gives_gains_and_leaves_the_others_nominal(tmp_path) -> None:
     np.testing.assert_allclose(gains, expected, rtol=1e-15)
 
 
-def test_a_forward_field_hears_what_the_matrix_says() -> None:
+def test_a_forward_field_has_the_pressure_of_the_matrix() -> None:
     """Reciprocity and the forward field know of the gains each by itself."""
     array = calibrated()
     transfer = transfer_matrix(FreeField().radiate(SCENE, TARGET.beacons()), array)
     drive = time_reversal(transfer, TARGET)
-    heard = field_map(SCENE, array, drive, TARGET.points, solver=FreeField())
-    np.testing.assert_allclose(transfer.pressure(drive), heard, rtol=1e-9)
+    pressure = field_map(SCENE, array, drive, TARGET.points, solver=FreeField())
+    np.testing.assert_allclose(transfer.pressure(drive), pressure, rtol=1e-9)
 
 
 def test_synthesis_makes_up_for_phases_and_leaves_the_dead_silent() -> None:
@@ -52,7 +52,7 @@ def test_synthesis_makes_up_for_phases_and_leaves_the_dead_silent() -> None:
         amplitudes = method(transfer, TARGET).amplitudes
         assert np.flatnonzero(amplitudes == 0).tolist() == [0, 7, 248]
     together = np.abs(transfer.pressure(phase_conjugate(transfer, TARGET)))
-    # All in phase: as loud as the sum of what each gives alone.
+    # All in phase: as strong as the sum of what each emits alone.
     np.testing.assert_allclose(together, np.abs(transfer.matrix).sum(axis=1), rtol=1e-12)
 
 
@@ -97,13 +97,13 @@ def test_gains_ride_with_the_array() -> None:
         ),
     ],
 )
-def test_bad_tables_are_refused(tmp_path, text: str, code: str, sentence: str) -> None:
+def test_bad_tables_are_rejected(tmp_path, text: str, code: str, sentence: str) -> None:
     (tmp_path / "gains.csv").write_text(text)
     with raises_code(code, *sentence.split(" ... ")):
         load_calibration(tmp_path / "gains.csv", 12)
 
 
-def test_a_table_that_cannot_be_read_is_refused(tmp_path) -> None:
+def test_a_table_that_cannot_be_read_is_rejected(tmp_path) -> None:
     with raises_code("file_missing", "gains.csv does not exist"):
         load_calibration(tmp_path / "gains.csv", 12)
     (tmp_path / "gains.csv").write_bytes(b"element,gain,phase\n\xff\n")
@@ -119,7 +119,7 @@ def test_a_table_that_cannot_be_read_is_refused(tmp_path) -> None:
         (np.full(249, np.nan), "not_finite", "element gains hold 249 NaN"),
     ],
 )
-def test_bad_gains_are_refused(gains, code: str, sentence: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bad_gains_are_rejected(gains, code: str, sentence: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
     with raises_code(code, sentence):
         board_array("autd3").calibrated(gains)

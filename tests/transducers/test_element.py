@@ -92,13 +92,13 @@ def test_sameness_looks_at_every_number() -> None:
         (lambda: Element(np.zeros((1, 3)), np.ones(1), radius=-1.0), "out_of_range", "-1 m"),
     ],
 )
-def test_bad_elements_are_refused(make, code: str, number: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bad_elements_are_rejected(make, code: str, number: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
     with raises_code(code, number):
         make()
 
 
-def test_a_piston_too_large_for_its_points_is_refused() -> None:
+def test_a_piston_too_large_for_its_points_is_rejected() -> None:
     check_pattern(piston(6.5e-3), 732.5)
     with raises_code("piston_too_large", "10 mm radius has ka = 7.33", "at most 6.55 mm"):
         check_pattern(piston(10e-3), 733.0 + 0.1j)

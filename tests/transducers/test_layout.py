@@ -118,7 +118,7 @@ def test_face_points_stand_in_the_frame_of_tangent_and_normal() -> None:
     np.testing.assert_allclose(array.face_points[0, 0], [2e-3, 1e-3, -3e-3], rtol=0, atol=1e-18)
 
 
-def test_join_keeps_order_and_refuses_other_elements() -> None:
+def test_join_keeps_order_and_rejects_other_elements() -> None:
     left, right = autd3_board(Pose(np.eye(3), np.array([-0.2, 0.0, 0.0]))), autd3_board()
     both = join([left, right])
     np.testing.assert_array_equal(both.positions, np.concatenate([left.positions, right.positions]))
@@ -152,7 +152,7 @@ POINT, UP = np.zeros((2, 3)), np.tile([0.0, 0.0, 1.0], (2, 1))
         (lambda: flat_boards(0, 2), "too_few", "not 0 and 2"),
     ],
 )
-def test_bad_arrays_are_refused(make, code: str, number: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bad_arrays_are_rejected(make, code: str, number: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
     with raises_code(code, *number.split(" ... ")):
         make()

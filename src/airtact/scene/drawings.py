@@ -8,17 +8,17 @@ import numpy as np
 from jaxtyping import Float64, Real
 
 from airtact.conventions import InvalidInput, Vector
-from airtact.scene.target_points import Points, frame_of, segment, thinned
+from airtact.scene.target_points import Points, check_count, frame_of, segment, spaced_apart
 from airtact.validation import check_finite, file_fault, positive, real_numbers
 
 FONT = "futural"
 """The Hershey font of single strokes without serifs: what is felt is the stroke, not the outline of a letter."""
 
-LEAST_SHARE = 0.05
-"""Points of a picture darker than this share of its brightest are left out."""
+DARKEST_SHARE = 0.05
+"""Points of a picture darker than this fraction of its brightest are left out."""
 
-SHARP = 0.5
-"""Cosine of the turn of a stroke below which its corner is kept: 60 degrees."""
+SHARP_CORNER_COSINE = 0.5
+"""Cosine of the bend of a stroke below which its corner becomes a point: 60 degrees."""
 
 Strokes = list[Float64[np.ndarray, "_ 2"]]
 """Lines from corner to corner in a plane, x to the right and y up."""
@@ -106,8 +106,8 @@ def svg_path(
     width, spacing = positive(width, "the width of the drawing", "m"), positive(spacing, "the spacing", "m")
     name = source.name if isinstance(source, Path) else repr(source)
     strokes = _svg_strokes(source, name)
-    everything = np.concatenate(strokes) if strokes else np.empty((0, 2))
-    extent = np.ptp(everything, axis=0) if len(everything) else np.zeros(2)
+    corners = np.concatenate(strokes) if strokes else np.empty((0, 2))
+    extent = np.ptp(corners, axis=0) if len(corners) else np.zeros(2)
     size = extent[0] if extent[0] > 0.0 else extent[1]
     if size == 0.0:
         raise InvalidInput(f"{name} holds {len(strokes)} lines, none of which is longer than 0.", code="empty")
@@ -116,7 +116,7 @@ def svg_path(
 
 
 def _svg_strokes(source: str | Path, name: str) -> Strokes:
-    """Bring the lines of a drawing to corners close to each other, in its own units."""
+    """Turn the lines of a drawing into corners close to each other, in its own units."""
     import svgelements  # read only where something is drawn
 
     try:
@@ -138,13 +138,13 @@ def _stroke(line: Any) -> Float64[np.ndarray, "corners 2"]:
     """Corners of one subpath: the ends of its straight parts, and 64 points of each curve."""
     import svgelements
 
-    places = []
+    ends = []
     for part in line:
         if isinstance(part, svgelements.Move | svgelements.Line | svgelements.Close):
-            places.append(part.end)
+            ends.append(part.end)
         else:
-            places += [part.point(t) for t in np.linspace(0.0, 1.0, 65)[1:]]
-    return np.array([[place.x, place.y] for place in places if place is not None], dtype=np.float64).reshape(-1, 2)
+            ends += [part.point(t) for t in np.linspace(0.0, 1.0, 65)[1:]]
+    return np.array([[end.x, end.y] for end in ends if end is not None], dtype=np.float64).reshape(-1, 2)
 
 
 def picture(
@@ -155,7 +155,7 @@ def picture(
     normal: Vector = (0.0, 0.0, 1.0),
     up: Vector | None = None,
 ) -> tuple[Points, Float64[np.ndarray, "points"]]:
-    """Points on a plane, and the share that each asks: the brightness of a grey-scale picture round it.
+    """Points on a plane, and the share of each: the brightness of a grey-scale picture around it.
 
     Parameters
     ----------
@@ -187,27 +187,18 @@ def picture(
     rows, columns = bright.shape
     right, upwards, _ = frame_of(normal, up)
     across, down = max(1, round(width / spacing)), max(1, round(width * rows / columns / spacing))
-    if across * down > MOST_CELLS:
-        raise InvalidInput(
-            f"a spacing of {1e3 * spacing:.3g} mm gives {across * down} points, more than {MOST_CELLS}; give a larger "
-            "one.",
-            code="too_many_points",
-        )
+    check_count(across * down, spacing)
     shares = _averaged(_averaged(bright, down).T, across).T
     shares = shares / shares.max()
     x = ((np.arange(across) + 0.5) / across - 0.5) * width
     y = (0.5 - (np.arange(down) + 0.5) / down) * width * rows / columns
     grid = np.asarray(centre, dtype=np.float64) + y[:, None, None] * upwards + x[None, :, None] * right
-    kept = shares >= LEAST_SHARE
+    kept = shares >= DARKEST_SHARE
     return grid[kept], shares[kept]
 
 
-MOST_CELLS = 4096
-"""Points that a picture may have."""
-
-
 def _brightness(image: str | Path | Real[np.ndarray, "rows columns"]) -> Float64[np.ndarray, "rows columns"]:
-    """Read a picture, or refuse what is black or none."""
+    """Read the brightness of a picture; raise where it is black or not a picture."""
     bright = _read(image) if isinstance(image, str | Path) else real_numbers(image, "the brightness")
     check_finite(bright, "the brightness")
     if bright.ndim != 2 or bright.size == 0 or bright.min() < 0.0 or bright.max() == 0.0:
@@ -230,7 +221,7 @@ def _read(path: str | Path) -> Float64[np.ndarray, "rows columns"]:
 
 
 def _averaged(rows: Float64[np.ndarray, "rows columns"], count: int) -> Float64[np.ndarray, "cells columns"]:
-    """Mean over ``count`` equal shares of the rows, rows that are cut counting in part."""
+    """Mean over ``count`` equal parts of the rows; a row that is cut counts in part."""
     total = np.concatenate([np.zeros((1, rows.shape[1])), np.cumsum(rows, axis=0)])
     cuts = np.linspace(0.0, len(rows), count + 1)
     index = np.minimum(cuts.astype(np.int64), len(rows) - 1)
@@ -239,19 +230,19 @@ def _averaged(rows: Float64[np.ndarray, "rows columns"], count: int) -> Float64[
 
 
 def _laid_out(strokes: Strokes, name: str, spacing: float, centre: Vector, normal: Vector, up: Vector | None) -> Points:
-    """Put strokes in a plane round a point and lay points along them."""
+    """Place strokes in a plane around a point, and points along them."""
     if not strokes:
         raise InvalidInput(f"{name} has 0 strokes: there is nothing to feel.", code="empty")
     right, upwards, _ = frame_of(normal, up)
-    everything = np.concatenate(strokes)
-    middle = 0.5 * (everything.min(axis=0) + everything.max(axis=0))
+    corners = np.concatenate(strokes)
+    middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
     spacing = positive(spacing, "the spacing", "m")
     found = [_along(np.asarray(stroke - middle) @ np.stack([right, upwards]), spacing) for stroke in strokes]
-    return np.asarray(centre, dtype=np.float64) + thinned(np.concatenate(found), 0.6 * spacing)
+    return np.asarray(centre, dtype=np.float64) + spaced_apart(np.concatenate(found), 0.6 * spacing)
 
 
 def _along(corners: Float64[np.ndarray, "corners 3"], spacing: float) -> Points:
-    """Lay points evenly along a stroke, its ends and sharp corners among them, however close its corners are."""
+    """Place points evenly along a stroke, at its ends and sharp corners too, however close its corners are."""
     steps = np.diff(corners, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     if not lengths.max(initial=0.0) > 0.0:
@@ -259,7 +250,7 @@ def _along(corners: Float64[np.ndarray, "corners 3"], spacing: float) -> Points:
     corners = corners[np.append(True, lengths > 0.0)]
     steps, lengths = steps[lengths > 0.0], lengths[lengths > 0.0]
     cosine = np.einsum("ij,ij->i", steps[1:], steps[:-1]) / (lengths[1:] * lengths[:-1])
-    cuts = [0, *(1 + np.flatnonzero(cosine < SHARP)).tolist(), len(lengths)]
+    cuts = [0, *(1 + np.flatnonzero(cosine < SHARP_CORNER_COSINE)).tolist(), len(lengths)]
     found = []
     for first, last in pairwise(cuts):
         way = np.concatenate([[0.0], np.cumsum(lengths[first:last])])

@@ -1,4 +1,4 @@
-"""What sound travels in: speed, density, absorption; humid air from its temperature.
+"""The medium: speed of sound, density, absorption; humid air from its temperature.
 
 Sources
 -------
@@ -33,8 +33,8 @@ class Medium:
     Raises
     ------
     InvalidInput
-        When a number is not finite, zero or negative (absorption may be zero), or no fluid has it: a speed outside 100
-        to 10000 m/s, a density outside 0.01 to 30000 kg/m³.
+        When a number is not finite, zero or negative (absorption may be zero), or outside the range of fluids: 100 to
+        10000 m/s, 0.01 to 30000 kg/m³.
 
     Examples
     --------
@@ -61,7 +61,7 @@ class Medium:
         object.__setattr__(self, "absorption", absorption)
 
     def wavenumber(self, frequency: float) -> complex:
-        """Wavenumber k = 2πf/c + i·absorption [1/m], so that e^{ikr} decays along its way.
+        """Wavenumber k = 2πf/c + i·absorption [1/m], so that e^{ikr} decays with distance.
 
         Parameters
         ----------

@@ -17,28 +17,28 @@ from airtact.surfaces.surface import Surface
 from airtact.validation import check_frequency, in_mm, of_kind, points_of
 
 CONTACT = 1e-9
-"""Points up to this deep in a body stand on its skin [m]."""
+"""Points up to this deep in a body count as on its surface [m]."""
 
-FARTHEST = 10.0
-"""Farthest that a body may stand from the origin [m]."""
+MAX_BODY_DISTANCE = 10.0
+"""Largest distance of a body from the origin [m]."""
 
-FARTHEST_BESIDE = 1.0
-"""Farthest that a point which is to be beside a body may stand from it [m]."""
+MAX_DISTANCE_BESIDE = 1.0
+"""Largest distance from a body of a point that belongs beside it [m]."""
 
-SMALLEST_SHARE = 1.0 / 50.0
-"""Share of a wavelength that at least one body must measure: smaller ones leave the sound as it is."""
+MIN_SIZE_IN_WAVELENGTHS = 1.0 / 50.0
+"""Least extent of the largest body, in wavelengths: smaller ones do not change the field."""
 
 
 @dataclass(frozen=True, eq=False)
 class Obstacle:
-    """A body and what its skin does to sound; built by ``sound_hard``, ``impedance`` and ``filled``.
+    """A body and the boundary condition on its surface; built by ``sound_hard``, ``impedance`` and ``filled``.
 
     Attributes
     ----------
-    surface : its skin.
+    surface : closed surface of the body.
     boundary : ``"sound_hard"`` (∂p/∂n = 0), ``"impedance"`` (∂p/∂n + (ik/ratio) p = 0) or ``"filled"`` (another fluid).
     ratio : Z/(ρc) of an impedance, else None.
-    medium : what fills it, else None.
+    medium : fluid inside a filled body, else None.
     """
 
     surface: Surface
@@ -47,7 +47,7 @@ class Obstacle:
     medium: Medium | None = None
 
     def __post_init__(self) -> None:
-        """Check that the boundary has what it needs and no more."""
+        """Check that the boundary has the data that it needs and no more."""
         of_kind(
             self.surface, Surface, "an obstacle's surface", "one Surface, such as sphere(...) or pinch().surfaces[0]"
         )
@@ -75,64 +75,64 @@ class Obstacle:
         if not np.isfinite(ratio) or ratio == 0.0 or ratio.real < 0.0:
             raise InvalidInput(
                 f"the impedance ratio is {ratio:g}, but it must be finite, not zero, and its real part not negative "
-                "(the skin would give off power).",
+                "(the surface would emit power).",
                 code="out_of_range",
             )
         object.__setattr__(self, "ratio", ratio)
 
 
 def sound_hard(surface: Surface) -> Obstacle:
-    """Build a body that no sound enters.
+    """Build a rigid body: ∂p/∂n = 0 on its surface.
 
     Parameters
     ----------
-    surface : its skin.
+    surface : closed surface of the body.
     """
     return Obstacle(surface, "sound_hard")
 
 
 def impedance(surface: Surface, ratio: complex | float) -> Obstacle:
-    """Build a body with a locally reacting skin: ∂p/∂n + (ik/ratio) p = 0, n outward.
+    """Build a body with a locally reacting surface: ∂p/∂n + (ik/ratio) p = 0, n outward.
 
     Parameters
     ----------
-    surface : its skin.
+    surface : closed surface of the body.
     ratio : Z/(ρc), with a real part that is not negative.
 
     Raises
     ------
     InvalidInput
-        When the ratio is zero, not finite, or gives off power.
+        When the ratio is zero, not finite, or has a negative real part, which would emit power.
     """
     return Obstacle(surface, "impedance", ratio=ratio)
 
 
 def filled(surface: Surface, medium: Medium) -> Obstacle:
-    """Build a body of another fluid.
+    """Build a body of another fluid, which sound enters.
 
     Parameters
     ----------
-    surface : its skin.
-    medium : what is inside.
+    surface : closed surface of the body.
+    medium : fluid inside.
     """
     return Obstacle(surface, "filled", medium=medium)
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What is in the air, at one frequency.
+    """Bodies in a medium, at one frequency.
 
     Attributes
     ----------
-    medium : what sound travels in.
-    obstacles : the bodies, which do not touch.
+    medium : fluid around the bodies.
+    obstacles : the bodies, which do not touch; none for a free field.
     frequency : [Hz], 1 kHz to 1 MHz.
 
     Raises
     ------
     InvalidInput
         When the frequency is outside its range or so low that every body is under 1/50 of a wavelength, a body is
-        over 10 m from the origin, the medium swallows the sound within a wavelength, a surface crosses itself, two
+        over 10 m from the origin, the absorption exceeds 1 Np per wavelength, a surface crosses itself, two
         bodies overlap, or something is of the wrong kind.
 
     Examples
@@ -150,33 +150,33 @@ class Scene:
         of_kind(self.medium, Medium, "the medium of a scene", "air() or Medium(sound_speed, density)")
         object.__setattr__(self, "frequency", check_frequency(self.frequency))
         object.__setattr__(self, "obstacles", _obstacles_of(self.obstacles))
-        self._check_far_too_small()
-        self._check_too_far()
-        self._check_soundless()
+        self._check_size()
+        self._check_distance()
+        self._check_absorption()
         for obstacle in self.obstacles:
             check_surface(obstacle.surface)
         check_apart([obstacle.surface for obstacle in self.obstacles])
 
-    def _check_far_too_small(self) -> None:
+    def _check_size(self) -> None:
         extent = max((obstacle.surface.extent for obstacle in self.obstacles), default=np.inf)
-        if extent < SMALLEST_SHARE * self.wavelength:
+        if extent < MIN_SIZE_IN_WAVELENGTHS * self.wavelength:
             raise InvalidInput(
                 f"the largest body spans {extent * 1e3:.3g} mm, less than 1/50 of the wavelength of "
                 f"{self.wavelength * 1e3:.4g} mm at {self.frequency:g} Hz: is the frequency in kHz? Give hertz.",
                 code="body_too_small",
             )
 
-    def _check_too_far(self) -> None:
+    def _check_distance(self) -> None:
         for index, obstacle in enumerate(self.obstacles):
             away = float(np.linalg.norm(obstacle.surface.corners[0, 0]))
-            if away > FARTHEST:
+            if away > MAX_BODY_DISTANCE:
                 raise InvalidInput(
-                    f"body {index} stands {away:.4g} m from the origin, more than {FARTHEST:g} m: is its place in "
+                    f"body {index} stands {away:.4g} m from the origin, more than {MAX_BODY_DISTANCE:g} m: is it in "
                     "millimetres? Give metres.",
                     code="too_far",
                 )
 
-    def _check_soundless(self) -> None:
+    def _check_absorption(self) -> None:
         decay = self.medium.absorption * self.wavelength
         if decay > 1.0:
             raise InvalidInput(
@@ -196,7 +196,7 @@ class Scene:
         return self.medium.wavelength(self.frequency)
 
     def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        """How deep points lie in a body [m]: the largest over all bodies, negative outside, -inf when there are none.
+        """Depth of points in a body [m]: the largest over all bodies, negative outside, -inf when there are none.
 
         Parameters
         ----------
@@ -215,25 +215,19 @@ class Scene:
 
 
 def check_outside(scene: Scene, points: Real[np.ndarray, "points 3"], what: str) -> None:
-    """Refuse points inside bodies; on the skin (up to 1e-9 m deep) is allowed.
-
-    Parameters
-    ----------
-    scene : the bodies.
-    points : (P, 3) [m].
-    what : what one point is, for the sentence: "focus", "transducer".
-
-    Raises
-    ------
-    InvalidInput
-        With how many lie inside, the deepest one and how deep it is.
-    """
+    """Raise as ``check_not_inside`` where points lie in bodies; ``what`` names one point: "focus", "transducer"."""
     given = points_of(points, f"{what} points")
     check_not_inside(scene.depth(given), given, what)
 
 
 def check_not_inside(depth: Float64[np.ndarray, "points"], points: Float64[np.ndarray, "points 3"], what: str) -> None:
-    """Refuse points (P, 3) [m] by their depths (P,) [m], as ``check_outside`` does."""
+    """Raise where points (P, 3) lie deeper in a body than ``CONTACT`` by their depths (P,) [m].
+
+    Raises
+    ------
+    InvalidInput
+        "focus_inside_body", or "inside_body" for other points: how many, the deepest one and its depth.
+    """
     inside = np.flatnonzero(depth > CONTACT)
     if len(inside):
         deepest = int(depth.argmax())
@@ -247,47 +241,27 @@ def check_not_inside(depth: Float64[np.ndarray, "points"], points: Float64[np.nd
 
 
 def check_near(scene: Scene, points: Real[np.ndarray, "points 3"], what: str) -> None:
-    """Refuse points over a metre from all bodies.
-
-    Parameters
-    ----------
-    scene : the bodies.
-    points : (P, 3) [m].
-    what : what one point is, for the sentence.
-
-    Raises
-    ------
-    InvalidInput
-        With the farthest one and how far it is.
-    """
+    """Raise "too_far" where one of the points (P, 3) [m] is over a metre from all bodies."""
     given = points_of(points, f"{what} points")
     distance = -scene.depth(given)
     farthest = int(distance.argmax())
-    if distance[farthest] > FARTHEST_BESIDE:
+    if distance[farthest] > MAX_DISTANCE_BESIDE:
         raise InvalidInput(
             f"{what} point {farthest} stands {distance[farthest]:.4g} m from the nearest body, more than "
-            f"{FARTHEST_BESIDE:g} m: is it in millimetres? Give metres.",
+            f"{MAX_DISTANCE_BESIDE:g} m: is it in millimetres? Give metres.",
             given[farthest],
             code="too_far",
         )
 
 
 def check_sources(scene: Scene, sources: Monopoles) -> None:
-    """Refuse what a solver cannot radiate: things of the wrong kind, sources inside bodies.
+    """Raise where a solver cannot radiate the sources: an argument of the wrong kind, or a source inside a body.
 
-    Parameters
-    ----------
-    scene : the bodies.
-    sources : what speaks; those of ``Target.beacons`` are called foci.
-
-    Raises
-    ------
-    InvalidInput
-        If either is of another kind (a target instead of its beacons), or a source lies inside a body (how deep).
+    The sentence calls the sources of ``Target.beacons`` foci.
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
     beacons = "target.beacons()" if isinstance(sources, Target) else "Monopoles(positions, strengths)"
-    of_kind(sources, Monopoles, "what speaks in the scene", beacons)
+    of_kind(sources, Monopoles, "the source of the scene", beacons)
     check_outside(scene, sources.positions, "focus" if isinstance(sources, Beacons) else "source")
 
 

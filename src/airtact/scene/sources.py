@@ -1,4 +1,4 @@
-"""Imagined point sources: what speaks in a scene."""
+"""Monopoles: the point sources of a scene."""
 
 from dataclasses import dataclass
 
@@ -14,26 +14,26 @@ from airtact.validation import check_finite, complex_numbers, points_of
 STANDS_ON = 1e-9
 """A point nearer to a source than this stands on it [m]."""
 
-FEW = 16
-"""Sources whose distances to all points are taken sooner than a tree is searched."""
+FEW_SOURCES = 16
+"""Up to so many sources, computing all distances is quicker than a search tree."""
 
 
 @dataclass(frozen=True, eq=False)
 class Monopoles:
-    """N point sources that play S independent sounds.
+    """N point sources with S independent excitations: one solve per excitation.
 
     A monopole of strength s alone in open air gives p = s e^{ikr}/r.
 
     Attributes
     ----------
-    positions : (N, 3) [m], kept as float64.
-    strengths : (N, S) [Pa·m], sound s being played by all N points at once; (N,) is one sound. Kept as (N, S)
+    positions : (N, 3) [m], stored as float64.
+    strengths : (N, S) [Pa·m]: in excitation s all N points emit at once; (N,) is one excitation. Stored as (N, S)
         complex128.
 
     Raises
     ------
     InvalidInput
-        No points or sounds, NaN or infinity, or shapes that do not match.
+        No points or excitations, NaN or infinity, or shapes that do not match.
 
     Examples
     --------
@@ -43,17 +43,17 @@ class Monopoles:
     """
 
     positions: Real[np.ndarray, "points 3"]
-    strengths: Num[np.ndarray, "points sounds"] | Num[np.ndarray, "points"]
+    strengths: Num[np.ndarray, "points excitations"] | Num[np.ndarray, "points"]
 
     __repr__ = in_short
 
     @property
     def refined_positions(self) -> Real[np.ndarray, "fine 3"]:
-        """Positions beside which a solver spends finer panels: all of them here."""
+        """(R, 3) positions near which a solver refines its panels [m]: all of them."""
         return self.positions
 
     def __post_init__(self) -> None:
-        """Check both arrays and keep them read-only."""
+        """Check both arrays and make them read-only."""
         positions = points_of(self.positions, "monopole positions")
         strengths = complex_numbers(self.strengths, "monopole strengths")
         if strengths.ndim == 1:
@@ -61,11 +61,11 @@ class Monopoles:
         if strengths.ndim != 2 or len(strengths) != len(positions):
             raise InvalidInput(
                 f"monopole strengths have shape {strengths.shape}, but there are {len(positions)} positions; give "
-                f"({len(positions)},) for one sound or ({len(positions)}, number of sounds).",
+                f"({len(positions)},) for one excitation or ({len(positions)}, number of excitations).",
                 code="wrong_shape",
             )
         if strengths.shape[1] == 0:
-            raise InvalidInput("monopole strengths hold 0 sounds; give at least one.", code="empty")
+            raise InvalidInput("monopole strengths hold 0 excitations; give at least one.", code="empty")
         check_finite(strengths, "monopole strengths")
         strengths.flags.writeable = False
         object.__setattr__(self, "positions", positions)
@@ -73,18 +73,7 @@ class Monopoles:
 
 
 def check_off_sources(points: Real[np.ndarray, "points 3"], sources: Monopoles) -> None:
-    """Refuse points that stand on a source, where the pressure is infinite.
-
-    Parameters
-    ----------
-    points : (P, 3) where to listen [m].
-    sources : the monopoles that speak.
-
-    Raises
-    ------
-    InvalidInput
-        If a point is nearer than ``STANDS_ON`` to a source: which, which source, how near.
-    """
+    """Raise "point_on_source" where a receiver is nearer to a source than ``STANDS_ON``: its pressure is infinite."""
     distance, source = nearest_source(points, sources, STANDS_ON)
     near = np.flatnonzero(distance < STANDS_ON)
     if len(near):
@@ -101,14 +90,14 @@ def nearest_source(
 ) -> tuple[Float64[np.ndarray, "points"], Int64[np.ndarray, "points"]]:
     """Distance [m] and number of the source nearest to each point, where it is nearer than ``within`` [m].
 
-    Elsewhere either may be anything farther. A tree pays for many sources.
+    Elsewhere either may be anything farther.
     """
     along = np.ascontiguousarray(points.T)  # many times quicker than a minimum over three columns
     low, high = along.min(axis=1, initial=np.inf) - within, along.max(axis=1, initial=-np.inf) + within
     some = np.flatnonzero(((sources.positions >= low) & (sources.positions <= high)).all(axis=1))
     if not len(some) or not len(points):
         return np.full(len(points), np.inf), np.zeros(len(points), dtype=np.int64)
-    if len(some) <= FEW:
+    if len(some) <= FEW_SOURCES:
         distances = cdist(points, sources.positions[some])
         return distances.min(axis=1), some[distances.argmin(axis=1)]
     found = KDTree(sources.positions).query(points, distance_upper_bound=2 * within)  # nothing farther matters

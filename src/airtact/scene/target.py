@@ -1,4 +1,4 @@
-"""What a person shall feel: points in the obstacles' frame, what is wanted there, and where it is to stay silent."""
+"""What a person is to feel: foci in the obstacles' frame, the pressures wanted there, and points to suppress."""
 
 from dataclasses import dataclass
 
@@ -10,23 +10,23 @@ from airtact.printing import in_short
 from airtact.scene.sources import Monopoles
 from airtact.validation import check_finite, complex_numbers, counted, fixed, in_mm, points_of, real_numbers
 
-FARTHEST = 2.0
-"""Farthest that a focus may be from the origin of the obstacles' frame [m], the largest extent of a body."""
+MAX_FOCUS_DISTANCE = 2.0
+"""Largest distance of a focus from the origin of the obstacles' frame [m], the largest extent of a body."""
 
-SAME_PLACE = 1e-6
-"""A suppression point nearer than this to a focus stands on it [m]."""
+SAME_POSITION = 1e-6
+"""A suppression point nearer than this to a focus is at its position [m]."""
 
 Wanted = Num[np.ndarray, "foci"] | complex | float | int
-"""What every focus is asked: (F,) numbers, or one for all."""
+"""The value wanted at each focus: (F,) numbers, or one for all."""
 
 
 @dataclass(frozen=True, eq=False)
 class Beacons(Monopoles):
-    """The imagined sources of a target, one in each focus, so that a refusal can call them foci.
+    """The virtual sources of a target, one at each focus, so that an error can call them foci.
 
     Attributes
     ----------
-    foci : how many of them, the first, are foci; the others are suppression points, with no finer panels beside.
+    foci : how many of them, the first, are foci; the others are suppression points, without refined panels.
     """
 
     foci: int = 0
@@ -39,15 +39,15 @@ class Beacons(Monopoles):
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Foci that ride with the hand, and points beside them that is to stay silent.
+    """Foci that move with the hand, and points where the pressure is suppressed.
 
     Attributes
     ----------
     points : (F, 3) foci in the obstacles' frame [m].
     pressures : (F,) peak pressures wanted [Pa], or None for as strong as possible.
-    shares : (F,) pressures wanted in proportion to each other, as strong as possible, or None for all alike.
+    shares : (F,) pressures wanted in proportion to each other, as strong as possible, or None for equal ones.
     phases : (F,) phases wanted [rad] where complex numbers were given, or None to leave them to the method.
-    suppression_points : (Q, 3) points of the zones that is to stay silent [m], none by default.
+    suppression_points : (Q, 3) points where the pressure is suppressed [m], none by default.
 
     Examples
     --------
@@ -74,15 +74,15 @@ class Target:
         shares: Wanted | None = None,
         suppression_points: Real[np.ndarray, "suppressed 3"] | None = None,
     ) -> None:
-        """Check the points and bring what is wanted to one number per focus.
+        """Check the points, and expand what is wanted to one number per focus.
 
         Parameters
         ----------
         points : (F, 3) [m].
         pressures : (F,) peak pressures [Pa], one number for all foci, or None. Complex numbers fix the phases too,
             real ones leave them to the method.
-        shares : the same in proportion only; give one of the two, or none for all foci alike.
-        suppression_points : (Q, 3) where it is to stay silent [m].
+        shares : the same in proportion only; give one of the two, or none for equal foci.
+        suppression_points : (Q, 3) where the pressure is suppressed [m].
 
         Raises
         ------
@@ -133,17 +133,17 @@ class Target:
     def _check_suppressed_foci(self) -> None:
         for index, point in enumerate(self.points):
             apart = np.linalg.norm(self.suppression_points - point, axis=1)
-            if len(apart) and apart.min() < SAME_PLACE:
+            if len(apart) and apart.min() < SAME_POSITION:
                 raise InvalidInput(
                     f"suppression point {int(apart.argmin())} is {1e3 * apart.min():.2g} mm from focus {index} at "
-                    f"{in_mm(point)}, so both cannot be had; leave it out of the suppression zone.",
+                    f"{in_mm(point)}, so both cannot hold; leave it out of the suppression zone.",
                     point,
                     code="suppressed_focus",
                 )
 
     @property
     def weights(self) -> Float64[np.ndarray, "foci"]:
-        """(F,) how much each focus counts: pressures wanted [Pa], or shares, or 1 for all."""
+        """(F,) weight of each focus: pressures wanted [Pa], or shares, or 1 for all."""
         if self.pressures is not None:
             return self.pressures
         return np.ones(len(self.points)) if self.shares is None else self.shares
@@ -154,7 +154,7 @@ class Target:
         return self.weights * np.exp(1j * (np.zeros(len(self.points)) if self.phases is None else self.phases))
 
     def beacons(self, suppression: bool = False) -> Monopoles:
-        """One imagined source of 1 Pa·m in every focus, each its own sound: strengths are the identity (F, F).
+        """One virtual source of 1 Pa·m at every focus, each its own excitation: strengths are the identity (F, F).
 
         Parameters
         ----------
@@ -165,13 +165,13 @@ class Target:
 
 
 def _near_enough(points: Float64[np.ndarray, "points 3"], what: str) -> Float64[np.ndarray, "points 3"]:
-    """Return points, or refuse them where one is so far away that it must be in millimetres."""
+    """Return points; raise where one is so far away that it is probably in millimetres."""
     away = np.linalg.norm(points, axis=1)
-    if len(away) and away.max() > FARTHEST:
+    if len(away) and away.max() > MAX_FOCUS_DISTANCE:
         worst = int(away.argmax())
         raise InvalidInput(
             f"{what} {worst} at {in_mm(points[worst])} is {away[worst]:.4g} m from the origin of "
-            f"the obstacles' frame, more than {FARTHEST:g} m: is this in millimetres? Give metres.",
+            f"the obstacles' frame, more than {MAX_FOCUS_DISTANCE:g} m: is this in millimetres? Give metres.",
             points[worst],
             code="too_far",
         )

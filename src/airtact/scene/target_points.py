@@ -1,4 +1,4 @@
-"""Shapes that people think in, as points for a ``Target``: lines, circles, spheres, skin.
+"""Shapes as points for a ``Target``: lines, circles, spheres, surfaces of bodies.
 
 Points lie at most a spacing apart along a line. Foci nearer than half a wavelength to each other blur into one, so a
 quarter to a half of a wavelength (2 to 4 mm at 40 kHz) draws an unbroken line.
@@ -17,18 +17,18 @@ from airtact.surfaces.surface import Surface
 from airtact.validation import in_mm, number, of_kind, points_of, positive
 
 MOST_POINTS = 4096
-"""A shape of more points than this has a spacing in the wrong unit."""
+"""Largest number of points of a shape; with more, a unit is probably wrong."""
 
 Points = Float64[np.ndarray, "points 3"]
 
-FARTHEST_OFF = 0.02
-"""Drawings stand no farther than this off the skin that they are brought to [m]."""
+MAX_OFFSET = 0.02
+"""Largest distance of points from the surface that they are projected to [m]."""
 
 UPWARD = np.array([0.0, 0.0, 1.0])
-"""The direction where none is further from a skin than another."""
+"""The direction where the depth has no gradient."""
 
-STEP = 1e-4
-"""Over which the depth is differentiated [m]."""
+DEPTH_STEP = 1e-4
+"""Step of the numerical gradient of the depth [m]."""
 
 
 def segment(start: Vector, end: Vector, spacing: float) -> Points:
@@ -88,7 +88,7 @@ def polyline(corners: Real[np.ndarray, "corners 3"], spacing: float, closed: boo
             code="zero_length",
         )
     counts = np.maximum(np.ceil(lengths / spacing - 1e-9), 1.0)
-    _check_many(counts.sum() + 1.0, spacing)
+    check_count(counts.sum() + 1.0, spacing)
     parts = [
         one + np.linspace(0.0, 1.0, int(count), endpoint=False)[:, None] * (other - one)
         for one, other, count in zip(corners, ends, counts, strict=False)
@@ -123,7 +123,7 @@ def circle(centre: Vector, radius: float, spacing: float, normal: Vector = (0.0,
     """
     radius, spacing = positive(radius, "the radius", "m"), positive(spacing, "the spacing", "m")
     count = max(3.0, np.ceil(2.0 * np.pi * radius / spacing - 1e-9))
-    _check_many(count, spacing)
+    check_count(count, spacing)
     right, up, _ = frame_of(normal)
     angle = 2.0 * np.pi * np.arange(int(count)) / count
     return _vector(centre, "the centre") + radius * (np.outer(np.cos(angle), right) + np.outer(np.sin(angle), up))
@@ -155,36 +155,36 @@ def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
     radius, spacing = positive(radius, "the radius", "m"), positive(spacing, "the spacing", "m")
     # in a hexagonal lattice each point has √3/2 of the square of the spacing to itself
     count = max(4.0, np.ceil(4.0 * np.pi * radius**2 / (np.sqrt(0.75) * spacing**2)))
-    _check_many(count, spacing)
+    check_count(count, spacing)
     index = np.arange(int(count)) + 0.5
-    height, turn = 1.0 - 2.0 * index / count, np.pi * (1.0 + np.sqrt(5.0)) * index
+    height, azimuth = 1.0 - 2.0 * index / count, np.pi * (1.0 + np.sqrt(5.0)) * index
     across = np.sqrt(1.0 - height**2)
-    directions = np.stack([across * np.cos(turn), across * np.sin(turn), height], axis=1)
+    directions = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), height], axis=1)
     return _vector(centre, "the centre") + radius * directions
 
 
 def surface_points(surface: Surface, spacing: float, facing: Vector | None = None, within: float = 90.0) -> Points:
-    """Points spread over the skin of a body, or over the side of it that looks somewhere: zones to keep quiet.
+    """Points spread over the surface of a body, or over the side that faces a direction: a suppression zone.
 
     Parameters
     ----------
     surface : the body.
     spacing : about the distance of neighbours [m].
-    facing : (3,) direction that the outward normals shall have, or None for all the skin.
+    facing : (3,) direction of the outward normals, or None for the whole surface.
     within : the largest angle between normal and ``facing`` [degrees].
 
     Returns
     -------
-    (Q, 3) points [m], on the true skin.
+    (Q, 3) points [m], on the exact surface.
 
     Raises
     ------
     InvalidInput
-        If the spacing is not above zero, gives more than 4096 points, or no skin looks there.
+        If the spacing is not above zero or gives more than 4096 points, or no part of the surface faces there.
     """
     of_kind(surface, Surface, "the surface", "one Surface, such as pinch().surfaces[0]")
     spacing = positive(spacing, "the spacing", "m")
-    _check_many(surface.area / (np.sqrt(0.75) * spacing**2), spacing)
+    check_count(surface.area / (np.sqrt(0.75) * spacing**2), spacing)
     edge = spacing / 3.0
     panels = panels_of([surface.shape], edge, np.empty((0, 3)), smallest=edge).quadratic_triangles
     centres, normals = points_at(panels, np.full((len(panels), 2), 1.0 / 3.0))
@@ -195,19 +195,19 @@ def surface_points(surface: Surface, spacing: float, facing: Vector | None = Non
         centres = centres[cosine >= np.cos(np.radians(within)) - 1e-12]
     if not len(centres):
         raise InvalidInput(
-            f"0 points of the skin look within {within:g} degrees of {np.asarray(facing).tolist()}.", code="empty"
+            f"0 points of the surface face within {within:g} degrees of {np.asarray(facing).tolist()}.", code="empty"
         )
-    return thinned(surface.shape.project(centres), 0.85 * spacing)
+    return spaced_apart(surface.shape.project(centres), 0.85 * spacing)
 
 
 def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Points:
-    """Bring points to the nearest places of a skin, and off it again: a drawing becomes one on the hand.
+    """Project points to a surface and shift them off it along the normal: a drawing becomes one on the hand.
 
     Parameters
     ----------
     points : (P, 3) [m].
     surface : the body.
-    offset : how far off the skin they shall stand [m].
+    offset : their distance from the surface [m], 0 to 0.02.
 
     Returns
     -------
@@ -216,8 +216,8 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
     Raises
     ------
     InvalidInput
-        If the offset is negative or over 20 mm, or a point comes to stand nearer the skin than half of it, as in a
-        crevice (which one).
+        If the offset is negative or over 20 mm, or a shifted point is nearer to the surface than half of it, as in
+        a crevice (which one).
 
     Examples
     --------
@@ -228,32 +228,27 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
     """
     of_kind(surface, Surface, "the surface", "one Surface, such as pinch().surfaces[0]")
     offset = number(offset, "the offset", "m")
-    if not 0.0 <= offset <= FARTHEST_OFF:
+    if not 0.0 <= offset <= MAX_OFFSET:
         raise InvalidInput(
-            f"the offset is {offset:g} m, but it must lie between 0 and {FARTHEST_OFF:g}: give metres.",
+            f"the offset is {offset:g} m, but it must lie between 0 and {MAX_OFFSET:g}: give metres.",
             code="out_of_range",
         )
-    feet = surface.shape.project(points_of(points, "points", least=0))
-    stood = feet + offset * outward(surface.depth, feet)
-    short = np.flatnonzero(-surface.depth(stood) < 0.5 * offset)
+    projected = surface.shape.project(points_of(points, "points", least=0))
+    shifted = projected + offset * outward(surface.depth, projected)
+    short = np.flatnonzero(-surface.depth(shifted) < 0.5 * offset)
     if len(short):
         raise InvalidInput(
-            f"point {int(short[0])}, brought {1e3 * offset:.3g} mm off the skin at {in_mm(feet[short[0]])}, stands in "
+            f"point {int(short[0])}, shifted {1e3 * offset:.3g} mm off the surface at "
+            f"{in_mm(projected[short[0]])}, lies in "
             "a crevice or before another part of it; move the drawing.",
-            feet[short[0]],
+            projected[short[0]],
             code="in_crevice",
         )
-    return stood
+    return shifted
 
 
-def thinned(points: Points, least: float) -> Float64[np.ndarray, "kept 3"]:
-    """Leave out points that are nearer than a distance to one that was kept before them.
-
-    Parameters
-    ----------
-    points : (P, 3) [m].
-    least : [m].
-    """
+def spaced_apart(points: Points, least: float) -> Float64[np.ndarray, "kept 3"]:
+    """Leave out points that are nearer than ``least`` [m] to one before them that stays."""
     kept, dropped = [], np.zeros(len(points), dtype=bool)
     near = KDTree(points).query_ball_point(points, least * (1.0 - 1e-9))
     for index, neighbours in enumerate(near):
@@ -268,15 +263,7 @@ def frame_of(
 ) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
     """Give unit vectors to the right and up in a plane, and its normal, seen from where the normal points to.
 
-    Parameters
-    ----------
-    normal : (3,) at right angles to the plane.
-    up : (3,) what shall point up in the plane as far as it can; None for y, or z where the normal is nearly y.
-
-    Raises
-    ------
-    InvalidInput
-        If the normal is zero, or up is along it.
+    ``up`` is projected to the plane; None stands for y, or z where the normal is nearly y.
     """
     towards = _vector(normal, "the normal")
     length = float(np.linalg.norm(towards))
@@ -299,11 +286,12 @@ def frame_of(
 
 
 def _vector(given: Vector, what: str) -> Float64[np.ndarray, "3"]:
-    """Return three finite numbers as an array, or refuse what is none."""
+    """Return three finite numbers as an array."""
     return points_of(np.reshape(np.asarray(given), (1, -1)), what)[0]
 
 
-def _check_many(count: float, spacing: float) -> None:
+def check_count(count: float, spacing: float) -> None:
+    """Raise "too_many_points" where a spacing [m] gives more than ``MOST_POINTS``."""
     if count > MOST_POINTS:
         raise InvalidInput(
             f"a spacing of {1e3 * spacing:.3g} mm gives {count:.0f} points, more than {MOST_POINTS}: are the "
@@ -313,18 +301,12 @@ def _check_many(count: float, spacing: float) -> None:
 
 
 def outward(
-    depth: Callable[[Float64[np.ndarray, "places 3"]], Float64[np.ndarray, "places"]],
+    depth: Callable[[Float64[np.ndarray, "positions 3"]], Float64[np.ndarray, "positions"]],
     points: Real[np.ndarray, "points 3"],
 ) -> Float64[np.ndarray, "points 3"]:
-    """Find unit directions in which a depth falls fastest: away from the nearest skin; z midway between two.
-
-    Parameters
-    ----------
-    depth : of points, as ``Surface.depth`` and ``Scene.depth``.
-    points : (P, 3) [m].
-    """
-    shifts = STEP * np.concatenate([np.eye(3), -np.eye(3)])
+    """Find unit directions (P, 3) in which ``Surface.depth`` or ``Scene.depth`` falls fastest; z where it is level."""
+    shifts = DEPTH_STEP * np.concatenate([np.eye(3), -np.eye(3)])
     around = depth((points[:, None] + shifts).reshape(-1, 3)).reshape(-1, 6)
-    slopes = around[:, 3:] - around[:, :3]
-    length = np.linalg.norm(slopes, axis=1, keepdims=True)
-    return np.where(length > 0, slopes / np.where(length > 0, length, 1), UPWARD)
+    gradients = around[:, 3:] - around[:, :3]
+    length = np.linalg.norm(gradients, axis=1, keepdims=True)
+    return np.where(length > 0, gradients / np.where(length > 0, length, 1), UPWARD)

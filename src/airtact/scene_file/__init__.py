@@ -1,1 +1,1 @@
-"""The scene file: a TOML text that says what is in the air, who speaks and what shall be felt."""
+"""The scene file: a TOML text that describes the bodies, the transducers, and what a person is to feel."""
