@@ -57,7 +57,7 @@ def test_the_issues_two_fingers() -> None:
 # --- references, meshes, times ----------------------------------------------------------------------------------------
 
 
-def test_the_truth_is_that_of_the_series_and_is_kept(tmp_path: Path) -> None:
+def test_the_reference_is_that_of_the_series_and_is_cached(tmp_path: Path) -> None:
     reference = reference_pressure(BALL, FAR, BALL.foci, tmp_path)
     assert relative_error(reference.pressure, by_series(BALL)) < 3e-3
     files = list(tmp_path.iterdir())

@@ -19,10 +19,10 @@ TINY = dataclasses.replace(
     order=3,
     elements_per_wavelength=1.0,
     plane_step=2e-3,  # a grid that holds the beacons, where the pressure is infinite
-    judging=0.1,
-    truth=0.1,
+    verifying=0.1,
+    reference=0.1,
     sweep_drive=0.1,
-    sweep_judge=0.1,
+    sweep_verify=0.1,
     gaps=(6e-3, 12e-3),
     radii=(8e-3, 10e-3),
     tilts=(20.0,),
@@ -43,7 +43,7 @@ TABLES = {
     "foci",
     "mesh_cut",
     "mesh_sizes",
-    "mesh_skins",
+    "mesh_surfaces",
     "microphone",
     "pressures",
     "rigid_motion",
@@ -55,9 +55,9 @@ TABLES = {
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
-    told = []
+    steps = []
     folder = tmp_path_factory.mktemp("inoue2014")
-    return folder, reproduce(folder, report_step=told.append, settings=TINY), told
+    return folder, reproduce(folder, report_step=steps.append, settings=TINY), steps
 
 
 def rows_of(folder, name):
@@ -70,12 +70,12 @@ def numbers(rows, column):
 
 
 def test_page_is_self_contained_and_says_what_was_left_out(small) -> None:
-    _, done, told = small
+    _, done, steps = small
     page = done.page.read_text(encoding="utf-8")
     assert page.count("data:image/png;base64,") == 10
     assert re.findall(r'(?:src|href)="(?!data:)', page) == []
     assert "This is the tiny run" in page
-    assert len(told) == len(set(told)) > 10
+    assert len(steps) == len(set(steps)) > 10
     assert not done.failed
     for name in re.findall(r"data/(\w+)", page):
         assert name in TABLES
@@ -112,11 +112,11 @@ def test_numbers_behind_each_figure_are_in_both_kinds_of_file(small) -> None:
 def test_drive_is_the_one_that_boundary_elements_make(small) -> None:
     rows, fingers, array = rows_of(small[0], "transducers"), dummies(), at.surrounding_box()
     made = numbers(rows, "amplitude") * np.exp(1j * numbers(rows, "phase_rad"))
-    heard = at.BoundaryElement(accuracy=0.05).radiate(fingers.rigid, fingers.beacon).at(array.positions)[:, 0]
-    assert abs(np.vdot(made, heard.conj())) > 0.9 * np.linalg.norm(made) * np.linalg.norm(heard)
+    received = at.BoundaryElement(accuracy=0.05).radiate(fingers.rigid, fingers.beacon).at(array.positions)[:, 0]
+    assert abs(np.vdot(made, received.conj())) > 0.9 * np.linalg.norm(made) * np.linalg.norm(received)
     assert np.allclose(np.stack([numbers(rows, axis) for axis in ("x_m", "y_m", "z_m")], axis=1), array.positions)
     levels = numbers(rows, "amplitude_level") / 255 * np.exp(2j * np.pi * numbers(rows, "phase_level") / 256)
-    assert np.abs(levels - made).max() < 1e-6  # what was judged is what 256 levels can play
+    assert np.abs(levels - made).max() < 1e-6  # the verified drive has 256 levels
 
 
 def test_microphone_is_blank_where_a_finger_is_in_its_way(small) -> None:
@@ -132,9 +132,9 @@ def test_what_was_not_run_has_no_error_and_says_why(small) -> None:
     rows = rows_of(small[0], "mesh_sizes")
     assert len(rows) == 8
     for row in rows:
-        assert (row["said"] == "run") == np.isfinite(float(row["error"]))
-    assert sum(row["said"] == "run" for row in rows) >= 1
-    assert sum("limit" in row["said"] for row in rows) >= 1
+        assert (row["notes"] == "run") == np.isfinite(float(row["error"]))
+    assert sum(row["notes"] == "run" for row in rows) >= 1
+    assert sum("limit" in row["notes"] for row in rows) >= 1
 
 
 @pytest.mark.slow

@@ -14,11 +14,11 @@ from airtact.experiments.dummies import dummies
 from airtact.experiments.measurement import peak_ratios, readings
 from airtact.experiments.mesh_run import Combination, Ran, run_apart
 from airtact.experiments.mesh_sizes import how_many, study
-from airtact.experiments.part import write_columns
-from airtact.experiments.plane_figure import carried
+from airtact.experiments.part import carried, write_columns
 from airtact.experiments.rigid_motion import Nodes, nodes_beside, random_poses
 from airtact.experiments.settings import FULL
 from airtact.timing import Clock
+from faults import raises_code
 
 K = 2 * np.pi * 40e3 / 343.1
 
@@ -40,9 +40,11 @@ def test_foci_are_where_the_fingers_are_nearest(entering, tilt) -> None:
         assert np.abs(surface.vertices[:, 0]).min() >= 0.005 - 1e-9
 
 
-@pytest.mark.parametrize(("settings", "number"), [({"tilt": 120.0}, "120"), ({"gap": 0.0}, "0 mm")])
-def test_fingers_that_cannot_be_are_refused(settings, number) -> None:
-    with pytest.raises(at.InvalidInput, match=number):
+@pytest.mark.parametrize(
+    ("settings", "code", "number"), [({"tilt": 120.0}, "out_of_range", "120"), ({"gap": 0.0}, "not_positive", "0 mm")]
+)
+def test_impossible_fingers_raise(settings, code, number) -> None:
+    with raises_code(code, number):
         dummies(**settings)
 
 
@@ -59,8 +61,8 @@ def cloud(pressure) -> Nodes:
 def test_four_nodes_are_exact_for_what_is_linear() -> None:
     nodes = cloud(lambda x: (x @ [1.0, 2.0, -3.0] + 0.5).astype(np.complex128))
     asked = np.random.default_rng(3).uniform(-0.009, 0.009, (500, 3)) + [0.05, 0.0, 0.0]
-    heard, outside = nodes.literal(asked)
-    assert np.allclose(heard, asked @ [1.0, 2.0, -3.0] + 0.5, atol=1e-6)
+    pressure, outside = nodes.literal(asked)
+    assert np.allclose(pressure, asked @ [1.0, 2.0, -3.0] + 0.5, atol=1e-6)
     assert 0.2 < outside.mean() < 1.0  # the 4 nearest rarely surround a point
 
 
@@ -139,22 +141,22 @@ def test_memory_of_a_process_is_its_own() -> None:
     """The largest memory that Linux counts for a child would hold what its parent had."""
     ballast = np.ones(2**26)  # half a gigabyte
     command = [sys.executable, "-c", "from airtact.experiments.mesh_run import most_memory; print(most_memory())"]
-    told = int(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
-    assert 2**24 < told < ballast.nbytes
+    most = int(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    assert 2**24 < most < ballast.nbytes
 
 
-def test_a_run_that_takes_too_long_is_ended_and_says_so() -> None:
+def test_a_run_that_takes_too_long_is_ended_with_its_reason() -> None:
     assert run_apart(Combination(1, 1.0, "tight"), 0.05) == "ended after 0 s"
 
 
-def test_a_run_that_is_refused_says_why() -> None:
+def test_a_run_that_fails_has_its_reason() -> None:
     assert "order" in str(run_apart(Combination(11, 1.0, "tight"), 600.0))
 
 
 def test_readings_keep_the_blanks_and_ratios_ignore_them() -> None:
-    heard = np.full((50, 4), 2.0 + 0j) * np.array([1.0, 0.5, 3.0, 1.5])
-    heard[7] = np.nan
-    read = readings(heard)
+    pressure = np.full((50, 4), 2.0 + 0j) * np.array([1.0, 0.5, 3.0, 1.5])
+    pressure[7] = np.nan
+    read = readings(pressure)
     assert np.isnan(read[7]).all()
     assert np.isfinite(np.delete(read, 7, axis=0)).all()
     ratios = peak_ratios(read, np.array([1.0, 0.5, 1.0, 1.0]))
@@ -169,7 +171,7 @@ def test_values_are_carried_two_points_past_the_skin() -> None:
     assert np.array_equal(carried(window, values)[:7], [1, 2, 3, 4, 4, 4, np.nan], equal_nan=True)
 
 
-def test_columns_of_unequal_length_are_refused(tmp_path) -> None:
+def test_columns_of_unequal_length_raise(tmp_path) -> None:
     with pytest.raises(ValueError, match="shorter"):
         write_columns(tmp_path, "uneven", {"a": ("m", np.zeros(2)), "b": ("", ["one"])})
     assert not list(tmp_path.iterdir())

@@ -8,8 +8,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from airtact.evaluation.windows import AXES, Window
-from airtact.experiments.part import Part, places, write_columns
-from airtact.experiments.plane_figure import carried, draw_planes
+from airtact.experiments.part import Part, carried, coordinates, draw_planes, write_columns
 from airtact.experiments.settings import Settings
 from airtact.experiments.solved import CONSIDERED, Solved
 from airtact.figures.field_figure import cut_bodies
@@ -29,17 +28,17 @@ ON_BEACON = 1e-6
 
 
 def beacons(made: Solved, settings: Settings, folder: Path, clock: Clock) -> Part:
-    """Show the model, the beacons' field and what each transducer gets."""
+    """Show the model, the field of the beacons, and the phase and amplitude of each transducer."""
     system, report = made.field.ready.system, made.field.report
-    with clock.step("phases", "hearing the beacons in the plane of the fingers"):
+    with clock.step("phases", "evaluating the field of the beacons in the plane of the fingers"):
         window = _workspace(made.dummies.middle, settings.plane_step)
-        pressure = _heard(made, window.points)
+        pressure = _pressure(made, window.points)
     phase = np.angle(pressure)
     drive = made.drives[CONSIDERED].amplitudes
     write_columns(
         folder,
         "beacon_field",
-        {**places(window.points), "pressure": ("Pa", np.abs(pressure)), "phase": ("rad", phase)},
+        {**coordinates(window.points), "pressure": ("Pa", np.abs(pressure)), "phase": ("rad", phase)},
     )
     _write_transducers(made, drive, folder)
     _write_mesh(system, made.scene.wavelength, folder)
@@ -49,14 +48,15 @@ def beacons(made: Solved, settings: Settings, folder: Path, clock: Clock) -> Par
         paragraph(_how_meshed(report)),
         picture(
             draw_mesh(system, made.scene.wavelength),
-            "Fig. 4 of the paper: the model as meshed, cut in the plane of both fingers; dark: the matched layer. The "
-            "left edge is a plane of symmetry, and the circle is the beacon on the skin. data/mesh_cut",
+            "Fig. 4 of the paper: the model as meshed, cut in the plane of both fingers; dark: the perfectly matched "
+            "layer. The left edge is a plane of symmetry, and the circle is the beacon. data/mesh_cut",
             "triangles in a plane round half a finger, and a darker layer round them",
         ),
         picture(
-            draw_panels(whole_skin(system) * made.scene.wavelength),
-            "The skins as meshed: a quarter and its mirror images, curved triangles coloured by their smallest angle. "
-            "data/mesh_skins",
+            draw_panels(whole_surface(system) * made.scene.wavelength),
+            "The surfaces as meshed: a quarter and its mirror images, curved triangles coloured by their smallest "
+            "angle. "
+            "data/mesh_surfaces",
             "two fingers covered with curved triangles",
         ),
         picture(
@@ -77,12 +77,12 @@ def beacons(made: Solved, settings: Settings, folder: Path, clock: Clock) -> Par
     return Part("The model and the phases (Fig. 4 and 5)", pieces)
 
 
-def _heard(made: Solved, points: Float64[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points"]:
+def _pressure(made: Solved, points: Float64[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points"]:
     """Pressure of the beacons, NaN in the bodies and at the beacons themselves, where it is infinite."""
     away = np.linalg.norm(points[:, None] - made.dummies.foci, axis=2).min(axis=1) > ON_BEACON
-    heard = np.full(len(points), np.nan, dtype=np.complex128)
-    heard[away] = made.field.at(points[away])[:, 0]
-    return heard
+    pressure = np.full(len(points), np.nan, dtype=np.complex128)
+    pressure[away] = made.field.at(points[away])[:, 0]
+    return pressure
 
 
 def _how_meshed(report: SolveReport) -> str:
@@ -102,7 +102,7 @@ def _write_transducers(made: Solved, drive: Complex128[np.ndarray, "elements"], 
         folder,
         "transducers",
         {
-            **places(made.array.positions),
+            **coordinates(made.array.positions),
             "amplitude": ("", np.abs(drive)),
             "phase": ("rad", np.angle(drive)),
             "amplitude_level": ("", np.rint(255 * np.abs(drive)).astype(np.int64)),
@@ -120,11 +120,11 @@ def _write_mesh(system: System, wavelength: float, folder: Path) -> None:
         for corner in range(3)
         for index, axis in enumerate("xyz")
     }
-    write_columns(folder, "mesh_cut", {**columns, "matched_layer": ("", layer.astype(np.int64))})
-    nodes = wavelength * whole_skin(system)
+    write_columns(folder, "mesh_cut", {**columns, "perfectly_matched_layer": ("", layer.astype(np.int64))})
+    nodes = wavelength * whole_surface(system)
     write_columns(
         folder,
-        "mesh_skins",
+        "mesh_surfaces",
         {
             f"{axis}{node}": ("m", np.ascontiguousarray(nodes[:, node, index]))
             for node in range(6)
@@ -143,8 +143,8 @@ def _workspace(middle: Float64[np.ndarray, "3"], step: float) -> Window:
     return Window(np.zeros(3), AXES["x"], up, 0.14, 0.18 if up[2] else 0.14, step)
 
 
-def whole_skin(system: System) -> QuadraticTriangles:
-    """Meshed skins with their mirror images (T, 6, 3) [λ]."""
+def whole_surface(system: System) -> QuadraticTriangles:
+    """Meshed surfaces with their mirror images (T, 6, 3) [λ]."""
     quadratic_triangles = system.panels.quadratic_triangles
     for mirror in system.box.mirrors:
         image = np.array(quadratic_triangles[:, [0, 2, 1, 5, 4, 3]])
@@ -154,10 +154,10 @@ def whole_skin(system: System) -> QuadraticTriangles:
 
 
 def on_plane(system: System, axis: int) -> tuple[Float64[np.ndarray, "faces 3 3"], Bool[np.ndarray, "faces"]]:
-    """Faces of the tetrahedra that lie on a plane of symmetry [λ], and whether each is of the matched layer."""
+    """Faces of tetrahedra on a plane of symmetry (T, 3, 3) [λ], and whether each is in the perfectly matched layer."""
     corners = system.tetrahedra.corners
-    spot = next(one.place for one in system.box.mirrors if one.axis == axis) / system.scene.wavelength
-    on = np.abs(corners[:, :, axis] - spot) < ON_PLANE
+    plane = next(one.place for one in system.box.mirrors if one.axis == axis) / system.scene.wavelength
+    on = np.abs(corners[:, :, axis] - plane) < ON_PLANE
     flat = on.sum(axis=1) == 3
     faces = corners[flat][on[flat]].reshape(-1, 3, 3)
     return faces, ~system.box.holds(faces.mean(axis=1) * system.scene.wavelength)
@@ -167,20 +167,20 @@ def draw_mesh(system: System, wavelength: float) -> Figure:
     """Draw the tetrahedra where they meet the plane y = 0, or the first plane of symmetry there is."""
     axis = _cut_axis(system)
     faces, layer = on_plane(system, axis)
-    kept = [index for index in range(3) if index != axis]
-    flat = 1e3 * wavelength * faces[:, :, kept]
+    shown = [index for index in range(3) if index != axis]
+    flat = 1e3 * wavelength * faces[:, :, shown]
     figure = Figure(figsize=(6.0, 8.0), layout="constrained")
     axes = figure.subplots()
     for chosen, colour in ((~layer, "#e8eef7"), (layer, "#a9b8cf")):
         axes.add_collection(PolyCollection(list(flat[chosen]), facecolor=colour, edgecolor="0.3", linewidth=0.5))
-    axes.plot(*_beacon(system, kept), "o", markersize=9, markerfacecolor="none", markeredgecolor="#b3202a", mew=2)
+    axes.plot(*_beacon(system, shown), "o", markersize=9, markerfacecolor="none", markeredgecolor="#b3202a", mew=2)
     low, high = flat.reshape(-1, 2).min(axis=0), flat.reshape(-1, 2).max(axis=0)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
-    axes.set(xlabel=f"{'xyz'[kept[0]]} [mm]", ylabel=f"{'xyz'[kept[1]]} [mm]")
+    axes.set(xlabel=f"{'xyz'[shown[0]]} [mm]", ylabel=f"{'xyz'[shown[1]]} [mm]")
     return figure
 
 
-def _beacon(system: System, kept: list[int]) -> Float64[np.ndarray, "2"]:
-    """Place of the skin that is nearest the middle, where the beacon stands [mm]."""
+def _beacon(system: System, shown: list[int]) -> Float64[np.ndarray, "2"]:
+    """Point of the surface that is nearest the middle, where the beacon is [mm]."""
     points = system.skin.points * system.scene.wavelength
-    return 1e3 * points[np.argmin(np.abs(points[:, 0]))][kept]
+    return 1e3 * points[np.argmin(np.abs(points[:, 0]))][shown]

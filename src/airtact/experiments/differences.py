@@ -22,7 +22,7 @@ OFF_SKIN = 0.5
 
 
 def differences(made: Solved, settings: Settings, folder: Path, clock: Clock) -> Part:
-    """Solve for the beacons in four ways and say how far each pair is apart."""
+    """Solve for the beacons in several ways and compare each pair."""
     fingers, elements = made.dummies, made.array.positions
     vertices = np.concatenate([surface.vertices for surface in fingers.surfaces])
     plane = plane_through(fingers.foci, vertices, made.scene.wavelength).points[::7]
@@ -30,16 +30,16 @@ def differences(made: Solved, settings: Settings, folder: Path, clock: Clock) ->
     points = np.concatenate([elements, plane])
     finite = f"finite elements of order {settings.order}"
     ways: dict[str, tuple[Scene, Solver]] = {
-        "boundary elements, rigid": (made.scene, BoundaryElement(accuracy=settings.truth)),
+        "boundary elements, rigid": (made.scene, BoundaryElement(accuracy=settings.reference)),
         f"{finite}, water": (fingers.watery, FiniteElement(settings.order, settings.elements_per_wavelength)),
     }
-    heard = {f"{finite}, rigid": made.field.at(points)[:, 0]}
+    received = {f"{finite}, rigid": made.field.at(points)[:, 0]}
     for name, (scene, solver) in ways.items():
         with clock.step(name, f"solving for the beacons by {name}"):
-            heard[name] = solver.radiate(scene, fingers.beacon).at(points)[:, 0]
+            received[name] = solver.radiate(scene, fingers.beacon).at(points)[:, 0]
     count = len(elements)
-    pairs = [(one, other) for index, one in enumerate(heard) for other in list(heard)[index + 1 :]]
-    rows = [(one, other, *_apart(heard[one], heard[other], count)) for one, other in pairs]
+    pairs = [(one, other) for index, one in enumerate(received) for other in list(received)[index + 1 :]]
+    rows = [(one, other, *_apart(received[one], received[other], count)) for one, other in pairs]
     one, other, at_elements, in_plane, alike = (list(column) for column in zip(*rows, strict=True))
     write_columns(
         folder,
@@ -63,7 +63,8 @@ def differences(made: Solved, settings: Settings, folder: Path, clock: Clock) ->
                 [str(a), str(b), f"{100 * c:.2f} %", f"{100 * d:.2f} %", f"{e:.5f}"]
                 for a, b, c, d, e in zip(one, other, at_elements, in_plane, alike, strict=True)
             ],
-            f"Relative differences ‖a − b‖ / ‖b‖; in the plane, points {OFF_SKIN:g} λ and more off the skins. The last "
+            f"Relative differences ‖a − b‖ / ‖b‖; in the plane, points {OFF_SKIN:g} λ and more off the fingers. The "
+            f"last "
             "column is the correlation of the two drives, 1 for equal ones.",
         ),
     )

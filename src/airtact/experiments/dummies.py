@@ -1,4 +1,4 @@
-"""The paper's model of thumb and forefinger, with what it leaves open as settings.
+"""The paper's model of thumb and forefinger, with settings for all that the paper leaves open.
 
 Source: Inoue, Makino, Shinoda, SICE 2014, section 4 with Table 1 and Fig. 3, which has no dimensions.
 """
@@ -23,7 +23,7 @@ AIR = Medium(sound_speed=343.1, density=1.293)
 """Of the paper's Table 1."""
 
 WATER = Medium(sound_speed=1481.0, density=999.7)
-"""What the paper fills its fingers with (Table 1)."""
+"""Filling of the paper's fingers (Table 1)."""
 
 LENGTH = 44e-3
 """Length of a finger's axis [m]."""
@@ -32,27 +32,27 @@ EDGE = 2.5e-3
 """Longest edge of the triangles where nothing is drawn [m]."""
 
 Entering = Literal["from below", "from above", "from the side"]
-"""How the fingers come into the box: along its open axis z, or across it."""
+"""Direction from which the fingers enter the box: along its open axis z, or across it."""
 
 WAYS = {
     "from below": np.array([0.0, 0.0, -1.0]),
     "from above": np.array([0.0, 0.0, 1.0]),
     "from the side": np.array([0.0, -1.0, 0.0]),
 }
-"""Where a finger's root lies from its tip when it is not tilted."""
+"""Direction from the tip to the root of a finger that is not tilted."""
 
 
 @dataclass(frozen=True, eq=False)
 class Dummies:
-    """Two fingers that pinch nothing, with a focus on the skin of each.
+    """Two fingers of a pinch with nothing between them, and a focus on the surface of each.
 
     Attributes
     ----------
-    gap, radius : between the skins, and of a finger [m].
+    gap, radius : between the surfaces, and of a finger [m].
     tilt : of each finger, outward [degrees].
-    entering : where they come from.
+    entering : side from which they enter the box.
     surfaces : thumb (at -x) and finger (at +x).
-    foci : (2, 3) the points of the skins that are nearest each other [m].
+    foci : (2, 3) the points of the surfaces that are nearest to each other [m].
     """
 
     gap: float
@@ -81,7 +81,7 @@ class Dummies:
 
     @property
     def beacon(self) -> Monopoles:
-        """One sound of both foci in step, as the paper's symmetry plane makes it."""
+        """One excitation of both foci in phase, as the paper's symmetry plane makes it."""
         return Monopoles(self.foci, np.ones(2))
 
     @property
@@ -103,8 +103,8 @@ def dummies(
     ----------
     gap, radius : [m].
     tilt : [degrees], 0 to 90, which lays both along x.
-    entering : where they come from.
-    edge : longest edge of the triangles that pictures show [m]; solvers make their own.
+    entering : side from which they enter the box.
+    edge : longest edge of the triangles in pictures [m]; solvers make their own.
 
     Raises
     ------
@@ -117,9 +117,13 @@ def dummies(
     [[-0.006, 0.0, 0.0], [0.006, 0.0, 0.0]]
     """
     if not 0.0 <= tilt <= 90.0:
-        raise InvalidInput(f"a tilt of {tilt:g} degrees turns the fingers into each other; give 0 to 90.")
+        raise InvalidInput(
+            f"a tilt of {tilt:g} degrees turns the fingers into each other; give 0 to 90.", code="out_of_range"
+        )
     if not gap > 0.0:
-        raise InvalidInput(f"a gap of {1e3 * gap:g} mm leaves no room between the fingers; give more than 0.")
+        raise InvalidInput(
+            f"a gap of {1e3 * gap:g} mm leaves no room between the fingers; give more than 0.", code="not_positive"
+        )
     angle = math.radians(tilt)
     surfaces = []
     for side in (-1.0, 1.0):

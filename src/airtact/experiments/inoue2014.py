@@ -1,4 +1,4 @@
-"""The experiment of Inoue, Makino and Shinoda (SICE 2014), done again from its own numbers. Prints nothing."""
+"""The experiment of Inoue, Makino and Shinoda (SICE 2014), repeated from its own numbers. Prints nothing."""
 
 import traceback
 from collections.abc import Callable, Mapping
@@ -26,14 +26,14 @@ PAGE = "index.html"
 
 @dataclass(frozen=True)
 class Reproduced:
-    """What came of it.
+    """The result of the experiment.
 
     Attributes
     ----------
     page : the page that was written.
-    facts : (number, what it is), the most telling ones.
+    facts : (number, label), the most important results.
     seconds : wall time in all [s].
-    failed : why, of each part that did not come about, by its title.
+    failed : why each part failed, by its title.
     """
 
     page: Path
@@ -50,22 +50,22 @@ def reproduce(
 ) -> Reproduced:
     """Do the paper's experiment and write a page about it, with the numbers behind each figure beside it.
 
-    The page is written anew after each part, so that a run broken off leaves one with all that was done. A part that
-    fails says why on it, and the others are done all the same.
+    The page is rewritten after each part, so that an interrupted run leaves a page with all that was done. A part
+    that fails is shown with its reason, and the others are done all the same.
 
     Parameters
     ----------
     folder : where ``index.html`` goes, and below ``data`` the numbers as .csv and .h5; made if it is not there.
     quick : whether to do it in three minutes, with less of everything; the page says what was left out.
-    tell : is told each step as it begins.
-    settings : how much is done, in place of those of the two.
+    report_step : called with each step as it begins.
+    settings : in place of those of the full and the quick run.
 
     Raises
     ------
     InvalidInput
-        The folder is at fault, or memory is short for what all else stands on.
+        The folder is at fault, or memory is short for the first solve.
     NotConverged
-        What all else stands on was not solved.
+        The first solve did not converge.
     """
     chosen = settings or (QUICK if quick else FULL)
     data = writable_folder(folder / "data")
@@ -91,7 +91,7 @@ def reproduce(
 
 
 def _made(title: str, make: Callable[[], Part], failed: dict[str, str]) -> Part:
-    """Make a part, or one that says why there is none."""
+    """Make a part, or one with the reason why there is none."""
     try:
         return make()
     except Exception as fault:  # whatever it is, what was computed before and what can be after is worth more
@@ -134,12 +134,12 @@ def _left_out(settings: Settings) -> str:
         f"{len(settings.tilts)} tilts at {len(settings.tilt_gaps)} of {len(FULL.tilt_gaps)} gaps; microphone steps of "
         f"{1e3 * settings.scan_step:g} mm in place of {1e3 * FULL.scan_step:g} mm; in the study of meshes only what is "
         f"predicted under {settings.study_seconds:g} s in place of {FULL.study_seconds:g} s; {settings.poses} of "
-        f"{FULL.poses} poses; a truth at {100 * settings.truth:g} % in place of {100 * FULL.truth:g} %."
+        f"{FULL.poses} poses; a reference at {100 * settings.reference:g} % in place of {100 * FULL.reference:g} %."
     )
 
 
 def _foot(settings: Settings, clock: Clock) -> list[str]:
-    """Say what was not modelled, and how long each part took."""
+    """Write what was not modelled, and how long each part took."""
     swept = sum(seconds for name, seconds in clock.seconds.items() if name.startswith("fingers "))
     studied = sum(seconds for name, seconds in clock.seconds.items() if name.startswith("order "))
     others = {name: seconds for name, seconds in clock.seconds.items() if not name.startswith(("fingers ", "order "))}
@@ -147,9 +147,11 @@ def _foot(settings: Settings, clock: Clock) -> list[str]:
     return [
         section("How it was done"),
         paragraph(
-            "Fingers are capsules 44 mm long from the tip's centre to the root's; transducers are monopoles in the "
-            "places of four AUTD3 boards and, like the walls, do not reflect (section 3.1 of the paper). Beacons stand "
-            "on the skin. Every drive is rounded to 256 levels of amplitude and phase before it is judged. The numbers "
+            "Fingers are capsules 44 mm long from the tip's centre to the root's; transducers are monopoles at the "
+            "positions of four AUTD3 boards and, like the walls, do not reflect (section 3.1 of the paper). Beacons "
+            "stand "
+            "on the surfaces. Every drive is rounded to 256 levels of amplitude and phase before it is verified. The "
+            "numbers "
             "behind each figure are in data/, as .csv and .h5."
         ),
         table(

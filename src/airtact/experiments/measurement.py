@@ -1,4 +1,4 @@
-"""Fig. 8 to 10 of the paper: its measurement, done by a microphone that is not there."""
+"""Fig. 8 to 10 of the paper: its measurement, done by a virtual microphone."""
 
 from pathlib import Path
 
@@ -8,9 +8,8 @@ from jaxtyping import Complex128, Float64
 from airtact.evaluation.comparison import HELD_EQUAL
 from airtact.evaluation.microphone import Microphone
 from airtact.evaluation.windows import AXES, Window
-from airtact.experiments.part import Part, places, write_columns
-from airtact.experiments.plane_figure import draw_planes
-from airtact.experiments.pressures import HELD, loudness
+from airtact.experiments.part import Part, coordinates, draw_planes, write_columns
+from airtact.experiments.pressures import HELD, equal_energy_factors
 from airtact.experiments.settings import Settings
 from airtact.experiments.solved import CONSIDERED, IGNORED, Solved
 from airtact.figures.field_figure import COLOURS, cut_bodies
@@ -29,8 +28,8 @@ def measurement(made: Solved, settings: Settings, folder: Path, clock: Clock) ->
     side = 2 * settings.scan_half
     window = Window(focus, AXES["x"], AXES["z"], side, side, settings.scan_step)
     with clock.step("microphone", f"moving a microphone to {len(window.points)} positions"):
-        heard = microphone.read(made.compared.field, window.points)
-    read = readings(heard * loudness(made))
+        pressure = microphone.read(made.compared.field, window.points)
+    read = readings(pressure * equal_energy_factors(made))
     largest = float(np.nanmax(read[:, :2]))
     shown: dict[str, np.ndarray] = dict(zip((CONSIDERED, IGNORED), (read[:, :2] / largest).T, strict=True))
     columns = ("considered", "ignored", "considered_phase_only", "ignored_phase_only")
@@ -38,13 +37,13 @@ def measurement(made: Solved, settings: Settings, folder: Path, clock: Clock) ->
         folder,
         "microphone",
         {
-            **places(window.points),
+            **coordinates(window.points),
             **{name: ("Pa", np.ascontiguousarray(read[:, index])) for index, name in enumerate(columns)},
         },
     )
     blocked = int(np.isnan(read[:, 0]).sum())
     scale = (COLOURS, 0.0, 1.0, f"reading over the largest of both, {HELD}")
-    peaks = peak_ratios(read, loudness(made))
+    peaks = peak_ratios(read, equal_energy_factors(made))
     pieces = (
         paragraph(
             f"A microphone with a face of {1e3 * microphone.diameter:.2f} mm looks down along z, parallel to the faces "
@@ -52,8 +51,8 @@ def measurement(made: Solved, settings: Settings, folder: Path, clock: Clock) ->
             f"finger. It reads the mean over its face with {100 * NOISE:.0f} % of noise and does not scatter sound "
             f"itself. At {blocked} of {len(read)} positions a finger is in its way; they are blank, and the focus, on "
             "the skin, is one of them. "
-            f"The largest reading with the fingers considered is at {_place(window.points, read[:, 0])}, with them "
-            f"ignored at {_place(window.points, read[:, 1])}: where the disc has room, not at the focus."
+            f"The largest reading with the fingers considered is at {_position(window.points, read[:, 0])}, with them "
+            f"ignored at {_position(window.points, read[:, 1])}: where the disc has room, not at the focus."
         ),
         picture(
             draw_planes(window, shown, cut_bodies(window, made.dummies.surfaces), focus[None], scale),
@@ -70,21 +69,27 @@ def measurement(made: Solved, settings: Settings, folder: Path, clock: Clock) ->
     return Part("A virtual measurement (Fig. 8 to 10)", pieces, ((f"{peaks[HELD]:.2f}", f"ratio of readings, {HELD}"),))
 
 
-def _place(points: Float64[np.ndarray, "positions 3"], read: Float64[np.ndarray, "positions"]) -> str:
+def _position(points: Float64[np.ndarray, "positions 3"], read: Float64[np.ndarray, "positions"]) -> str:
     x, _, z = 1e3 * points[int(np.nanargmax(read))]
     return f"x = {x:.1f} mm, z = {z:.1f} mm"
 
 
-def readings(heard: Complex128[np.ndarray, "positions sounds"]) -> Float64[np.ndarray, "positions sounds"]:
-    """Add noise to what a microphone hears and take the magnitude."""
+def readings(
+    pressure: Complex128[np.ndarray, "positions excitations"],
+) -> Float64[np.ndarray, "positions excitations"]:
+    """Return the magnitude of the pressure at a microphone [Pa] with noise, NaN where there is none."""
     chance = np.random.default_rng(SEED)
-    noise = chance.standard_normal((2, *heard.shape)) / np.sqrt(2)
-    return np.abs(heard + NOISE * np.nanmax(np.abs(heard)) * (noise[0] + 1j * noise[1]))
+    noise = chance.standard_normal((2, *pressure.shape)) / np.sqrt(2)
+    return np.abs(pressure + NOISE * np.nanmax(np.abs(pressure)) * (noise[0] + 1j * noise[1]))
 
 
-def peak_ratios(read: Float64[np.ndarray, "positions 4"], loud: Float64[np.ndarray, "4"]) -> dict[str, float]:
-    """Largest reading ignored over considered, for each normalisation."""
+def peak_ratios(read: Float64[np.ndarray, "positions 4"], factors: Float64[np.ndarray, "4"]) -> dict[str, float]:
+    """Largest reading ignored over considered, for each normalisation.
+
+    The columns of ``read`` are both drives at equal energy, then both by their phases alone; ``factors`` brought them
+    there from equal peak.
+    """
     peak = np.nanmax(read, axis=0)
-    first, second = loud[:2]
+    first, second = factors[:2]
     values = (peak[1] / second / (peak[0] / first), peak[1] / peak[0], peak[3] / peak[2])
     return {held: float(value) for held, value in zip(HELD_EQUAL, values, strict=True)}

@@ -1,4 +1,4 @@
-"""What a combination of order, mesh and domain will cost, told from those that were run before it."""
+"""Prediction of the cost of a combination of order, mesh and domain from those that were run before it."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -12,14 +12,14 @@ from airtact.experiments.mesh_run import BOX, Combination, Row
 from airtact.solvers.fem.solver import LAYER, MARGIN
 
 TETRAHEDRA = 8.0
-"""Tetrahedra in a cube whose edge is theirs, until a run has told."""
+"""Tetrahedra in a cube whose edge is theirs, until a run has measured it."""
 
 CORNERS, EDGES, FACES = 0.2, 1.2, 2.0
 """Of each over the number of tetrahedra, in a mesh that fills space."""
 
 SLOWEST, HEAVIEST = 5.0 / 3.0, 4.0 / 3.0
-"""Powers of the unknowns with which the time and the memory of a factor are taken to grow: nested dissection of a mesh
-in space has 2 and 4/3 at most."""
+"""Powers of the unknowns with which time and memory of a factor grow: nested dissection of a mesh in space has 2 and
+4/3 at most."""
 
 SECONDS = np.array([0.1, 1e-4, 5e-7, 1e-7])
 """Seconds to begin with: always, for a tetrahedron, for an entry of its matrix, for the power of the unknowns."""
@@ -28,11 +28,11 @@ BYTES = np.array([0.3 * 2.0**30, 1e3, 30.0, 400.0])
 """The same of bytes."""
 
 BELIEVED = 0.1
-"""How much those count beside one run."""
+"""Weight of those beside one run."""
 
 
 def tetrahedra(one: Combination, ran: Sequence[Row]) -> float:
-    """Tetrahedra of a quarter of the scene: those of the same mesh, or else the volume times what the next mesh had."""
+    """Predict the tetrahedra of a quarter of the scene: those of the nearest mesh that was run, scaled by volume."""
     cells = TETRAHEDRA * _volume(one.domain) * one.elements_per_wavelength**3
     known = [row for row in ran if row.combination.domain == one.domain]
     if not known:
@@ -66,7 +66,7 @@ def shared_unknowns(order: int) -> float:
 
 
 def predicted(one: Combination, ran: Sequence[Row]) -> tuple[float, float, float]:
-    """Unknowns, seconds and bytes of a combination.
+    """Predict unknowns, seconds and bytes of a combination.
 
     Time and memory are taken for sums of four costs: what is always spent, that of each tetrahedron, of each entry of
     its matrix, and a power of the unknowns that the factor holds; each is found from the runs by least squares of the
@@ -87,7 +87,7 @@ def _powers(cells: float, order: int, power: float) -> Float64[np.ndarray, "4"]:
 
 
 def _fitted(ran: Sequence[Row], spent: str, power: float, start: Float64[np.ndarray, "4"]) -> Float64[np.ndarray, "4"]:
-    """Find the four costs, drawn to those of the start as far as the runs do not tell."""
+    """Fit the four costs to the runs, regularised towards those of the start."""
     rows = [_powers(row.tetrahedra, row.combination.order, power) * start / getattr(row, spent) for row in ran]
     rows += list(BELIEVED * np.eye(4))
     wanted = np.concatenate([np.ones(len(ran)), np.full(4, BELIEVED)])

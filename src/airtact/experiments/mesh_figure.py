@@ -23,7 +23,7 @@ BEYOND = 30.0
 
 
 def draw_costs(rows: Sequence[Row], settings: Settings) -> Figure:
-    """Draw every combination three times: what was run by its error, and above it what was not by its order."""
+    """Draw every combination three times: those run by their error, and above them the others by their order."""
     figure = Figure(figsize=(12.0, 7.6), layout="constrained")
     grid = figure.subplots(2, 3, sharex="col", sharey="row", height_ratios=(1.0, 2.2))
     above, below = list(grid[0]), list(grid[1])

@@ -1,4 +1,4 @@
-"""One combination of order, mesh and domain, solved in a process of its own so that its memory can be told."""
+"""One combination of order, mesh and domain, solved in a process of its own so that its memory can be measured."""
 
 import json
 import resource
@@ -47,36 +47,36 @@ class Combination:
 
 @dataclass(frozen=True, eq=False)
 class Ran:
-    """What came of it.
+    """The result of a combination.
 
     Attributes
     ----------
     tetrahedra : of the mesh.
     unknowns : of the system.
-    seconds : meshing, factorising, solving and listening at the transducers [s].
-    most_bytes : largest memory of the process, the libraries with it.
-    heard : (E,) pressure at the transducers [Pa].
+    seconds : meshing, factorising, solving and evaluating at the transducers [s].
+    most_bytes : largest memory of the process, libraries included.
+    received : (E,) pressure at the transducers [Pa].
     """
 
     tetrahedra: int
     unknowns: int
     seconds: float
     most_bytes: int
-    heard: Complex128[np.ndarray, "elements"]
+    received: Complex128[np.ndarray, "elements"]
 
     __repr__ = in_short
 
 
 @dataclass(frozen=True)
 class Row:
-    """A combination, what was predicted of it, and what came if it was run.
+    """A combination with its cost and error, predicted or measured.
 
     Attributes
     ----------
-    combination : what.
-    tetrahedra, unknowns, seconds, most_bytes : measured where ``ran``, else predicted.
+    combination : what is solved.
+    tetrahedra, unknowns, seconds, most_bytes : measured where it was run, else predicted.
     error : relative error of the beacons' pressure at the transducers, NaN where not run.
-    said : why it was not run, or "" where it was.
+    notes : why it was not run, or "" where it was.
     """
 
     combination: Combination
@@ -89,11 +89,11 @@ class Row:
 
 
 def run_apart(combination: Combination, limit: float) -> Ran | str:
-    """Solve for the paper's beacons in a process of its own.
+    """Solve for the paper's beacons in a process of its own, which is ended after ``limit`` seconds.
 
     Returns
     -------
-    What came of it, or a sentence that says why nothing did.
+    The result, or the reason why there is none.
     """
     asked = json.dumps([combination.order, combination.elements_per_wavelength, combination.domain])
     command = [sys.executable, "-m", "airtact.experiments.mesh_run", asked]
@@ -104,9 +104,9 @@ def run_apart(combination: Combination, limit: float) -> Ran | str:
     if done.returncode != 0:
         lines = done.stderr.strip().splitlines()
         return lines[-1] if lines else f"ended with code {done.returncode}"
-    told = json.loads(done.stdout.splitlines()[-1])
-    heard = np.array(told["real"]) + 1j * np.array(told["imaginary"])
-    return Ran(told["tetrahedra"], told["unknowns"], told["seconds"], told["most_bytes"], heard)
+    answer = json.loads(done.stdout.splitlines()[-1])
+    received = np.array(answer["real"]) + 1j * np.array(answer["imaginary"])
+    return Ran(answer["tetrahedra"], answer["unknowns"], answer["seconds"], answer["most_bytes"], received)
 
 
 def run_here(combination: Combination) -> Ran:
@@ -117,10 +117,10 @@ def run_here(combination: Combination) -> Ran:
     ngsolve_library()  # loaded before the clock starts
     begun = time.perf_counter()
     field = combination.solver().radiate(scene, fingers.beacon)
-    heard = field.at(array.positions)[:, 0]
+    received = field.at(array.positions)[:, 0]
     seconds = time.perf_counter() - begun
     tetrahedra = int(str(field.report.settings["tetrahedra"]))
-    return Ran(tetrahedra, field.report.nodes, seconds, most_memory(), heard)
+    return Ran(tetrahedra, field.report.nodes, seconds, most_memory(), received)
 
 
 def most_memory() -> int:
@@ -140,18 +140,18 @@ def most_memory() -> int:
 
 
 def main() -> None:
-    """Solve what the command line asks for in JSON and print what came of it in JSON."""
+    """Solve what the command line asks for in JSON and print the result in JSON."""
     order, size, domain = json.loads(sys.argv[1])
     ran = run_here(Combination(order, size, domain))
-    told = {
+    answer = {
         "tetrahedra": ran.tetrahedra,
         "unknowns": ran.unknowns,
         "seconds": ran.seconds,
         "most_bytes": ran.most_bytes,
-        "real": np.real(ran.heard).tolist(),
-        "imaginary": np.imag(ran.heard).tolist(),
+        "real": np.real(ran.received).tolist(),
+        "imaginary": np.imag(ran.received).tolist(),
     }
-    print(json.dumps(told))
+    print(json.dumps(answer))
 
 
 if __name__ == "__main__":

@@ -21,29 +21,32 @@ from airtact.timing import Clock
 from airtact.transducers.layout import surrounding_box
 
 GOOD = 0.02
-"""Error that is good enough for a drive and for the pressure it is predicted to make."""
+"""Error that suffices for a drive and for the prediction of its pressure."""
 
 WAITS, OVER_LIMIT, NO_TIME = "waits for its turn", "predicted over the limit", "no time left for it"
 """Why a combination was not run."""
 
 OVERDUE, STARTING = 2.0, 30.0
-"""A combination is ended after so many times the seconds that it may take, and so many for its process to start."""
+"""A combination is stopped after so many times its limit of seconds, plus the seconds for its process to start."""
 
 
 def mesh_sizes(settings: Settings, folder: Path, clock: Clock) -> Part:
     """Run what is cheap enough and predict the rest."""
-    with clock.step("truth", f"solving by boundary elements to {100 * settings.truth:g} %, the truth of the study"):
-        truth, uncertain = _truth(settings.truth)
-    rows = study(settings, truth, clock, run_apart, lambda found: _write(found, folder))
+    with clock.step(
+        "reference", f"solving by boundary elements to {100 * settings.reference:g} %, the reference of the study"
+    ):
+        reference, uncertain = _reference(settings.reference)
+    rows = study(settings, reference, clock, run_apart, lambda found: _write(found, folder))
     _write(rows, folder)
     ran = [row for row in rows if not row.notes]
     best, facts = _best(ran)
     pieces = (
         paragraph(
             "The paper takes a mesh of λ/6 to λ/10 from a rule and asks which mesh, model and solver are best. "
-            f"{how_many(rows, settings)} The error is that of the beacons' pressure at the {len(truth)} transducers, "
+            f"{how_many(rows, settings)} The error is that of the beacons' pressure at the {len(reference)} "
+            f"transducers, "
             f"against boundary elements (which are known to about {100 * uncertain:.1f} %, so errors below that are "
-            "not told apart). Domain tight: a box round the fingers, read by the surface integral; box: the whole "
+            "not resolved). Domain tight: a box round the fingers, read by the surface integral; box: the whole "
             "workspace, read off the mesh as the paper does. Memory is that of the whole process. Each combination has "
             "one order everywhere; FiniteElement itself grades the order by the size of each tetrahedron, which costs "
             "less (the parts above)."
@@ -65,7 +68,7 @@ def mesh_sizes(settings: Settings, folder: Path, clock: Clock) -> Part:
 
 
 def how_many(rows: Sequence[Row], settings: Settings) -> str:
-    """Say how many were run, and why the others were not."""
+    """Write how many were run, and why the others were not."""
     ran, over, cut = (sum(row.notes == words for row in rows) for words in ("", OVER_LIMIT, NO_TIME))
     sentences = [
         f"{ran} of {len(rows)} combinations of order, mesh and domain were run, each in its own process, the cheapest "
@@ -76,7 +79,7 @@ def how_many(rows: Sequence[Row], settings: Settings) -> str:
     if cut:
         sentences.append(
             f"{cut} within those limits were not run because the study as a whole is given "
-            f"{settings.study_budget:g} s: a quieter machine runs more of them."
+            f"{settings.study_budget:g} s: an idle machine runs more of them."
         )
     if ran + over + cut < len(rows):
         sentences.append(f"{len(rows) - ran - over - cut} begun did not end well; the table says why.")
@@ -84,28 +87,28 @@ def how_many(rows: Sequence[Row], settings: Settings) -> str:
 
 
 def _best(ran: Sequence[Row]) -> tuple[str, tuple[tuple[str, str], ...]]:
-    """Sentence and tile about the quickest run to 2 %, or else the most exact one."""
+    """Return the sentence and the fact about the fastest run to 2 %, or else the most accurate one."""
     good = [row for row in ran if row.error <= GOOD] or sorted(ran, key=lambda row: row.error)[:1]
     if not good:
         return "None ran: the table says why.", ()
     best = min(good, key=lambda row: row.seconds)
     one, error = best.combination, f"{100 * best.error:.2g} %"
     sentence = (
-        f"The quickest to {100 * GOOD:g} % (or the most exact, where none is): order {one.order} at "
+        f"The fastest to {100 * GOOD:g} % (or the most accurate, where none is): order {one.order} at "
         f"λ/{one.elements_per_wavelength:g}, domain {one.domain}: {error} in {best.seconds:.1f} s and "
         f"{best.most_bytes / 2**30:.2f} GiB."
     )
     return sentence, ((f"{best.seconds:.1f} s", f"finite elements to {error}, order {one.order}"),)
 
 
-def _truth(accuracy: float) -> tuple[Complex128[np.ndarray, "elements"], float]:
-    """Beacons' pressure at the transducers, and how far a coarser solution lies from it."""
+def _reference(accuracy: float) -> tuple[Complex128[np.ndarray, "elements"], float]:
+    """Pressure of the beacons at the transducers (E,), and its relative distance from a coarser solution."""
     fingers, positions = dummies(), surrounding_box().positions
-    heard = [
+    received = [
         BoundaryElement(accuracy=one).radiate(fingers.rigid, fingers.beacon).at(positions)[:, 0]
         for one in (accuracy, 2 * accuracy)
     ]
-    return heard[0], relative_error(heard[1], heard[0])
+    return received[0], relative_error(received[1], received[0])
 
 
 def relative_error(found: Complex128[np.ndarray, "elements"], true: Complex128[np.ndarray, "elements"]) -> float:
@@ -115,12 +118,15 @@ def relative_error(found: Complex128[np.ndarray, "elements"], true: Complex128[n
 
 def study(
     settings: Settings,
-    truth: Complex128[np.ndarray, "elements"],
+    reference: Complex128[np.ndarray, "elements"],
     clock: Clock,
     run: Callable[[Combination, float], Ran | str],
     keep: Callable[[list[Row]], None] = lambda rows: None,
 ) -> list[Row]:
-    """Run the cheapest combination that is left, learn from it, and go on while one is within the limits."""
+    """Run the cheapest combination that is left, update the predictions, and continue while one is within the limits.
+
+    ``run`` stops a combination after so many seconds; ``keep`` gets all rows after each run.
+    """
     left = [
         Combination(order, size, domain)
         for domain, order, size in product(("tight", "box"), settings.study_orders, settings.study_sizes)
@@ -137,7 +143,7 @@ def study(
             break
         next_one = min(fitting, key=lambda row: row.seconds)
         left.remove(next_one.combination)
-        rows.append(_run(next_one, truth, clock, settings, run))
+        rows.append(_run(next_one, reference, clock, settings, run))
     return _in_order(rows)
 
 
@@ -146,19 +152,19 @@ def _in_order(rows: Sequence[Row]) -> list[Row]:
 
 
 def _unrun(one: Combination, ran: Sequence[Row], spent: float, settings: Settings) -> Row:
-    """Predict a combination, and say what it waits for."""
+    """Predict a combination, and note what it waits for."""
     unknowns, seconds, most = predicted(one, ran)
-    said = WAITS
+    notes = WAITS
     if seconds > settings.study_seconds or most > settings.study_bytes:
-        said = OVER_LIMIT
+        notes = OVER_LIMIT
     elif spent and spent + seconds > settings.study_budget:
-        said = NO_TIME
-    return Row(one, tetrahedra(one, ran), unknowns, seconds, most, float("nan"), said)
+        notes = NO_TIME
+    return Row(one, tetrahedra(one, ran), unknowns, seconds, most, float("nan"), notes)
 
 
 def _run(
     expected: Row,
-    truth: Complex128[np.ndarray, "elements"],
+    reference: Complex128[np.ndarray, "elements"],
     clock: Clock,
     settings: Settings,
     run: Callable[[Combination, float], Ran | str],
@@ -169,7 +175,7 @@ def _run(
         ran = run(one, OVERDUE * settings.study_seconds + STARTING)
     if isinstance(ran, str):
         return replace(expected, notes=ran)
-    error = relative_error(ran.heard, truth)
+    error = relative_error(ran.received, reference)
     return Row(one, ran.tetrahedra, ran.unknowns, ran.seconds, ran.most_bytes, error, "")
 
 
@@ -203,6 +209,6 @@ def _write(rows: Sequence[Row], folder: Path) -> None:
             "time": ("s", column([row.seconds for row in rows])),
             "memory": ("B", column([row.most_bytes for row in rows])),
             "error": ("", column([row.error for row in rows])),
-            "said": ("", [row.notes or "run" for row in rows]),
+            "notes": ("", [row.notes or "run" for row in rows]),
         },
     )

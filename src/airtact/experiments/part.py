@@ -1,14 +1,25 @@
-"""One part of an experiment: what the page shows of it, and the numbers behind each figure as files."""
+"""One part of an experiment: its pieces of the page, the numbers of its figures as files, and pictures of planes."""
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64, Int64, Real
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path as Outline
 
 from airtact.atomic import whole_file
+from airtact.evaluation.windows import Window
+from airtact.figures.field_figure import BODY
+
+BLANK = "0.9"
+"""Grey of points without a value."""
 
 Column = Float64[np.ndarray, "rows"] | Int64[np.ndarray, "rows"] | list[str]
 """Numbers or words, one for each row."""
@@ -16,13 +27,13 @@ Column = Float64[np.ndarray, "rows"] | Int64[np.ndarray, "rows"] | list[str]
 
 @dataclass(frozen=True)
 class Part:
-    """What a part of the experiment adds to the page.
+    """The pieces of one part on the page.
 
     Attributes
     ----------
     title : its heading.
     pieces : HTML made by ``pages.page``.
-    facts : (number, what it is), for the head of the page.
+    facts : (number, label) for the head of the page.
     """
 
     title: str
@@ -31,7 +42,7 @@ class Part:
 
 
 def write_columns(folder: Path, name: str, columns: Mapping[str, tuple[str, Column]]) -> None:
-    """Write columns of one length as ``name.csv`` and ``name.h5``."""
+    """Write columns of one length, each a unit ("" for none) and values, as ``name.csv`` and ``name.h5``."""
     import h5py
 
     heads = [f"{column}_{unit}" if unit else column for column, (unit, _) in columns.items()]
@@ -45,6 +56,60 @@ def write_columns(folder: Path, name: str, columns: Mapping[str, tuple[str, Colu
             file.create_dataset(column, data=values).attrs["unit"] = unit
 
 
-def places(points: Float64[np.ndarray, "rows 3"]) -> dict[str, tuple[str, Column]]:
+def coordinates(points: Float64[np.ndarray, "rows 3"]) -> dict[str, tuple[str, Column]]:
     """Columns x, y and z of points (P, 3) [m]."""
     return {axis: ("m", np.ascontiguousarray(points[:, index])) for index, axis in enumerate("xyz")}
+
+
+def carried(window: Window, values: Float64[np.ndarray, "points"]) -> Float64[np.ndarray, "points"]:
+    """Extend values (P,), NaN inside bodies, by two points into them, so that no gap shows at the outline."""
+    from scipy.ndimage import distance_transform_edt
+
+    grid = values.reshape(window.shape)
+    found: Any = distance_transform_edt(np.isnan(grid), return_indices=True)
+    distance, (row, column) = found
+    return np.where(distance <= 2, grid[row, column], np.nan).ravel()
+
+
+def draw_planes(
+    window: Window,
+    values: Mapping[str, Real[np.ndarray, "points"]],
+    outlines: Sequence[Float64[np.ndarray, "_ 3"]],
+    marks: Real[np.ndarray, "marks 3"],
+    scale: tuple[str, float, float, str],
+) -> Figure:
+    """Draw values (P,) at the points of a window, one picture for each title, NaN left blank.
+
+    Outlines (N, 3) [m] of bodies are filled and marks (M, 3) [m] ringed; the scale has the name of the colours, the
+    lowest and the highest value, and a label.
+    """
+    colours, lowest, highest, label = scale
+    left, right, bottom, top = window.extent
+    size = min(10.0 / len(values) / (right - left), 5.0 / (top - bottom), 5.0 / (right - left))
+    wide, tall = (right - left) * size, (top - bottom) * size
+    figure = Figure(figsize=(len(values) * (wide + 0.3) + 1.6, tall + 1.0), layout="constrained")
+    axes = figure.subplots(1, len(values), squeeze=False, sharex=True, sharey=True)[0]
+    rows, columns = window.shape
+    half = (right - left) / (columns - 1) / 2, (top - bottom) / (rows - 1) / 2
+    for one, (title, shown) in zip(axes, values.items(), strict=True):
+        one.imshow(
+            np.ma.masked_invalid(np.asarray(shown, dtype=np.float64).reshape(rows, columns)),
+            origin="lower",
+            extent=(left - half[0], right + half[0], bottom - half[1], top + half[1]),
+            cmap=colours,
+            norm=Normalize(lowest, highest),
+            interpolation="nearest",
+        )
+        one.set_facecolor(BLANK)
+        for loop in outlines:
+            outline = Outline(window.seen(np.concatenate([loop, loop[:1]])), closed=True)
+            one.add_patch(PathPatch(outline, facecolor=BODY, edgecolor="0.25", linewidth=0.8))
+        one.plot(*window.seen(marks).T, "o", markersize=8, markerfacecolor="none", markeredgecolor="black", mew=2.6)
+        one.plot(*window.seen(marks).T, "o", markersize=8, markerfacecolor="none", markeredgecolor="white", mew=1.3)
+        one.set_title(title, fontsize=11)
+        one.set(xlim=(left, right), ylim=(bottom, top), xlabel=window.labels[0])
+    axes[0].set_ylabel(window.labels[1])
+    figure.colorbar(
+        ScalarMappable(Normalize(lowest, highest), colours), ax=list(axes), label=label, pad=0.015, aspect=28
+    )
+    return figure

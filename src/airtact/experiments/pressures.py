@@ -7,53 +7,54 @@ from jaxtyping import Float64
 
 from airtact.evaluation.comparison import HELD_EQUAL
 from airtact.evaluation.windows import plane_through
-from airtact.experiments.part import Part, places, write_columns
-from airtact.experiments.plane_figure import carried, draw_planes
+from airtact.experiments.part import Part, carried, coordinates, draw_planes, write_columns
 from airtact.experiments.solved import CONSIDERED, IGNORED, Solved
 from airtact.figures.field_figure import COLOURS, cut_bodies
 from airtact.pages.page import paragraph, picture, table
 from airtact.timing import Clock
 
 HELD = "equal energy"
-"""What is held equal in the pictures."""
+"""Normalisation of the pictures."""
 
 PAPER = {"simulated": "about half", "measured": "0.60"}
-"""What the paper says of ignored over considered."""
+"""The paper's ratios ignored over considered."""
 
 
-def loudness(made: Solved) -> Float64[np.ndarray, "sounds"]:
-    """Factors that bring the sounds of the judging field to equal energy; its last two are of phases alone."""
-    loud = made.compared.pressures["equal energy"][:, 0] / made.compared.pressures["equal peak"][:, 0]
-    return np.concatenate([loud, np.ones(2)])
+def equal_energy_factors(made: Solved) -> Float64[np.ndarray, "excitations"]:
+    """Factors (4,) that bring the verified drives to equal energy; the last two are of phases alone."""
+    factors = made.compared.pressures["equal energy"][:, 0] / made.compared.pressures["equal peak"][:, 0]
+    return np.concatenate([factors, np.ones(2)])
 
 
 def pressures(made: Solved, folder: Path, clock: Clock) -> Part:
-    """Show both fields on one scale, and what each focus gets."""
+    """Show both fields on one scale, and the pressure at each focus."""
     fingers = made.dummies
     vertices = np.concatenate([surface.vertices for surface in fingers.surfaces])
     window = plane_through(fingers.foci, vertices, made.scene.wavelength)
     with clock.step("fields", "computing the pressure with the fingers considered and ignored"):
         at_peak = made.compared.at(window.points)
-        heard = np.abs(np.stack([at_peak[CONSIDERED], at_peak[IGNORED]], axis=1) * loudness(made)[:2])
-    strongest = float(np.nanmax(heard))
-    normalised: dict[str, np.ndarray] = dict(zip((CONSIDERED, IGNORED), (heard / strongest).T, strict=True))
+        magnitudes = np.abs(np.stack([at_peak[CONSIDERED], at_peak[IGNORED]], axis=1) * equal_energy_factors(made)[:2])
+    strongest = float(np.nanmax(magnitudes))
+    normalised: dict[str, np.ndarray] = dict(zip((CONSIDERED, IGNORED), (magnitudes / strongest).T, strict=True))
     drawn = {name: carried(window, values) for name, values in normalised.items()}
     write_columns(
         folder,
         "pressures",
         {
-            **places(window.points),
-            "considered": ("Pa", np.ascontiguousarray(heard[:, 0])),
-            "ignored": ("Pa", np.ascontiguousarray(heard[:, 1])),
+            **coordinates(window.points),
+            "considered": ("Pa", np.ascontiguousarray(magnitudes[:, 0])),
+            "ignored": ("Pa", np.ascontiguousarray(magnitudes[:, 1])),
         },
     )
     scale = (COLOURS, 0.0, 1.0, f"pressure over the largest of both, {HELD}")
-    off = abs(made.judged - made.predicted) / abs(made.predicted)
+    off = abs(made.verified - made.predicted) / abs(made.predicted)
     pieces = (
         paragraph(
-            "The drives were made by finite elements and are judged by boundary elements, which share no code with "
-            f"them. At the foci the boundary elements hear {100 * off:.2f} % another pressure than the finite elements "
-            f"predict (estimated error of the judge: {100 * made.compared.report.estimated_error:.1f} %)."
+            "The drives were made by finite elements and are verified by boundary elements, which share no code with "
+            f"them. At the foci the pressure by boundary elements differs by {100 * off:.2f} % from that which the "
+            f"finite "
+            f"elements predict (estimated error of the boundary elements: "
+            f"{100 * made.compared.report.estimated_error:.1f} %)."
         ),
         picture(
             draw_planes(window, drawn, cut_bodies(window, fingers.surfaces), fingers.foci, scale),

@@ -1,4 +1,4 @@
-"""The ratio ignored over considered at the foci, over all that the paper does not tell of its fingers."""
+"""The ratio ignored over considered at the foci, over all that the paper leaves open of its fingers."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -74,7 +74,7 @@ def ratio_of(fingers: Dummies, array: PhasedArray, settings: Settings) -> Float6
         "ignored": focus_by_distance(array, target, scene.medium, scene.frequency),
     }
     emitted = {name: quantise(drive).drive() for name, drive in drives.items()}
-    compared = compare(scene, array, emitted, target, solver=BoundaryElement(accuracy=settings.sweep_judge))
+    compared = compare(scene, array, emitted, target, solver=BoundaryElement(accuracy=settings.sweep_verify))
     return np.array([compared.ratios(held)[1].mean() for held in HELD_EQUAL])
 
 
@@ -106,8 +106,9 @@ def ratios(settings: Settings, folder: Path, clock: Clock) -> Part:
     pieces = (
         paragraph(
             f"The paper does not give the size, the gap or the tilt of its dummies. Over {len(found)} of them the "
-            f"ratio ignored over considered at the foci, as pressure, is: {'; '.join(spans)}. Drives and judge are "
-            f"boundary elements (accuracy {settings.sweep_drive:g} and {settings.sweep_judge:g}), drives in 256 levels."
+            f"ratio ignored over considered at the foci, as pressure, is: {'; '.join(spans)}. Drives are made and "
+            f"verified by boundary elements (accuracy {settings.sweep_drive:g} and {settings.sweep_verify:g}), drives "
+            f"in 256 levels."
         ),
         picture(
             draw_maps(settings, found),
@@ -171,20 +172,20 @@ def draw_maps(settings: Settings, found: Mapping[Fingers, Float64[np.ndarray, "3
     across, along = 1e3 * np.array(settings.gaps), 1e3 * np.array(settings.radii)
     for power, row in zip((1, 2), rows, strict=True):
         values = grid**power
-        for column, (held, place) in enumerate(zip(HELD_EQUAL, row, strict=True)):
-            shown = place.contourf(across, along, values[:, :, column], levels=14, cmap="viridis")
-            figure.colorbar(shown, ax=place, aspect=20, format="%.2f")
-            _mark(place, across, along, values[:, :, column])
-            place.set_title(f"{held}, {'pressure' if power == 1 else 'squared'}", fontsize=10)
+        for column, (held, axes) in enumerate(zip(HELD_EQUAL, row, strict=True)):
+            shown = axes.contourf(across, along, values[:, :, column], levels=14, cmap="viridis")
+            figure.colorbar(shown, ax=axes, aspect=20, format="%.2f")
+            _mark(axes, across, along, values[:, :, column])
+            axes.set_title(f"{held}, {'pressure' if power == 1 else 'squared'}", fontsize=10)
             if power == 2:
-                place.set_xlabel("gap [mm]")
+                axes.set_xlabel("gap [mm]")
         row[0].set_ylabel("radius [mm]")
     figure.legend(handles=PAPER_LINES, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     return figure
 
 
 def _mark(
-    place: Axes,
+    axes: Axes,
     across: Float64[np.ndarray, "gaps"],
     along: Float64[np.ndarray, "radii"],
     values: Float64[np.ndarray, "radii gaps"],
@@ -194,13 +195,13 @@ def _mark(
     for wanted, style in STYLES.items():
         if values.min() < wanted < values.max():
             for colour, width in (("black", 3.0), ("white", 1.5)):
-                place.contour(across, along, values, levels=[wanted], colors=colour, linestyles=style, linewidths=width)
+                axes.contour(across, along, values, levels=[wanted], colors=colour, linestyles=style, linewidths=width)
         else:
             missing.append(f"{wanted:.2f}")
     if missing:
         words = f"no {' or '.join(missing)} here"
         box = {"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 2}
-        place.text(0.97, 0.04, words, transform=place.transAxes, ha="right", fontsize=8, bbox=box)
+        axes.text(0.97, 0.04, words, transform=axes.transAxes, ha="right", fontsize=8, bbox=box)
 
 
 def draw_tilts(settings: Settings, found: Mapping[Fingers, Float64[np.ndarray, "3"]]) -> Figure:
@@ -208,16 +209,16 @@ def draw_tilts(settings: Settings, found: Mapping[Fingers, Float64[np.ndarray, "
     figure = Figure(figsize=(12.0, 4.8), layout="constrained")
     row = figure.subplots(1, len(HELD_EQUAL), sharey=True)
     shades = colormaps["viridis"](np.linspace(0, 0.88, len(settings.tilt_gaps)))
-    for column, (held, place) in enumerate(zip(HELD_EQUAL, row, strict=True)):
+    for column, (held, axes) in enumerate(zip(HELD_EQUAL, row, strict=True)):
         for shade, gap in zip(shades, settings.tilt_gaps, strict=True):
             for entering in settings.ways:
                 style, marker = LOOKS[entering]
                 line = [found[Fingers(gap, 8e-3, tilt, entering)][column] for tilt in settings.tilts]
-                place.plot(settings.tilts, line, style, color=shade, marker=marker, markersize=4)
+                axes.plot(settings.tilts, line, style, color=shade, marker=marker, markersize=4)
         for wanted, style in STYLES.items():
-            place.axhline(wanted, color="#b3202a", linewidth=1.1, linestyle=style)
-            place.axhline(np.sqrt(wanted), color="#e8a0a5", linewidth=1.1, linestyle=style)
-        place.set(xlabel="tilt [degrees]", title=held, xticks=settings.tilts)
+            axes.axhline(wanted, color="#b3202a", linewidth=1.1, linestyle=style)
+            axes.axhline(np.sqrt(wanted), color="#e8a0a5", linewidth=1.1, linestyle=style)
+        axes.set(xlabel="tilt [degrees]", title=held, xticks=settings.tilts)
     row[0].set_ylabel("pressure, ignored / considered")
     keys = [
         Line2D([], [], color=shade, label=f"gap {1e3 * gap:g} mm")

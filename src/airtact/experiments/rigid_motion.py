@@ -1,4 +1,4 @@
-"""Section 3.3 of the paper: one solution, the hand moved rigidly, read off by nodes or by the surface integral."""
+"""Section 3.3 of the paper: one solution for a rigidly moved hand, evaluated from nodes or by the surface integral."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -27,15 +27,15 @@ from airtact.timing import Clock
 from airtact.transducers.layout import surrounding_box
 
 FARTHEST, WIDEST = 5e-3, 10.0
-"""The hand is moved up to so far along each axis [m], and turned about any axis by up to so many degrees."""
+"""Largest motion of the hand along each axis [m], and largest rotation about any axis [degrees]."""
 
 SAMPLED = 5
-"""Poses at which tetrahedra that hold the points are sought: making them takes long."""
+"""Poses for the interpolation in containing tetrahedra, which takes long."""
 
 SEED = 33
 
 SHIFT = 0.3
-"""How far nodes lie off a grid at most, over its step: the nodes of a mesh of tetrahedra are not in rows."""
+"""Largest offset of nodes from a grid, over its step: the nodes of a mesh of tetrahedra are not in rows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,7 @@ class Nodes:
         return self.carrier(points) * (shares * smooth).sum(axis=1), shares.min(axis=1) < -1e-9
 
     def _shares(self, points: Float64[np.ndarray, "points 3"]) -> tuple[np.ndarray, np.ndarray]:
-        """Numbers of the 4 nearest nodes and what each counts; the nearest counts all where the 4 lie in a plane."""
+        """Return the 4 nearest nodes and their weights; the nearest has all the weight where the 4 lie in a plane."""
         nearest = np.asarray(self.tree.query(points, k=4)[1])
         corners = self.points[nearest]
         edges = (corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
@@ -97,7 +97,7 @@ def nodes_beside(points: Float64[np.ndarray, "points 3"], step: float, scene: Sc
 
 
 def random_poses(count: int) -> list[Pose]:
-    """Give small random motions of a hand, the same every time."""
+    """Return small random motions of a hand, the same every time."""
     chance = np.random.default_rng(SEED)
     poses = []
     for _ in range(count):
@@ -109,7 +109,7 @@ def random_poses(count: int) -> list[Pose]:
 
 @dataclass(frozen=True)
 class Reading:
-    """How one way of reading the transducers did.
+    """Errors and time of one way to evaluate the field at the transducers.
 
     Attributes
     ----------
@@ -130,31 +130,31 @@ class Reading:
 
 
 def rigid_motion(settings: Settings, folder: Path, clock: Clock) -> Part:
-    """Compare ways of reading one solution at the transducers of a moved hand."""
+    """Compare ways to evaluate one solution at the transducers of a moved hand."""
     fingers, array = dummies(), surrounding_box()
     scene, poses = fingers.rigid, random_poses(settings.poses)
     beacon = Monopoles(fingers.foci[1:], np.ones(1))
     with clock.step("moved", f"moving the hand to {len(poses)} poses"):
         field = BoundaryElement(accuracy=0.01).radiate(scene, beacon)
-        finer = BoundaryElement(accuracy=0.5 * settings.truth).radiate(scene, beacon)
-        places = np.stack([array.seen_from(pose).positions for pose in poses])
-        true = finer.at(places.reshape(-1, 3))[:, 0].reshape(len(poses), -1)
-    with clock.step("surface integral", f"hearing {len(poses)} poses by the surface integral"):
-        first, heard = _timed("surface integral", places, true, None, lambda at: (field.at(at)[:, 0], None))
+        reference = BoundaryElement(accuracy=0.5 * settings.reference).radiate(scene, beacon)
+        positions = np.stack([array.seen_from(pose).positions for pose in poses])
+        true = reference.at(positions.reshape(-1, 3))[:, 0].reshape(len(poses), -1)
+    with clock.step("surface integral", f"evaluating {len(poses)} poses by the surface integral"):
+        first, received = _timed("surface integral", positions, true, None, lambda at: (field.at(at)[:, 0], None))
     readings, counts, held = [first], [], []
     some = slice(None, SAMPLED)
     for spacing in settings.node_spacings:
         with clock.step(f"nodes {spacing:g}", f"reading the moved transducers off nodes at λ/{spacing:g}"):
-            nodes = _sampled(field, places.reshape(-1, 3), scene.wavelength / spacing)
+            nodes = _sampled(field, positions.reshape(-1, 3), scene.wavelength / spacing)
             counts.append(f"{len(nodes.points):,} at λ/{spacing:g}")
             if not held:
-                name, read = f"tetrahedron round the point, λ/{spacing:g}", _held_by(field, places[some], spacing)
-                held = [_timed(name, places[some], true[some], heard[some], read)[0]]
+                name, read = f"tetrahedron round the point, λ/{spacing:g}", _held_by(field, positions[some], spacing)
+                held = [_timed(name, positions[some], true[some], received[some], read)[0]]
             for name, way in (
                 (f"4 nearest nodes, λ/{spacing:g}", nodes.literal),
                 (f"the same without e^ikr/r, λ/{spacing:g}", nodes.carrier_free),
             ):
-                readings.append(_timed(name, places, true, heard, way)[0])
+                readings.append(_timed(name, positions, true, received, way)[0])
     readings += held
     _write(readings, len(poses), folder)
     return Part("Rigid motion (section 3.3)", _shown(readings, len(poses), counts, settings))
@@ -169,12 +169,13 @@ def _shown(readings: list[Reading], poses: int, counts: list[str], settings: Set
             "4 nearest nodes and linear interpolation in their tetrahedron (a k-d tree in place of FLANN). The nodes "
             f"form an uneven grid (nodes: {', '.join(counts)}) and know the pressure of that same solution, so that "
             "interpolation alone is compared. The error is that of the drive against boundary elements at "
-            f"{100 * 0.5 * settings.truth:g} %."
+            f"{100 * 0.5 * settings.reference:g} %."
         ),
         table(
             ["read by", "median error", "largest", "reading alone", "one transducer", "points outside", "time a pose"],
             [_row(one) for one in readings],
-            "Error of the drive (the conjugate of what the transducers hear) over the poses; the reading alone against "
+            "Error of the drive (the conjugate of the pressure at the transducers) over the poses; the reading alone "
+            "against "
             "the surface integral over the same solution (median); of one transducer (median), which is smaller where "
             "a few tetrahedra are nearly flat; the share of points outside their tetrahedron, where the paper's scheme "
             "extrapolates. Without e^ikr/r: the beacon's own wave divided out before and multiplied in after. The last "
@@ -224,45 +225,45 @@ def _sampled(field: RadiatedField, points: Float64[np.ndarray, "points 3"], step
 
 
 def _held_by(
-    field: RadiatedField, places: Float64[np.ndarray, "poses elements 3"], spacing: float
+    field: RadiatedField, positions: Float64[np.ndarray, "poses elements 3"], spacing: float
 ) -> Callable[..., tuple[np.ndarray, np.ndarray]]:
-    nodes = _sampled(field, places.reshape(-1, 3), field.scene.wavelength / spacing)
+    nodes = _sampled(field, positions.reshape(-1, 3), field.scene.wavelength / spacing)
     sampled = SampledField(field.scene, field.sources, nodes.points, nodes.pressure)
-    sampled.valid(places[0, :1])  # so that its search is made before it is timed
+    sampled.valid(positions[0, :1])  # so that its search is made before it is timed
 
     def read(points: Float64[np.ndarray, "points 3"]) -> tuple[np.ndarray, np.ndarray]:
-        heard = sampled.at(points)[:, 0]
-        return heard, np.isnan(heard)
+        pressure = sampled.at(points)[:, 0]
+        return pressure, np.isnan(pressure)
 
     return read
 
 
 def _timed(
     name: str,
-    places: Float64[np.ndarray, "poses elements 3"],
+    positions: Float64[np.ndarray, "poses elements 3"],
     true: Complex128[np.ndarray, "poses elements"],
     same: Complex128[np.ndarray, "poses elements"] | None,
     read: Callable[..., tuple[np.ndarray, np.ndarray | None]],
 ) -> tuple[Reading, Complex128[np.ndarray, "poses elements"]]:
     """Read all poses; ``same`` is the surface integral over the same solution."""
     begun = time.perf_counter()
-    heard = [read(one) for one in places]
-    seconds = (time.perf_counter() - begun) / len(places)
-    found = np.stack([pressure for pressure, _ in heard])
-    told = np.isfinite(found)
-    each = float(np.median(np.abs((found - true) / true)[told]))
-    outside = float(np.mean([float("nan") if beyond is None else beyond.mean() for _, beyond in heard]))
-    alone = tuple(float("nan") for _ in places) if same is None else _apart(found, same)
+    answers = [read(one) for one in positions]
+    seconds = (time.perf_counter() - begun) / len(positions)
+    found = np.stack([pressure for pressure, _ in answers])
+    known = np.isfinite(found)
+    each = float(np.median(np.abs((found - true) / true)[known]))
+    outside = float(np.mean([float("nan") if beyond is None else beyond.mean() for _, beyond in answers]))
+    alone = tuple(float("nan") for _ in positions) if same is None else _apart(found, same)
     return Reading(name, _apart(found, true), alone, each, outside, seconds), found
 
 
 def _apart(
     found: Complex128[np.ndarray, "poses elements"], true: Complex128[np.ndarray, "poses elements"]
 ) -> tuple[float, ...]:
-    """Relative error in each pose, over the points where anything is told."""
-    told = np.isfinite(found)
-    off = np.linalg.norm(np.where(told, found - true, 0), axis=1)
-    return tuple((off / np.linalg.norm(np.where(told, true, 0), axis=1)).tolist())
+    """Relative error in each pose, over the points with a value."""
+    known = np.isfinite(found)
+    off = np.linalg.norm(np.where(known, found - true, 0), axis=1)
+    return tuple((off / np.linalg.norm(np.where(known, true, 0), axis=1)).tolist())
 
 
 def _plain(name: str) -> str:
@@ -271,9 +272,9 @@ def _plain(name: str) -> str:
 
 def _row(one: Reading) -> list[str]:
     errors = [np.median(one.errors), max(one.errors), np.median(one.alone), one.typical]
-    told = ["–" if np.isnan(error) else f"{100 * error:.3g} %" for error in errors]
+    cells = ["–" if np.isnan(error) else f"{100 * error:.3g} %" for error in errors]
     outside = "–" if np.isnan(one.outside) else f"{100 * one.outside:.0f} %"
-    return [one.name, *told, outside, f"{1e3 * one.seconds:.1f} ms"]
+    return [one.name, *cells, outside, f"{1e3 * one.seconds:.1f} ms"]
 
 
 def _draw(readings: list[Reading]) -> Figure:

@@ -27,7 +27,7 @@ DRAWN = 1.2e-3
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """The paper's experiment up to the judged drives.
+    """The paper's experiment up to the verified drives.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Solved:
     array : the 996 transducers.
     factorised : the finite elements.
     field : of both beacons in step, by them.
-    heard : (E,) its pressure at the transducers [Pa].
+    received : (E,) its pressure at the transducers [Pa].
     drives : by name, in 256 levels.
     compared : what each drive gives at the foci, by boundary elements.
     """
@@ -46,7 +46,7 @@ class Solved:
     array: PhasedArray
     factorised: FactorisedScene
     field: FiniteField
-    heard: Complex128[np.ndarray, "elements"]
+    received: Complex128[np.ndarray, "elements"]
     drives: dict[str, Drive]
     compared: Comparison
 
@@ -56,29 +56,29 @@ class Solved:
     def predicted(self) -> complex:
         """Mean pressure at the foci [Pa] under the first drive, as the finite elements predict it by reciprocity."""
         drive = self.drives[CONSIDERED].amplitudes
-        return complex(self.array.element.sensitivity * (self.heard @ drive) / len(self.dummies.foci))
+        return complex(self.array.element.sensitivity * (self.received @ drive) / len(self.dummies.foci))
 
     @property
-    def judged(self) -> complex:
-        """The same by the boundary elements, all transducers speaking."""
+    def verified(self) -> complex:
+        """The same by the boundary elements, all transducers emitting."""
         return complex(self.compared.at(self.dummies.foci)[CONSIDERED].mean())
 
 
 def solved(settings: Settings, clock: Clock) -> Solved:
-    """Solve for the beacons by finite elements, make both drives, and judge them by boundary elements."""
+    """Solve for the beacons by finite elements, make both drives, and verify them by boundary elements."""
     fingers, array = dummies(edge=DRAWN), surrounding_box()
     scene = fingers.rigid
     solver = FiniteElement(settings.order, settings.elements_per_wavelength)
     with clock.step("finite elements", f"solving for the beacons by finite elements of order {settings.order}"):
         factorised = solver.factorised(scene)
         field = factorised.radiate(scene, fingers.beacon)
-        heard = field.at(array.positions)[:, 0]
+        received = field.at(array.positions)[:, 0]
     drives = {
-        CONSIDERED: Drive(heard.conj() / np.abs(heard).max()),
+        CONSIDERED: Drive(received.conj() / np.abs(received).max()),
         IGNORED: focus_by_distance(array, fingers.target, scene.medium, scene.frequency),
     }
     drives = {name: quantise(drive).drive() for name, drive in drives.items()}
-    judge = BoundaryElement(accuracy=settings.judging)
-    with clock.step("judging", "judging both drives by boundary elements, all transducers speaking"):
-        compared = compare(scene, array, drives, fingers.target, solver=judge)
-    return Solved(fingers, scene, array, factorised, field, heard, drives, compared)
+    verifier = BoundaryElement(accuracy=settings.verifying)
+    with clock.step("verification", "verifying both drives by boundary elements, all transducers emitting"):
+        compared = compare(scene, array, drives, fingers.target, solver=verifier)
+    return Solved(fingers, scene, array, factorised, field, received, drives, compared)
