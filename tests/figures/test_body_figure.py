@@ -108,7 +108,7 @@ def test_a_place_under_turned_triangles_is_looked_at_from_outside():
 def test_a_fault_without_a_place_shows_all_from_two_sides_and_says_so():
     figure = draw_fault(*box_mesh(), "It is no good.", None)
     assert len(spaces(figure)) == len(figure.axes) == 2
-    assert figure.get_suptitle() == "It is no good. (The fault has no single position for this fault.)"
+    assert figure.get_suptitle() == "It is no good. (The fault has no single position.)"
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["outside of triangles", "inside"]
 
 
