@@ -37,7 +37,7 @@ def test_the_file_holds_the_skin_that_was_brought_to_the_points(tmp_path: Path, 
 
     written = at.load_surface(tmp_path / "hand.ply")
     assert len(written.crossings) == 0
-    points = done.fitted.points[~done.fitted.strays]
+    points = done.fitted.points[~done.fitted.outliers]
     body = np.abs(done.hand.shape.depth(points))
     skin = np.abs(written.shape.depth(points))
     assert np.median(skin) < 0.8 * np.median(body)

@@ -94,7 +94,7 @@ def rest() -> Rigged:
 
 
 def reshaped(hand: Rigged, build: Build) -> Rigged:
-    """Scale the bones of a hand at rest along themselves and across, and let the skin follow as its rig tells."""
+    """Scale the bones of a hand at rest along themselves and across, and let the skin follow by its rig."""
     along = hand.joints[11] - hand.joints[0]
     along = along / np.linalg.norm(along)
     back = np.cross(along, hand.joints[6] - hand.joints[21])
@@ -142,9 +142,9 @@ def posed(name: str, share: float = 1.0, build: str = "generic") -> Rigged:
 
 
 def rounded(hand: Rigged) -> Rigged:
-    """Cut each triangle in four, the new corners on the skin that solvers hear: curved by its normals, up to 1 mm off.
+    """Cut each triangle in four, the new corners on the curved skin that solvers use, up to 1 mm off.
 
-    A camera that saw the flat triangles would see another hand than the one that is heard.
+    A camera that sees the flat triangles would see another hand than the one that scatters.
     """
     middles, _ = curved(hand.vertices, hand.triangles, SHARP_DEGREES)
     twins = edge_twins(hand.triangles).ravel()
@@ -200,8 +200,8 @@ def depths_seen(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return image
 
 
-def seen(hand: Rigged, seed: int, noise: float = 1e-3, strays: float = 0.1, holes: int = 5) -> np.ndarray:
-    """Points (N, 3) that the camera sees [m]: noise in depth, round holes, and points that are nowhere."""
+def seen(hand: Rigged, seed: int, noise: float = 1e-3, outliers: float = 0.1, holes: int = 5) -> np.ndarray:
+    """Points (N, 3) that the camera sees [m]: noise in depth, round holes, and outliers."""
     random = np.random.default_rng(seed)
     image = depths_seen(hand.vertices, hand.triangles)
     x, y = np.nonzero(np.isfinite(image))
@@ -212,7 +212,7 @@ def seen(hand: Rigged, seed: int, noise: float = 1e-3, strays: float = 0.1, hole
         points = points[np.linalg.norm(points - centre, axis=1) > random.uniform(4e-3, 8e-3)]
     low, high = points.min(axis=0), points.max(axis=0)
     wide = 0.2 * (high - low)
-    return np.vstack([points, random.uniform(low - wide, high + wide, (int(strays * len(points)), 3))])
+    return np.vstack([points, random.uniform(low - wide, high + wide, (int(outliers * len(points)), 3))])
 
 
 def rough(joints: np.ndarray, seed: int, spread: float = 4.7e-3) -> np.ndarray:

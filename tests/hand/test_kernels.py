@@ -62,7 +62,7 @@ def normals(points: np.ndarray, part: np.ndarray, step: float = 1e-6) -> np.ndar
 
 
 def gaps(points: np.ndarray, balls: np.ndarray, parts: np.ndarray, camera: np.ndarray = ANYWHERE) -> tuple:
-    """Distances, their slopes by the balls, and hulls, without creases."""
+    """Distances, their derivatives by the balls, and hulls, without blending."""
     count, none = len(points), np.zeros((len(parts), len(parts)))
     found = np.empty(count), np.empty((count, balls.size)), np.empty(count, dtype=np.int64)
     _kernels.hull_gaps(points, balls, parts, none, camera, -0.05, *found)
@@ -75,7 +75,7 @@ def test_gaps_change_with_balls_as_the_distance_does(row):
     if row:  # no triangle, but three balls in a row
         balls[2, :3] = balls[0, :3] + 0.4 * (balls[1, :3] - balls[0, :3])
     points = random_points(40, 3)
-    distance, slopes, hull = gaps(points, balls, PARTS)
+    distance, by_balls, hull = gaps(points, balls, PARTS)
     each = np.empty((40, len(PARTS)))
     _kernels.hull_distances(points, balls, PARTS, each)
     assert distance == pytest.approx(each.min(axis=1), abs=1e-15)
@@ -85,27 +85,27 @@ def test_gaps_change_with_balls_as_the_distance_does(row):
         moved[index] = 1e-7
         moved = moved.reshape(balls.shape)
         change = (gaps(points, balls + moved, PARTS)[0] - gaps(points, balls - moved, PARTS)[0]) / 2e-7
-        assert np.mean(np.abs(change - slopes[:, index]) < 1e-5) >= (0.9 if row else 1.0)  # a row has a kink
+        assert np.mean(np.abs(change - by_balls[:, index]) < 1e-5) >= (0.9 if row else 1.0)  # a row has a kink
 
 
-def test_points_behind_a_ball_are_held_against_its_front_or_its_rim():
+def test_points_behind_a_ball_have_the_distance_of_its_front_or_its_rim():
     ball, camera = np.array([[0.0, 0.0, 0.0, 0.01], [0.0, 0.0, 0.0, 0.01]]), np.array([0.0, 0.0, 1e6])
     points = np.array([[0.006, 0.0, -0.012], [0.0, 0.013, -0.02], [0.006, 0.0, 0.012]])
-    distance, slopes, _ = gaps(points, ball, np.array([[0, 1, -1]]), camera)
+    distance, by_balls, _ = gaps(points, ball, np.array([[0, 1, -1]]), camera)
     front = np.array([0.6, 0.0, 0.8])
     wanted = [points[0] @ front - 0.01, 0.003, np.linalg.norm(points[2]) - 0.01]
     assert distance == pytest.approx(wanted, abs=1e-7)
-    for row, normal in zip(slopes, (front, [0.0, 1.0, 0.0], points[2] / np.linalg.norm(points[2])), strict=True):
+    for row, normal in zip(by_balls, (front, [0.0, 1.0, 0.0], points[2] / np.linalg.norm(points[2])), strict=True):
         assert row.reshape(2, 4).sum(axis=0) == pytest.approx([*-np.asarray(normal), -1.0], abs=1e-4)
 
 
 def test_points_that_are_nan_have_no_gap():
-    distance, slopes, _ = gaps(np.full((1, 3), np.nan), BALLS, PARTS)
+    distance, by_balls, _ = gaps(np.full((1, 3), np.nan), BALLS, PARTS)
     assert np.isnan(distance[0])
-    assert np.abs(slopes).max() == 0.0
+    assert np.abs(by_balls).max() == 0.0
 
 
-def test_creases_are_filled_as_said():
+def test_blending_is_the_smooth_minimum():
     random = np.random.default_rng(3)
     blend = np.triu(random.uniform(0, 0.012, (6, 6)) * (random.random((6, 6)) < 0.7), 1)
     hulls = Hulls(BALLS, PARTS, blend + blend.T, np.zeros((6, 6)))
@@ -181,7 +181,7 @@ def test_sizes_grow_no_faster_than_the_way_over_edges_from_the_smallest():
     assert sizes == pytest.approx((asked + 0.35 * ways).min(axis=1))
 
 
-def test_hulls_of_balls_that_do_not_exist_are_refused():
+def test_hulls_of_balls_that_do_not_exist_are_rejected():
     with pytest.raises(IndexError, match="ball that does not exist"):
         _kernels.hull_distances(np.zeros((1, 3)), BALLS, np.array([[0, 9, -1]]), np.empty((1, 1)))
     with pytest.raises(IndexError, match="ball that does not exist"):

@@ -69,7 +69,7 @@ def _table(posed: "Posed", errors: "Mapping[str, float] | None" = None) -> "Tabl
 
 def _cloud_table(made: "Fitted") -> "Table":
     fitted, table = made.fitted, _table(made, made.errors)
-    used = ~fitted.strays
+    used = ~fitted.outliers
     near = f"half of them within {1e3 * made.usual:.1f} mm of the skin"
     table.add_row("points used", f"{used.sum():,} of {len(used):,} thinned out; {near}")
     errors = ", ".join(f"{part} {1e3 * error:.1f}" for part, error in fitted.part_errors.items())

@@ -71,7 +71,7 @@ def draw_cloud(
     distances : (N,) of these from the skin, positive outside [m].
     """
     pieces, _ = cut(1e3 * quadratic_triangles, np.full(len(quadratic_triangles), 1))
-    points, used = 1e3 * fitted.points, ~fitted.strays
+    points, used = 1e3 * fitted.points, ~fitted.outliers
     scale = ScalarMappable(Normalize(*RESIDUALS), "RdBu")
     colours, label = np.tile(SKIN, (len(pieces), 1)), "distance of points from the skin, outwards [mm]"
     figure, sides = _two_sides(pieces[:, :3], colours, pieces.reshape(-1, 3), scale, label, extend="both")

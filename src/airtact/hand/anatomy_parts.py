@@ -1,4 +1,4 @@
-"""From joints and radii to the body of a hand: which balls make hulls, which hulls are one and which stand apart."""
+"""Build the body of a hand from joints and radii: its hulls of balls, and which of them are one or stand apart."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -15,14 +15,14 @@ MERGED = 0.3e-3
 """Skins nearer than this are one [m]."""
 
 PALM, JOINT, BASE, WEB, TOUCH = 8e-3, 6e-3, 5e-3, 5e-3, 5e-3
-"""Widths of filled creases of a hand of usual length: in the palm, at joints, where fingers meet the palm, between
-the roots of neighbouring fingers, and where skins touch [m]."""
+"""Blend radii of a hand of usual length: in the palm, at joints, where fingers meet the palm, between the roots of
+neighbouring fingers, and where skins touch [m]."""
 
 DEEPER = 3e-3
-"""Where skins overlap, their crease is filled over a width that is larger by as much as they do, up to this [m]."""
+"""Where skins overlap, the blend radius is larger by the overlap, up to this [m]."""
 
 BESIDE = 2e-3
-"""Beside parts that touch, their neighbours are one where nearer than this [m], or tiny tunnels would be left."""
+"""Beside parts that touch, their neighbours are one where nearer than this [m]; otherwise tiny tunnels are left."""
 
 ROOTS = ((2, 3), (6, 7), (11, 12), (16, 17), (21, 22))
 """First phalanges."""
@@ -31,7 +31,7 @@ WEB_BALL = 25
 """The ball in the middle of the thumb's metacarpal, from which skin spans to the index finger's knuckle."""
 
 SAMPLES = 25
-"""Points along a bone where its distance to others is looked at first."""
+"""Points along a bone where its distance to others is evaluated first."""
 
 
 def _parts() -> tuple[tuple[int, int, int], ...]:
@@ -55,7 +55,7 @@ OWNER = np.array([FINGERS.index(finger) for finger in FINGERS for _ in range(2 i
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """Where two parts of a hand are so near that their skins are one.
+    """A position where two parts of a hand are so near that their skins are one.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class Touch:
 
     @property
     def note(self) -> str:
-        """Say which parts are one, where, and how far their skins are apart or in each other."""
+        """One sentence: which parts are one, where, and how far their skins are apart or in each other."""
         apart = f"{1e3 * self.gap:.2g} mm apart" if self.gap > 0.0 else f"{-1e3 * self.gap:.2g} mm in each other"
         return f"the {self.one} and the {self.other} are one near {in_mm(self.place)}, their skins being {apart}"
 
@@ -96,25 +96,24 @@ def hand_hulls(
     scale = hand_length(joints) / LENGTH
     thumb = np.append(0.5 * (joints[1] + joints[2]), 0.4 * (radii[1] + radii[2]))
     balls = np.ascontiguousarray(np.vstack([np.column_stack([joints, radii]), thumb]))
-    blend = _open_hand()
-    blend = scale * blend
+    blend = scale * _open_hand()
     apart = blend == 0.0
     np.fill_diagonal(apart, False)
     open_hulls = Hulls(balls, PARTS, blend, apart.astype(np.float64))
-    pairs, gaps, places = _near(open_hulls, apart)
+    pairs, gaps, positions = _near(open_hulls, apart)
     for (one, other), gap in zip(pairs, gaps, strict=True):
         width = scale * (TOUCH + min(max(-float(gap), 0.0), DEEPER))
         blend[one, other] = blend[other, one] = max(width, blend[one, other])
         apart[one, other] = apart[other, one] = False
     touches = tuple(
-        Touch(part_name(int(one)), part_name(int(other)), float(gap), place)
-        for (one, other), gap, place in zip(pairs, gaps, places, strict=True)
+        Touch(part_name(int(one)), part_name(int(other)), float(gap), position)
+        for (one, other), gap, position in zip(pairs, gaps, positions, strict=True)
     )
     return Hulls(fixed(balls), PARTS, fixed(blend), fixed(apart.astype(np.float64))), touches
 
 
 def part_name(part: int) -> str:
-    """Say which part of the hand a hull is."""
+    """Name the part of the hand that a hull is."""
     if part >= FREE:
         return "palm"
     finger = FINGERS[OWNER[part]]
@@ -124,7 +123,7 @@ def part_name(part: int) -> str:
 
 
 def _open_hand() -> Float64[np.ndarray, "hulls hulls"]:
-    """Widths of the creases that are always filled."""
+    """Return the blend radii between the parts that are one in every pose."""
     count = len(PARTS)
     blend = np.zeros((count, count))
     balls = [set(part.tolist()) - {-1} for part in PARTS]
@@ -146,7 +145,7 @@ def _open_hand() -> Float64[np.ndarray, "hulls hulls"]:
 def _near(
     hulls: Hulls, apart: Bool[np.ndarray, "hulls hulls"]
 ) -> tuple[Int64[np.ndarray, "touches 2"], Float64[np.ndarray, "touches"], Float64[np.ndarray, "touches 3"]]:
-    """Find hulls nearer than ``MERGED``, or ``BESIDE`` others that are: pairs, how near, and the places between."""
+    """Find hulls nearer than ``MERGED``, or ``BESIDE`` others that are: pairs, gaps, and the positions between."""
     starts, ends = hulls.balls[PARTS[:FREE, 0]], hulls.balls[PARTS[:FREE, 1]]
     shares = np.linspace(0.0, 1.0, SAMPLES)
     spheres = starts[:, None] + shares[:, None] * (ends - starts)[:, None]
@@ -182,11 +181,11 @@ def _between(
     others: Int64[np.ndarray, "touches"],
     gaps: Float64[np.ndarray, "touches"],
 ) -> Float64[np.ndarray, "touches 3"]:
-    """Places in the middle between balls and the hulls that they touch."""
+    """Positions in the middle between balls and the hulls that they touch."""
     zero = np.zeros((1, 1))
-    places = np.empty((len(others), 3))
+    positions = np.empty((len(others), 3))
     for index, other in enumerate(others):
         alone = Hulls(hulls.balls, PARTS[other : other + 1], zero, zero)
         away = alone.look(spheres[index : index + 1, :3]).gradient[0]
-        places[index] = spheres[index, :3] - (spheres[index, 3] + 0.5 * gaps[index]) * away
-    return places
+        positions[index] = spheres[index, :3] - (spheres[index, 3] + 0.5 * gaps[index]) * away
+    return positions

@@ -1,4 +1,4 @@
-"""Hands from files: a pose as JSON."""
+"""Read hands and landmarks from JSON files."""
 
 import json
 from pathlib import Path
@@ -13,10 +13,10 @@ from airtact.hand.joints import NAMES, named_joints
 from airtact.validation import counted
 
 KEYS = ("joints", "positions_m", "radii_m", "side")
-"""What a pose may hold: names of joints, their positions and radii [m], "left" or "right"."""
+"""Keys of a pose: names of joints, their positions and radii [m], "left" or "right"."""
 
 ROOM = 0.2
-"""A focus stands no farther off a place of a hand than this [m]."""
+"""Largest distance of a focus from a place of a hand [m]."""
 
 
 def load_hand(path: str | Path, gap: float | None = None) -> Hand:
@@ -25,13 +25,13 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
     Parameters
     ----------
     path : a file with ``positions_m``, 25 or 21 points [m]; ``joints``, the names of WebXR, where they are in another
-        order; ``radii_m``, a number for each point, and ``side``, if known.
+        order; ``radii_m``, a number for each point, and ``side``, where they are known.
     gap : opens thumb and index finger until their last phalanges are so far apart [m]; None leaves the pose.
 
     Raises
     ------
     InvalidInput
-        The file cannot be read or is no pose, or the hand is refused; beginning with the file's name.
+        The file cannot be read or is no pose, or no hand has these joints; the sentence begins with the file's name.
     """
     path = Path(path)
     with about(path.name or str(path)):
@@ -42,11 +42,13 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
         if names is not None and tuple(names) != NAMES:
             if len(names) != len(points):
                 raise InvalidInput(
-                    f"{len(names)} joints have names and {len(points)} have positions; give one for one."
+                    f"{len(names)} joints have names and {len(points)} have positions; give one for one.",
+                    code="sizes_differ",
                 )
             order = {name: index for index, name in enumerate(names)}
             if len(order) < len(names):
-                raise InvalidInput(f"{counted(len(names) - len(order), 'joint stands', 'joints stand')} twice.")
+                twice = counted(len(names) - len(order), "joint is", "joints are")
+                raise InvalidInput(f"{twice} there twice.", code="joint_twice")
             points = named_joints({name: points[index] for name, index in order.items()})
             radii = None if radii is None else radii[[order[name] for name in NAMES]]
         hand = hand_from_joints(points, radii, side=pose.get("side"))
@@ -58,7 +60,7 @@ def load_landmarks(path: Path) -> tuple[Float64[np.ndarray, "joints 3"], str | N
 
     Parameters
     ----------
-    path : a JSON file of a pose, as ``load_hand`` reads; radii are left out.
+    path : a JSON file of a pose, as for ``load_hand``; radii are ignored.
 
     Returns
     -------
@@ -67,25 +69,21 @@ def load_landmarks(path: Path) -> tuple[Float64[np.ndarray, "joints 3"], str | N
     Raises
     ------
     InvalidInput
-        The file cannot be read or is no pose; beginning with the file's name.
+        The file cannot be read or is no pose; the sentence begins with the file's name.
     """
     with about(path.name or str(path)):
         pose = _pose_in(path)
         points, names = _numbers(pose, "positions_m", (3,)), pose.get("joints")
         if names is not None and tuple(names) != NAMES:
-            raise InvalidInput(f"the {len(names)} joints are not named in the order of WebXR: give them in that order.")
+            raise InvalidInput(
+                f"the {len(names)} joints are not named in the order of WebXR: give them in that order.",
+                code="joint_order",
+            )
         return points, pose.get("side")
 
 
 def _numbers(pose: dict[str, Any], key: str, each: tuple[int, ...]) -> Float64[np.ndarray, "joints *each"]:
-    """Return the numbers under a key, so many for each joint.
-
-    Parameters
-    ----------
-    pose : what ``_pose_in`` gave.
-    key : one of ``KEYS``.
-    each : shape of what each joint has.
-    """
+    """Return the numbers under a key, an array of shape ``each`` for each joint."""
     count = len(pose[key])
     try:
         numbers = np.array(pose[key], dtype=np.float64)
@@ -93,36 +91,39 @@ def _numbers(pose: dict[str, Any], key: str, each: tuple[int, ...]) -> Float64[n
         numbers = np.zeros(0)
     if numbers.shape != (count, *each):
         what = "3 numbers" if each else "number"
-        raise InvalidInput(f"{key} holds no {what} for each of its {count} joints; give [x, y, z] in metres.")
+        raise InvalidInput(
+            f"{key} holds no {what} for each of its {count} joints; give [x, y, z] in metres.", code="not_a_number"
+        )
     return numbers
 
 
 def _pose_in(path: Path) -> dict[str, Any]:
-    """Read what a file says of a pose, or refuse what is none.
-
-    Parameters
-    ----------
-    path : a JSON file.
-    """
+    """Read a JSON file, and raise where it holds no pose."""
     try:
         pose = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise InvalidInput(f"the pose cannot be read: {error.strerror}.") from None
+        raise InvalidInput(f"the pose cannot be read: {error.strerror}.", code="file_unreadable") from None
     except UnicodeDecodeError as error:
-        raise InvalidInput(f"this is not a text file: byte {error.start} is not UTF-8.") from None
+        raise InvalidInput(f"this is not a text file: byte {error.start} is not UTF-8.", code="not_text") from None
     except RecursionError:
-        raise InvalidInput(f"this is no pose of a hand: {path.stat().st_size} bytes of brackets in brackets.") from None
+        raise InvalidInput(
+            f"this is no pose of a hand: {path.stat().st_size} bytes of brackets in brackets.", code="not_a_pose"
+        ) from None
     except json.JSONDecodeError as error:
-        raise InvalidInput(f"this is not JSON: line {error.lineno} is at fault.") from None
+        raise InvalidInput(f"this is not JSON: line {error.lineno} is at fault.", code="not_json") from None
     if not isinstance(pose, dict) or not isinstance(pose.get("positions_m"), list):
-        raise InvalidInput("this is no pose of a hand: it has 0 points under positions_m.")
+        raise InvalidInput("this is no pose of a hand: it has 0 points under positions_m.", code="not_a_pose")
     unknown = [key for key in pose if key not in KEYS]
     if unknown:
-        raise InvalidInput(f"{unknown[0]} is not 1 of the keys of a pose: {', '.join(KEYS)}.")
+        raise InvalidInput(f"{unknown[0]} is not 1 of the keys of a pose: {', '.join(KEYS)}.", code="unknown_key")
     for key in ("joints", "radii_m"):
         if key in pose and not isinstance(pose[key], list):
-            raise InvalidInput(f"{key} is {pose[key]!r}, but it must be a list, one for each of the joints.")
+            raise InvalidInput(
+                f"{key} is {pose[key]!r}, but it must be a list, one for each of the joints.", code="wrong_kind"
+            )
     for index, name in enumerate(pose.get("joints", ())):
         if not isinstance(name, str):
-            raise InvalidInput(f"joint {index} is named {name!r}, but names are those of WebXR, such as 'wrist'.")
+            raise InvalidInput(
+                f"joint {index} is named {name!r}, but names are those of WebXR, such as 'wrist'.", code="unknown_joint"
+            )
     return pose

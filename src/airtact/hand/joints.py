@@ -1,4 +1,4 @@
-"""Joints of a hand as trackers give them, checked: 25 of WebXR, or 21 of MediaPipe and Leap.
+"""Check the joints of a hand that trackers give: 25 of WebXR, or 21 of MediaPipe and Leap.
 
 Sources
 -------
@@ -9,12 +9,15 @@ Sources
 
 from collections.abc import Mapping
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float64, Int64, Real
 
 from airtact.conventions import InvalidInput
 from airtact.validation import check_finite, counted, fixed, number, points_of, real_numbers
+
+Side = Literal["right", "left"]
 
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 
@@ -67,19 +70,19 @@ THUMB_BONES = (0, 1, 2, 4)
 """Which of these the thumb's bones are."""
 
 STRAIGHT = 0.2
-"""Sum of the sines of all bends below which left and right cannot be told."""
+"""Sum of the sines of all bends below which the side of a hand is unknown."""
 
 RADIUS = (0.003, 0.035)
 """Radii that the skin round a joint may have [m]."""
 
 
 def joints_of(given: Real[np.ndarray, "joints 3"], rough: float = 0.0) -> Float64[np.ndarray, "25 3"]:
-    """Return the 25 joints of WebXR, or refuse what cannot be those of a hand.
+    """Return the 25 joints of WebXR, or raise for joints that no hand has.
 
     Parameters
     ----------
     given : (25, 3) in WebXR's order, or (21, 3) in that of MediaPipe and Leap, without four metacarpal bases [m].
-    rough : by so much may bones be longer or shorter than any are, where the joints are only roughly known [m].
+    rough : by so much may bones be longer or shorter than any are, because the joints are rough [m].
 
     Raises
     ------
@@ -94,28 +97,28 @@ def joints_of(given: Real[np.ndarray, "joints 3"], rough: float = 0.0) -> Float6
         count = int((~np.isfinite(rows).all(axis=1)).sum())
         raise InvalidInput(
             f"{counted(count, 'joint is', 'joints are')} NaN or infinite, the first is joint {bad}, {what}: the "
-            "tracker lost it; leave this frame out."
+            "tracker lost it; leave this frame out.",
+            code="not_finite",
         )
     joints = points_of(given, "joints of a hand")
     if len(joints) not in (21, 25):
         raise InvalidInput(
             f"{counted(len(joints), 'joint is', 'joints are')} given, but a hand has 25 (WebXR) or 21 (MediaPipe, "
-            "Leap)."
+            "Leap).",
+            code="joint_count",
         )
     spread = float(np.ptp(joints, axis=0).max())
     if spread > LARGEST:
-        raise InvalidInput(f"the joints span {spread:.4g} m: are they in millimetres? Give metres.")
+        raise InvalidInput(
+            f"the joints span {spread:.4g} m: are they in millimetres? Give metres.", code="not_in_metres"
+        )
     joints = joints if len(joints) == 25 else _with_bases(joints)
-    _check_impossible_bones(joints, rough)
+    _check_bone_lengths(joints, rough)
     return fixed(joints)
 
 
 def named_joints(given: Mapping[str, Real[np.ndarray, "3"]]) -> Float64[np.ndarray, "25 3"]:
-    """Put joints that are given by WebXR's names into its order.
-
-    Parameters
-    ----------
-    given : three coordinates [m] by name.
+    """Put joints that are given by WebXR's names, three coordinates each [m], into its order.
 
     Raises
     ------
@@ -124,10 +127,11 @@ def named_joints(given: Mapping[str, Real[np.ndarray, "3"]]) -> Float64[np.ndarr
     """
     missing = [name for name in NAMES if name not in given]
     if missing:
-        raise InvalidInput(f"{counted(len(missing), 'joint is', 'joints are')} missing, the first is {missing[0]}.")
+        count = counted(len(missing), "joint is", "joints are")
+        raise InvalidInput(f"{count} missing, the first is {missing[0]}.", code="joint_missing")
     unknown = [name for name in given if name not in NAMES]
     if unknown:
-        raise InvalidInput(f"{unknown[0]} is not 1 of the 25 joints of WebXR.")
+        raise InvalidInput(f"{unknown[0]} is not 1 of the 25 joints of WebXR.", code="unknown_joint")
     return joints_of(real_numbers(np.array([given[name] for name in NAMES]), "joints of a hand"))
 
 
@@ -153,7 +157,10 @@ def radii_of(
         return fixed(scale * RADII)
     radii = real_numbers(given, "radii of a hand")
     if radii.shape not in ((25,), (21,)):
-        raise InvalidInput(f"radii of a hand have shape {radii.shape}, but there are 25, or 21, one for each joint.")
+        raise InvalidInput(
+            f"radii of a hand have shape {radii.shape}, but there are 25, or 21, one for each joint.",
+            code="wrong_shape",
+        )
     check_finite(radii, "radii of a hand")
     if len(radii) == 21:
         scale = hand_length(joints) / LENGTH
@@ -164,7 +171,8 @@ def radii_of(
     if len(wrong):
         raise InvalidInput(
             f"the radius at {NAMES[wrong[0]]} is {1e3 * radii[wrong[0]]:.4g} mm, but skin lies {1e3 * RADIUS[0]:g} to "
-            f"{1e3 * RADIUS[1]:g} mm from a joint: are the radii in metres?"
+            f"{1e3 * RADIUS[1]:g} mm from a joint: are the radii in metres?",
+            code="out_of_range",
         )
     return radii
 
@@ -176,7 +184,7 @@ def hand_length(joints: Float64[np.ndarray, "25 3"]) -> float:
 
 
 def side_of(joints: Float64[np.ndarray, "25 3"]) -> str:
-    """Tell whether the joints are those of a left or a right hand: which way fingers bend and the thumb points says so.
+    """Find the side of a hand from the bends of its fingers and the lean of its thumb.
 
     Parameters
     ----------
@@ -184,7 +192,7 @@ def side_of(joints: Float64[np.ndarray, "25 3"]) -> str:
 
     Returns
     -------
-    ``"right"``, ``"left"``, or ``"unknown"`` where the fingers are so straight that it cannot be told.
+    ``"right"``, ``"left"``, or ``"unknown"`` where the fingers are too straight.
     """
     evidence = evidence_of(joints)
     if abs(evidence) < STRAIGHT:
@@ -192,13 +200,24 @@ def side_of(joints: Float64[np.ndarray, "25 3"]) -> str:
     return "right" if evidence > 0.0 else "left"
 
 
-def evidence_of(joints: Float64[np.ndarray, "25 3"]) -> float:
-    """Sum the sines of all bends of the fingers, positive for those of a right hand, and that of the thumb's lean.
+def check_side_name(side: str | None) -> None:
+    """Raise unless the side of a hand is "right", "left" or None."""
+    if side not in ("right", "left", None):
+        raise InvalidInput(f"the side of a hand is {side!r}, but there are 2: 'right' and 'left'.", code="unknown_side")
 
-    Parameters
-    ----------
-    joints : (25, 3) [m].
-    """
+
+def check_side(side: str, seen: str, evidence: float, what: str) -> None:
+    """Raise where the side that is given is not the one that the joints show."""
+    if side != seen:
+        raise InvalidInput(
+            f"the {what} are given as those of a {side} hand, but the fingers bend and the thumb points as those of a "
+            f"{seen} one ({evidence:+.2f}, above 0 being right): are they mirrored?",
+            code="wrong_side",
+        )
+
+
+def evidence_of(joints: Float64[np.ndarray, "25 3"]) -> float:
+    """Sum the sines of all bends of the fingers and of the thumb's lean, positive for a right hand."""
     across = unit(joints[6] - joints[21])
     back = unit(np.cross(joints[11] - joints[0], across))
     evidence = -float(unit(joints[4] - joints[1]) @ back)
@@ -208,13 +227,13 @@ def evidence_of(joints: Float64[np.ndarray, "25 3"]) -> float:
     return evidence
 
 
-def refuse_swapped_fingers(joints: Float64[np.ndarray, "25 3"], rough: float = 0.0) -> None:
-    """Refuse knuckles that do not follow each other across the palm, and a thumb on the little finger's side.
+def check_finger_order(joints: Float64[np.ndarray, "25 3"], rough: float = 0.0) -> None:
+    """Raise where knuckles do not follow each other across the palm, or the thumb is on the little finger's side.
 
     Parameters
     ----------
     joints : (25, 3) [m].
-    rough : they are only known to about this [m].
+    rough : how well they are known [m].
 
     Raises
     ------
@@ -230,6 +249,7 @@ def refuse_swapped_fingers(joints: Float64[np.ndarray, "25 3"], rough: float = 0
             f"the knuckle of the {FINGERS[worst + 2]} finger is {-1e3 * steps[worst]:.3g} mm nearer to the index "
             f"finger's than that of the {FINGERS[worst + 1]} finger: are fingers swapped?",
             joints[knuckles[worst]],
+            code="fingers_swapped",
         )
     far = [float(np.linalg.norm(joints[CHAINS[0][1]] - joints[knuckles[end]])) for end in (0, -1)]
     if far[1] < far[0] - ORDERED - 0.5 * rough:
@@ -237,6 +257,7 @@ def refuse_swapped_fingers(joints: Float64[np.ndarray, "25 3"], rough: float = 0
             f"the thumb is {1e3 * far[1]:.3g} mm from the little finger's knuckle and {1e3 * far[0]:.3g} mm from the "
             "index finger's: are fingers swapped?",
             joints[CHAINS[0][1]],
+            code="fingers_swapped",
         )
 
 
@@ -266,20 +287,21 @@ def _checked_length(length: float) -> float:
     if not 0.08 <= length <= 0.3:
         raise InvalidInput(
             f"the length of a hand is {length:g} m, but hands are 0.08 to 0.3 m long: is it in millimetres? Give "
-            "metres."
+            "metres.",
+            code="out_of_range",
         )
     return length
 
 
 def bone_kinds() -> Int64[np.ndarray, "bones"]:
-    """Tell for each of ``BONES`` which of ``LONGEST`` it is."""
+    """Return for each of ``BONES`` which of ``LONGEST`` it is."""
     kinds = [0] * 5
     for chain in CHAINS:
         kinds += THUMB_BONES[1:] if len(chain) == 4 else [1, 2, 3, 4]
     return np.array(kinds)
 
 
-def _check_impossible_bones(joints: Float64[np.ndarray, "25 3"], rough: float) -> None:
+def _check_bone_lengths(joints: Float64[np.ndarray, "25 3"], rough: float) -> None:
     ends = np.array(BONES)
     lengths = np.linalg.norm(joints[ends[:, 0]] - joints[ends[:, 1]], axis=1)
     kinds = bone_kinds()
@@ -289,12 +311,13 @@ def _check_impossible_bones(joints: Float64[np.ndarray, "25 3"], rough: float) -
         return
     first = int(wrong[0])
     one, two = (NAMES[index] for index in ends[first])
-    others = (
-        f", and {counted(len(wrong) - 1, 'more bone is', 'more bones are')} as wrong: are joints swapped or the same?"
-    )
-    others = others if len(wrong) > 1 else "; give those joints anew."
+    others = "; give those joints anew."
+    if len(wrong) > 1:
+        more = counted(len(wrong) - 1, "more bone is", "more bones are")
+        others = f", and {more} as wrong: are joints swapped or the same?"
     raise InvalidInput(
         f"the bone from {one} to {two} is {1e3 * lengths[first]:.4g} mm long, but such bones are "
         f"{1e3 * low[first]:g} to {1e3 * high[first]:g} mm{others}",
         joints[ends[first]].mean(axis=0),
+        code="bone_length",
     )

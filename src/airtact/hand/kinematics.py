@@ -1,4 +1,4 @@
-"""How fingers bend: the axes of their joints, and opening two of them to a gap."""
+"""The kinematics of fingers: the axes of their joints, and opening two fingers to a gap."""
 
 import math
 from itertools import pairwise
@@ -15,10 +15,10 @@ from airtact.hand.joints import BONES, CHAINS, FINGERS, unit
 from airtact.hand.sphere_mesh import Hulls
 
 THUMB_TILT = 0.5
-"""How much the thumb's pad looks away from the back of the hand, over how much it looks to the index finger's root."""
+"""How much the thumb's pad faces away from the back of the hand, over how much it faces the index finger's root."""
 
 STEADY = 0.3
-"""Weight of the palm's own axis beside what the bends of a finger say."""
+"""Weight of the palm's own axis beside the axis of the bends of a finger."""
 
 LAST_SHARE = 2.0 / 3.0
 """Share of the bend of a finger's middle joint that its last one usually has, by the tendon that they share."""
@@ -27,24 +27,17 @@ BENDS_TRIED = np.radians(np.arange(0.0, 111.0, 2.0))
 """Bends of middle joints that are tried [rad]."""
 
 SHORT = 1e-3
-"""A tip nearer than this to its knuckle, or to the axis that it bends about, says nothing of the plane [m]."""
+"""A tip nearer than this to its knuckle, or to the axis that it bends about, does not determine the plane [m]."""
 
 ROOTS = (1, 6, 11, 16, 21)
 """Joint at the root of each finger, which opens it."""
 
-TURNS = np.radians(np.concatenate([np.arange(0.0, 61.0, 3.0), -np.arange(3.0, 46.0, 3.0)]))
-"""Turns of both fingers that are tried, positive ones straightening them [rad]."""
+ANGLES = np.radians(np.concatenate([np.arange(0.0, 61.0, 3.0), -np.arange(3.0, 46.0, 3.0)]))
+"""Angles that both fingers are turned by in the search for a gap, positive ones straightening them [rad]."""
 
 
 def bending_axis(joints: Float64[np.ndarray, "25 3"], side: str, finger: int) -> Float64[np.ndarray, "3"]:
-    """Find the unit axis (3,) about which a positive turn bends a finger.
-
-    Parameters
-    ----------
-    joints : (25, 3) [m].
-    side : "right" or "left".
-    finger : 0 to 4, thumb to little finger.
-    """
+    """Find the unit axis (3,) about which a positive angle bends a finger, 0 to 4 from thumb to little finger."""
     sign = 1.0 if side == "right" else -1.0
     across = unit(joints[6] - joints[21])
     chain = CHAINS[finger]
@@ -60,15 +53,7 @@ def bending_axis(joints: Float64[np.ndarray, "25 3"], side: str, finger: int) ->
 
 
 def turned(joints: Float64[np.ndarray, "25 3"], side: str, finger: int, angle: float) -> Float64[np.ndarray, "25 3"]:
-    """Straighten a finger at its root.
-
-    Parameters
-    ----------
-    joints : (25, 3) [m].
-    side : "right" or "left".
-    finger : 0 to 4.
-    angle : by how much [rad].
-    """
+    """Straighten a finger at its root by an angle [rad]."""
     root = ROOTS[finger]
     outer = [joint for joint in CHAINS[finger] if joint > root]
     turn = Rotation.from_rotvec(-angle * bending_axis(joints, side, finger))
@@ -80,10 +65,10 @@ def turned(joints: Float64[np.ndarray, "25 3"], side: str, finger: int, angle: f
 def evenly_bent(
     landmarks: Float64[np.ndarray, "25 3"], lengths: Float64[np.ndarray, "bones"], side: str
 ) -> Float64[np.ndarray, "25 3"]:
-    """Bend fingers so that they reach from rough knuckles to rough tips, the joints between them as fingers bend.
+    """Bend fingers so that they reach from rough knuckles to rough tips, with usual bends at the joints between.
 
-    Bends between rough landmarks are worth nothing where these are off by as much as bones are long; the distance from
-    a knuckle to a tip is worth much more.
+    Landmarks that are off by the length of a bone do not show the bends between them, but the distance from a knuckle
+    to a tip still does.
 
     Parameters
     ----------
@@ -96,29 +81,22 @@ def evenly_bent(
     for finger, chain in enumerate(CHAINS):
         outer = chain[-4:] if finger else chain[-3:]
         bones = lengths[[BONES.index(pair) for pair in pairwise(outer)]]
-        turns = np.outer(BENDS_TRIED, np.cumsum([0.0, 1.0, LAST_SHARE][: len(bones)]))
-        ahead, aside = np.cos(turns) @ bones, np.sin(turns) @ bones  # of the tip, in the plane of the finger
+        bends = np.outer(BENDS_TRIED, np.cumsum([0.0, 1.0, LAST_SHARE][: len(bones)]))
+        ahead, aside = np.cos(bends) @ bones, np.sin(bends) @ bones  # of the tip, in the plane of the finger
         reach = landmarks[outer[-1]] - landmarks[outer[0]]
         best = int(np.abs(np.hypot(ahead, aside) - np.linalg.norm(reach)).argmin())
         axis = across if finger else bending_axis(landmarks, side, 0)
         if np.linalg.norm(np.cross(axis, reach)) < SHORT:
             continue
         along, up = unit(reach), unit(np.cross(axis, reach))
-        angles = turns[best] - np.arctan2(aside[best], ahead[best])
+        angles = bends[best] - np.arctan2(aside[best], ahead[best])
         ways = np.outer(np.cos(angles), along) + np.outer(np.sin(angles), up)
         joints[list(outer[1:])] = landmarks[outer[0]] + np.cumsum(bones[:, None] * ways, axis=0)
     return joints
 
 
 def gap_of(joints: Float64[np.ndarray, "25 3"], radii: Float64[np.ndarray, "25"], fingers: tuple[int, int]) -> float:
-    """Distance of the skins of two last phalanges [m], negative where they overlap.
-
-    Parameters
-    ----------
-    joints : (25, 3) [m].
-    radii : (25,) [m].
-    fingers : 0 to 4, both.
-    """
+    """Return the distance of the skins of two fingers' last phalanges [m], negative where they overlap."""
     one, other = (int(np.flatnonzero(finger == OWNER)[-1]) for finger in fingers)
     zero = np.zeros((1, 1))
     balls = np.column_stack([joints, radii])
@@ -142,20 +120,12 @@ def opened(
     fingers: tuple[int, int],
     gap: float,
 ) -> Float64[np.ndarray, "25 3"]:
-    """Turn two fingers at their roots, both alike, until the skins of their last phalanges are a gap apart.
-
-    Parameters
-    ----------
-    joints : (25, 3) [m].
-    radii : (25,) [m].
-    side : "right" or "left".
-    fingers : 0 to 4, both.
-    gap : the distance wanted [m].
+    """Turn two fingers at their roots by the same angle until the skins of their last phalanges are a gap [m] apart.
 
     Raises
     ------
     InvalidInput
-        When no turn brings them there: the nearest and farthest that they come.
+        No angle gives the gap; the sentence has the nearest and farthest that they come.
     """
 
     def both(angle: float) -> Float64[np.ndarray, "25 3"]:
@@ -167,14 +137,15 @@ def opened(
     def missing(angle: float) -> float:
         return gap_of(both(angle), radii, fingers) - gap
 
-    found = np.array([missing(float(angle)) for angle in TURNS])
-    for way in (np.flatnonzero(TURNS >= 0.0), np.r_[0, np.flatnonzero(TURNS < 0.0)]):
+    found = np.array([missing(float(angle)) for angle in ANGLES])
+    for way in (np.flatnonzero(ANGLES >= 0.0), np.r_[0, np.flatnonzero(ANGLES < 0.0)]):
         for start, end in pairwise(way):
             if found[start] <= 0.0 <= found[end] or found[end] <= 0.0 <= found[start]:
-                return both(float(cast("float", brentq(missing, TURNS[start], TURNS[end], xtol=1e-9))))
+                return both(float(cast("float", brentq(missing, ANGLES[start], ANGLES[end], xtol=1e-9))))
     one, other = (FINGERS[finger] for finger in fingers)
     raise InvalidInput(
         f"the {one} and the {other} cannot be brought {1e3 * gap:g} mm apart: turning their roots leaves them "
         f"{1e3 * (found.min() + gap):.3g} to {1e3 * (found.max() + gap):.3g} mm apart; give such a gap, or "
-        "another pose."
+        "another pose.",
+        code="gap_out_of_reach",
     )

@@ -45,7 +45,7 @@ class Pinch:
     __repr__ = in_short
 
     def foci(self, offset: float = 0.5e-3) -> Float64[np.ndarray, "2 3"]:
-        """One point (3,) [m] in front of each pad.
+        """Return one point (3,) [m] in front of each pad.
 
         Parameters
         ----------
@@ -54,13 +54,14 @@ class Pinch:
         Raises
         ------
         InvalidInput
-            When the offset is negative or reaches the other finger.
+            The offset is negative or reaches the other finger.
         """
         offset = number(offset, "the offset of the foci", "m")
         if not 0.0 <= offset < self.gap:
             raise InvalidInput(
                 f"foci {offset * 1e3:g} mm off the pads do not lie in the gap of {self.gap * 1e3:g} mm; give an offset "
-                "from 0 to less than the gap."
+                "from 0 to less than the gap.",
+                code="out_of_range",
             )
         return self.pads + offset * self.normals
 
@@ -76,7 +77,7 @@ def pinch(gap: float = 0.012, edge: float = 2.5e-3) -> Pinch:
     Raises
     ------
     InvalidInput
-        When a length is not above zero, or the gap is wider than a hand.
+        A length is not above zero, or the gap is wider than a hand.
 
     Examples
     --------

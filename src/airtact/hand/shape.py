@@ -1,4 +1,4 @@
-"""The shape of a hand, which solvers cover with panels: exact distance, curved panels, meshes that follow the pose."""
+"""The shape of a hand for solvers: exact distance, curved panels, and meshes that follow the pose."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -72,7 +72,7 @@ class HandShape(Shape):
 
     @property
     def extent(self) -> float:
-        """Largest side of the upright box round it at rest [m]."""
+        """Largest side of the axis-aligned box round it at rest [m]."""
         centres, radii = self.hulls.balls[:, :3], self.hulls.balls[:, 3:]
         return float(((centres + radii).max(axis=0) - (centres - radii).min(axis=0)).max())
 
@@ -91,11 +91,11 @@ class HandShape(Shape):
         return -self.hulls.look(self.pose.inverse().apply(points)).distance
 
     def project(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
-        """Bring points (P, 3) [m] near the skin onto it."""
+        """Project points (P, 3) [m] near the skin onto it."""
         return self.pose.apply(self.hulls.project(self.pose.inverse().apply(points)))
 
     def panels(self, edge: float, bend: float = BEND) -> QuadraticTriangles:
-        """Cover it with curved panels about as large as equilateral triangles of a given edge [m]."""
+        """Cover it with curved panels about as large as equilateral triangles of an edge [m]."""
         return self.pose.apply(curved_panels(self.hulls, self.skin(edge)))
 
     def extreme_points(self) -> Float64[np.ndarray, "points 3"]:
@@ -118,12 +118,7 @@ class HandShape(Shape):
         return self.meshes[edge]
 
     def moved(self, pose: Pose) -> "HandShape":
-        """Move it rigidly.
-
-        Parameters
-        ----------
-        pose : the motion.
-        """
+        """Move it rigidly by a pose."""
         return replace(self, pose=pose @ self.pose)
 
     @cached_property
@@ -133,12 +128,6 @@ class HandShape(Shape):
 
 
 def curved_panels(hulls: Hulls, skin: HandMesh) -> QuadraticTriangles:
-    """Curve triangles by the points of the skin over the middles of their edges.
-
-    Parameters
-    ----------
-    hulls : the body.
-    skin : its triangles.
-    """
+    """Curve triangles by the points of the skin over the middles of their edges."""
     corners = skin.vertices[skin.triangles]
     return np.concatenate([corners, midpoints(hulls, skin)], axis=1)

@@ -172,7 +172,7 @@ REPAIR_PULL = 0.4
 
 
 def _repaired(hulls: Hulls, mesh: HandMesh, edge: float) -> tuple[float, HandMesh]:
-    """Make poor triangles more even, and smaller in narrow creases, until all are good; the least fault and its mesh."""
+    """Make poor triangles more even, and smaller in narrow creases; return the least fault and its mesh."""
     best = _fault(hulls, mesh), mesh
     for attempt in range(REPAIRS):
         if best[0] <= 0.0 or len(mesh.triangles) > MOST * len(best[1].triangles):

@@ -1,4 +1,4 @@
-"""The exact body of a hand: hulls of two or three balls each, its creases filled.
+"""The exact body of a hand: blended hulls of two or three balls each.
 
 Source: A. Tkach, M. Pauly, A. Tagliasacchi, "Sphere-meshes for real-time hand modeling and tracking", ACM Trans. Graph.
 35, 222 (2016): a hull of balls is all points nearer to some point of their simplex than the radius interpolated there.
@@ -14,31 +14,16 @@ from airtact import _kernels
 from airtact.pose import Pose
 from airtact.printing import in_short
 
-STEPS = 12
-"""Newton steps that bring a point onto the skin at most."""
-
-LONGEST_STEP = 2e-3
-"""Longest of them [m]."""
-
-STRIDE = 0.5e-3
-"""How far from it the skin is looked for where they do not settle [m]."""
-
-HALVINGS = 24
-"""How often that is halved."""
-
-ON_SKIN = 1e-9
-"""Points nearer than this are on the skin [m]."""
-
 
 class Look(NamedTuple):
-    """What is found at points (P, 3).
+    """Distance and surroundings of points (P, 3).
 
     Attributes
     ----------
     distance : (P,) to the skin [m], negative inside.
-    gradient : (P, 3) of that, but for the slow change of the width of a filled crease.
-    bend : (P,) radius at which the skin bends there [m].
-    facing : (P,) distance of the nearest hull that stands apart from the nearest one [m].
+    gradient : (P, 3) of the distance, with the blend radius held fixed.
+    bend : (P,) radius of curvature of the skin there [m].
+    facing : (P,) distance of the nearest of the hulls that stand apart from the nearest hull [m].
     nearest : (P,) the nearest hull.
     """
 
@@ -49,19 +34,41 @@ class Look(NamedTuple):
     nearest: Int64[np.ndarray, "points"]
 
 
+class Projection(NamedTuple):
+    """Settings of the Newton iterations that project a point onto the skin.
+
+    Attributes
+    ----------
+    iterations : at most.
+    longest : step [m].
+    on_skin : points nearer than this are on the skin [m].
+    stride : how far from the point the skin is searched where the iterations do not settle [m] ...
+    halvings : ... and how often that interval is halved.
+    """
+
+    iterations: int
+    longest: float
+    on_skin: float
+    stride: float
+    halvings: int
+
+
+PROJECTION = Projection(12, 2e-3, 1e-9, 0.5e-3, 24)
+
+
 @dataclass(frozen=True, eq=False)
 class Hulls:
     """Hulls of balls and how they are joined.
 
-    Between two hulls with outward normals n, m the crease is filled over a width of ``blend`` (1 - n·m)/2, as the
-    smooth minimum of their distances: skins that face each other are one where nearer than half that width, a right
-    angle is filled over half of it, and hulls that share a ball pass into each other without a swelling.
+    Two hulls with outward normals n, m are joined by the smooth minimum of their distances with a blend radius of
+    ``blend`` (1 - n·m)/2: skins that face each other are one where nearer than half of ``blend``, a right angle has
+    half that radius, and hulls that share a ball join without a swelling.
 
     Attributes
     ----------
     balls : (B, 4) centres and radii [m].
     parts : (H, 3) the two or three balls of each hull; the third is -1 for two.
-    blend : (H, H) width of filled creases between skins that face each other [m]; 0 for none.
+    blend : (H, H) blend radius of skins that face each other [m]; 0 for none.
     apart : (H, H) 1 where two hulls stand apart, else 0.
     """
 
@@ -78,13 +85,13 @@ class Hulls:
         return float(self.balls[:, 3].min())
 
     def look(self, points: Real[np.ndarray, "points 3"], carve: float = 0.0, reach: float = 0.0) -> Look:
-        """Find distance, gradient and surroundings of points (P, 3) [m].
+        """Evaluate distance, gradient and surroundings of points (P, 3) [m].
 
         Parameters
         ----------
         points : (P, 3) [m].
         carve : hulls that stand apart are carved out to this distance round each other [m].
-        reach : hulls are looked at that are farther than the nearest by no more [m]; at least as filling creases needs.
+        reach : hulls farther than the nearest by more are left out [m]; at least the largest blend radius.
         """
         points = np.ascontiguousarray(points, dtype=np.float64)
         count = len(points)
@@ -101,19 +108,13 @@ class Hulls:
         return out
 
     def project(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
-        """Bring points (P, 3) [m] near the skin onto it, along the gradient of the distance."""
+        """Project points (P, 3) [m] near the skin onto it, along the gradient of the distance."""
         points = np.array(points, dtype=np.float64, order="C")
         tables = (self.balls, self.parts, self.blend, self.apart)
-        reach = float(self.blend.max())
-        _kernels.project_on_hulls(points, *tables, reach, STEPS, LONGEST_STEP, ON_SKIN, STRIDE, HALVINGS)
+        _kernels.project_on_hulls(points, *tables, float(self.blend.max()), *PROJECTION)
         return points
 
     def moved(self, pose: Pose) -> "Hulls":
-        """Move it rigidly.
-
-        Parameters
-        ----------
-        pose : the motion.
-        """
+        """Move it rigidly by a pose."""
         balls = np.column_stack([pose.apply(self.balls[:, :3]), self.balls[:, 3]])
         return Hulls(np.ascontiguousarray(balls), self.parts, self.blend, self.apart)

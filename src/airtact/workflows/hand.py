@@ -95,8 +95,8 @@ class Fitted(Posed):
 
     @property
     def usual(self) -> float:
-        """Half of them, without strays, are nearer than this [m]."""
-        return float(np.median(np.abs(self.distances[~self.fitted.strays])))
+        """Median distance of the points, outliers left out [m]."""
+        return float(np.median(np.abs(self.distances[~self.fitted.outliers])))
 
 
 def pose(

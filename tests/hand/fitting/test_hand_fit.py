@@ -1,4 +1,4 @@
-"""The pieces of the fit: distances to the body, rules and the outline, all with exact derivatives."""
+"""The parts of the fit: distances from the body, rules and the silhouette, all with exact derivatives."""
 
 from itertools import pairwise
 
@@ -7,17 +7,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from airtact.hand.fitting.joint_priors import (
-    UNKNOWNS,
     bend_rules,
     bending_axes,
-    firmness,
     landmark_cost,
+    landmark_weights,
     length_rules,
     usual_last_bones,
 )
-from airtact.hand.fitting.point_cloud import thinned
-from airtact.hand.fitting.silhouette import FAR, LOOSE, SPARE, outline
-from airtact.hand.fitting.skin_residuals import gaps_to
+from airtact.hand.fitting.point_cloud import cell_means
+from airtact.hand.fitting.silhouette import FAR, LOOSE, SPARE, silhouette_of
+from airtact.hand.fitting.skin_residuals import skin_residuals
+from airtact.hand.fitting.unknowns import COUNT, JOINTS, SIZES
 from airtact.hand.hand import hand_from_joints
 from airtact.hand.joints import BONES, CHAINS
 from airtact.hand.kinematics import evenly_bent
@@ -57,23 +57,27 @@ def test_distances_are_those_of_the_body(hulls: Hulls, points: np.ndarray) -> No
     each = hulls.each(points)
     for index, part in enumerate(hulls.parts):
         alone = Hulls(hulls.balls, part[None], np.zeros((1, 1)), np.zeros((1, 1)))
-        np.testing.assert_allclose(gaps_to(points, alone).distance, each[:, index], atol=1e-12)
-    off = np.abs(gaps_to(points, hulls).distance - hulls.look(points).distance)
-    assert np.mean(off < 1e-12) > 0.97  # where three creases meet, only those with the nearest hull are seen
+        np.testing.assert_allclose(skin_residuals(points, alone).distance, each[:, index], atol=1e-12)
+    off = np.abs(skin_residuals(points, hulls).distance - hulls.look(points).distance)
+    assert np.mean(off < 1e-12) > 0.97  # where three blends meet, only those with the nearest hull are evaluated
     assert off.max() < 1e-3
 
 
 @pytest.mark.parametrize("camera", [None, np.array([0.1, -0.2, 0.5])])
-def test_slopes_of_distances_are_exact_but_in_creases(hulls: Hulls, points: np.ndarray, camera: np.ndarray) -> None:
+def test_derivatives_of_distances_are_exact_without_blending(
+    hulls: Hulls, points: np.ndarray, camera: np.ndarray
+) -> None:
     bare = Hulls(hulls.balls, hulls.parts, 0.0 * hulls.blend, hulls.apart)
 
     def distances(balls: np.ndarray) -> np.ndarray:
-        return gaps_to(points, Hulls(balls, hulls.parts, bare.blend, hulls.apart), camera).distance
+        return skin_residuals(points, Hulls(balls, hulls.parts, bare.blend, hulls.apart), camera).distance
 
-    slopes = gaps_to(points, bare, camera).slopes
-    off = np.abs(by_differences(distances, hulls.balls) - slopes).max(axis=1)
-    assert np.percentile(off, 97 if camera is None else 55) < 1e-5  # the foot on a ball's front is held fixed
-    assert slopes.shape == (len(points), 104)
+    by_balls = skin_residuals(points, bare, camera).by_balls
+    off = np.abs(by_differences(distances, hulls.balls) - by_balls).max(axis=1)
+    assert (
+        np.percentile(off, 97 if camera is None else 55) < 1e-5
+    )  # the nearest position on a ball's front is held fixed
+    assert by_balls.shape == (len(points), 104)
 
 
 def test_points_are_held_against_skin_that_faces_the_camera(hulls: Hulls) -> None:
@@ -85,11 +89,11 @@ def test_points_are_held_against_skin_that_faces_the_camera(hulls: Hulls) -> Non
     camera = ball[:3] + 0.5 * sight
     behind = (ball[:3] - 0.9 * ball[3] * sight)[None]
 
-    assert abs(gaps_to(behind, finger).distance[0]) < 0.15 * ball[3]  # nearest is the back
-    assert gaps_to(behind, finger, camera).distance[0] == pytest.approx(-1.9 * ball[3], rel=0.02)
+    assert abs(skin_residuals(behind, finger).distance[0]) < 0.15 * ball[3]  # nearest is the back
+    assert skin_residuals(behind, finger, camera).distance[0] == pytest.approx(-1.9 * ball[3], rel=0.02)
 
 
-def test_slopes_of_rules_are_exact() -> None:
+def test_derivatives_of_rules_are_exact() -> None:
     joints, _ = example("relaxed")
     random = np.random.default_rng(1)
     for _ in range(3):
@@ -102,20 +106,22 @@ def test_slopes_of_rules_are_exact() -> None:
         }
         for rule in rules.values():
             found = rule(place)
-            slopes = by_differences(lambda x, rule=rule: rule(x).residuals, place)
-            assert found.slopes.shape == (len(found.residuals), UNKNOWNS)
-            np.testing.assert_allclose(found.slopes[:, :75], slopes, atol=1e-6 * np.abs(slopes).max())
+            gradients = by_differences(lambda x, rule=rule: rule(x).residuals, place)
+            assert found.gradients.shape == (len(found.residuals), COUNT)
+            np.testing.assert_allclose(found.gradients[:, JOINTS], gradients, atol=1e-6 * np.abs(gradients).max())
         by_size = by_differences(lambda s, place=place: length_rules(place, s).residuals, sizes)
-        np.testing.assert_allclose(length_rules(place, sizes).slopes[:, 75:], by_size, atol=1e-4)
+        np.testing.assert_allclose(length_rules(place, sizes).gradients[:, SIZES], by_size, atol=1e-4)
 
 
 def test_landmarks_pull_as_their_cost_falls() -> None:
     random = np.random.default_rng(2)
     off, spread = random.normal(scale=12e-3, size=(25, 3)), random.uniform(4e-3, 20e-3, 25)
 
-    slopes = by_differences(lambda x: np.array([landmark_cost(x, spread)]), off)[0]
+    gradient = by_differences(lambda x: np.array([landmark_cost(x, spread)]), off)[0]
 
-    np.testing.assert_allclose(2.0 * (firmness(off, spread)[:, None] ** 2 * off).ravel(), slopes, rtol=1e-6, atol=1e-2)
+    np.testing.assert_allclose(
+        2.0 * (landmark_weights(off, spread)[:, None] ** 2 * off).ravel(), gradient, rtol=1e-6, atol=1e-2
+    )
 
 
 def test_a_hand_at_rest_breaks_no_rule() -> None:
@@ -170,9 +176,9 @@ def test_a_finger_bent_backwards_breaks_one() -> None:
     assert np.abs(bend_rules(joints, mirrored, usual).residuals[:-12]).max() > 3.0
 
 
-def test_what_stands_out_of_the_outline_is_found_with_its_slope() -> None:
+def test_what_reaches_out_of_the_silhouette_is_found_with_its_derivatives() -> None:
     true = turned_to_camera(posed("rest"), 1)
-    found = outline(seen(true, 1, strays=0.0), np.zeros(3))
+    found = silhouette_of(seen(true, 1, outliers=0.0), np.zeros(3))
     radii = example("relaxed")[1]
     balls = np.vstack([np.column_stack([true.joints, radii]), [*true.joints[1:3].mean(axis=0), 0.01]])
     inside = balls * [1.0, 1.0, 1.0, 0.5]
@@ -182,20 +188,20 @@ def test_what_stands_out_of_the_outline_is_found_with_its_slope() -> None:
         return found.beyond(balls)[2]
 
     assert weighed(inside) < 0.2 * weighed(aside)
-    residuals, slopes, cost = found.beyond(aside)
+    residuals, by_balls, cost = found.beyond(aside)
     assert len(residuals) > 5
     assert 0.0 < cost < 8 * 60 * (FAR / LOOSE) ** 2
     assert SPARE > 0.0
     whole = by_differences(lambda x: np.array([weighed(x)]), aside)[0]
-    np.testing.assert_allclose(2.0 * residuals @ slopes, whole, rtol=0.02, atol=0.02 * np.abs(whole).max())
+    np.testing.assert_allclose(2.0 * residuals @ by_balls, whole, rtol=0.02, atol=0.02 * np.abs(whole).max())
 
 
-def test_thinning_averages_neighbours_and_drops_lonely_points() -> None:
+def test_cell_means_average_neighbours_and_drop_lonely_points() -> None:
     random = np.random.default_rng(0)
     plate = np.column_stack([random.uniform(0.0, 0.1, (20_000, 2)), random.normal(scale=0.5e-3, size=20_000)])
     lonely = np.array([[0.05, 0.05, 0.2]])
 
-    kept = thinned(np.vstack([plate, lonely]))
+    kept = cell_means(np.vstack([plate, lonely]))
 
     assert 400 < len(kept) < 1500
     assert np.abs(kept[:, 2]).max() < 2e-3

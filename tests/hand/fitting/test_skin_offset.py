@@ -1,4 +1,4 @@
-"""The skin of a fitted hand follows the points where they show it, and nowhere else."""
+"""The skin of a fitted hand moves to the points where there are any, and nowhere else."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from scipy.spatial import KDTree
 
 from airtact.hand.fitting import skin_offset
 from airtact.hand.fitting.fit import FittedHand, fit_hand
-from airtact.hand.fitting.skin_offset import MOST, NEAR, WIDE, WIDTH, in_relief
+from airtact.hand.fitting.skin_offset import MOST, NEAR, WIDE, WIDTH, with_offset
 from airtact.hand.hand import hand_from_joints
 from airtact.hand.sphere_mesh import Hulls
 from hand.hand_poses import example
@@ -54,7 +54,7 @@ def test_skin_that_is_seen_is_nearer_to_the_true_one(true_hand: Rigged, fitted: 
 def test_skin_moves_as_far_as_points_are_off_and_stays_where_there_are_none(hulls: Hulls) -> None:
     points = shown(hulls, 0.8e-3)
 
-    skin = in_relief(hulls, points)
+    skin = with_offset(hulls, points)
 
     assert skin is not None
     look = hulls.look(skin.vertices)
@@ -69,7 +69,7 @@ def test_skin_moves_as_far_as_points_are_off_and_stays_where_there_are_none(hull
 def test_points_far_off_are_not_followed(hulls: Hulls) -> None:
     points = shown(hulls, 4e-3)
     points = points[hulls.look(points).distance > 1.05 * NEAR]  # in creases they are near other parts
-    far, some = in_relief(hulls, points), in_relief(hulls, shown(hulls, 2.5e-3))
+    far, some = with_offset(hulls, points), with_offset(hulls, shown(hulls, 2.5e-3))
 
     assert far is not None
     assert some is not None
@@ -81,8 +81,8 @@ def test_where_the_moved_skin_would_cross_itself_it_stays(hulls: Hulls, monkeypa
     monkeypatch.setattr(skin_offset, "ROOM", 100.0)
     monkeypatch.setattr(skin_offset, "MOST", 9e-3)
     monkeypatch.setattr(skin_offset, "NEAR", 9e-3)
-    monkeypatch.setattr(skin_offset, "_shown", lambda hulls, points, places, normals: np.full(len(places), 8e-3))
-    wide = in_relief(hulls, shown(hulls, 0.0))
+    monkeypatch.setattr(skin_offset, "_offset", lambda hulls, points, positions, normals: np.full(len(positions), 8e-3))
+    wide = with_offset(hulls, shown(hulls, 0.0))
 
     assert wide is None or len(wide.crossings) == 0
 

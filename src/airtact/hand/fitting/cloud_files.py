@@ -9,7 +9,7 @@ from airtact.conventions import InvalidInput, about
 from airtact.validation import points_of
 
 ENDINGS = (".ply", ".xyz", ".npy")
-"""File name endings of clouds that are read."""
+"""Endings of the names of files that clouds are read from."""
 
 
 def load_cloud(path: Path) -> Float64[np.ndarray, "points 3"]:
@@ -17,17 +17,20 @@ def load_cloud(path: Path) -> Float64[np.ndarray, "points 3"]:
 
     Parameters
     ----------
-    path : a PLY file, whose triangles are left out if there are any; XYZ text; or a (N, 3) array of NumPy [m].
+    path : a PLY file, of which only the vertices are read; XYZ text; or a (N, 3) array of NumPy [m].
 
     Raises
     ------
     InvalidInput
-        There is no such file, or it cannot be read or holds no points.
+        The file does not exist, cannot be read or holds no points.
     """
     if path.suffix.lower() not in ENDINGS:
-        raise InvalidInput(f"{path} ends in {path.suffix!r}, but clouds are read from 3 kinds: .ply, .xyz, .npy.")
+        endings = ", ".join(ENDINGS)
+        raise InvalidInput(
+            f"{path} ends in {path.suffix!r}, but clouds are read from {endings}.", code="unknown_ending"
+        )
     if not path.is_file():
-        raise InvalidInput(f"there is no file {path}; 0 points were read.")
+        raise InvalidInput(f"the file {path} does not exist; 0 points were read.", code="file_missing")
     try:
         if path.suffix.lower() == ".npy":
             points = np.load(path, allow_pickle=False)
@@ -36,6 +39,7 @@ def load_cloud(path: Path) -> Float64[np.ndarray, "points 3"]:
 
             points = np.asarray(trimesh.load(path, process=False).vertices, dtype=np.float64)  # pyright: ignore
     except Exception as fault:  # every reader has its own way to fail on a damaged file
-        raise InvalidInput(f"{path.name} ({path.stat().st_size} bytes) cannot be read: {fault}.") from fault
+        sentence = f"{path.name} ({path.stat().st_size} bytes) cannot be read: {fault}."
+        raise InvalidInput(sentence, code="file_unreadable") from fault
     with about(path.name):
         return points_of(points, "points of a cloud")

@@ -1,6 +1,6 @@
-"""What joints of a hand obey: lengths that they keep, bends that they have, and the landmarks that a tracker gave.
+"""What the joints of a hand obey: constant lengths, limits of bends, and the landmarks of a tracker.
 
-Each rule is a residual over its standard deviation, with its exact derivatives by the joints.
+Each rule is a residual over its standard deviation, with its exact derivatives by the unknowns.
 
 Sources
 -------
@@ -17,12 +17,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from airtact.hand.fitting.size_prior import COUNT, SPANS, TIES
+from airtact.hand.fitting.unknowns import COUNT, JOINTS, LENGTHS, SIZE_LENGTHS, SPANS, TIES
 from airtact.hand.joints import CHAINS, unit
 from airtact.hand.kinematics import LAST_SHARE, bending_axis
-
-BONE, CARPUS, PALM = 0.5e-3, 1.0e-3, 2.0e-3
-"""Standard deviations of the length of a bone from frame to frame, at the wrist, and of ties across the palm [m]."""
 
 BACKWARDS = ((-0.5, -0.15, -0.25), (-0.5, -0.3))
 """Least sine of the bend at the knuckle, middle and last joint of a finger, and at those of the thumb."""
@@ -34,11 +31,10 @@ SIDEWAYS = 0.45
 """Largest sine of the turn of a finger to a side."""
 
 SPARE, PLANE = 0.05, 0.08
-"""Standard deviations of those sines and cosines where they are passed, and of a finger's twist out of its plane."""
+"""Standard deviations of those sines and cosines beyond their limits, and of a finger's twist out of its plane."""
 
 COUPLED = 0.3
-"""Standard deviation of the bend of a finger's last joint from the share of its middle one's that it usually has
-[rad]."""
+"""Standard deviation of the bend of a finger's last joint from its usual share of the middle joint's bend [rad]."""
 
 BENT = (-0.3, 2.0)
 """Bends of middle joints beyond which last ones turn no farther [rad]."""
@@ -67,15 +63,7 @@ HINGE_FINGER = np.repeat([1, 2, 3, 4], 2)
 
 AHEAD, BACK = np.array([1, 2, 0]), np.array([2, 0, 1])
 
-SPAN_ENDS = np.array(SPANS)
-
-SPARE_LENGTH = np.r_[np.full(5, CARPUS), np.full(len(SPANS) - 5 - len(TIES), BONE), np.full(len(TIES), PALM)]
-"""Standard deviations of the lengths of ``SPANS`` [m]."""
-
 KNUCKLES = np.array([chain[1] for chain in CHAINS[1:]])
-
-UNKNOWNS = 75 + COUNT
-"""Coordinates of 25 joints, then the logarithms of the sizes of the hand."""
 
 
 class Rules(NamedTuple):
@@ -84,48 +72,45 @@ class Rules(NamedTuple):
     Attributes
     ----------
     residuals : (R,).
-    slopes : (R, 137) derivatives by joints [1/m] and logarithms of sizes.
+    gradients : (R, 137) derivatives by joints [1/m] and logarithms of sizes.
     """
 
     residuals: Float64[np.ndarray, "rules"]
-    slopes: Float64[np.ndarray, "rules unknowns"]
+    gradients: Float64[np.ndarray, "rules unknowns"]
 
 
 def crossed(a: Float64[np.ndarray, "rows 3"], b: Float64[np.ndarray, "rows 3"]) -> Float64[np.ndarray, "rows 3"]:
-    """Cross products of short tables, in a fifth of the time of ``np.cross``."""
+    """Return the cross products of short tables, in a fifth of the time of ``np.cross``."""
     return a[:, AHEAD] * b[:, BACK] - a[:, BACK] * b[:, AHEAD]
 
 
-def length_rules(joints: Float64[np.ndarray, "25 3"], sizes: Float64[np.ndarray, "sizes"]) -> Rules:
-    """Hold the lengths of bones and ties to the sizes of the hand.
+BONE, CARPUS, PALM = 0.5e-3, 1.0e-3, 2.0e-3
+"""Standard deviations of the length of a bone from frame to frame, at the wrist, and of ties across the palm [m]."""
 
-    Parameters
-    ----------
-    joints : (25, 3) [m].
-    sizes : (62,) logarithms.
-    """
-    ends, spare = SPAN_ENDS, SPARE_LENGTH
-    along = joints[ends[:, 1]] - joints[ends[:, 0]]
+SPAN_ENDS = np.array(SPANS)
+
+SPREAD = np.r_[np.full(5, CARPUS), np.full(len(SPANS) - 5 - len(TIES), BONE), np.full(len(TIES), PALM)]
+"""Standard deviations of the lengths of ``SPANS`` [m]."""
+
+
+def length_rules(joints: Float64[np.ndarray, "25 3"], sizes: Float64[np.ndarray, "sizes"]) -> Rules:
+    """Hold the lengths of bones and ties between joints (25, 3) [m] to the logarithms of sizes (62,)."""
+    starts, ends = SPAN_ENDS.T
+    along = joints[ends] - joints[starts]
     length = np.sqrt((along**2).sum(axis=1))
-    wanted = np.exp(sizes[: len(SPANS)])
+    wanted = np.exp(sizes[SIZE_LENGTHS])
     rows = np.arange(len(SPANS))
-    slopes = np.zeros((len(SPANS), UNKNOWNS))
-    by_joint = slopes[:, :75].reshape(-1, 25, 3)
-    way = along / (length * spare)[:, None]
-    by_joint[rows, ends[:, 1]] += way
-    by_joint[rows, ends[:, 0]] -= way
-    slopes[rows, 75 + rows] = -wanted / spare
-    return Rules((length - wanted) / spare, slopes)
+    gradients = np.zeros((len(SPANS), COUNT))
+    by_joint = gradients[:, JOINTS].reshape(-1, 25, 3)
+    way = along / (length * SPREAD)[:, None]
+    by_joint[rows, ends] += way
+    by_joint[rows, starts] -= way
+    gradients[rows, LENGTHS.start + rows] = -wanted / SPREAD
+    return Rules((length - wanted) / SPREAD, gradients)
 
 
 def bending_axes(joints: Float64[np.ndarray, "25 3"], side: str) -> Float64[np.ndarray, "5 3"]:
-    """Find the unit axes (5, 3) about which the fingers bend.
-
-    Parameters
-    ----------
-    joints : (25, 3) [m].
-    side : "right" or "left".
-    """
+    """Find the unit axes (5, 3) about which the fingers of a right or left hand bend."""
     across = unit(joints[6] - joints[21]) * (1.0 if side == "right" else -1.0)
     palm = joints[KNUCKLES] - joints[0]
     aside = across - (palm @ across / (palm**2).sum(axis=1))[:, None] * palm
@@ -135,13 +120,7 @@ def bending_axes(joints: Float64[np.ndarray, "25 3"], side: str) -> Float64[np.n
 def usual_last_bones(
     joints: Float64[np.ndarray, "25 3"], axes: Float64[np.ndarray, "5 3"]
 ) -> Float64[np.ndarray, "4 3"]:
-    """Find the unit directions (4, 3) that the last bones of fingers have where they bend as they usually do.
-
-    Parameters
-    ----------
-    joints : (25, 3) [m].
-    axes : (5, 3) about which they bend.
-    """
+    """Find the usual unit directions (4, 3) of the last bones of fingers that bend about axes (5, 3)."""
     along = joints[ENDS[:, 1]] - joints[ENDS[:, 0]]
     ways, axis = along / np.sqrt((along**2).sum(axis=1))[:, None], axes[1:]
     u, v = ways[FIRST], ways[FIRST + 1]
@@ -153,13 +132,9 @@ def usual_last_bones(
 def bend_rules(
     joints: Float64[np.ndarray, "25 3"], axes: Float64[np.ndarray, "5 3"], usual: Float64[np.ndarray, "4 3"]
 ) -> Rules:
-    """Hold fingers in their planes and their bends within the limits of joints, the last ones near their usual share.
+    """Hold fingers in their planes, bends within the limits of joints, and last bones near their usual directions.
 
-    Parameters
-    ----------
-    joints : (25, 3) [m].
-    axes : (5, 3) about which they bend, held fixed.
-    usual : (4, 3) where last bones usually point, held fixed.
+    The axes (5, 3) and the usual directions (4, 3) are held fixed in the derivatives.
     """
     along = joints[ENDS[:, 1]] - joints[ENDS[:, 0]]
     length = np.sqrt((along**2).sum(axis=1))
@@ -181,8 +156,8 @@ def bend_rules(
         ((np.repeat(FIRST + 2, 3), np.tile(np.eye(3) / COUPLED, (4, 1))),),
     )
     drawn = ((ways[FIRST + 2] - usual) / COUPLED).ravel()
-    slopes = np.concatenate([_by_joints(parts, ways, length) for parts in by_way])
-    return Rules(np.concatenate([back, far, twist, aside, drawn]), slopes)
+    gradients = np.concatenate([_by_joints(parts, ways, length) for parts in by_way])
+    return Rules(np.concatenate([back, far, twist, aside, drawn]), gradients)
 
 
 def _by_joints(
@@ -193,18 +168,18 @@ def _by_joints(
     """Turn derivatives of rules by the unit directions of bones, one bone each, to those by joints."""
     parts = list(parts)
     rows = np.arange(len(parts[0][0]))
-    slopes = np.zeros((len(rows), UNKNOWNS))
-    by_joint = slopes[:, :75].reshape(-1, 25, 3)
-    for bone, slope in parts:
+    gradients = np.zeros((len(rows), COUNT))
+    by_joint = gradients[:, JOINTS].reshape(-1, 25, 3)
+    for bone, gradient in parts:
         way = ways[bone]
-        moved = (slope - np.einsum("ri,ri->r", slope, way)[:, None] * way) / length[bone, None]
+        moved = (gradient - np.einsum("ri,ri->r", gradient, way)[:, None] * way) / length[bone, None]
         by_joint[rows, ENDS[bone, 1]] += moved
         by_joint[rows, ENDS[bone, 0]] -= moved
-    return slopes
+    return gradients
 
 
-def firmness(off: Float64[np.ndarray, "25 3"], spread: Float64[np.ndarray, "25"]) -> Float64[np.ndarray, "25"]:
-    """Weight landmarks (25,) [1/m], less where they are far off, as Cauchy's distribution does.
+def landmark_weights(off: Float64[np.ndarray, "25 3"], spread: Float64[np.ndarray, "25"]) -> Float64[np.ndarray, "25"]:
+    """Weight landmarks (25,) [1/m] by the density of Cauchy's distribution, which gives those far off less.
 
     Parameters
     ----------
@@ -216,12 +191,6 @@ def firmness(off: Float64[np.ndarray, "25 3"], spread: Float64[np.ndarray, "25"]
 
 
 def landmark_cost(off: Float64[np.ndarray, "25 3"], spread: Float64[np.ndarray, "25"]) -> float:
-    """Twice the cost of landmarks, whose slope is twice the square of ``firmness`` times how far they are off.
-
-    Parameters
-    ----------
-    off : (25, 3) from landmarks to joints [m].
-    spread : (25,) standard deviation of each of their coordinates [m].
-    """
+    """Return twice the cost of landmarks, whose gradient is twice the square of ``landmark_weights`` times ``off``."""
     far = np.linalg.norm(off, axis=1) / (3.0 * spread)
     return 9.0 * float(np.log1p(far**2).sum())

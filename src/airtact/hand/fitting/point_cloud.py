@@ -1,4 +1,4 @@
-"""Point clouds of a hand: those refused that cannot be one, stray and far points left out, the rest thinned out."""
+"""Check the point cloud of a hand, leave out outliers and far points, and average the rest in cells."""
 
 from itertools import pairwise
 
@@ -11,10 +11,10 @@ from airtact.hand.sphere_mesh import Hulls
 from airtact.validation import in_mm, points_of
 
 FEWEST = 200
-"""Points that a hand is not told from fewer of."""
+"""Points that the fit of a hand takes at least."""
 
 LARGEST = 1e6
-"""Coordinates beyond this are no places [m]."""
+"""Coordinates beyond this are no positions [m]."""
 
 AROUND = 45e-3
 """Points farther than this from all bones are not of the hand [m]."""
@@ -23,13 +23,13 @@ FOREARM = 8e-3, 70e-3
 """The forearm begins so far behind the wrist, and is so wide at most [m]."""
 
 ELSEWHERE = 0.3
-"""Share of points elsewhere from which on they are another body and no strays."""
+"""Share of points elsewhere above which they are another body and no outliers."""
 
 CELL, BESIDE = 4e-3, 3e-3
-"""Cloud points are thinned out to one in a cube of this side: the mean of those so near the middle one [m]."""
+"""Side of the cubes, and how near the middle point of a cube the points of its mean are [m]."""
 
 SPARSE = 0.2
-"""Cubes with fewer points than this share of the usual number hold strays."""
+"""Cubes with fewer points than this share of the usual number hold outliers."""
 
 _LINES = np.array([(*ends, -1) for ends in (*BONES, *pairwise(chain[1] for chain in CHAINS))])
 
@@ -37,12 +37,7 @@ _LINES = np.array([(*ends, -1) for ends in (*BONES, *pairwise(chain[1] for chain
 def checked_cloud(
     points: Real[np.ndarray, "points 3"], joints: Float64[np.ndarray, "25 3"]
 ) -> Float64[np.ndarray, "near 3"]:
-    """Return the points of a cloud that lie around a hand, or refuse it.
-
-    Parameters
-    ----------
-    points : (N, 3) [m].
-    joints : (25, 3) where the hand is, roughly [m].
+    """Return the points of a cloud (N, 3) [m] that lie around the rough joints of a hand (25, 3) [m].
 
     Raises
     ------
@@ -51,12 +46,15 @@ def checked_cloud(
     """
     cloud = points_of(points, "points of a cloud", least=0)
     if len(cloud) < FEWEST:
-        raise InvalidInput(f"the cloud has {len(cloud)} points, but a hand takes at least {FEWEST}: give more of it.")
+        raise InvalidInput(
+            f"the cloud has {len(cloud)} points, but a hand takes at least {FEWEST}: give more of it.", code="too_few"
+        )
     widest = int(np.abs(cloud).max(axis=1).argmax())
     if np.abs(cloud[widest]).max() > LARGEST:
         raise InvalidInput(
             f"point {widest} of the cloud has a coordinate of {np.abs(cloud[widest]).max():.3g} m, but hands are seen "
-            f"within {LARGEST:g} m: give metres, and leave out what the camera did not see."
+            f"within {LARGEST:g} m: give metres, and leave out what the camera did not see.",
+            code="out_of_range",
         )
     apart = _apart(cloud, joints)
     forearm = _forearm(cloud, joints)
@@ -64,10 +62,14 @@ def checked_cloud(
     if near.sum() < FEWEST:
         usual = float(np.median(apart))
         if (_apart(1e-3 * cloud, joints) < AROUND).mean() > 0.5:
-            raise InvalidInput(f"the cloud lies {usual:.4g} m from the landmarks: is it in millimetres? Give metres.")
+            raise InvalidInput(
+                f"the cloud lies {usual:.4g} m from the landmarks: is it in millimetres? Give metres.",
+                code="not_in_metres",
+            )
         raise InvalidInput(
             f"{near.sum()} of {len(cloud)} points lie within {1e3 * AROUND:g} mm of the landmarks, half of them "
-            f"{1e3 * usual:.4g} mm off: bring both into one frame."
+            f"{1e3 * usual:.4g} mm off: bring both into one frame.",
+            code="cloud_elsewhere",
         )
     other = ~near & ~forearm
     if other.mean() > ELSEWHERE:
@@ -75,19 +77,15 @@ def checked_cloud(
             f"{other.sum()} of {len(cloud)} points lie more than {1e3 * AROUND:g} mm from the landmarks, half of them "
             f"around {in_mm(np.median(cloud[other], axis=0))}: a second hand or a background? Cut them away.",
             np.median(cloud[other], axis=0),
+            code="second_body",
         )
     return cloud[near]
 
 
-def thinned(points: Float64[np.ndarray, "points 3"], cell: float = CELL) -> Float64[np.ndarray, "fewer 3"]:
-    """Keep the mean of the points in each cube, but none where they are sparse: those are strays.
+def cell_means(points: Float64[np.ndarray, "points 3"], cell: float = CELL) -> Float64[np.ndarray, "fewer 3"]:
+    """Return the mean of the points (N, 3) in each cube [m]; sparse cubes hold outliers and have none.
 
-    The mean is of the points near the one nearest to the mean of all, so that strays count for less.
-
-    Parameters
-    ----------
-    points : (N, 3) [m].
-    cell : side of the cubes [m].
+    The mean is of the points near the one nearest to the mean of all, so that outliers weigh less.
     """
     cubes = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
     wide = cubes.max(axis=0) + 1
@@ -106,7 +104,7 @@ def thinned(points: Float64[np.ndarray, "points 3"], cell: float = CELL) -> Floa
 def _apart(
     points: Float64[np.ndarray, "points 3"], joints: Float64[np.ndarray, "25 3"]
 ) -> Float64[np.ndarray, "points"]:
-    """Distance of points from the nearest bone, or line across the palm: hulls of balls of no size."""
+    """Distance of points from the nearest bone, or line across the palm [m]."""
     balls, none = np.column_stack([joints, np.zeros(25)]), np.zeros((len(_LINES), len(_LINES)))
     return Hulls(balls, _LINES, none, none).look(points).distance
 

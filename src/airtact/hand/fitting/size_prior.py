@@ -1,4 +1,4 @@
-"""The sizes of one person's hand, learned from its first frames: lengths of bones, radii of the skin.
+"""The sizes of one person's hand, learned from the first frames: lengths of bones and radii of the skin.
 
 Sources
 -------
@@ -12,43 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
+from airtact.hand.fitting.unknowns import SIZE_COUNT, SIZE_RADII, SPANS
 from airtact.hand.joints import BONES, CHAINS, NAMES, RADII
 from airtact.printing import in_short
 from airtact.validation import fixed
-
-TIES = (
-    *((5, 10), (10, 15), (15, 20), (6, 11), (11, 16), (16, 21), (1, 5)),
-    *((5, 11), (10, 6), (10, 16), (15, 11), (15, 21), (20, 16)),
-)
-"""Joints of the palm between which no bone runs, but that keep their distance."""
-
-SPANS = (*BONES, *TIES)
-"""Joints at both ends of every length that a hand keeps."""
-
-GENERIC = fixed(
-    1e-3
-    * np.array(
-        [49.4, 43.2, 35.9, 39.0, 42.8, 33.0, 34.3, 25.0, 60.6, 38.5, 24.7, 22.7, 62.6, 43.6]
-        + [28.0, 25.4, 54.8, 39.6, 27.0, 24.8, 46.4, 31.2, 20.6, 22.3]
-        + [16.7, 19.0, 8.9, 22.7, 21.1, 22.2, 12.7, 63.5, 65.9, 59.3, 64.2, 48.9, 55.8]
-    )
-)
-"""Those lengths of a hand of ``LENGTH`` [m]."""
-
-COUNT = len(SPANS) + 25
-"""How many sizes a hand has."""
-
-COMMON, THICK, FINGER, RADIUS, BASE = 0.15, 0.05, 0.03, 0.05, 0.02
-"""Standard deviations of the logarithm of sizes between people: of all sizes at once, of all radii, of those of one
-finger, of each radius by itself, and of those at the wrist and the bases of the metacarpals: a palm is no row of balls,
-and they must not follow its flat side."""
-
-THICKNESS = 0.6
-"""Power of the length of hands with which their thickness grows: long hands are slender."""
-
-OWN, WRIST, TIP, TIE = 0.08, 0.15, 0.3, 0.2
-"""Those of the length of a bone by itself, of those at the wrist, of the last ones, which trackers end where they like,
-and of ties."""
 
 LEARNED = 8
 """Frames from which the sizes of a person are learned; later ones keep them."""
@@ -80,21 +47,21 @@ class HandAnatomy:
     @property
     def radii(self) -> Float64[np.ndarray, "25"]:
         """Radius of the skin round each joint (25,) [m]."""
-        return np.exp(self.mean[len(SPANS) :])
+        return np.exp(self.mean[SIZE_RADII])
 
     @property
     def settled(self) -> bool:
-        """Whether enough frames were seen: later ones keep the sizes."""
+        """Whether the sizes were learned from enough frames; later frames keep them."""
         return self.frames >= LEARNED
 
     def learned(self, sizes: Float64[np.ndarray, "62"], covariance: Float64[np.ndarray, "62 62"]) -> "HandAnatomy":
-        """Take what a frame has taught: the mean over frames, as firm as one of them.
+        """Add a frame to the mean over frames; its covariance stays that of one frame.
 
-        What the shape of the body cannot show is off in every frame alike, so that more of them make nothing surer.
+        What the shape of the body cannot show is off in every frame alike, so that more frames make nothing surer.
 
         Parameters
         ----------
-        sizes : (62,) logarithms that were found in one frame, by itself.
+        sizes : (62,) logarithms that were found in one frame by itself.
         covariance : (62, 62) of these.
         """
         share = 1.0 / (self.frames + 1)
@@ -102,25 +69,43 @@ class HandAnatomy:
         return HandAnatomy(fixed(mean), fixed((1.0 - share) * self.covariance + share * covariance), self.frames + 1)
 
 
-def anybody(joints: Float64[np.ndarray, "25 3"]) -> HandAnatomy:
-    """Sizes of a hand of which only rough joints are known, by those of people.
+GENERIC = fixed(
+    1e-3
+    * np.array(
+        [49.4, 43.2, 35.9, 39.0, 42.8, 33.0, 34.3, 25.0, 60.6, 38.5, 24.7, 22.7, 62.6, 43.6]
+        + [28.0, 25.4, 54.8, 39.6, 27.0, 24.8, 46.4, 31.2, 20.6, 22.3]
+        + [16.7, 19.0, 8.9, 22.7, 21.1, 22.2, 12.7, 63.5, 65.9, 59.3, 64.2, 48.9, 55.8]
+    )
+)
+"""Lengths of ``SPANS`` of the generic hand, whose radii are ``RADII`` [m]."""
 
-    Parameters
-    ----------
-    joints : (25, 3) [m]; the distances from wrist to knuckles set the size.
-    """
+COMMON, THICK, FINGER, RADIUS, BASE = 0.15, 0.05, 0.03, 0.05, 0.02
+"""Standard deviations of the logarithm of sizes between people: of all sizes at once, of all radii, of the radii of one
+finger, of each radius by itself, and of the radii at the wrist and the bases of the metacarpals. The last are held
+firmly because a palm is no row of balls: free radii would follow its flat side."""
+
+OWN, WRIST, TIP, TIE = 0.08, 0.15, 0.3, 0.2
+"""The same of the length of a bone by itself, of bones at the wrist, of last bones, which every tracker ends elsewhere,
+and of ties."""
+
+THICKNESS = 0.6
+"""Power of the length of hands with which their thickness grows: long hands are slender."""
+
+
+def population_prior(joints: Float64[np.ndarray, "25 3"]) -> HandAnatomy:
+    """Return the sizes of people's hands, scaled to the palm of rough joints (25, 3) [m], from wrist to knuckles."""
     knuckles = [chain[1] for chain in CHAINS[1:]]
     usual = GENERIC[1:5] + GENERIC[[SPANS.index((chain[0], chain[1])) for chain in CHAINS[1:]]]
     scale = float(np.linalg.norm(joints[knuckles] - joints[0], axis=1).sum() / usual.sum())
-    own = np.full(COUNT, OWN)
-    own[:5], own[len(BONES) :], own[len(SPANS) :] = WRIST, TIE, RADIUS
+    own = np.full(SIZE_COUNT, OWN)
+    own[:5], own[len(BONES) :], own[SIZE_RADII] = WRIST, TIE, RADIUS
     own[[SPANS.index((chain[-2], chain[-1])) for chain in CHAINS]] = TIP
-    own[len(SPANS) + np.array([0, *(chain[0] for chain in CHAINS)])] = BASE
-    follows = np.r_[np.ones(len(SPANS)), np.full(25, THICKNESS)]
+    own[SIZE_RADII.start + np.array([0, *(chain[0] for chain in CHAINS)])] = BASE
+    follows = np.ones(SIZE_COUNT)
+    follows[SIZE_RADII] = THICKNESS
     covariance = np.diag(own**2) + COMMON**2 * np.outer(follows, follows)
-    radii = np.arange(len(SPANS), COUNT)
-    covariance[np.ix_(radii, radii)] += THICK**2
+    covariance[SIZE_RADII, SIZE_RADII] += THICK**2
     for chain in CHAINS:
-        rows = len(SPANS) + np.array(chain[1:])
+        rows = SIZE_RADII.start + np.array(chain[1:])
         covariance[np.ix_(rows, rows)] += FINGER**2
     return HandAnatomy(fixed(np.log(np.r_[GENERIC, RADII]) + np.log(scale) * follows), fixed(covariance), 0)
