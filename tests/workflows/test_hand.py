@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from airtact.cli.hands import _facts
+from airtact.cli.hand import _table
 
 from airtact.workflows.hand import pose
 from paths import HANDS
@@ -11,7 +11,7 @@ from paths import HANDS
 def test_the_notes_take_no_second_mesh(tmp_path: Path) -> None:
     done = pose(HANDS / "pinch.json", tmp_path / "hand.vtkhdf", edge=6e-3)
 
-    assert _facts(done).row_count == 9
+    assert _table(done).row_count == 9
     notes = [touch.note for touch in done.hand.touches]
     assert list(done.hand.shape.meshes) == [6e-3]
     assert "surface" not in vars(done.hand)
