@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from airtact.cli.hand import _table
-
 from airtact.workflows.hand import pose
 from paths import HANDS
 
