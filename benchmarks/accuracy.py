@@ -1,7 +1,7 @@
-"""How right the boundary element solver is: every accuracy figure of the README, measured anew.
+"""Accuracy of the boundary element solver: every accuracy figure of the README, measured anew.
 
-Run ``make bench``, or ``PYTHONPATH=.:tests python benchmarks/accuracy.py [figure ...]``. Truth is the sphere's series,
-multipoles about two spheres, or fundamental solutions; each error is the worst over at least 8 random directions.
+Run ``make bench``, or ``PYTHONPATH=.:tests python benchmarks/accuracy.py [figure ...]``. The reference is the sphere's
+series, multipoles about two spheres, or fundamental solutions; each error is the worst of at least 8 random directions.
 """
 
 import sys
@@ -11,11 +11,10 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 import airtact as at
-from airtact.benching import fundamental_solutions
+from airtact.benching import fundamental_solutions, scenes
 from references import two_spheres
 
-PAPER_AIR = at.Medium(sound_speed=343.1, density=1.293)
-FREQUENCY = 40e3
+PAPER_AIR, FREQUENCY = scenes.AIR, scenes.FREQUENCY
 INTERIOR_EIGENVALUES = (4.493409, 5.763459, 6.987932, 9.355812)
 
 
@@ -42,7 +41,7 @@ def ball(radius: float, frequency: float = FREQUENCY) -> at.Scene:
 
 
 def one_each(positions: np.ndarray) -> at.Monopoles:
-    """Give each position a unit monopole that is a sound of its own."""
+    """Give each position a unit monopole that is an excitation of its own."""
     return at.Monopoles(positions, np.eye(len(positions)))
 
 
@@ -54,8 +53,8 @@ def sphere_error(radius: float, gap: float, frequency: float = FREQUENCY, solver
     return float(relative(found, at.SphereSeries().radiate(scene, sources).at(points)).max())
 
 
-def skin_error(radius: float, height: float, solver: at.Solver | None = None) -> float:
-    """Worst error over the skin of a sphere, ``height`` off it, of 8 sources 100 mm away."""
+def surface_error(radius: float, height: float, solver: at.Solver | None = None) -> float:
+    """Worst error over the surface of a sphere, ``height`` off it, of 8 sources 100 mm away."""
     scene, sources = ball(radius), one_each(directions(8, 0) * 0.1)
     points = directions(60, 5) * (radius + height)
     found = (solver or at.BoundaryElement()).radiate(scene, sources).at(points)
@@ -64,25 +63,19 @@ def skin_error(radius: float, height: float, solver: at.Solver | None = None) ->
 
 def two_fingers(radius: float, tilt: float, gap: float, length: float = 0.044) -> at.Scene:
     """Two capsules whose tips face each other, hanging down and leaning out by ``tilt`` degrees."""
-    lean = np.radians(tilt)
-    fingers = []
-    for side in (-1, 1):
-        tip = np.array([side * (0.5 * gap + radius), 0, 0])
-        root = tip + length * np.array([side * np.sin(lean), 0, -np.cos(lean)])
-        fingers.append(at.sound_hard(at.capsule(tuple(tip), tuple(root), radius, edge=radius / 2)))
-    return at.Scene(PAPER_AIR, fingers, frequency=FREQUENCY)
+    return scenes.two_fingers(gap, tilt, radius, length).scene
 
 
 def finger_sources(scene: at.Scene, offset: float, count: int = 8, seed: int = 3) -> np.ndarray:
-    """Points ``offset`` off the skins near the tips, facing random ways, outside both bodies (count, 3)."""
+    """Points ``offset`` off the surfaces near the tips, in random directions, outside both bodies (count, 3)."""
     tips = [obstacle.surface.primitive.axis for obstacle in scene.obstacles]
     radius = scene.obstacles[0].surface.primitive.radius
     ends = np.array([axis[np.argmin(np.abs(axis[:, 0]))] for axis in tips])
     picks = np.random.default_rng(seed)
     found: list[np.ndarray] = []
     while len(found) < count:
-        way = directions(1, int(picks.integers(1 << 30)))
-        point = ends[[len(found) % 2]] + way * (radius + offset)
+        direction = directions(1, int(picks.integers(1 << 30)))
+        point = ends[[len(found) % 2]] + direction * (radius + offset)
         if -0.999 * offset >= scene.depth(point)[0]:
             found.append(point[0])
     return np.array(found)
@@ -123,13 +116,13 @@ def convergence(gap: float = 20e-3, radius: float = 0.01) -> tuple[np.ndarray, n
     return np.array(edges), np.array(errors)
 
 
-def slope(edges: np.ndarray, errors: np.ndarray) -> float:
-    """Slope of log error against log edge."""
+def order(edges: np.ndarray, errors: np.ndarray) -> float:
+    """Order of convergence: exponent of the error as a power of the edge."""
     return float(np.polyfit(np.log(edges), np.log(errors), 1)[0])
 
 
 def reciprocity(accuracy: float = 0.01, length: float = 0.044) -> float:
-    """Worst relative difference of A heard at B and B heard at A over 8 pairs 10 mm or more off the pinch's fingers."""
+    """Worst relative difference when source and receiver swap, over 8 pairs 10 mm or more off the pinch's fingers."""
     scene = two_fingers(8e-3, 20, 12e-3, length)
     here, there = finger_sources(scene, 10e-3), outer_points(scene, 8)
     solver = at.BoundaryElement(accuracy=accuracy)
@@ -170,26 +163,30 @@ def estimate_scenes(count: int = 50, seed: int = 2014) -> Iterator[tuple[str, at
             shapes = [at.capsule((0.0, 0.0, -0.5 * length), (0.0, 0.0, 0.5 * length), radius, radius)]
         scene = at.Scene(PAPER_AIR, [at.sound_hard(shape) for shape in shapes], frequency=FREQUENCY)
         offset = float(np.exp(pick.uniform(np.log(0.1e-3), np.log(20e-3))))
-        yield f"{['sphere', 'sphere', 'pair', 'pair', 'capsule'][kind]} {index}", scene, _off_skin(scene, offset, pick)
+        yield (
+            f"{['sphere', 'sphere', 'pair', 'pair', 'capsule'][kind]} {index}",
+            scene,
+            _off_surface(scene, offset, pick),
+        )
 
 
-def _off_skin(scene: at.Scene, offset: float, pick: np.random.Generator) -> np.ndarray:
-    """Four random points about ``offset`` off the skins (4, 3)."""
+def _off_surface(scene: at.Scene, offset: float, pick: np.random.Generator) -> np.ndarray:
+    """Four random points about ``offset`` off the surfaces (4, 3)."""
     found: list[np.ndarray] = []
     while len(found) < 4:
         surface = scene.obstacles[int(pick.integers(len(scene.obstacles)))].surface
-        spot = surface.primitive.project(surface.vertices[[int(pick.integers(len(surface.vertices)))]] + 1e-6)
+        base = surface.primitive.project(surface.vertices[[int(pick.integers(len(surface.vertices)))]] + 1e-6)
         axis = surface.primitive.axis
         along = axis[1] - axis[0]
-        share = np.clip((spot - axis[0]) @ along / max(along @ along, 1e-30), 0, 1)
-        normal = (spot - axis[0] - share * along) / surface.primitive.radius
-        point = spot + offset * normal
+        share = np.clip((base - axis[0]) @ along / max(along @ along, 1e-30), 0, 1)
+        normal = (base - axis[0] - share * along) / surface.primitive.radius
+        point = base + offset * normal
         if scene.depth(point)[0] < -0.99 * offset:
             found.append(point[0])
     return np.array(found)
 
 
-def truth(scene: at.Scene, sources: np.ndarray, points: np.ndarray) -> np.ndarray:
+def reference(scene: at.Scene, sources: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Pressure of unit monopoles by a method that is not the boundary element solver (P, N)."""
     shapes = [obstacle.surface.primitive for obstacle in scene.obstacles]
     if len(shapes) == 1 and shapes[0].length == 0:
@@ -198,11 +195,11 @@ def truth(scene: at.Scene, sources: np.ndarray, points: np.ndarray) -> np.ndarra
     return method.pressure_at(shapes, scene.wavenumber, sources, points)[0]
 
 
-def estimate_and_truth(scene: at.Scene, sources: np.ndarray) -> tuple[float, float]:
+def estimate_and_error(scene: at.Scene, sources: np.ndarray) -> tuple[float, float]:
     """Estimated and true relative error of the direct solution at 40 points where an array would be."""
     points = outer_points(scene)
     field = at.BoundaryElement().radiate(scene, one_each(sources))
-    true = truth(scene, sources, points)
+    true = reference(scene, sources, points)
     size = np.linalg.norm(true, axis=0)
     estimate = np.linalg.norm(field.error_at(points) * size) / np.linalg.norm(size)
     return float(estimate), float(np.linalg.norm(field.direct_at(points) - true) / np.linalg.norm(true))
@@ -231,9 +228,9 @@ def _spheres() -> str:
     return _per_cent(list(worst))
 
 
-def _skin() -> str:
+def _surface() -> str:
     heights = (1e-4, 2e-4, 5e-4)
-    return _per_cent([max(skin_error(radius, height) for radius in (2e-3, 1e-2, 3e-2)) for height in heights])
+    return _per_cent([max(surface_error(radius, height) for radius in (2e-3, 1e-2, 3e-2)) for height in heights])
 
 
 def _fingers() -> str:
@@ -249,21 +246,21 @@ def _iterations() -> str:
 
 
 def _estimates() -> str:
-    ratios, worst, quiet = [], 0.0, 0
+    ratios, worst, unseen = [], 0.0, 0
     for name, scene, sources in estimate_scenes():
-        estimate, true = estimate_and_truth(scene, sources)
+        estimate, true = estimate_and_error(scene, sources)
         print(f"  {name}: estimated {100 * estimate:.4f} %, true {100 * true:.4f} %", file=sys.stderr, flush=True)
         ratios.append(estimate / true)
-        worst, quiet = max(worst, true), quiet + (true > 0.1 and estimate < 0.1)
+        worst, unseen = max(worst, true), unseen + (true > 0.1 and estimate < 0.1)
     inside = np.mean([0.3 <= ratio <= 10 for ratio in ratios])
-    return f"{100 * inside:.0f} % of {len(ratios)}; worst true error {100 * worst:.1f} %, {quiet} quiet past 10 %"
+    return f"{100 * inside:.0f} % of {len(ratios)}; worst true error {100 * worst:.1f} %, {unseen} unseen past 10 %"
 
 
 FIGURES = [
     ("sphere, source 0 / 0.1 / 0.5 / 2 / 20 mm off", "2 / 2 / 1 / 1 / 1 %", _spheres),
-    ("skin pressure 0.1 / 0.2 / 0.5 mm off", "2 %", _skin),
+    ("surface pressure 0.1 / 0.2 / 0.5 mm off", "2 %", _surface),
     ("two fingers", "2 %", _fingers),
-    ("convergence: slope of error against edge", "3", lambda: f"{slope(*convergence()):.1f}"),
+    ("convergence: order of the error in the edge", "3", lambda: f"{order(*convergence()):.1f}"),
     (
         "reciprocity by default, and at accuracy 0.003",
         "0.003, falling",

@@ -1,4 +1,4 @@
-"""Frames to boards: how many a second, and what rounding costs at a focus. Prints one table.
+"""Frames per second to boards, and the cost of rounding at a focus. Prints one table.
 
 Run as ``PYTHONPATH=.:tests python benchmarks/frames.py``.
 """

@@ -1,4 +1,4 @@
-"""How far off a predicted pad is, how long frames take, and what MediaPipe finds in pictures of our hands.
+"""Error of a predicted pad, time of frames, and detections of MediaPipe in pictures of our hands.
 
 Run ``PYTHONPATH=.:tests python benchmarks/hand_tracking.py [--mediapipe PYTHON]``; PYTHON is one that has mediapipe
 0.10.21 and websockets. The motion is synthesised: reaching 150 mm to and fro at up to 0.5 m/s by minimum jerk, while
@@ -23,7 +23,7 @@ from tracking.motions import Pinching
 from tracking.seen_by_mediapipe import seen_by_mediapipe
 
 SECONDS, NOISE = 3.0, 1e-3
-CUTOFF, SLOPE, CUTOFF_OF_VELOCITY = 8.0, 100.0, 8.0
+CUTOFF, CUTOFF_PER_SPEED, CUTOFF_OF_VELOCITY = 8.0, 100.0, 8.0
 """Of the one-euro filter [Hz, 1/m, Hz]: best or nearly of 64 settings on this very motion."""
 
 
@@ -32,19 +32,19 @@ def pad(joints: np.ndarray, radii: np.ndarray) -> np.ndarray:
 
 
 def one_euro(frames: list[HandFrame], latency: float) -> list[np.ndarray]:
-    """Smooth and carry on by the filter of Casiez, Roussel and Vogel (CHI 2012) and the derivative that it takes."""
+    """Smooth and extrapolate by the filter of Casiez, Roussel and Vogel (CHI 2012) and its derivative."""
 
     def share(cutoff: np.ndarray | float, step: float) -> np.ndarray | float:
         return 1.0 / (1.0 + 1.0 / (2.0 * np.pi * cutoff * step))
 
-    place, velocity, carried = frames[0].landmarks, np.zeros((25, 3)), [frames[0].landmarks]
+    position, velocity, carried = frames[0].landmarks, np.zeros((25, 3)), [frames[0].landmarks]
     for before, frame in pairwise(frames):
         step = frame.time - before.time
-        slope = (frame.landmarks - before.landmarks) / step
-        velocity = velocity + share(CUTOFF_OF_VELOCITY, step) * (slope - velocity)
-        cutoff = CUTOFF + SLOPE * np.linalg.norm(velocity, axis=1, keepdims=True)
-        place = place + share(cutoff, step) * (frame.landmarks - place)
-        carried.append(place + latency * velocity)
+        change = (frame.landmarks - before.landmarks) / step
+        velocity = velocity + share(CUTOFF_OF_VELOCITY, step) * (change - velocity)
+        cutoff = CUTOFF + CUTOFF_PER_SPEED * np.linalg.norm(velocity, axis=1, keepdims=True)
+        position = position + share(cutoff, step) * (frame.landmarks - position)
+        carried.append(position + latency * velocity)
     return carried
 
 

@@ -1,8 +1,8 @@
-"""How long the jobs take and how much memory: every speed figure of the README, measured anew.
+"""Time and memory of the jobs: every speed figure of the README, measured anew.
 
 Run ``make bench``, or ``PYTHONPATH=.:tests python benchmarks/speed.py [row ...]`` with the first words of the rows
 wanted. Times are medians with the least and the most, errors are against fundamental solutions or, for a hand, against
-a finer solution; these references take some minutes the first time and are kept in ``out/bench/references``.
+a more accurate solution; these references take some minutes the first time and are cached in ``out/bench/references``.
 """
 
 import os

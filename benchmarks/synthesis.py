@@ -1,9 +1,9 @@
-"""What the methods reach and how fast: every figure of the README about drives, measured anew.
+"""Pressures and times of the synthesis methods: every figure of the README about drives, measured anew.
 
 Run ``PYTHONPATH=.:tests python benchmarks/synthesis.py``, with ``--acoustools PYTHON`` the Python of an environment
 where AcousTools is installed (it needs PyTorch), else that comparison is left out. The transfer matrices of 300 points
-beside the pinch and 300 beside the open hand, 0.5 to 10 mm off the skin, are solved once and kept in ``out/bench``. A
-set is a random choice of them, no two nearer than λ/10.
+beside the pinch and 300 beside the open hand, 0.5 to 10 mm off the skin, are solved once and cached in ``out/bench``.
+A set is a random choice of them, no two nearer than λ/10.
 """
 
 import argparse
@@ -22,7 +22,7 @@ from airtact.synthesis.gerchberg_saxton import alternating_projections
 from airtact.synthesis.upper_bound import relaxed_bound
 
 ROOT = Path(__file__).parent.parent
-KEPT = ROOT / "out/bench/synthesis.npz"
+CACHE = ROOT / "out/bench/synthesis.npz"
 POINTS = 300
 SETS = 200
 STARTS = 50
@@ -41,7 +41,7 @@ def beside(scene: at.Scene, random: np.random.Generator) -> np.ndarray:
 def transfers() -> dict[str, at.TransferMatrix]:
     """Matrices to points beside the pinch and the open hand, solved once."""
     names = ("pinch", "open_hand")
-    if not KEPT.exists():
+    if not CACHE.exists():
         random, arrays = np.random.default_rng(5), {}
         for name in names:
             setup = read_scene(ROOT / f"examples/{name}.toml")
@@ -49,12 +49,12 @@ def transfers() -> dict[str, at.TransferMatrix]:
             transfer = at.transfer_matrix(setup.solver.radiate(setup.scene, target.beacons()), setup.array)
             arrays |= {f"{name}_matrix": transfer.matrix, f"{name}_points": target.points}
             arrays[f"{name}_wavelength"] = np.array(setup.scene.wavelength)
-        KEPT.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(KEPT, **arrays)
-    with np.load(KEPT) as kept:
+        CACHE.parent.mkdir(parents=True, exist_ok=True)
+        np.savez(CACHE, **arrays)
+    with np.load(CACHE) as cached:
         return {
             name: at.TransferMatrix(
-                kept[f"{name}_matrix"], 0.0, kept[f"{name}_points"], float(kept[f"{name}_wavelength"])
+                cached[f"{name}_matrix"], 0.0, cached[f"{name}_points"], float(cached[f"{name}_wavelength"])
             )
             for name in names
         }
@@ -79,7 +79,7 @@ def part(whole: at.TransferMatrix, rows: np.ndarray) -> tuple[at.TransferMatrix,
 
 
 def sets(least: int, most: int, count: int, apart: float = 0.1) -> Iterator[tuple[at.TransferMatrix, at.Target]]:
-    """Draw sets beside the pinch and the open hand in turn, again where a focus is in the shadow."""
+    """Draw sets beside the pinch and the open hand in turn, again where a focus is shadowed."""
     random, wholes = np.random.default_rng(11), list(transfers().values())
     made = 0
     while made < count:
@@ -137,7 +137,7 @@ def against_bound() -> None:
         rounded.append(smallest(transfer, drive) / exact)
     reached = f"median {np.median(shares):.1%}, least {min(shares):.1%}"
     row(f"max_min, 8 + 8 bits, worst focus over the bound, {SETS} sets of 2 to 16", "90 %, 85 %", reached)
-    row(f"the same over the best of {STARTS} starts, 300 turns each", "99 %", f"least {min(others):.2%}")
+    row(f"the same over the best of {STARTS} starts, 300 iterations each", "99 %", f"least {min(others):.2%}")
     row("what 8 + 8 bits leave of the worst focus", "-", f"least {min(rounded):.2%}")
 
 
@@ -164,7 +164,7 @@ def iterated() -> None:
 
 
 def another_solver() -> None:
-    """Drives made with boundary elements, judged by the series of a sphere."""
+    """Drives made with boundary elements, verified by the series of a sphere."""
     random = np.random.default_rng(3)
     scene = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(at.sphere(0.012, 1e-3))])
     directions = random.normal(size=(8, 3))
@@ -174,8 +174,8 @@ def another_solver() -> None:
     worst = 0.0
     for method in (at.time_reversal, at.inverse_filter, at.weighted_gerchberg_saxton, at.max_min, at.gradient):
         drive = method(transfer, target)
-        judged = at.evaluate(scene, array, drive, target, solver=at.SphereSeries())
-        worst = max(worst, float(np.max(np.abs(np.abs(transfer.pressure(drive)) / judged.magnitudes - 1.0))))
+        verified = at.evaluate(scene, array, drive, target, solver=at.SphereSeries())
+        worst = max(worst, float(np.max(np.abs(np.abs(transfer.pressure(drive)) / verified.magnitudes - 1.0))))
     row("pressure at 8 foci round a sphere, by boundary elements and by series, 5 methods", "3 %", f"{worst:.2%}")
 
 
@@ -226,7 +226,7 @@ def against_acoustools(python: str | None) -> None:
         row("AcousTools", "3 times faster, never lower", "left out: no --acoustools PYTHON was given")
         return
     drawn = list(sets(16, 16, 40))
-    shared = KEPT.with_name("acoustools.npz")
+    shared = CACHE.with_name("acoustools.npz")
     np.savez(shared, matrices=np.array([transfer.matrix for transfer, _ in drawn]))
     for iterations in (50, 200):
         call = [python, "-W", "ignore", "-c", ACOUSTOOLS, str(shared), str(iterations)]

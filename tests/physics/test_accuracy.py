@@ -41,7 +41,7 @@ def test_a_ball_of_five_wavelengths_converges_though_most_of_its_matrix_is_cross
 
 @pytest.mark.parametrize("height", [0.0, 1e-4, 2e-4, 5e-4])
 def test_pressure_on_and_near_the_skin(height):
-    assert accuracy.skin_error(0.008, height) < 0.02
+    assert accuracy.surface_error(0.008, height) < 0.02
 
 
 def test_pressure_at_the_nodes_of_the_skin():
@@ -71,7 +71,7 @@ def test_two_spheres_against_multipoles(radii, gap):
 def test_two_short_fingers_against_fundamental_solutions():
     scene = accuracy.two_fingers(6e-3, 20, 8e-3, length=8e-3)
     sources, points = accuracy.finger_sources(scene, 0.5e-3), accuracy.outer_points(scene, 12)
-    true = accuracy.truth(scene, sources, points)
+    true = accuracy.reference(scene, sources, points)
     found = at.BoundaryElement().radiate(scene, accuracy.one_each(sources)).at(points)
     assert accuracy.relative(found, true).max() < 0.02
 
@@ -87,7 +87,7 @@ def test_two_fingers_against_fundamental_solutions(radius, tilt, gap):
 def test_error_falls_as_the_third_power_of_the_edge():
     edges, errors = accuracy.convergence()
     assert len(set(edges)) == 4
-    assert accuracy.slope(edges, errors) > 3
+    assert accuracy.order(edges, errors) > 3
 
 
 def test_absorption_is_solved_for():
@@ -102,13 +102,13 @@ def test_absorption_is_solved_for():
 @pytest.mark.parametrize("index", [5, 12, 14, 31, 42])
 def test_the_error_estimate_neither_flatters_nor_frightens(index):
     _, scene, sources = list(accuracy.estimate_scenes())[index]
-    estimate, true = accuracy.estimate_and_truth(scene, sources)
+    estimate, true = accuracy.estimate_and_error(scene, sources)
     assert 0.3 < estimate / true < 10
 
 
 @pytest.mark.slow
 def test_the_error_estimate_over_fifty_scenes():
-    pairs = np.array([accuracy.estimate_and_truth(*scene[1:]) for scene in accuracy.estimate_scenes()])
+    pairs = np.array([accuracy.estimate_and_error(*scene[1:]) for scene in accuracy.estimate_scenes()])
     ratio = pairs[:, 0] / pairs[:, 1]
     assert np.mean((ratio >= 0.3) & (ratio <= 10)) >= 0.95
     assert not np.any((pairs[:, 1] > 0.1) & (pairs[:, 0] < 0.1))
@@ -127,7 +127,7 @@ def test_twelve_iterations_for_two_fingers():
 @pytest.mark.parametrize("radius", [2e-3, 5e-3])
 def test_sources_micrometres_off_the_skin_are_as_good_as_on_it(radius, gap):
     assert accuracy.sphere_error(radius, gap) < 0.02
-    assert accuracy.skin_error(radius, gap) < 0.02
+    assert accuracy.surface_error(radius, gap) < 0.02
 
 
 @pytest.mark.parametrize("asked", [0.03, 0.01, 0.004])

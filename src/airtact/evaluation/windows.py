@@ -81,13 +81,10 @@ def _axis_name(direction: Float64[np.ndarray, "3"]) -> str:
 def plane_through(
     foci: Real[np.ndarray, "foci 3"], bodies: Real[np.ndarray, "vertices 3"], wavelength: float
 ) -> Window:
-    """Return a window through the foci, and along the bodies where the foci leave a choice.
+    """Return a window through the foci, and along the bodies (their vertices [m]) where the foci leave a choice.
 
-    Parameters
-    ----------
-    foci : (F, 3) [m]; three or more that are not in one plane give the best-fitting plane.
-    bodies : (V, 3) vertices of all bodies, may be none [m].
-    wavelength : [m]; the window extends three of them past the outermost foci.
+    Three or more foci that are not in one plane give the best-fitting plane. The window extends three wavelengths [m]
+    past the outermost foci.
 
     Returns
     -------
@@ -109,14 +106,7 @@ def plane_through(
 
 
 def close_up(focus: Real[np.ndarray, "3"], outward: Real[np.ndarray, "3"], wavelength: float) -> Window:
-    """Return a window across a focus at right angles to the skin below it.
-
-    Parameters
-    ----------
-    focus : (3,) the window's middle [m].
-    outward : (3,) direction away from the skin; the window's upward side.
-    wavelength : [m]; the window is three of them wide.
-    """
+    """Return a window of three wavelengths [m] round a focus, its upward side along ``outward``, away from the skin."""
     up = _direction(np.asarray(outward, dtype=np.float64))
     _, right = _independent([up, AXES["y"], AXES["z"], AXES["x"]])
     right = right * np.sign(right[np.argmax(np.abs(right))])
@@ -175,14 +165,7 @@ class Box:
 
 
 def box_around(foci: Real[np.ndarray, "foci 3"], wavelength: float, most: int = 60_000) -> Box:
-    """Return a box from 1.5 wavelengths past the foci, eight points per wavelength or as many as ``most`` allows.
-
-    Parameters
-    ----------
-    foci : (F, 3) [m].
-    wavelength : [m].
-    most : approximate largest number of points.
-    """
+    """Return a box that extends 1.5 wavelengths past the foci, 8 points per wavelength or as ``most`` allows."""
     lowest, highest = foci.min(axis=0) - 1.5 * wavelength, foci.max(axis=0) + 1.5 * wavelength
     sides = highest - lowest
     step = float(max(wavelength / 8, np.cbrt(np.prod(sides) / most)))

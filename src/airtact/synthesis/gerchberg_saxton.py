@@ -165,15 +165,9 @@ def alternating_projections(
 ) -> Projections:
     """Alternate between elements and foci with phases only, for many sets of foci at once, in single precision.
 
-    Parameters
-    ----------
-    matrix : (P, E) transfer matrix [Pa].
-    sets : (S, F) its rows that are the foci of each set.
-    wanted : (S, F) pressures asked, in proportion.
-    sources : (S, F) to start from; their magnitudes are the weights.
-    iterations : between elements and foci.
-    weighted : whether foci that lag get more weight; the best iteration is returned then, else the last.
-    foci_iterations : of GS-PAT before.
+    ``sets`` has the rows of the matrix that are the foci of each set, ``wanted`` the pressures asked in proportion, and
+    the magnitudes of ``sources``, to start from, are the weights. If ``weighted``, foci that lag get more weight, and
+    the best iteration is returned, else the last; ``foci_iterations`` of GS-PAT come first.
     """
     single = matrix.astype(np.complex64)
     real, imag = np.ascontiguousarray(single.real), np.ascontiguousarray(single.imag)

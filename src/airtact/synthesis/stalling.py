@@ -47,15 +47,7 @@ def warn_if_stalled(
 
 
 def warn_stalled(method: str, matrix: Complex128[np.ndarray, "foci elements"], worst: float, where: str) -> None:
-    """Warn with ``Stalled``, computing the bound.
-
-    Parameters
-    ----------
-    method : its name.
-    matrix : (F, E) rows over what each focus asks.
-    worst : smallest pressure that its best drive gives, over what the focus asks.
-    where : where it stopped, to follow "stalled".
-    """
+    """Warn that a method stalled ``where``, its best drive giving ``worst``; rows and pressures over what is asked."""
     reached = worst / relaxed_bound(matrix, 1e-2)[0].worst
     warnings.warn(
         Stalled(
