@@ -1,8 +1,8 @@
-"""How well a hand is found in what a depth camera saw of one side of it, and how quickly.
+"""Error and time of fitting a hand to what a depth camera saw of one side of it.
 
-Truth is the GLB hand, and a slender and a stout build of it, bent by their own rig; ``child``, another build, was never
-in view while the fit was made. Run ``PYTHONPATH=.:tests python benchmarks/capture.py [views [builds]]``, with so many
-views of each pose.
+The reference is the GLB hand, and a slender and a stout build of it, bent by their own rig; the fit was never tuned on
+``child``, another build. Run ``PYTHONPATH=.:tests python benchmarks/capture.py [views [builds]]``, with so many views of
+each pose.
 """
 
 import sys
@@ -19,8 +19,8 @@ CAMERA = np.zeros(3)
 NAMES = (*FINGERS, "palm")
 
 
-def told(what: str, fitted: FittedHand, true: Rigged, seconds: float) -> float:
-    """Print how far the skins are apart in the mean, both ways, for each part with what the fit says, and return it."""
+def report(what: str, fitted: FittedHand, true: Rigged, seconds: float) -> float:
+    """Print how far the skins are apart in the mean, both ways, for each part with its uncertainty, and return it."""
     from_true, from_fitted, part, other = off_each_other(fitted.hand, true)
     by_part = ", ".join(
         f"{name} {1e3 * from_true[part == index].mean():.1f}/{1e3 * from_fitted[other == index].mean():.1f} "
@@ -38,7 +38,7 @@ def told(what: str, fitted: FittedHand, true: Rigged, seconds: float) -> float:
 
 
 def single_frames(views: int, builds: list[str]) -> None:
-    """Fit single frames of nobody in particular, from chance directions."""
+    """Fit single frames with the population's prior sizes, seen from random directions."""
     means = []
     for build, name, view in product(builds, BENDS, range(views)):
         true = turned_to_camera(posed(name, build=build), view, palm=view % 2 == 0)
@@ -46,7 +46,7 @@ def single_frames(views: int, builds: list[str]) -> None:
         began = time.perf_counter()
         fitted = fit_hand(cloud, landmarks, "right", CAMERA)
         seconds = time.perf_counter() - began
-        means.append(told(f"{build}, {name}, {'back' if view % 2 else 'palm'} seen", fitted, true, seconds))
+        means.append(report(f"{build}, {name}, {'back' if view % 2 else 'palm'} seen", fitted, true, seconds))
     print(f"{len(means)} single frames: {1e3 * np.mean(means):.2f} mm, the worst {1e3 * max(means):.2f} mm")
 
 
@@ -61,7 +61,7 @@ def sequence(frames: int = 20) -> None:
         before = fit_hand(cloud, landmarks, "right", CAMERA, before)
         seconds.append(time.perf_counter() - began)
         means.append(
-            told(f"frame {frame}, sizes {'kept' if before.anatomy.settled else 'learned'}", before, true, seconds[-1])
+            report(f"frame {frame}, sizes {'kept' if before.anatomy.settled else 'learned'}", before, true, seconds[-1])
         )
     print(
         f"first frame {1e3 * seconds[0]:.0f} ms, later ones {1e3 * np.median(seconds[1:]):.0f} ms, at most "

@@ -1,12 +1,12 @@
 """Focal pressure with the fitted hand over that with the true hand, pinch.
 
-Truth is the GLB hand and two other builds of it, in a pinch, seen by a depth camera from one side. One drive is made
-with the hand that was fitted to this, aimed 0.5 mm off the pads where that hand has them; the other with the true hand,
-aimed 0.5 mm off its skin at the places nearest to these pads. Both are time reversals of one energy on panels for 0.1,
-and both are heard on the true hand, at the second one's foci, by a finer solution. The hand is fitted to one frame by
-itself, and to the last frame of a sequence in which it closes and turns, so that its sizes are learned. Run
-``PYTHONPATH=.:tests python benchmarks/fitted_focus.py [views [builds]]``, with so many views of the palm's side of each
-hand and one of its back. The build ``child`` was never in view while the fit was made.
+The reference is the GLB hand and two other builds of it, in a pinch, seen by a depth camera from one side. One drive
+is made with the hand that was fitted to this, aimed 0.5 mm off the pads where that hand has them; the other with the
+true hand, aimed 0.5 mm off its skin at the positions nearest to these pads. Both are time reversals of one energy on
+panels for 0.1, and a verification solution evaluates both on the true hand, at the second one's foci. The hand is
+fitted to one frame by itself, and to the last frame of a sequence in which it closes and turns, so that its sizes are
+learned. Run ``PYTHONPATH=.:tests python benchmarks/fitted_focus.py [views [builds]]``, with so many views of the palm's
+side of each hand and one of its back. The fit was never tuned on the build ``child``.
 """
 
 import sys
@@ -24,16 +24,16 @@ WIDER = 1.6
 CAMERA = np.zeros(3)
 
 
-def heard(surface: at.Surface, foci: np.ndarray, array: at.PhasedArray, accuracy: float) -> np.ndarray:
+def transfer_of(surface: at.Surface, foci: np.ndarray, array: at.PhasedArray, accuracy: float) -> np.ndarray:
     scene = at.Scene(at.air(celsius=20.0), [at.sound_hard(surface)])
     field = at.BoundaryElement(accuracy).radiate(scene, at.Target(foci).beacons())
     return at.transfer_matrix(field, array).matrix
 
 
-def pressures(transfer: np.ndarray, judge: np.ndarray) -> np.ndarray:
+def pressures(transfer: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """Pressures at two foci of a time reversal of energy 1."""
     drive = np.conj(transfer).sum(axis=0)
-    return np.abs(judge @ (drive / np.linalg.norm(drive)))
+    return np.abs(reference @ (drive / np.linalg.norm(drive)))
 
 
 def fits(build: str, view: int, palm: bool) -> tuple[Rigged, list[at.FittedHand]]:
@@ -56,18 +56,18 @@ def shares(build: str, view: int, palm: bool) -> list[float]:
     box = at.surrounding_box()
     middle = 0.5 * (true.vertices.min(axis=0) + true.vertices.max(axis=0))
     array = at.PhasedArray(WIDER * box.positions + middle, box.normals, box.element)
-    judge, best = heard(skin, foci, array, 0.05), heard(skin, foci, array, 0.1)
+    reference, best = transfer_of(skin, foci, array, 0.05), transfer_of(skin, foci, array, 0.1)
     found = []
     for index, (hand, pair) in enumerate(zip(fitted, pads, strict=True)):
         own = slice(2 * index, 2 * index + 2)
         aimed = np.array([point + OFF * normal for point, normal in pair])
-        with_fitted = pressures(heard(hand.surface, aimed, array, 0.1), judge[own])
-        with_true = pressures(best[own], judge[own])
+        with_fitted = pressures(transfer_of(hand.surface, aimed, array, 0.1), reference[own])
+        with_true = pressures(best[own], reference[own])
         off = ", ".join(f"{1e3 * x:.1f}" for x in np.linalg.norm(aimed - foci[own], axis=1))
         found.append(float(with_fitted.mean() / with_true.mean()))
-        told = ", ".join(f"{share:.2f}" for share in with_fitted / with_true)
+        ratios = ", ".join(f"{share:.2f}" for share in with_fitted / with_true)
         which = f"{build}, {'palm' if palm else 'back'} seen, view {view}, {('one frame', 'sequence')[index]}"
-        print(f"{which}: {found[-1]:.2f} (thumb, index: {told}; aimed {off} mm off)", flush=True)
+        print(f"{which}: {found[-1]:.2f} (thumb, index: {ratios}; aimed {off} mm off)", flush=True)
     return found
 
 

@@ -1,4 +1,4 @@
-"""What wrong hands cost, drawn and told."""
+"""A figure and a table of what wrong hands cost."""
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -47,11 +47,11 @@ COLUMNS = (
 )
 """From left to right."""
 
-FINER = ("triangles [mm]", "panels [accuracy]")
-"""Errors that are told over finer panels."""
+SMALLER_PANELS = ("triangles [mm]", "panels [accuracy]")
+"""Errors relative to a drive on smaller panels."""
 
-NOTHING = Outcome("", "", 0.0, 0, focus=1.0, worst=1.0, stray=1.0, loudest=1.0)
-"""What no error makes, over itself."""
+NOTHING = Outcome("", "", 0.0, 0, focus=1.0, worst=1.0, side_lobes=1.0, largest=1.0)
+"""The outcome of no error."""
 
 FARTHEST = 5.5
 """Larger errors of the pose are drawn as delays only [mm]."""
@@ -67,18 +67,18 @@ def focus_of(outcome: Outcome) -> float:
     return outcome.focus
 
 
-def stray_of(outcome: Outcome) -> float:
-    """SideLobe sound on the skin against the foci, over that of the right drive [dB].
+def side_lobes_of(outcome: Outcome) -> float:
+    """Side lobes on the skin over the foci, over that of the right drive [dB].
 
     Parameters
     ----------
     outcome : of one drive.
     """
-    return 20.0 * float(np.log10(outcome.stray / outcome.focus))
+    return 20.0 * float(np.log10(outcome.side_lobes / outcome.focus))
 
 
 def draw_quality(outcomes: Sequence[Outcome]) -> Figure:
-    """Draw what every error costs: pressure in the foci above, stray sound below; bands from least to most.
+    """Draw what every error costs: pressure in the foci above, side lobes below; bands from least to most.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def draw_quality(outcomes: Sequence[Outcome]) -> Figure:
     grid = figure.subplots(2, len(COLUMNS), sharex="col", sharey="row")
     for place, column in enumerate(COLUMNS):
         above, below = grid[0, place], grid[1, place]
-        for axes, value in ((above, focus_of), (below, stray_of)):
+        for axes, value in ((above, focus_of), (below, side_lobes_of)):
             _draw(axes, outcomes, column, value)
             axes.grid(color="0.92")
             axes.set_axisbelow(True)
@@ -97,11 +97,11 @@ def draw_quality(outcomes: Sequence[Outcome]) -> Figure:
         below.set_xlabel(column.title)
     blind = {one.scene: one for one in outcomes if one.error == "no hand at all"}
     for scene, one in blind.items():
-        for axes, value in ((grid[0], focus_of), (grid[1], stray_of)):
+        for axes, value in ((grid[0], focus_of), (grid[1], side_lobes_of)):
             for part in axes:
                 part.axhline(value(one), color=COLOURS[scene], linestyle=":", linewidth=1.2)
     grid[0, 0].set(ylabel="pressure in the foci\nover that with the right hand", ylim=(0.0, 1.08), xlim=(0.0, FARTHEST))
-    grid[1, 0].set_ylabel("stray sound on the skin over the foci,\nagainst that with the right hand [dB]")
+    grid[1, 0].set_ylabel("side lobes on the skin over the foci,\nagainst that with the right hand [dB]")
     keys: list[Line2D | Patch] = [Line2D([], [], color=colour, label=scene) for scene, colour in COLOURS.items()]
     keys.append(Line2D([], [], color="0.3", linestyle=":", label="no hand in the model at all"))
     keys.append(Patch(color="0.3", alpha=0.15, label="least to most of all random choices"))
@@ -115,7 +115,7 @@ def _draw(axes: Axes, outcomes: Sequence[Outcome], column: Column, value: Callab
             sizes, spread = spreads([one for one in outcomes if (one.scene, one.error) == (scene, error)], value)
             if len(sizes) == 0:
                 continue
-            if error not in FINER:  # without an error nothing is lost, by definition
+            if error not in SMALLER_PANELS:  # without an error nothing is lost, by definition
                 place, nothing = int(np.searchsorted(sizes, 0.0)), value(NOTHING)
                 sizes, spread = np.insert(sizes, place, 0.0), np.insert(spread, place, nothing, axis=0)
             sizes = column.factor * sizes
@@ -126,7 +126,7 @@ def _draw(axes: Axes, outcomes: Sequence[Outcome], column: Column, value: Callab
 def spreads(
     outcomes: Sequence[Outcome], value: Callable[[Outcome], float]
 ) -> tuple[Float64[np.ndarray, "sizes"], Float64[np.ndarray, "sizes 3"]]:
-    """Tell the least, the median and the most of a value for every size of an error.
+    """Return the least, the median and the most of a value for every size of an error.
 
     Parameters
     ----------
@@ -142,21 +142,21 @@ def spreads(
 
 
 def answers(outcomes: Sequence[Outcome]) -> list[str]:
-    """Tell in the rows of a Markdown table what every error costs: the median, and the least to the most.
+    """Return the rows of a Markdown table of what every error costs: the median, and the least to the most.
 
     Parameters
     ----------
     outcomes : of all scenes.
     """
     scenes = [scene for scene in COLOURS if any(one.scene == scene for one in outcomes)]
-    names = [f"{scene}: {what}" for scene in scenes for what in ("foci", "stray [dB]")]
+    names = [f"{scene}: {what}" for scene in scenes for what in ("foci", "side lobes [dB]")]
     lines = ["| what is wrong | by | " + " | ".join(names) + " |", "| --- | --- |" + " --- |" * len(names)]
     for error in dict.fromkeys(one.error for one in outcomes):
         for size in sorted({one.size for one in outcomes if one.error == error}):
             cells = []
             for scene in scenes:
                 ones = [one for one in outcomes if (one.scene, one.error, one.size) == (scene, error, size)]
-                cells += [_cell(ones, focus_of, "{:.2f}"), _cell(ones, stray_of, "{:+.1f}")]
+                cells += [_cell(ones, focus_of, "{:.2f}"), _cell(ones, side_lobes_of, "{:+.1f}")]
             lines.append(f"| {error} | {size:.3g} | " + " | ".join(cells) + " |")
     return lines
 

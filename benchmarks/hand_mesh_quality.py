@@ -1,10 +1,10 @@
 """How good a hand's mesh must be: what wrong poses, shapes, panels and delays cost at the true hand.
 
-Every drive is made with a hand that is wrong in one way, aimed at the pads where that hand has them, and judged on the
-true hand by a finer solution: beacons at the true foci and at points all over the true skin are solved once for each
-scene, so that any number of drives can be judged. All drives have the same energy. Pressures are told over those of the
-drive that is made with the right hand on panels of the same size; how coarse those may be is told over a drive that is
-made on panels finer than the judge's.
+Every drive is made with a hand that is wrong in one way, aimed at the pads where that hand has them. A verification
+solution evaluates it on the true hand: beacons at the true foci and at points all over the true skin are solved once
+for each scene, which serves any number of drives. All drives have the same energy. Pressures are relative to those of
+the drive that is made with the right hand on panels of the same size; the errors of coarse panels are relative to a
+drive on panels smaller than those of the verification solution.
 """
 
 from collections.abc import Callable, Iterator
@@ -36,7 +36,7 @@ FREQUENCY = 40e3
 """Of the sound [Hz]."""
 
 SPEED = 0.5
-"""Of a hand that has moved on by the time that its drive is played [m/s]."""
+"""Of a hand that has moved on by the time that its drive is emitted [m/s]."""
 
 OFF = 0.5e-3
 """Foci stand so far off the pads [m]."""
@@ -71,12 +71,12 @@ class Outcome:
     ----------
     scene : "pinch" or "open hand".
     error : what is wrong.
-    size : by how much, in the unit that the error's name tells.
+    size : by how much, in the unit in the error's name.
     seed : of the random choice.
     focus : pressure in the foci, their mean, over that of the drive with the right hand.
     worst : the same of the focus that loses most.
-    stray : root mean square of the pressure on the skin away from the foci, over that of the right drive.
-    loudest : the loudest of it over the mean of the foci, both of this drive.
+    side_lobes : root mean square of the pressure on the skin away from the foci, over that of the right drive.
+    largest : the largest of it over the mean of the foci, both of this drive.
     """
 
     scene: str
@@ -85,8 +85,8 @@ class Outcome:
     seed: int
     focus: float
     worst: float
-    stray: float
-    loudest: float
+    side_lobes: float
+    largest: float
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class Case:
     ----------
     error, size, seed : as in ``Outcome``.
     drive : makes it, of energy 1.
-    panels : whether it is held against the drive on the finest panels, not against that on panels as large as its own.
+    panels : whether it is compared with the drive on the finest panels, not with that on panels as large as its own.
     """
 
     error: str
@@ -117,10 +117,10 @@ class Study:
     hand : the true one.
     array : the transducers in the hand's frame.
     pads : names of the places that get a focus.
-    folder : where the judge's matrix is kept.
-    judging, right, driving : accuracies of the judge, of the drive on the finest panels, and of all drives that are not
-        about panels.
-    spacing : of the points of the skin where stray sound is heard [m], but within a wavelength of a focus.
+    folder : of the files of the matrix of the verification solution.
+    verifying, right, driving : accuracies of the verification solution, of the drive on the finest panels, and of all
+        drives that are not about panels.
+    spacing : of the points of the skin where side lobes are evaluated [m], but within a wavelength of a focus.
     """
 
     name: str
@@ -128,39 +128,39 @@ class Study:
     array: PhasedArray
     pads: tuple[str, ...]
     folder: Path
-    judging: float = 0.03
+    verifying: float = 0.03
     right: float = 0.02
     driving: float = 0.2
     spacing: float = 20e-3
 
     @cached_property
-    def stray_points(self) -> Float64[np.ndarray, "stray 3"]:
-        """Where stray sound is heard [m]."""
+    def side_lobe_points(self) -> Float64[np.ndarray, "points 3"]:
+        """Points on the skin where side lobes are evaluated [m]."""
         points = surface_points(self.hand.surface, self.spacing)
         scene = _scene(self.hand.surface)
         far = np.asarray(KDTree(foci(self.hand, self.pads)).query(points)[0]) > scene.wavelength
         return points[far]
 
     @cached_property
-    def verify(self) -> Complex128[np.ndarray, "heard elements"]:
-        """Pressure at the foci, and then at the stray points, of each element [Pa], by a solution of its own."""
-        kept = self.folder / f"judge-{self.name.replace(' ', '-')}.npz"
-        points = np.concatenate([foci(self.hand, self.pads), self.stray_points])
+    def reference(self) -> Complex128[np.ndarray, "points elements"]:
+        """Pressure of each element [Pa] at the foci, and then at the side-lobe points, by the verification solution."""
+        kept = self.folder / f"reference-{self.name.replace(' ', '-')}.npz"
+        points = np.concatenate([foci(self.hand, self.pads), self.side_lobe_points])
         if kept.exists():
             found = np.load(kept)
             if np.array_equal(found["points"], points) and np.array_equal(found["array"], self.array.positions):
                 return found["matrix"]
-        target = Target(foci(self.hand, self.pads), suppression_points=self.stray_points)
-        field = BoundaryElement(self.judging).radiate(_scene(self.hand.surface), target.beacons(suppression=True))
+        target = Target(foci(self.hand, self.pads), suppression_points=self.side_lobe_points)
+        field = BoundaryElement(self.verifying).radiate(_scene(self.hand.surface), target.beacons(suppression=True))
         matrix = transfer_matrix(field, self.array).matrix
         self.folder.mkdir(parents=True, exist_ok=True)
         np.savez(kept, points=points, array=self.array.positions, matrix=matrix)
         return matrix
 
     @cached_property
-    def right_heard(self) -> Float64[np.ndarray, "panels heard"]:
-        """What is heard of the drives of energy 1 for the right hand [Pa]: on usual panels, and on the finest."""
-        return np.abs(np.stack([self.judge @ self.drive(field) for field in (self.believed, self.finest)]))
+    def right_pressures(self) -> Float64[np.ndarray, "panels points"]:
+        """Pressures of the drives of energy 1 for the right hand [Pa]: on usual panels, and on the finest."""
+        return np.abs(np.stack([self.reference @ self.drive(field) for field in (self.believed, self.finest)]))
 
     @cached_property
     def finest(self) -> RadiatedField:
@@ -173,7 +173,7 @@ class Study:
         return beacons(self.hand, self.pads, self.driving)
 
     def blind(self) -> Complex128[np.ndarray, "elements"]:
-        """Make the drive of energy 1 that knows no hand but its pads."""
+        """Make the drive of energy 1 for the pads in free space, without the hand."""
         target = Target(foci(self.hand, self.pads))
         medium = _scene(self.hand.surface).medium
         amplitudes = focus_by_distance(self.array, target, medium, FREQUENCY).amplitudes
@@ -194,18 +194,19 @@ class Study:
         return amplitudes / np.linalg.norm(amplitudes)
 
     def outcome(self, case: Case) -> Outcome:
-        """Make the drive of a case and judge it."""
-        heard, right, count = np.abs(self.judge @ case.drive()), self.right_heard[int(case.panels)], len(self.pads)
-        focus = float(heard[:count].mean())
+        """Make the drive of a case and evaluate it on the true hand."""
+        found, right = np.abs(self.reference @ case.drive()), self.right_pressures[int(case.panels)]
+        count = len(self.pads)
+        focus = float(found[:count].mean())
         return Outcome(
             scene=self.name,
             error=case.error,
             size=case.size,
             seed=case.seed,
             focus=focus / float(right[:count].mean()),
-            worst=float((heard[:count] / right[:count]).min()),
-            stray=float(np.sqrt(np.mean(heard[count:] ** 2) / np.mean(right[count:] ** 2))),
-            loudest=float(heard[count:].max()) / focus,
+            worst=float((found[:count] / right[:count]).min()),
+            side_lobes=float(np.sqrt(np.mean(found[count:] ** 2) / np.mean(right[count:] ** 2))),
+            largest=float(found[count:].max()) / focus,
         )
 
 
@@ -242,7 +243,7 @@ def studies(hands: Path, folder: Path) -> tuple[Study, Study]:
     Parameters
     ----------
     hands : folder with pinch.json and relaxed.json.
-    folder : where the judges' matrices are kept.
+    folder : of the files of the matrices of the verification solutions.
     """
     pinch = load_hand(hands / "pinch.json").open_to(0.012)
     middle = 0.5 * (pinch.joints.min(axis=0) + pinch.joints.max(axis=0))
@@ -303,7 +304,7 @@ def _elsewhere(study: Study, shift: Float64[np.ndarray, "3"]) -> Complex128[np.n
 
 
 def _triangles(study: Study, edge: float) -> Complex128[np.ndarray, "elements"]:
-    """Drive of a mesh of triangles; a focus that they hide is brought out along the pad's normal."""
+    """Drive of a mesh of triangles; a focus inside them moves out along the pad's normal."""
     scene = _scene(hand_of_triangles(study.hand, edge))
     points = foci(study.hand, study.pads)
     normals = np.array([study.hand.place(name)[1] for name in study.pads])

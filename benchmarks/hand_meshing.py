@@ -40,7 +40,7 @@ def quickest(run: Callable[[], HandMesh | None], times: int = 5) -> tuple[float,
     return min(seconds), skin
 
 
-def told(what: str, hulls: Hulls, seconds: float, skin: HandMesh) -> None:
+def report(what: str, hulls: Hulls, seconds: float, skin: HandMesh) -> None:
     off = np.abs(hulls.look(skin.vertices).distance).max()
     print(
         f"{what}: {1e3 * seconds:.0f} ms, {len(skin.triangles):,} triangles, smallest angle {skin.angles.min():.0f}°, "
@@ -58,20 +58,20 @@ def times() -> None:
     fine, coarse = WAVELENGTH / 6, edge_for(0.03)
     fingers = two_fingers(0.0)
     seconds, skin = quickest(lambda: even_skin(fingers, fine))
-    told("two fingers, edges of λ/6", fingers, seconds, skin)
+    report("two fingers, edges of λ/6", fingers, seconds, skin)
     moved = two_fingers(5.0)
-    told("their next frame, 5 mm on", moved, *quickest(lambda: deformed(fingers, skin, moved, fine)))
+    report("their next frame, 5 mm on", moved, *quickest(lambda: deformed(fingers, skin, moved, fine)))
     joints, radii = example("pinch")
     hand = hand_from_joints(joints, radii).open_to(0.012)
     hulls = hand.shape.hulls
     seconds, skin = quickest(lambda: even_skin(hulls, coarse))
-    told(f"hand, edges of {1e3 * coarse:.2f} mm as for 3 %", hulls, seconds, skin)
+    report(f"hand, edges of {1e3 * coarse:.2f} mm as for 3 %", hulls, seconds, skin)
     later = hand.open_to(0.021)
     apart = np.linalg.norm(later.joints - hand.joints, axis=1).max()
     now = later.shape.hulls
-    told(f"its next frame, {1e3 * apart:.1f} mm on", now, *quickest(lambda: deformed(hulls, skin, now, coarse)))
+    report(f"its next frame, {1e3 * apart:.1f} mm on", now, *quickest(lambda: deformed(hulls, skin, now, coarse)))
     for name, build in (("hand of 3 mm", 3e-3), ("hand of 1.43 mm", fine)):
-        told(name, hulls, *quickest(lambda build=build: even_skin(hulls, build), times=2))
+        report(name, hulls, *quickest(lambda build=build: even_skin(hulls, build), times=2))
 
 
 def poses(count: int, record: Path | None) -> None:

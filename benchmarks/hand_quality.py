@@ -1,8 +1,8 @@
 """How good must a hand's mesh be: what errors of pose, shape, mesh and delay cost at the true hand.
 
 Run ``PYTHONPATH=. python benchmarks/hand_quality.py [--seeds 3] [--scene pinch]``: writes
-docs/hand-mesh-quality.csv and .png and prints the answers. About ten minutes on two quiet cores; all outcomes are kept
-in ``out/hand_quality``, so that a run that was stopped goes on where it was. With ``--scene`` only that scene's are
+docs/hand-mesh-quality.csv and .png and prints the answers. About ten minutes on two idle cores; all outcomes are kept
+in ``out/hand_quality``, so that an interrupted run continues. With ``--scene`` only that scene's are
 computed, and nothing is written to docs.
 """
 
@@ -41,7 +41,7 @@ def write(path: Path, outcomes: list[Outcome]) -> None:
             table.writerow(row | {name: f"{row[name]:.5g}" for name in COLUMNS if isinstance(row[name], float)})
 
 
-def judged(study: Study, seeds: int) -> list[Outcome]:
+def outcomes_of(study: Study, seeds: int) -> list[Outcome]:
     kept = KEPT / f"{study.name.replace(' ', '-')}.csv"
     done = read(kept)
     seen = {(one.error, one.size, one.seed) for one in done}
@@ -66,7 +66,7 @@ def main() -> None:
     found = []
     for study in studies(ROOT / "examples/hands", KEPT):
         if asked.scene in (None, study.name):
-            found += judged(study, asked.seeds)
+            found += outcomes_of(study, asked.seeds)
     if asked.scene is None:
         from benchmarks.hand_mesh_figure import answers, draw_quality
 

@@ -18,7 +18,7 @@ FINEST, PASSES = 6e-3, 8
 
 
 def random_direction(seed: int) -> Float64[np.ndarray, "3"]:
-    """Choose a direction (3,) on the sphere, all alike.
+    """Choose a direction (3,) uniformly on the sphere.
 
     Parameters
     ----------
@@ -50,9 +50,9 @@ def _turned(hand: Hand, turns: Float64[np.ndarray, "fingers turned 3"]) -> Float
     joints = hand.joints.copy()
     for chain, finger in zip(CHAINS, turns, strict=True):
         first = len(chain) - 1 - TURNED
-        for place, turn in enumerate(finger, start=first):
-            outer = list(chain[place + 1 :])
-            root = joints[chain[place]]
+        for joint, turn in enumerate(finger, start=first):
+            outer = list(chain[joint + 1 :])
+            root = joints[chain[joint]]
             joints[outer] = root + Rotation.from_rotvec(turn).apply(joints[outer] - root)
     return joints
 

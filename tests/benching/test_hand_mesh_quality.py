@@ -1,4 +1,4 @@
-"""Wrong hands are wrong by what was asked; their drives are judged at the right hand."""
+"""Wrong hands are wrong by what was asked; their drives are evaluated on the right hand."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from airtact.hand.hand import Hand
 from airtact.hand.joints import BONES, CHAINS
 from airtact.mesh.topology import edge_twins
 from airtact.transducers.layout import PhasedArray
-from benchmarks.hand_mesh_figure import COLUMNS, answers, draw_quality, spreads, stray_of
+from benchmarks.hand_mesh_figure import COLUMNS, answers, draw_quality, side_lobes_of, spreads
 from benchmarks.hand_mesh_quality import Outcome, Study, beacons, cases, studies
 from benchmarks.wrong_hands import bent, hand_of_triangles, random_direction, random_radii, scaled_radii
 from paths import HANDS
@@ -68,27 +68,27 @@ def test_no_drive_of_the_same_energy_passes_that_of_the_right_hand(study):
     found = {case.error: case for case in cases(study, 1)}
     blind = study.outcome(found["no hand at all"])
     assert 0.3 < blind.focus < 1.0
-    right = np.vdot(study.drive(study.believed), study.judge[0].conj() / np.linalg.norm(study.judge[0]))
+    right = np.vdot(study.drive(study.believed), study.reference[0].conj() / np.linalg.norm(study.reference[0]))
     assert abs(right) == pytest.approx(1.0, abs=1e-3)
-    assert len(study.judge) == 1 + len(study.stray_points) > 10
+    assert len(study.reference) == 1 + len(study.side_lobe_points) > 10
 
 
-def test_the_judge_is_kept(study):
-    first = study.judge
+def test_the_reference_is_read_again_from_its_file(study):
+    first = study.reference
     again = Study(study.name, study.hand, study.array, study.pads, study.folder, spacing=study.spacing)
-    assert np.array_equal(again.judge, first)  # of an accuracy that would give other numbers
+    assert np.array_equal(again.reference, first)  # of an accuracy that would give other numbers
 
 
 def outcome(error: str, size: float, focus: float, seed: int = 0) -> Outcome:
     return Outcome("pinch", error, size, seed, focus, focus, 0.5, 0.2)
 
 
-def test_outcomes_are_told_by_least_median_and_most():
+def test_outcomes_are_summed_up_by_least_median_and_most():
     ones = [outcome("radii", 5.0, focus, seed) for seed, focus in enumerate((0.9, 0.5, 0.8))]
     sizes, table = spreads([*ones, outcome("radii", 2.0, 1.0)], lambda one: one.focus)
     assert sizes.tolist() == [2.0, 5.0]
     assert table.tolist() == [[1.0, 1.0, 1.0], [0.5, 0.8, 0.9]]
-    assert stray_of(ones[1]) == pytest.approx(0.0)
+    assert side_lobes_of(ones[1]) == pytest.approx(0.0)
     assert answers([*ones, outcome("radii", 2.0, 1.0)])[2:] == [
         "| radii | 2 | 1.00 | -6.0 |",
         "| radii | 5 | 0.80 (0.50 to 0.90) | -4.1 (-5.1 to +0.0) |",

@@ -57,9 +57,9 @@ def test_a_gap_is_above_zero(gap):
         pinch(gap)
 
 
-@pytest.mark.parametrize(("offset", "said"), [(-1e-3, "-1 mm"), (0.012, "12 mm"), (math.nan, "nan mm")])
-def test_foci_stay_in_the_gap(offset, said):
-    with raises_code("out_of_range", said, "12 mm"):
+@pytest.mark.parametrize(("offset", "given"), [(-1e-3, "-1 mm"), (0.012, "12 mm"), (math.nan, "nan mm")])
+def test_foci_stay_in_the_gap(offset, given):
+    with raises_code("out_of_range", given, "12 mm"):
         pinch().foci(offset)
 
 

@@ -44,7 +44,7 @@ class HandMesh:
     sizes: Float64[np.ndarray, "vertices"]
 
     def fixed(self) -> "HandMesh":
-        """Copy it into arrays that nobody can write to."""
+        """Copy it into arrays that are read-only."""
         triangles = self.triangles.copy()
         triangles.flags.writeable = False
         return HandMesh(fixed(self.vertices), triangles, fixed(self.sizes))
@@ -60,7 +60,7 @@ BESIDE = 4.0
 
 
 class Graded(NamedTuple):
-    """Edges that are finer beside some points.
+    """Edges that are shorter beside some points.
 
     Attributes
     ----------
@@ -101,8 +101,8 @@ def even_skin(hulls: Hulls, edge: float, graded: Graded | None = None) -> HandMe
     Parameters
     ----------
     hulls : the body.
-    edge : edge of the equilateral triangles wanted [m]; bends and narrow gaps get finer ones.
-    graded : finer triangles beside some points, or None.
+    edge : edge of the equilateral triangles wanted [m]; bends and narrow gaps get smaller ones.
+    graded : smaller triangles beside some points, or None.
     """
     best = None
     for level, share in GRIDS:
@@ -172,7 +172,7 @@ REPAIR_PULL = 0.4
 
 
 def _repaired(hulls: Hulls, mesh: HandMesh, edge: float) -> tuple[float, HandMesh]:
-    """Make poor triangles more even, and smaller in narrow creases; return the least fault and its mesh."""
+    """Make poor triangles more even, and smaller where skins meet; return the least fault and its mesh."""
     best = _fault(hulls, mesh), mesh
     for attempt in range(REPAIRS):
         if best[0] <= 0.0 or len(mesh.triangles) > MOST * len(best[1].triangles):
@@ -334,7 +334,7 @@ def _projected(
 
 BULGING, ASIDE = 0.3, (0.4, 0.6, 0.3, 0.7)
 """Where the projected middle of an edge is farther off than the first times the edge, points at these other shares of
-the edge are projected: over a narrow crease its flanks are nearer than its bottom."""
+the edge are projected: where two skins meet, their flanks are nearer than the bottom between them."""
 
 
 def midpoints(hulls: Hulls, mesh: HandMesh) -> Float64[np.ndarray, "triangles 3 3"]:

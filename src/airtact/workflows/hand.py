@@ -111,7 +111,7 @@ def pose(
     Parameters
     ----------
     path : a JSON file, see ``load_hand``.
-    file : where the skin goes; its ending says how, see ``write_triangles``.
+    file : where the skin goes; its ending sets the format, see ``write_triangles``.
     gap : opens thumb and index finger until their last phalanges are so far apart [m]; None leaves the pose.
     edge : of the triangles [m]; 4 mm unless given.
     report_step : called with each step as it begins.
@@ -124,7 +124,9 @@ def pose(
     report_step(f"reading {path.name}")
     check_ending(file)
     if path.resolve() == file.resolve():
-        raise InvalidInput(f"the skin would take the place of {path.name}, the 1 file that it is made from.")
+        raise InvalidInput(
+            f"the skin would overwrite {path.name}, the 1 file that it is made from.", code="would_overwrite"
+        )
     edge = EDGE if edge is None else checked_edge(edge)
     hand = load_hand(path, gap)
     writable_folder(file.parent)
@@ -150,7 +152,7 @@ def fit(
     ----------
     cloud : see ``load_cloud``.
     landmarks : see ``load_landmarks``.
-    file : where the skin goes; its ending says how, see ``write_triangles``.
+    file : where the skin goes; its ending sets the format, see ``write_triangles``.
     camera : where all points were seen from [m]; None for from many sides.
     edge : of the triangles [m]; that of ``FittedHand.surface`` unless given.
     report_step : called with each step as it begins.
@@ -158,12 +160,14 @@ def fit(
     Raises
     ------
     InvalidInput
-        A file or a number is at fault, the hand is refused, or the skin cannot be written there.
+        A file or a number is at fault, no hand explains the cloud, or the skin cannot be written there.
     """
     report_step(f"reading {cloud.name}")
     check_ending(file)
     if file.resolve() in (cloud.resolve(), landmarks.resolve()):
-        raise InvalidInput(f"the skin would take the place of {file.name}, 1 of the files that it is made from.")
+        raise InvalidInput(
+            f"the skin would overwrite {file.name}, 1 of the files that it is made from.", code="would_overwrite"
+        )
     edge = None if edge is None else checked_edge(edge)
     points, (joints, side) = load_cloud(cloud), load_landmarks(landmarks)
     writable_folder(file.parent)

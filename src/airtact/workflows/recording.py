@@ -52,14 +52,14 @@ def replay_recording(
     file : where the skin of a frame goes, see ``write_triangles``. With several frames, or two hands,
         side and number of each stand in its name. The picture beside it has the same name.
     chosen : sequence numbers of frames; the first that has landmarks unless given.
-    leave_out : whether faulty frames are left out and counted instead of refused.
+    leave_out : whether faulty frames are left out and counted instead of raising.
     edge : of the triangles [m].
     report_step : called with each step as it begins.
 
     Raises
     ------
     InvalidInput
-        The recording is refused, has no such frame or no landmarks, or nothing can be written there.
+        The recording is faulty, has no such frame or no landmarks, or nothing can be written there.
     """
     check_ending(file)
     edge = checked_edge(edge)
@@ -87,10 +87,16 @@ def _chosen(recording: Recording, chosen: Sequence[int]) -> list[HandFrame]:
     """Find the frames whose skin is wanted."""
     whole = [frame for frame in recording.frames if frame.landmarks is not None]
     if not whole:
-        raise InvalidInput(f"0 of {len(recording.frames)} frames have landmarks; fit a hand to their clouds first.")
+        raise InvalidInput(
+            f"0 of {len(recording.frames)} frames have landmarks; fit a hand to their clouds first.",
+            code="landmarks_missing",
+        )
     found = [frame for frame in whole if frame.sequence in chosen]
     missing = sorted(set(chosen) - {frame.sequence for frame in found})
     if missing:
         first, last = min(one.sequence for one in whole), max(one.sequence for one in whole)
-        raise InvalidInput(f"there is no frame {missing[0]} with landmarks; those there are lie in {first} to {last}.")
+        raise InvalidInput(
+            f"there is no frame {missing[0]} with landmarks; those there are lie in {first} to {last}.",
+            code="unknown_frame",
+        )
     return found or whole[:1]

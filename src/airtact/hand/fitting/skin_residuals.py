@@ -37,7 +37,7 @@ class SkinResiduals(NamedTuple):
 def skin_residuals(
     points: Float64[np.ndarray, "points 3"], hulls: Hulls, camera: Float64[np.ndarray, "3"] | None = None
 ) -> SkinResiduals:
-    """Find the distances of points from the skin of a body, creases filled, and their derivatives by its balls.
+    """Find the distances of points from the skin of a blended body, and their derivatives by its balls.
 
     Only the three nearest hulls of each point are evaluated.
 
