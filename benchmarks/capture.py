@@ -1,8 +1,8 @@
 """Error and time of fitting a hand to what a depth camera saw of one side of it.
 
 The reference is the GLB hand, and a slender and a stout build of it, bent by their own rig; the fit was never tuned on
-``child``, another build. Run ``PYTHONPATH=.:tests python benchmarks/capture.py [views [builds]]``, with so many views of
-each pose.
+``child``, another build. Run ``PYTHONPATH=.:tests python benchmarks/capture.py [views [builds]]``, with so many views
+of each pose.
 """
 
 import sys
