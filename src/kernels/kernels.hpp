@@ -100,6 +100,17 @@ void apply_monopoles(const double *targets, std::int64_t n, const double *source
                      const std::complex<double> *strength, std::int64_t sounds, Wavenumber k,
                      std::complex<double> *out);
 
+// The surface integral of finite elements, with G = e^{ikr}/r:
+// out[i, s] = sum_j monopoles[j, s] G(x_i, y_j) + dipoles[j, s] dG/dn(y_j)
+void surface_integral(const double *points, std::int64_t n, const double *sources, const double *normals,
+                      std::int64_t m, const std::complex<double> *monopoles, const std::complex<double> *dipoles,
+                      std::int64_t sounds, Wavenumber k, std::complex<double> *out);
+
+// out[i, s] = sum_j strength[j, s] dG/dn(x_i)
+void normal_derivative(const double *points, const double *normals, std::int64_t n, const double *sources,
+                       std::int64_t m, const std::complex<double> *strength, std::int64_t sounds, Wavenumber k,
+                       std::complex<double> *out);
+
 // The targets first[c] ... first[c + 1] - 1 are in cell c. out[i, s] = the sum over the sources nearer than `reach` to the
 // centre of the target's cell, or over the others, of D(x_i, y_j) density[j, s] where y_j is farther than `least`, or with
 // null normals of e^{ikr}/r density[j, s].

@@ -57,6 +57,8 @@ struct Variant {
     decltype(&baseline::grade_sizes) grade_sizes;
     decltype(&baseline::even_pass) even_pass;
     decltype(&baseline::gerchberg_saxton) gerchberg_saxton;
+    decltype(&baseline::surface_integral) surface_integral;
+    decltype(&baseline::normal_derivative) normal_derivative;
 };
 
 #define AIRTACT_FAR(v, Real)                                                                                         \
@@ -67,7 +69,7 @@ struct Variant {
 #define AIRTACT_TABLE(v)                                                                                             \
     { #v, {AIRTACT_DUAL(v, std::uint32_t), AIRTACT_DUAL(v, float), AIRTACT_DUAL(v, double)}, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::apply_in_cells, &v::interpolate, &v::near_pairs, &v::closest_on_panels,      \
       &v::near_integrals, &v::hull_distances, &v::blended_distance, &v::hull_gaps, &v::project_on_hulls, &v::grade_sizes, \
-      &v::even_pass, &v::gerchberg_saxton }
+      &v::even_pass, &v::gerchberg_saxton, &v::surface_integral, &v::normal_derivative }
 
 static std::vector<Variant> runnable() {  // on this machine, the best last
     std::vector<Variant> found{AIRTACT_TABLE(baseline)};
@@ -225,6 +227,24 @@ void monopoles(Points x, Points y, Read<Complex, -1, -1> strength, Complex k, Wr
     nb::gil_scoped_release release;
     far<Real>().apply_monopoles(x.data(), x.shape(0), y.data(), y.shape(0), strength.data(), strength.shape(1), wave(k),
                           out.data());
+}
+
+static void whole_surface(Points x, Points y, Points a, Read<Complex, -1, -1> single, Read<Complex, -1, -1> twin,
+                          Complex k, Write<Complex, -1, -1> out) {
+    same(y.shape(0), a.shape(0)), same(single.shape(0), y.shape(0)), same(twin.shape(0), y.shape(0));
+    same(out.shape(0), x.shape(0)), same(out.shape(1), single.shape(1)), same(out.shape(1), twin.shape(1));
+    nb::gil_scoped_release release;
+    active->surface_integral(x.data(), x.shape(0), y.data(), a.data(), y.shape(0), single.data(), twin.data(),
+                             out.shape(1), wave(k), out.data());
+}
+
+static void along_normals(Points x, Points a, Points y, Read<Complex, -1, -1> strength, Complex k,
+                          Write<Complex, -1, -1> out) {
+    same(x.shape(0), a.shape(0)), same(strength.shape(0), y.shape(0));
+    same(out.shape(0), x.shape(0)), same(out.shape(1), strength.shape(1));
+    nb::gil_scoped_release release;
+    active->normal_derivative(x.data(), a.data(), x.shape(0), y.data(), y.shape(0), strength.data(), out.shape(1),
+                              wave(k), out.data());
 }
 
 static void in_cells(Points x, Index first, Points centres, double reach, bool inside, Points y, std::optional<Points> a,
@@ -428,6 +448,8 @@ NB_MODULE(_kernels, m) {
     m.def("apply_double_layer_float64", &layer<double>);
     m.def("apply_monopoles_float32", &monopoles<float>);
     m.def("apply_monopoles_float64", &monopoles<double>);
+    m.def("surface_integral", &whole_surface);
+    m.def("normal_derivative", &along_normals);
     m.def("apply_in_cells", &in_cells, nb::arg("targets"), nb::arg("first"), nb::arg("centres"), nb::arg("reach"),
           nb::arg("inside"), nb::arg("sources"), nb::arg("normals").none(), nb::arg("density"), nb::arg("wavenumber"),
           nb::arg("least"), nb::arg("out"));
