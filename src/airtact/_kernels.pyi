@@ -115,6 +115,18 @@ def apply_in_cells(
     least: float,
     out: np.ndarray,
 ) -> None: ...
+def surface_integral(
+    points: np.ndarray,
+    sources: np.ndarray,
+    normals: np.ndarray,
+    monopoles: np.ndarray,
+    dipoles: np.ndarray,
+    k: complex,
+    out: np.ndarray,
+) -> None: ...
+def normal_derivative(
+    points: np.ndarray, normals: np.ndarray, sources: np.ndarray, strength: np.ndarray, k: complex, out: np.ndarray
+) -> None: ...
 def interpolate(
     table: np.ndarray,
     first: np.ndarray,

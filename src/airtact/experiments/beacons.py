@@ -29,7 +29,7 @@ ON_BEACON = 1e-6
 
 def beacons(made: Solved, settings: Settings, folder: Path, clock: Clock) -> Part:
     """Show the model, the field of the beacons, and the phase and amplitude of each transducer."""
-    system, report = made.field.ready.system, made.field.report
+    system, report = made.field.system, made.field.report
     with clock.step("phases", "evaluating the field of the beacons in the plane of the fingers"):
         window = _workspace(made.dummies.middle, settings.plane_step)
         pressure = _pressure(made, window.points)
@@ -148,7 +148,7 @@ def whole_surface(system: System) -> QuadraticTriangles:
     quadratic_triangles = system.panels.quadratic_triangles
     for mirror in system.box.mirrors:
         image = np.array(quadratic_triangles[:, [0, 2, 1, 5, 4, 3]])
-        image[:, :, mirror.axis] = 2 * mirror.place / system.scene.wavelength - image[:, :, mirror.axis]
+        image[:, :, mirror.axis] = 2 * mirror.position / system.scene.wavelength - image[:, :, mirror.axis]
         quadratic_triangles = np.concatenate([quadratic_triangles, image])
     return quadratic_triangles
 
@@ -156,7 +156,7 @@ def whole_surface(system: System) -> QuadraticTriangles:
 def on_plane(system: System, axis: int) -> tuple[Float64[np.ndarray, "faces 3 3"], Bool[np.ndarray, "faces"]]:
     """Faces of tetrahedra on a plane of symmetry (T, 3, 3) [λ], and whether each is in the perfectly matched layer."""
     corners = system.tetrahedra.corners
-    plane = next(one.place for one in system.box.mirrors if one.axis == axis) / system.scene.wavelength
+    plane = next(one.position for one in system.box.mirrors if one.axis == axis) / system.scene.wavelength
     on = np.abs(corners[:, :, axis] - plane) < ON_PLANE
     flat = on.sum(axis=1) == 3
     faces = corners[flat][on[flat]].reshape(-1, 3, 3)
@@ -182,5 +182,5 @@ def draw_mesh(system: System, wavelength: float) -> Figure:
 
 def _beacon(system: System, shown: list[int]) -> Float64[np.ndarray, "2"]:
     """Point of the surface that is nearest the middle, where the beacon is [mm]."""
-    points = system.skin.points * system.scene.wavelength
+    points = system.surface.points * system.scene.wavelength
     return 1e3 * points[np.argmin(np.abs(points[:, 0]))][shown]

@@ -9,7 +9,8 @@ from scipy.optimize import nnls
 
 from airtact.experiments.dummies import AIR, dummies
 from airtact.experiments.mesh_run import BOX, Combination, Row
-from airtact.solvers.fem.solver import LAYER, MARGIN
+from airtact.solvers.fem.pml import THICKNESS
+from airtact.solvers.fem.solver import MARGIN
 
 TETRAHEDRA = 8.0
 """Tetrahedra in a cube whose edge is theirs, until a run has measured it."""
@@ -53,7 +54,7 @@ def _volume(domain: str) -> float:
     else:
         points = np.concatenate([surface.vertices for surface in dummies().surfaces])
         sides = np.ptp(points, axis=0) / length / [2, 2, 1] + MARGIN * np.array([1, 1, 2])
-    return float((sides + LAYER * np.array([1, 1, 2])).prod())
+    return float((sides + THICKNESS * np.array([1, 1, 2])).prod())
 
 
 def shared_unknowns(order: int) -> float:

@@ -1,225 +1,251 @@
-"""Factorises the matrix of finite elements: front by front, by NGSolve's sparse Cholesky, or by Pardiso of MKL."""
+"""Factorises the sparse complex symmetric matrix of finite elements: MKL's Pardiso, or NGSolve's sparse Cholesky."""
 
 import ctypes
 import importlib.metadata
+import weakref
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Complex64, Complex128, Int32
+from jaxtyping import Bool, Complex128, Int32
 from scipy.sparse import csr_array
 
-from airtact.conventions import InvalidInput
-from airtact.solvers.fem.meshing.netgen import many_threads, ngsolve_library
-from airtact.solvers.fem.multifrontal.elimination import eliminate, solve
-from airtact.solvers.fem.system import System
+from airtact.conventions import InvalidInput, NotConverged
+from airtact.solvers.fem.meshing.netgen import AssembledForm, many_threads, ngsolve_library
+from airtact.solvers.fem.meshing.volume import Box
+from airtact.solvers.memory import available_memory
 from airtact.solvers.threads import thread_count
 
 COMPLEX_SYMMETRIC = 6
 """Pardiso's number for matrices that equal their transpose."""
 
-PARDISO = {0: 1, 1: 3, 9: 8, 17: -1, 20: 0, 27: 1, 34: 1}
-"""Its settings, by number from 0: METIS in all threads, pivots of 1e-8 at least, single ones, single precision.
+SETTINGS = {0: 1, 1: 3, 9: 8, 17: -1, 20: 0, 34: 1}
+"""Pardiso's settings, by number from 0: METIS in all threads, pivots of 1e-8 at least, single ones.
 
-Pairs of pivots take a third longer and leave as much of a load.
+Pairs of pivots take a third longer and leave as large a residual.
 """
 
+SINGLE_PRECISION = 27
+"""Number of the setting that is 1 for single precision."""
+
 REFINEMENTS = 12
-"""Steps of refinement at most that make up for single precision: two or three are enough."""
+"""Refinements at most that make up for single precision: two or three are enough."""
 
-ENOUGH, ROUGHLY = 1e-6, 1e-3
-"""What may be left of a load after them, as a share; and up to order ``ROUGH``, whose own error is far larger."""
+RESIDUAL, COARSE_RESIDUAL = 1e-6, 1e-3
+"""Residual over the right-hand side after them; and up to order ``COARSE``, whose own error is far larger."""
 
-ROUGH = 5
+COARSE = 5
+
+TETRAHEDRA = 8.0
+"""Tetrahedra that Netgen fills a cube with whose edge is that of the tetrahedra."""
+
+FILL = {"pardiso": (8, 10.0), "sparsecholesky": (16, 14.0)}
+"""Bytes of an entry of a factor, and entries over the 4/3 power of the unknowns, as nested dissection leaves them."""
+
+OVERHEAD = 1.5
+"""Memory in all over that of the factor's entries."""
 
 
 class Factor(ABC):
-    """A factorised matrix of one parity about the mirrors."""
+    """A factorised matrix whose unknowns inside tetrahedra are eliminated before (static condensation).
 
-    def __init__(self, system: System, odd: Sequence[int]) -> None:
-        self.system, self.free = system, system.free(odd, shared=True)
+    Parameters
+    ----------
+    form : the assembled matrix.
+    free : (unknowns,) which of those that tetrahedra share are solved for; the others are 0.
+    """
+
+    def __init__(self, form: AssembledForm, free: Bool[np.ndarray, "unknowns"]) -> None:
+        self.form, self.free = form, free
 
     @abstractmethod
     def solve_shared(
-        self, right: Complex128[np.ndarray, "unknowns sounds"]
-    ) -> Complex128[np.ndarray, "unknowns sounds"]:
+        self, right: Complex128[np.ndarray, "unknowns excitations"]
+    ) -> Complex128[np.ndarray, "unknowns excitations"]:
         """Solve for the unknowns that tetrahedra share; the others are 0."""
 
-    def solve(self, load: Complex128[np.ndarray, "unknowns sounds"]) -> Complex128[np.ndarray, "unknowns sounds"]:
-        """Solution for each column of a load."""
-        form, found = self.system.form, np.empty_like(load)
+    def solve(
+        self, right: Complex128[np.ndarray, "unknowns excitations"]
+    ) -> Complex128[np.ndarray, "unknowns excitations"]:
+        """Solution for each column of a right-hand side."""
+        form, found = self.form, np.empty_like(right)
         column, inner = form.mat.CreateColVector(), form.mat.CreateColVector()
         with many_threads():
-            for sound in range(load.shape[1]):
-                column.FV().NumPy()[:] = load[:, sound]
+            for number in range(right.shape[1]):
+                column.FV().NumPy()[:] = right[:, number]
                 column.data += form.harmonic_extension_trans * column
-                found[:, sound] = column.FV().NumPy()
+                found[:, number] = column.FV().NumPy()
             solved = self.solve_shared(found)
-            for sound in range(load.shape[1]):
-                inner.FV().NumPy()[:] = found[:, sound]
-                column.FV().NumPy()[:] = solved[:, sound]
+            for number in range(right.shape[1]):
+                inner.FV().NumPy()[:] = found[:, number]
+                column.FV().NumPy()[:] = solved[:, number]
                 column.data += form.harmonic_extension * column
                 column.data += form.inner_solve * inner
-                found[:, sound] = column.FV().NumPy()
+                found[:, number] = column.FV().NumPy()
+        return found
+
+    def _times(
+        self, matrix: Any, vectors: Complex128[np.ndarray, "unknowns excitations"]
+    ) -> Complex128[np.ndarray, "unknowns excitations"]:
+        """Product of one of NGSolve's matrices with each column."""
+        found, vector = np.empty_like(vectors), self.form.mat.CreateColVector()
+        product = vector.CreateVector()
+        for number in range(vectors.shape[1]):
+            vector.FV().NumPy()[:] = vectors[:, number]
+            product.data = matrix * vector
+            found[:, number] = product.FV().NumPy()
         return found
 
 
 class SparseCholesky(Factor):
-    """NGSolve's own L D Lᵀ."""
+    """NGSolve's own L D Lᵀ in double precision."""
 
-    def __init__(self, system: System, odd: Sequence[int]) -> None:
-        super().__init__(system, odd)
+    def __init__(self, form: AssembledForm, free: Bool[np.ndarray, "unknowns"]) -> None:
+        super().__init__(form, free)
         with many_threads():
-            free = ngsolve_library().BitArray(self.free.tolist())
-            self._inverse = system.form.mat.Inverse(free, inverse="sparsecholesky")
+            self._inverse = form.mat.Inverse(ngsolve_library().BitArray(free.tolist()), inverse="sparsecholesky")
 
     def solve_shared(
-        self, right: Complex128[np.ndarray, "unknowns sounds"]
-    ) -> Complex128[np.ndarray, "unknowns sounds"]:
-        """Solve by triangles, sound by sound."""
-        found, vector = np.empty_like(right), self.system.form.mat.CreateColVector()
-        solution = vector.CreateVector()
-        for sound in range(right.shape[1]):
-            vector.FV().NumPy()[:] = right[:, sound]
-            solution.data = self._inverse * vector
-            found[:, sound] = solution.FV().NumPy()
-        return found
+        self, right: Complex128[np.ndarray, "unknowns excitations"]
+    ) -> Complex128[np.ndarray, "unknowns excitations"]:
+        """Solve by triangles, column by column."""
+        return self._times(self._inverse, right)
 
 
-class Refined(Factor):
-    """A factor in single precision, refined against the matrix in double precision.
+class Pardiso(Factor):
+    """MKL's Pardiso in single precision, refined against the matrix in double precision.
 
-    By generalised conjugate residuals (S. Eisenstat, H. Elman, M. Schultz, SIAM J. Numer. Anal. 20 (1983) 345), which
-    converge also where plain refinement would not.
+    Generalised conjugate residuals (S. Eisenstat, H. Elman, M. Schultz, SIAM J. Numer. Anal. 20 (1983) 345) converge
+    also where plain refinement does not. Where they stall, the factor is made again in double precision.
+
+    Parameters
+    ----------
+    form, free : as of ``Factor``.
+    residual : largest residual over the right-hand side.
     """
 
-    @abstractmethod
-    def _roughly(self, right: Complex64[np.ndarray, "unknowns sounds"]) -> Complex64[np.ndarray, "unknowns sounds"]:
-        """Solve in single precision for a load that is 0 where nothing is free."""
+    def __init__(self, form: AssembledForm, free: Bool[np.ndarray, "unknowns"], residual: float) -> None:
+        super().__init__(form, free)
+        self._library, self._residual = ctypes.CDLL(str(pardiso_library())), residual
+        self._library.MKL_Set_Num_Threads(thread_count())
+        self._factorise(np.complex64)
+
+    def _factorise(self, kind: type[np.complex64 | np.complex128]) -> None:
+        entries, columns, ends = _upper_backwards(self.form, self.free)
+        self._memory, self._settings, self._kind = (ctypes.c_int64 * 64)(), (ctypes.c_int * 64)(), kind
+        for number, value in {**SETTINGS, SINGLE_PRECISION: int(kind == np.complex64)}.items():
+            self._settings[number] = value
+        self._matrix = (entries.astype(kind), ends, columns)
+        self._call(12)
+        self._release = weakref.finalize(self, _pardiso, self._library, self._memory, self._settings, self._matrix, -1)
+
+    def _call(self, phase: int, right: np.ndarray | None = None, solution: np.ndarray | None = None) -> None:
+        _pardiso(self._library, self._memory, self._settings, self._matrix, phase, right, solution)
 
     def solve_shared(
-        self, right: Complex128[np.ndarray, "unknowns sounds"]
-    ) -> Complex128[np.ndarray, "unknowns sounds"]:
-        """Solve in single precision, and again for what that leaves."""
-        left = np.where(self.free[:, None], right, 0)
-        enough = (ROUGHLY if self.system.order <= ROUGH else ENOUGH) * np.linalg.norm(left, axis=0)
+        self, right: Complex128[np.ndarray, "unknowns excitations"]
+    ) -> Complex128[np.ndarray, "unknowns excitations"]:
+        """Solve, and solve again for the residual.
+
+        Raises
+        ------
+        NotConverged
+            The residual stays too large in double precision too.
+        """
+        solution, worst = self._refined(right)
+        if worst > self._residual and self._kind == np.complex64:
+            self._release()
+            self._factorise(np.complex128)
+            solution, worst = self._refined(right)
+        if worst > self._residual:
+            raise NotConverged(
+                f"Pardiso leaves a residual of {worst:.2g} of the right-hand side after {REFINEMENTS} refinements, "
+                f"more than {self._residual:.2g}: the matrix is nearly singular; take factorisation 'sparsecholesky'.",
+                code="refinement_stalled",
+            )
+        return solution
+
+    def _refined(
+        self, right: Complex128[np.ndarray, "unknowns excitations"]
+    ) -> tuple[Complex128[np.ndarray, "unknowns excitations"], float]:
+        """Solution, and the largest residual that it leaves over its right-hand side."""
+        left, worst = np.where(self.free[:, None], right, 0), 0.0
+        size = np.linalg.norm(left, axis=0)
+        size[size == 0] = 1.0
         solution, found = np.zeros_like(left), []
         for _ in range(REFINEMENTS):
             scale = np.abs(left).max() or 1.0
-            step = self._roughly((left / scale).astype(np.complex64)).astype(np.complex128)
-            change = self._times(step)
+            step = self._solved_once(left / scale)
+            change = np.where(self.free[:, None], self._times(self.form.mat, step), 0)
             for before, its_change in found:
-                share = (its_change.conj() * change).sum(axis=0)
-                step, change = step - share * before, change - share * its_change
+                part = (its_change.conj() * change).sum(axis=0)
+                step, change = step - part * before, change - part * its_change
             length = np.linalg.norm(change, axis=0)
             length[length == 0] = 1.0
             step, change = step / length, change / length
             found.append((step, change))
-            share = (change.conj() * left).sum(axis=0)
-            solution, left = solution + share * step, left - share * change
-            if (np.linalg.norm(left, axis=0) <= enough).all():
-                return solution
-        size = np.linalg.norm(right, axis=0)
-        return self._not_enough(right, float((np.linalg.norm(left, axis=0) / np.where(size > 0, size, 1.0)).max()))
+            part = (change.conj() * left).sum(axis=0)
+            solution, left = solution + part * step, left - part * change
+            worst = float((np.linalg.norm(left, axis=0) / size).max())
+            if worst <= self._residual:
+                break
+        return solution, worst
 
-    def _times(self, solution: Complex128[np.ndarray, "unknowns sounds"]) -> Complex128[np.ndarray, "unknowns sounds"]:
-        found, vector = np.zeros_like(solution), self.system.form.mat.CreateColVector()
-        product = vector.CreateVector()
-        for sound in range(solution.shape[1]):
-            vector.FV().NumPy()[:] = solution[:, sound]
-            product.data = self.system.form.mat * vector
-            found[self.free, sound] = product.FV().NumPy()[self.free]
-        return found
-
-    def _not_enough(
-        self, right: Complex128[np.ndarray, "unknowns sounds"], worst: float
-    ) -> Complex128[np.ndarray, "unknowns sounds"]:
-        raise InvalidInput(
-            f"single precision leaves {worst:.2g} of the load unsolved after {REFINEMENTS} refinements; take "
-            "factorisation 'sparsecholesky'."
-        )
-
-
-class Multifrontal(Refined):
-    """Elimination front by front; where single precision does not suffice, NGSolve's own in double precision."""
-
-    def __init__(self, system: System, odd: Sequence[int]) -> None:
-        super().__init__(system, odd)
-        self._odd, self._spare = odd, None
-        fronts = system.dissection.only(self.free)
-        self._eliminated = eliminate(system.entries.only(self.free), fronts)
-
-    def _roughly(self, right: Complex64[np.ndarray, "unknowns sounds"]) -> Complex64[np.ndarray, "unknowns sounds"]:
-        return solve(self._eliminated, right)
-
-    def _not_enough(
-        self, right: Complex128[np.ndarray, "unknowns sounds"], worst: float
-    ) -> Complex128[np.ndarray, "unknowns sounds"]:
-        self._spare = self._spare or SparseCholesky(self.system, self._odd)
-        return self._spare.solve_shared(right)
-
-
-class Pardiso(Refined):
-    """MKL's Pardiso in single precision."""
-
-    def __init__(self, system: System, odd: Sequence[int]) -> None:
-        super().__init__(system, odd)
-        self._library = ctypes.CDLL(str(pardiso_library()))
-        self._library.MKL_Set_Num_Threads(thread_count())
-        self._handle, self._settings = (ctypes.c_int64 * 64)(), (ctypes.c_int * 64)()
-        for place, value in PARDISO.items():
-            self._settings[place] = value
-        self._single, self._columns, self._rows = _backwards(system.lower, self.free)
-        self._call(12, None, None, 1)
-
-    def __del__(self) -> None:
-        if hasattr(self, "_single"):
-            self._call(-1, None, None, 1)
-
-    def _call(
-        self,
-        phase: int,
-        right: Complex64[np.ndarray, "free sounds"] | None,
-        solution: Complex64[np.ndarray, "free sounds"] | None,
-        count: int,
-    ) -> None:
-        def whole(number: int) -> Any:
-            return ctypes.byref(ctypes.c_int(number))
-
-        def start(array: np.ndarray | None) -> Any:
-            return None if array is None else array.ctypes.data_as(ctypes.c_void_p)
-
-        fault = ctypes.c_int(0)
-        self._library.pardiso(
-            self._handle, whole(1), whole(1), whole(COMPLEX_SYMMETRIC), whole(phase), whole(len(self._rows) - 1),
-            start(self._single), start(self._rows), start(self._columns), None, whole(count), self._settings, whole(0),
-            start(right), start(solution), ctypes.byref(fault),
-        )  # fmt: skip
-        if fault.value:
-            raise MemoryError(f"Pardiso stopped in phase {phase} with error {fault.value}.")
-
-    def _roughly(self, right: Complex64[np.ndarray, "unknowns sounds"]) -> Complex64[np.ndarray, "unknowns sounds"]:
-        columns = np.asfortranarray(right[self.free][::-1])
+    def _solved_once(
+        self, right: Complex128[np.ndarray, "unknowns excitations"]
+    ) -> Complex128[np.ndarray, "unknowns excitations"]:
+        columns = np.asfortranarray(right[self.free][::-1], dtype=self._kind)
         solved, found = np.zeros_like(columns), np.zeros_like(right)
-        self._call(33, columns, solved, right.shape[1])
+        self._call(33, columns, solved)
         found[self.free] = solved[::-1]
         return found
 
 
-def _backwards(
-    lower: csr_array, chosen: Bool[np.ndarray, "unknowns"]
-) -> tuple[Complex64[np.ndarray, "entries"], Int32[np.ndarray, "entries"], Int32[np.ndarray, "ends"]]:
-    """Entries, columns and ends of the rows of the upper triangle: the lower one's of some unknowns, last row first."""
-    rows = np.repeat(np.arange(len(chosen)), np.diff(lower.indptr))
-    kept = chosen[rows] & chosen[lower.indices]
-    number = np.cumsum(chosen[::-1])[::-1] - 1  # of the chosen ones, the last is 0
-    ends = np.cumsum(np.bincount(number[rows[kept]], minlength=int(chosen.sum())))
-    columns = number[lower.indices[kept]][::-1]
+def _pardiso(
+    library: ctypes.CDLL,
+    memory: Any,
+    settings: Any,
+    matrix: tuple[np.ndarray, np.ndarray, np.ndarray],
+    phase: int,
+    right: np.ndarray | None = None,
+    solution: np.ndarray | None = None,
+) -> None:
+    """Run a phase of Pardiso: 12 factorises, 33 solves for the columns of ``right``, -1 releases the memory."""
+
+    def whole(number: int) -> Any:
+        return ctypes.byref(ctypes.c_int(number))
+
+    def start(array: np.ndarray | None) -> Any:
+        return None if array is None else array.ctypes.data_as(ctypes.c_void_p)
+
+    entries, ends, columns = matrix
+    fault, count = ctypes.c_int(0), 1 if right is None else right.shape[1]
+    library.pardiso(
+        memory, whole(1), whole(1), whole(COMPLEX_SYMMETRIC), whole(phase), whole(len(ends) - 1),
+        start(entries), start(ends), start(columns), None, whole(count), settings, whole(0),
+        start(right), start(solution), ctypes.byref(fault),
+    )  # fmt: skip
+    if fault.value:
+        raise MemoryError(f"Pardiso stopped in phase {phase} with error {fault.value}.")
+
+
+def _upper_backwards(
+    form: AssembledForm, free: Bool[np.ndarray, "unknowns"]
+) -> tuple[Complex128[np.ndarray, "entries"], Int32[np.ndarray, "entries"], Int32[np.ndarray, "ends"]]:
+    """Entries, columns and ends of rows of the upper triangle of the free unknowns, the last row first.
+
+    NGSolve keeps the lower triangle: read backwards, it is the upper one of a matrix whose unknowns are reversed.
+    """
+    entries, columns, first = (np.asarray(part) for part in form.mat.CSR())
+    lower = csr_array((entries, columns, first.astype(np.int32)), shape=(len(free), len(free)))
+    rows = np.repeat(np.arange(len(free)), np.diff(lower.indptr))
+    chosen = free[rows] & free[lower.indices]
+    number = np.cumsum(free[::-1])[::-1] - 1  # of the free unknowns, the last is 0
+    ends = np.cumsum(np.bincount(number[rows[chosen]], minlength=int(free.sum())))
     return (
-        lower.data[kept][::-1].astype(np.complex64),
-        columns.astype(np.int32),
+        lower.data[chosen][::-1],
+        number[lower.indices[chosen]][::-1].astype(np.int32),
         np.concatenate([[0], ends]).astype(np.int32),
     )
 
@@ -235,27 +261,53 @@ def pardiso_library() -> str | None:
     return paths[0] if paths else None
 
 
-def factorised(system: System, odd: Sequence[int], method: str) -> Factor:
-    """Factorise a system.
-
-    Parameters
-    ----------
-    system : the assembled equation.
-    odd : axes of the mirrors that the sound is odd about; it is even about the others.
-    method : ``"multifrontal"``, ``"sparsecholesky"`` or ``"pardiso"``.
+def chosen_method(asked: str) -> str:
+    """Factorisation that is taken for "found", "sparsecholesky" or "pardiso".
 
     Raises
     ------
     InvalidInput
-        Pardiso was asked for where the package ``mkl`` is not installed.
+        Pardiso is asked for where the package ``mkl`` is not installed.
     """
-    if method == "multifrontal":
-        return Multifrontal(system, odd)
-    if method == "sparsecholesky":
-        return SparseCholesky(system, odd)
-    if pardiso_library() is None:
+    if asked == "found":
+        return "sparsecholesky" if pardiso_library() is None else "pardiso"
+    if asked == "pardiso" and pardiso_library() is None:
         raise InvalidInput(
             "the factorisation 'pardiso' was asked for, but the package mkl is not installed (0 files found); "
-            "pip install 'airtact[mkl]', or take 'found'."
+            "pip install 'airtact[mkl]', or take 'sparsecholesky'.",
+            code="package_missing",
         )
-    return Pardiso(system, odd)
+    return asked
+
+
+def factorised(form: AssembledForm, free: Bool[np.ndarray, "unknowns"], order: int, method: str) -> Factor:
+    """Factorise the assembled matrix of elements of an order by "sparsecholesky" or "pardiso"."""
+    if method == "sparsecholesky":
+        return SparseCholesky(form, free)
+    return Pardiso(form, free, COARSE_RESIDUAL if order <= COARSE else RESIDUAL)
+
+
+def expected_unknowns(box: Box, wavelength: float, order: int, elements_per_wavelength: float) -> float:
+    """Unknowns that tetrahedra of a size have in a box with its perfectly matched layer."""
+    volume = float((box.outer_high - box.outer_low).prod()) / wavelength**3
+    return TETRAHEDRA * volume * elements_per_wavelength**3 * order**3 / 6
+
+
+def check_memory(box: Box, wavelength: float, order: int, elements_per_wavelength: float, method: str) -> None:
+    """Check that the machine has the memory of a factorisation, before it is taken.
+
+    Raises
+    ------
+    InvalidInput
+        It has not.
+    """
+    unknowns = expected_unknowns(box, wavelength, order, elements_per_wavelength)
+    each, fill = FILL[method]
+    size, free = OVERHEAD * each * fill * unknowns ** (4 / 3), available_memory()
+    if size > 0.9 * free:
+        raise InvalidInput(
+            f"finite elements of order {order} need some {unknowns:.2g} unknowns and {size / 2**30:.1f} GiB for a box "
+            f"of {(box.high - box.low).prod() / wavelength**3:.0f} cubic wavelengths, but {free / 2**30:.1f} GiB of "
+            "memory are free; take BoundaryElement, a lower order for a preview, or fewer bodies.",
+            code="too_little_memory",
+        )

@@ -19,10 +19,10 @@ REACH = 1.5
 """The order asked for serves edges up to this many times the one asked for."""
 
 EASE = 3.0
-"""How much more error may be made in the matched layer, and far from the skins: little of it comes back to them."""
+"""Error allowed in the perfectly matched layer and far from the surfaces over that near them: little comes back."""
 
 FAR = 0.5
-"""Distance from the skins that is far [λ]."""
+"""Distance from the surfaces that is far [λ]."""
 
 HIGHER, LEAST = 4, 3
 """Orders are at most this much above the one asked for, and at least this high where that one is."""
@@ -53,7 +53,7 @@ def grade_orders(
     box: Box,
     order: int,
     size: float,
-    skin: Real[np.ndarray, "places 3"] | None,
+    surface: Real[np.ndarray, "nodes 3"] | None,
 ) -> None:
     """Give edges, faces and tetrahedra the orders that their lengths ask for.
 
@@ -65,16 +65,16 @@ def grade_orders(
     box : the air; round it is the layer.
     order : of edges as long as asked for.
     size : the edge asked for [λ].
-    skin : places all over the skins [λ]; None where the air is heard far from them too.
+    surface : points all over the surfaces [λ]; None where the pressure is read off the mesh far from them too.
     """
-    ngsolve, grid, unknowns = ngsolve_library(), _any(mesh), _any(space)
+    ngsolve, grid, unknowns = ngsolve_library(), mesh, space
     points = np.array([vertex.point for vertex in grid.vertices])
     ends = np.array([[vertex.nr for vertex in edge.vertices] for edge in grid.edges])
     lengths = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1) * _shortening(scene, grid)
     faces = np.array([[edge.nr for edge in face.edges] for face in grid.faces])
     cells = np.array([[edge.nr for edge in cell.edges] for cell in grid.Elements(ngsolve.VOL)])
     middles = points[ends].mean(axis=1)
-    near = None if skin is None else KDTree(skin)
+    near = None if surface is None else KDTree(surface)
     every = (np.arange(len(ends))[:, None], faces, cells)
     for kind, edges in zip((ngsolve.EDGE, ngsolve.FACE, ngsolve.CELL), every, strict=True):
         longest, middle = lengths[edges].max(axis=1), middles[edges].mean(axis=1)
@@ -102,8 +102,3 @@ def _shortening(scene: Scene, grid: Any) -> Float64[np.ndarray, "edges"]:
         for cell in grid.Materials(f"body{body}").Elements():
             found[[edge.nr for edge in cell.edges]] = shorter
     return found
-
-
-def _any(library_object: object) -> Any:
-    """Something of NGSolve's, with more than what its protocol promises."""
-    return library_object

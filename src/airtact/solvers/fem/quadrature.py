@@ -1,4 +1,4 @@
-"""Quadrature points of the skins, and inside filled bodies."""
+"""Quadrature points on the surfaces of the bodies, and inside filled bodies."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -15,59 +15,61 @@ LARGEST_RULE = 5
 
 
 @dataclass(frozen=True, eq=False)
-class Spots:
-    """Quadrature points of the skins, or inside filled bodies.
+class QuadraturePoints:
+    """Quadrature points on the surfaces of the bodies, or inside filled bodies.
 
     Attributes
     ----------
     points : (Q, 3) [λ].
     normals : (Q, 3) out of the body; 0 inside.
-    areas : (Q,) area [λ²] or volume [λ³] that each stands for.
+    areas : (Q,) area [λ²] or volume [λ³] that each represents.
     body : (Q,) obstacle of each.
-    weighted : (unknowns, Q) integrates values given there against the test functions.
+    weighted : (unknowns, Q) integrates values at the points against the test functions.
     """
 
-    points: Float64[np.ndarray, "spots 3"]
-    normals: Float64[np.ndarray, "spots 3"]
-    areas: Float64[np.ndarray, "spots"]
-    body: Int64[np.ndarray, "spots"]
+    points: Float64[np.ndarray, "nodes 3"]
+    normals: Float64[np.ndarray, "nodes 3"]
+    areas: Float64[np.ndarray, "nodes"]
+    body: Int64[np.ndarray, "nodes"]
     weighted: csr_array
 
     __repr__ = in_short
 
-    def pressure(self, solution: Complex128[np.ndarray, "unknowns sounds"]) -> Complex128[np.ndarray, "spots sounds"]:
-        """Pressure of a solution at the spots."""
+    def pressure(
+        self, solution: Complex128[np.ndarray, "unknowns excitations"]
+    ) -> Complex128[np.ndarray, "nodes excitations"]:
+        """Pressure of a solution at the points."""
         return (self.weighted.T @ solution) / self.areas[:, None]
 
 
-def quadrature(mesh: CurvedMesh, space: FiniteSpace, kind: str, order: int) -> Spots:
-    """Quadrature points, exact to twice an order, of the boundaries ``skin0`` ... or the materials ``body0`` ..."""
+def quadrature(mesh: CurvedMesh, space: FiniteSpace, kind: str, order: int) -> QuadraturePoints:
+    """Quadrature points, exact to twice an order, of the boundaries ``surface0`` ... or the materials ``body0`` ..."""
     ngsolve = ngsolve_library()
-    grid: Any = mesh
-    unknowns: Any = space
-    on_skin = kind == "skin"
-    names = grid.GetBoundaries() if on_skin else grid.GetMaterials()
-    owner = np.array([int(name[4:]) if name.startswith(kind) else -1 for name in names])
-    if (owner < 0).all():
+    on_surface = kind == "surface"
+    names = mesh.GetBoundaries() if on_surface else mesh.GetMaterials()
+    owners = {name: int(name.removeprefix(kind)) for name in names if name.startswith(kind)}
+    if not owners:
         none, nothing = np.zeros((0, 3)), np.zeros(0)
-        return Spots(none, none, nothing, np.zeros(0, dtype=np.int64), csr_array((unknowns.ndof, 0)))
-    region = grid.Boundaries(f"{kind}.*") if on_skin else grid.Materials(f"{kind}.*")
-    rules_space = ngsolve.comp.IntegrationRuleSpaceSurface if on_skin else ngsolve.comp.IntegrationRuleSpace
-    values = rules_space(grid, order=order)
+        return QuadraturePoints(none, none, nothing, np.zeros(0, dtype=np.int64), csr_array((space.ndof, 0)))
+    region = mesh.Boundaries(f"{kind}.*") if on_surface else mesh.Materials(f"{kind}.*")
+    rules_space = ngsolve.comp.IntegrationRuleSpaceSurface if on_surface else ngsolve.comp.IntegrationRuleSpace
+    values = rules_space(mesh, order=order)
     rules = values.GetIntegrationRules()
-    integral = ngsolve.BilinearForm(trialspace=values, testspace=unknowns)
-    measure = ngsolve.ds if on_skin else ngsolve.dx
-    integral += values.TrialFunction() * unknowns.TestFunction() * measure(definedon=region, intrules=rules)
+    integral = ngsolve.BilinearForm(trialspace=values, testspace=space)
+    measure = ngsolve.ds if on_surface else ngsolve.dx
+    integral += values.TrialFunction() * space.TestFunction() * measure(definedon=region, intrules=rules)
     integral.Assemble()
     entries, columns, first = (np.array(part) for part in integral.mat.CSR())
     matrix = csr_array((np.real(entries), columns, first), shape=(integral.mat.height, integral.mat.width))
-    places = grid.MapToAllElements(rules, region)
-    each = len(places) // len(np.unique(places["nr"]))
-    chosen = matrix.tocsc()[:, places["nr"].astype(np.int64) * each + np.tile(np.arange(each), len(places) // each)]
-    points = np.asarray(ngsolve.CF((ngsolve.x, ngsolve.y, ngsolve.z))(places)).reshape(-1, 3)
-    normals = -np.asarray(ngsolve.specialcf.normal(3)(places)).reshape(-1, 3) if on_skin else np.zeros_like(points)
-    ones = np.zeros(unknowns.ndof)
-    ones[: grid.nv] = 1.0
-    kinds = grid.BoundaryCF if on_skin else grid.MaterialCF
-    body = np.asarray(kinds({f"{kind}{number}": number for number in owner[owner >= 0]}, default=-1)(places)).ravel()
-    return Spots(points, normals, chosen.T @ ones, body.round().astype(np.int64), csr_array(chosen))
+    mapped: Any = mesh.MapToAllElements(rules, region)
+    each = len(mapped) // len(np.unique(mapped["nr"]))
+    chosen = matrix.tocsc()[:, mapped["nr"].astype(np.int64) * each + np.tile(np.arange(each), len(mapped) // each)]
+    points = np.asarray(ngsolve.CF((ngsolve.x, ngsolve.y, ngsolve.z))(mapped)).reshape(-1, 3)
+    normals = np.zeros_like(points)
+    if on_surface:
+        normals = -np.asarray(ngsolve.specialcf.normal(3)(mapped)).reshape(-1, 3)
+    ones = np.zeros(space.ndof)
+    ones[: mesh.nv] = 1.0
+    kinds = mesh.BoundaryCF if on_surface else mesh.MaterialCF
+    body = np.asarray(kinds(owners, default=-1)(mapped)).ravel()
+    return QuadraturePoints(points, normals, chosen.T @ ones, body.round().astype(np.int64), csr_array(chosen))

@@ -1,63 +1,28 @@
-"""Netgen and NGSolve: imported when they are needed, kept quiet and to the threads that this process may use."""
+"""Netgen and NGSolve: imported when they are needed, kept silent and to the threads that this process may use."""
 
 import os
 import signal
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from types import ModuleType
-from typing import Protocol, runtime_checkable
+from typing import Any, TypeAlias
 
 from airtact.solvers.threads import thread_count
 
+NetgenMesh: TypeAlias = Any
+"""Netgen's ``Mesh``; neither library has types."""
 
-@runtime_checkable
-class NetgenMesh(Protocol):
-    """What is used of Netgen's ``Mesh``."""
+CurvedMesh: TypeAlias = Any
+"""NGSolve's ``Mesh``."""
 
-    Coordinates: Callable
-    Elements3D: Callable
+FiniteSpace: TypeAlias = Any
+"""NGSolve's ``H1``."""
 
-
-@runtime_checkable
-class CurvedMesh(Protocol):
-    """What is used of NGSolve's ``Mesh``."""
-
-    Boundaries: Callable
-    MapToAllElements: Callable
-
-
-@runtime_checkable
-class FiniteSpace(Protocol):
-    """What is used of NGSolve's ``H1``."""
-
-    ndof: int
-    FreeDofs: Callable
-    GetDofNrs: Callable
-    GetDofs: Callable
-    GetFE: Callable
-
-
-@runtime_checkable
-class Matrix(Protocol):
-    """What is used of NGSolve's matrices."""
-
-    CSR: Callable
-    CreateColVector: Callable
-    Inverse: Callable
-    __mul__: Callable
-
-
-@runtime_checkable
-class AssembledForm(Protocol):
-    """What is used of NGSolve's ``BilinearForm`` whose inner unknowns are left out."""
-
-    mat: Matrix
-    harmonic_extension: Matrix
-    harmonic_extension_trans: Matrix
-    inner_solve: Matrix
+AssembledForm: TypeAlias = Any
+"""NGSolve's ``BilinearForm``, assembled with its inner unknowns eliminated."""
 
 
 def ngsolve_library() -> ModuleType:
@@ -77,7 +42,7 @@ def netgen_libraries() -> tuple[ModuleType, ModuleType]:
 
 @contextmanager
 def many_threads() -> Iterator[None]:
-    """Run NGSolve quietly on all threads."""
+    """Run NGSolve on all threads."""
     ngsolve = ngsolve_library()
     ngsolve.SetNumThreads(thread_count())
     with ngsolve.TaskManager():
@@ -86,7 +51,7 @@ def many_threads() -> Iterator[None]:
 
 @contextmanager
 def heeding_interrupts() -> Iterator[None]:
-    """Let Ctrl-C be heard as ``KeyboardInterrupt`` again: after meshing, Netgen lets it end the process."""
+    """Let Ctrl-C raise ``KeyboardInterrupt`` again: after meshing, Netgen lets it end the process."""
     try:
         yield
     finally:
@@ -97,7 +62,7 @@ def heeding_interrupts() -> Iterator[None]:
 
 @contextmanager
 def muted() -> Iterator[None]:
-    """Drop what compiled code prints: Netgen tells of faults that are looked for afterwards."""
+    """Drop what compiled code prints: Netgen prints faults that are looked for afterwards."""
     sys.stdout.flush()
     sys.stderr.flush()
     kept = [os.dup(1), os.dup(2)]

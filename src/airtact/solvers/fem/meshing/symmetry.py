@@ -1,4 +1,4 @@
-"""Mirror planes of a scene, and sounds as sums of parts that are even or odd about them."""
+"""Mirror planes of a scene, and pressures as sums of parts that are even or odd about them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from airtact.scene.scene import Obstacle, Scene
 AXES = "xyz"
 
 TOLERANCE = 1e-3
-"""Distance of the skins from their mirror images that still counts as symmetric, in wavelengths."""
+"""Distance of the surfaces from their mirror images that still counts as symmetric, in wavelengths."""
 
 
 @dataclass(frozen=True)
@@ -23,16 +23,16 @@ class Mirror:
     Attributes
     ----------
     axis : 0, 1 or 2 for a plane across x, y or z.
-    place : where it stands on that axis [m].
+    position : where it stands on that axis [m].
     """
 
     axis: int
-    place: float
+    position: float
 
     def image(self, points: Real[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 3"]:
         """Mirror images of points (..., 3) [m]."""
         found = np.array(points, dtype=np.float64)
-        found[..., self.axis] = 2 * self.place - found[..., self.axis]
+        found[..., self.axis] = 2 * self.position - found[..., self.axis]
         return found
 
 
@@ -61,13 +61,14 @@ def mirrors_of(scene: Scene, asked: Sequence[str] | None) -> tuple[Mirror, ...]:
             found.append(mirror)
         elif asked is not None:
             raise InvalidInput(
-                f"symmetry about the plane {AXES[axis]} = {1e3 * mirror.place:.4g} mm was asked for, but "
+                f"symmetry about the plane {AXES[axis]} = {1e3 * mirror.position:.4g} mm was asked for, but "
                 + (
                     f"the bodies are {1e3 * off:.3g} mm off it"
                     if np.isfinite(off)
                     else "bodies of 2 kinds face each other"
                 )
-                + f", more than {1e3 * TOLERANCE * scene.wavelength:.2g} mm; leave {AXES[axis]!r} out of symmetry."
+                + f", more than {1e3 * TOLERANCE * scene.wavelength:.2g} mm; leave {AXES[axis]!r} out of symmetry.",
+                code="not_symmetric",
             )
     return tuple(found)
 
@@ -89,19 +90,19 @@ def parities(mirrors: Sequence[Mirror]) -> list[tuple[int, ...]]:
 
 
 def signs(parity: Sequence[int]) -> Float64[np.ndarray, "images"]:
-    """Sign of a sound of that parity at each of the ``images`` of a point."""
+    """Sign of a pressure of that parity at each of the ``images`` of a point."""
     return np.array([(-1.0) ** np.dot(parity, choice) for choice in product((0, 1), repeat=len(parity))])
 
 
-def _on_skin(obstacle: Obstacle) -> Float64[np.ndarray, "places 3"]:
+def _surface_points(obstacle: Obstacle) -> Float64[np.ndarray, "points 3"]:
     return obstacle.surface.quadratic_triangles.reshape(-1, 3)
 
 
 def _off_symmetry(scene: Scene, mirror: Mirror) -> float:
-    """How far the mirrored skins lie off the skins at most [m]; infinite where bodies of two kinds face each other."""
+    """Largest distance of mirrored surfaces from the surfaces [m]; infinite where bodies of two kinds face."""
     off = 0.0
     for obstacle in scene.obstacles:
-        image = mirror.image(_on_skin(obstacle))
+        image = mirror.image(_surface_points(obstacle))
         distances = [float(np.abs(other.surface.shape.depth(image)).max()) for other in scene.obstacles]
         nearest = scene.obstacles[int(np.argmin(distances))]
         if (nearest.boundary, nearest.ratio, nearest.medium) != (obstacle.boundary, obstacle.ratio, obstacle.medium):

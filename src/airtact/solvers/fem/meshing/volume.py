@@ -1,4 +1,4 @@
-"""Tetrahedra in a box round the bodies, and in the matched layer round the box, by Netgen.
+"""Tetrahedra in a box round the bodies, and in the perfectly matched layer round the box, by Netgen.
 
 Netgen meshes the flat faces; the bodies' own triangles are added to them, and the tetrahedra beside the bodies are
 curved by a deformation. Lengths are in wavelengths here, so that no tolerance of Netgen's depends on the frequency.
@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float64, Int64, Real
 from scipy.spatial import KDTree
 
 from airtact.solvers.fem.meshing.netgen import NetgenMesh, netgen_libraries
-from airtact.solvers.fem.meshing.skin import SkinMesh
+from airtact.solvers.fem.meshing.surface_mesh import SurfaceMesh
 from airtact.solvers.fem.meshing.symmetry import Mirror
 
 GRADING = 0.9
@@ -37,7 +37,7 @@ class Box:
     Attributes
     ----------
     low, high : (3,) corners of the air [m]; on a mirror the box ends there.
-    layer : thickness of the matched layer round it, on the sides that are no mirrors [m].
+    layer : thickness of the perfectly matched layer round it, on the sides that are no mirrors [m].
     mirrors : planes at which the lower side of the box lies.
     """
 
@@ -48,13 +48,13 @@ class Box:
 
     @property
     def outer_low(self) -> Float64[np.ndarray, "3"]:
-        """(3,) lower corner of the matched layer [m]."""
+        """(3,) lower corner of the perfectly matched layer [m]."""
         closed = [axis in [mirror.axis for mirror in self.mirrors] for axis in range(3)]
         return np.where(closed, self.low, self.low - self.layer)
 
     @property
     def outer_high(self) -> Float64[np.ndarray, "3"]:
-        """(3,) upper corner of the matched layer [m]."""
+        """(3,) upper corner of the perfectly matched layer [m]."""
         return self.high + self.layer
 
     def holds(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
@@ -81,13 +81,13 @@ class Planes:
     face: Int64[np.ndarray, "triangles"]
 
 
-def outlines(skin: SkinMesh, mirror: Mirror) -> list[Int64[np.ndarray, "vertices"]]:
-    """Chains of vertices along which the skins are cut at a mirror, each body's in order."""
-    triangles, vertices = skin.triangles, skin.vertices
+def outlines(surface: SurfaceMesh, mirror: Mirror) -> list[Int64[np.ndarray, "vertices"]]:
+    """Chains of vertices along which the surfaces are cut at a mirror, each body's in order."""
+    triangles, vertices = surface.triangles, surface.vertices
     ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
     keys = np.sort(ends, axis=1) @ [len(vertices), 1]
     _, inverse, count = np.unique(keys, return_inverse=True, return_counts=True)
-    on = (vertices[ends][:, :, mirror.axis] == mirror.place).all(axis=1)
+    on = (vertices[ends][:, :, mirror.axis] == mirror.position).all(axis=1)
     following = dict(ends[(count[inverse] == 1) & on].tolist())
     chains = []
     while following:
@@ -99,14 +99,14 @@ def outlines(skin: SkinMesh, mirror: Mirror) -> list[Int64[np.ndarray, "vertices
     return chains
 
 
-def flat_faces(skin: SkinMesh, box: Box, filled: Sequence[bool], wavelength: float, size: float) -> Planes:
-    """Mesh the faces of the box, of the matched layer and of the mirrors, with the bodies' cuts left out or filled.
+def flat_faces(surface: SurfaceMesh, box: Box, filled: Sequence[bool], wavelength: float, size: float) -> Planes:
+    """Mesh the faces of the box, of the perfectly matched layer and of the mirrors less the cuts of hollow bodies.
 
     Parameters
     ----------
-    skin : the bodies' triangles.
+    surface : the bodies' triangles.
     box : the box.
-    filled : of each body, whether sound enters it.
+    filled : of each body, whether it is filled.
     wavelength : [m].
     size : longest edge wanted [λ].
     """
@@ -122,16 +122,16 @@ def flat_faces(skin: SkinMesh, box: Box, filled: Sequence[bool], wavelength: flo
             )
         )
     for mirror in box.mirrors:
-        spot = mirror.place / wavelength
-        inner = _rectangle(mirror.axis, spot, box.low / wavelength, box.high / wavelength)
-        outer = _rectangle(mirror.axis, spot, box.outer_low / wavelength, box.outer_high / wavelength)
+        plane = mirror.position / wavelength
+        inner = _rectangle(mirror.axis, plane, box.low / wavelength, box.high / wavelength)
+        outer = _rectangle(mirror.axis, plane, box.outer_low / wavelength, box.outer_high / wavelength)
         faces.append(_named(outer - inner, LAYER, 0, 0, mirror.axis))
-        for chain in outlines(skin, mirror):
-            corners = _loop(skin.vertices[chain], mirror, box.mirrors) / wavelength
+        for chain in outlines(surface, mirror):
+            corners = _loop(surface.vertices[chain], mirror, box.mirrors) / wavelength
             cuts.append(0.5 * (corners + np.roll(corners, -1, axis=0))[: len(chain) - 1])
             section = _polygon(corners)
             inner = inner - section
-            body = int(skin.body[(skin.triangles == chain[0]).any(axis=1)][0])
+            body = int(surface.body[(surface.triangles == chain[0]).any(axis=1)][0])
             if filled[body]:
                 faces.append(_named(section, BODY + body, 0, 0, mirror.axis))
         faces.append(_named(inner, AIR, 0, 0, mirror.axis))
@@ -159,9 +159,9 @@ def _named(face: Any, inside: int, outside: int, side: int, axis: int) -> Any:
     return face
 
 
-def _rectangle(axis: int, spot: float, low: Real[np.ndarray, "3"], high: Real[np.ndarray, "3"]) -> Any:
+def _rectangle(axis: int, plane: float, low: Real[np.ndarray, "3"], high: Real[np.ndarray, "3"]) -> Any:
     one, other = (index for index in range(3) if index != axis)
-    corners = np.full((4, 3), spot)
+    corners = np.full((4, 3), plane)
     corners[:, one] = np.array([low, high, high, low])[:, one]
     corners[:, other] = np.array([low, low, high, high])[:, other]
     return _polygon(corners)
@@ -181,14 +181,14 @@ def _loop(
     if np.array_equal(chain[0], chain[-1]):
         return chain[:-1]
     crossed = [
-        {other for other in mirrors if other is not mirror and end[other.axis] == other.place}
+        {other for other in mirrors if other is not mirror and end[other.axis] == other.position}
         for end in (chain[0], chain[-1])
     ]
     if crossed[0] & crossed[1]:
         return chain
     corner = chain[0].copy()
     for other in crossed[0] | crossed[1]:
-        corner[other.axis] = other.place
+        corner[other.axis] = other.position
     return np.concatenate([chain, corner[None]])
 
 
@@ -206,11 +206,13 @@ def _triangles_of(mesh: Any) -> Planes:
     return Planes(vertices, triangles, inside, outside, 2 * axis + side)
 
 
-def tetrahedra(skin: SkinMesh, planes: Planes, filled: Sequence[bool], wavelength: float, size: float) -> NetgenMesh:
+def tetrahedra(
+    surface: SurfaceMesh, planes: Planes, filled: Sequence[bool], wavelength: float, size: float
+) -> NetgenMesh:
     """Fill the faces with tetrahedra: Netgen's mesh in wavelengths, before it is curved.
 
-    The boundaries are named ``skin0``, ``skin1`` ... for the bodies and ``wall0``, ``wall2``, ``wall4`` for mirrors
-    across x, y, z; the materials ``air``, ``layer`` and ``body0``, ``body1`` ...
+    The boundaries are named ``surface0``, ``surface1`` ... for the bodies and ``wall0``, ``wall2``, ``wall4`` for
+    mirrors across x, y, z; the materials ``air``, ``layer`` and ``body0``, ``body1`` ...
 
     Raises
     ------
@@ -218,25 +220,25 @@ def tetrahedra(skin: SkinMesh, planes: Planes, filled: Sequence[bool], wavelengt
         When Netgen cannot, with the bodies that are the likely cause.
     """
     meshing, _ = netgen_libraries()
-    own = skin.vertices / wavelength
+    own = surface.vertices / wavelength
     distance, nearest = KDTree(planes.vertices).query(own)
     same = distance < SAME
     number = np.where(same, nearest, len(planes.vertices) + np.cumsum(~same) - 1)
     mesh = meshing.Mesh()
     mesh.AddPoints(np.concatenate([planes.vertices, own[~same]]))
     groups = [(materials, name, planes.triangles[chosen]) for materials, name, chosen in _groups(planes)]
-    corners = number[skin.triangles]
-    for body in np.unique(skin.body):
+    corners = number[surface.triangles]
+    for body in np.unique(surface.body):
         inner = BODY + int(body) if filled[body] else 0
-        groups.append(((AIR, inner), f"skin{body}", corners[skin.body == body][:, ::-1]))
+        groups.append(((AIR, inner), f"surface{body}", corners[surface.body == body][:, ::-1]))
     for index, ((inside, outside), name, triangles) in enumerate(groups, start=1):
         mesh.Add(meshing.FaceDescriptor(surfnr=index, domin=inside, domout=outside, bc=index))
         mesh.SetBCName(index - 1, name)
         mesh.AddElements(dim=2, index=index, data=np.ascontiguousarray(triangles, dtype=np.int32), base=0)
     mesh.SetMaterial(AIR, "air")
     mesh.SetMaterial(LAYER, "layer")
-    for body, sounding in enumerate(filled):
-        if sounding:
+    for body, inside in enumerate(filled):
+        if inside:
             mesh.SetMaterial(BODY + body, f"body{body}")
     mesh.GenerateVolumeMesh(maxh=size, grading=INNER_GRADING if any(filled) else GRADING)
     return mesh

@@ -1,4 +1,4 @@
-"""Curved triangles over the bodies' skins that meet corner to corner, as a volume mesh needs them.
+"""Curved triangles over the bodies' surfaces that meet corner to corner, as a volume mesh needs them.
 
 Where a mirror plane cuts a body, the triangles follow the cut, and only those on its positive side are kept.
 """
@@ -14,7 +14,7 @@ from airtact.mesh.quadratic_triangles import QuadraticTriangles
 from airtact.mesh.remeshing import RidgedMesh, remeshed
 from airtact.mesh.sizing import bend_sizes, strip_sizes
 from airtact.printing import in_short
-from airtact.solvers.fem.meshing.symmetry import Mirror
+from airtact.solvers.fem.meshing.symmetry import Mirror, images
 from airtact.surfaces.shape import Shape
 
 LARGEST = 1.5
@@ -27,24 +27,24 @@ LARGEST_TO_GAP = 1.5
 """Triangles that face another body have edges of at most this many gaps ..."""
 
 LEAST = 0.15
-"""... but not below this share of the edge wanted."""
+"""... but not below this fraction of the edge wanted."""
 
 SNAP = 0.2
-"""Vertices nearer to a mirror plane than this share of the starting mesh's edge are put onto it before it is cut."""
+"""Vertices nearer to a mirror plane than this fraction of the starting mesh's edge are put onto it before it is cut."""
 
 ON_PLANE = 0.12
-"""Share of the edge within which the end of a sharp edge of MMG's lies on a mirror plane."""
+"""Fraction of the edge within which the end of a sharp edge of MMG's lies on a mirror plane."""
 
 
 @dataclass(frozen=True, eq=False)
-class SkinMesh:
-    """Curved triangles over the skins of all bodies, or of those parts that are on the positive side of mirrors.
+class SurfaceMesh:
+    """Curved triangles over the surfaces of all bodies, or of those parts that are on the positive side of mirrors.
 
     Attributes
     ----------
     vertices : (V, 3) [m].
     triangles : (T, 3) vertex indices, anticlockwise seen from outside the body.
-    middles : (T, 3, 3) the curved skin over the middles of edges 01, 12, 20 [m], the same for both neighbours.
+    middles : (T, 3, 3) the curved surface over the middles of edges 01, 12, 20 [m], the same for both neighbours.
     body : (T,) obstacle of each.
     """
 
@@ -61,14 +61,20 @@ class SkinMesh:
         return np.concatenate([self.vertices[self.triangles], self.middles], axis=1)
 
 
-def skin_mesh(shapes: Sequence[Shape], edge: float, mirrors: Sequence[Mirror]) -> SkinMesh:
-    """Cover the skins of some bodies.
+def surface_mesh(
+    shapes: Sequence[Shape],
+    edge: float,
+    mirrors: Sequence[Mirror],
+    refined: Real[np.ndarray, "refined 3"] | None = None,
+) -> SurfaceMesh:
+    """Cover the surfaces of some bodies.
 
     Parameters
     ----------
-    shapes : the bodies' skins.
+    shapes : the bodies' surfaces.
     edge : edge of the equilateral triangle as large as those wanted [m].
     mirrors : planes that the scene is symmetric about.
+    refined : points near which triangles are small, as beside another body [m].
 
     Raises
     ------
@@ -78,11 +84,11 @@ def skin_mesh(shapes: Sequence[Shape], edge: float, mirrors: Sequence[Mirror]) -
     rough = [shape.coarse_meshes(LARGEST * edge) for shape in shapes]
     vertices, triangles, middles, body, count = [], [], [], [], 0
     for index, shape in enumerate(shapes):
-        others = [np.empty((0, 3))] + [
+        others = list(images(mirrors, np.empty((0, 3)) if refined is None else refined)) + [
             part.vertices for other, parts in enumerate(rough) if other != index for part in parts
         ]
         for part in rough[index]:
-            if any((part.vertices[:, mirror.axis] <= mirror.place).all() for mirror in mirrors):
+            if any((part.vertices[:, mirror.axis] <= mirror.position).all() for mirror in mirrors):
                 continue
             own, corners, between = _covered(shape, part, edge, np.concatenate(others), mirrors)
             vertices.append(own)
@@ -90,7 +96,7 @@ def skin_mesh(shapes: Sequence[Shape], edge: float, mirrors: Sequence[Mirror]) -
             middles.append(between)
             body.append(np.full(len(corners), index))
             count += len(own)
-    return SkinMesh(*(np.concatenate(parts) for parts in (vertices, triangles, middles, body)))
+    return SurfaceMesh(*(np.concatenate(parts) for parts in (vertices, triangles, middles, body)))
 
 
 def _covered(
@@ -112,28 +118,28 @@ def _covered(
     corners = rough.vertices[rough.triangles]
     area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
     found = remeshed(rough, sizes, edge, area / (np.sqrt(3) / 4 * edge**2))
-    vertices, middles = _on_the_skin(shape, found, edge, mirrors)
+    vertices, middles = _on_the_surface(shape, found, edge, mirrors)
     triangles, kept = found.triangles, np.ones(len(found.triangles), dtype=bool)
     for mirror in mirrors:
-        kept &= vertices[triangles].mean(axis=1)[:, mirror.axis] > mirror.place
+        kept &= vertices[triangles].mean(axis=1)[:, mirror.axis] > mirror.position
     used, triangles = np.unique(triangles[kept], return_inverse=True)
     return vertices[used], triangles.reshape(-1, 3), middles[kept]
 
 
-def _on_the_skin(
+def _on_the_surface(
     shape: Shape, flat: RidgedMesh, edge: float, mirrors: Sequence[Mirror]
 ) -> tuple[Float64[np.ndarray, "vertices 3"], Float64[np.ndarray, "triangles 3 3"]]:
-    """Vertices and mid-edge points on the true skin, moved outwards until they enclose its volume."""
+    """Vertices and mid-edge points on the true surface, moved outwards until they enclose its volume."""
     ridges, key = np.sort(flat.ridges, axis=1), len(flat.vertices)
     held = _on_mirrors(flat.vertices, edge, mirrors) & np.isin(np.arange(key), ridges)[:, None]
-    creases = ridges[~(held[ridges[:, 0]] & held[ridges[:, 1]]).any(axis=1)]
-    vertices = _projected(shape, flat.vertices, np.isin(np.arange(key), creases), held, mirrors)
+    sharp = ridges[~(held[ridges[:, 0]] & held[ridges[:, 1]]).any(axis=1)]
+    vertices = _projected(shape, flat.vertices, np.isin(np.arange(key), sharp), held, mirrors)
     ends = np.sort(np.stack([flat.triangles, np.roll(flat.triangles, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     unique, inverse = np.unique(ends, axis=0, return_inverse=True)
     cut = np.isin(unique @ [key, 1], ridges @ [key, 1])
     both = held[unique[:, 0]] & held[unique[:, 1]] & cut[:, None]
     middles = _projected(
-        shape, vertices[unique].mean(axis=1), np.isin(unique @ [key, 1], creases @ [key, 1]), both, mirrors
+        shape, vertices[unique].mean(axis=1), np.isin(unique @ [key, 1], sharp @ [key, 1]), both, mirrors
     )
     return vertices, middles[inverse.ravel()].reshape(-1, 3, 3)
 
@@ -141,22 +147,22 @@ def _on_the_skin(
 def _on_mirrors(
     points: Real[np.ndarray, "points 3"], edge: float, mirrors: Sequence[Mirror]
 ) -> Bool[np.ndarray, "points mirrors"]:
-    places = [np.abs(points[:, mirror.axis] - mirror.place) < ON_PLANE * edge for mirror in mirrors]
-    return np.stack(places, axis=1) if places else np.zeros((len(points), 0), dtype=bool)
+    near = [np.abs(points[:, mirror.axis] - mirror.position) < ON_PLANE * edge for mirror in mirrors]
+    return np.stack(near, axis=1) if near else np.zeros((len(points), 0), dtype=bool)
 
 
 def _projected(
     shape: Shape,
     points: Real[np.ndarray, "points 3"],
-    creased: Bool[np.ndarray, "points"],
+    on_sharp: Bool[np.ndarray, "points"],
     held: Bool[np.ndarray, "points mirrors"],
     mirrors: Sequence[Mirror],
 ) -> Float64[np.ndarray, "points 3"]:
-    """Nearest points of the skin, on its creases and on the mirrors where those are asked for."""
+    """Nearest points of the surface, on its sharp edges and on the mirrors where those are asked for."""
     points = _put_on(points, held, mirrors)
     found = shape.project(points)
-    if creased.any():
-        found[creased] = shape.project_on_sharp_edges(points[creased])
+    if on_sharp.any():
+        found[on_sharp] = shape.project_on_sharp_edges(points[on_sharp])
     return _put_on(found, held, mirrors)
 
 
@@ -165,7 +171,7 @@ def _put_on(
 ) -> Float64[np.ndarray, "points 3"]:
     points = np.array(points, dtype=np.float64)
     for column, mirror in enumerate(mirrors):
-        points[held[:, column], mirror.axis] = mirror.place
+        points[held[:, column], mirror.axis] = mirror.position
     return points
 
 
@@ -177,8 +183,8 @@ def _mean_edge(mesh: RidgedMesh) -> float:
 def _with_cut(mesh: RidgedMesh, mirror: Mirror, snap: float) -> RidgedMesh:
     """Cut the triangles of a mesh along a plane; the cut becomes a sharp edge, which MMG keeps."""
     vertices = np.array(mesh.vertices)
-    side = vertices[:, mirror.axis] - mirror.place
-    vertices[np.abs(side) < snap, mirror.axis] = mirror.place
+    side = vertices[:, mirror.axis] - mirror.position
+    vertices[np.abs(side) < snap, mirror.axis] = mirror.position
     side = np.where(np.abs(side) < snap, 0.0, side)
     triangles, ridges = mesh.triangles, mesh.ridges
     if side.min() >= 0 or side.max() <= 0:
@@ -189,9 +195,9 @@ def _with_cut(mesh: RidgedMesh, mirror: Mirror, snap: float) -> RidgedMesh:
     number = np.full(len(unique), -1)
     number[crossed] = len(vertices) + np.arange(crossed.sum())
     one, other = unique[crossed].T
-    share = (side[one] / (side[one] - side[other]))[:, None]
-    added = vertices[one] * (1 - share) + vertices[other] * share
-    added[:, mirror.axis] = mirror.place
+    fraction = (side[one] / (side[one] - side[other]))[:, None]
+    added = vertices[one] * (1 - fraction) + vertices[other] * fraction
+    added[:, mirror.axis] = mirror.position
     vertices, side = np.concatenate([vertices, added]), np.concatenate([side, np.zeros(len(added))])
     pieces = _pieces(triangles, number[inverse.ravel()].reshape(-1, 3))
     split_ridges = _split_ridges(ridges, unique, number, len(vertices))

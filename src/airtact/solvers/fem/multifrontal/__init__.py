@@ -1,1 +1,0 @@
-"""A multifrontal direct factorisation of sparse complex symmetric matrices."""

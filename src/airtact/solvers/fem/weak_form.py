@@ -1,0 +1,71 @@
+"""The Helmholtz equation in its weak form, and what the boundaries add to its right-hand sides.
+
+The paper's equation (8), divided by the density of the air and 4π, in wavelengths: find p with
+
+    ∫ w (∇p · ∇v − k² p v) dV − ∮ (ik/ratio) p v dS = L(v),
+
+w being 1 in air and the ratio of the densities in a filled body. A monopole G(x, y) = e^{ikr}/r makes the scattered
+pressure with the right-hand side
+
+    L_y(v) = ∮ (w_d ∂G/∂n + w_s G) v dS + ∫_body w_v G v dV,
+
+and by the symmetry of the form L_y(p) is also the scattered pressure, times 4π, that a total pressure p makes at y
+(Kirchhoff and Helmholtz): n points out of the body, w_d = 1 − w, w_s = ik/ratio, w_v = −w (k² − k_body²).
+"""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Complex128
+
+from airtact.scene.scene import Scene
+from airtact.solvers.fem.meshing.netgen import CurvedMesh, FiniteSpace, ngsolve_library
+from airtact.solvers.fem.meshing.volume import Box
+from airtact.solvers.fem.pml import layer_form
+
+
+def weak_form(scene: Scene, box: Box, mesh: CurvedMesh, space: FiniteSpace) -> Any:
+    """Left-hand side, as a symbolic form of NGSolve's."""
+    ngsolve = ngsolve_library()
+    trial, test = space.TnT()
+    squared = _plain(complex(scene.wavenumber * scene.wavelength) ** 2)
+    inside, layer = (ngsolve.dx(definedon=mesh.Materials(name)) for name in ("air|body.*", "layer"))
+    weights, squares = {}, {}
+    for body, obstacle in enumerate(scene.obstacles):
+        if obstacle.medium is not None:
+            ratio, inner = _filling(scene, body)
+            weights[f"body{body}"], squares[f"body{body}"] = ratio, _plain(ratio * inner)
+    form = mesh.MaterialCF(weights, default=1.0) * ngsolve.grad(trial) * ngsolve.grad(test) * inside
+    form -= mesh.MaterialCF(squares, default=squared) * trial * test * inside
+    form += layer_form(box, scene.wavelength, squared, trial, test, layer)
+    for body, obstacle in enumerate(scene.obstacles):
+        if obstacle.ratio is not None:
+            factor = -1j * np.sqrt(complex(squared)) / obstacle.ratio
+            form += factor * trial * test * ngsolve.ds(f"surface{body}")
+    return form
+
+
+def boundary_weights(scene: Scene) -> Complex128[np.ndarray, "3 bodies"]:
+    """Weights w_d, w_s and w_v of each body."""
+    weights = np.zeros((3, len(scene.obstacles)), dtype=np.complex128)
+    weights[0] = 1.0
+    wavenumber = scene.wavenumber * scene.wavelength
+    for body, obstacle in enumerate(scene.obstacles):
+        if obstacle.ratio is not None:
+            weights[1, body] = 1j * wavenumber / obstacle.ratio
+        if obstacle.medium is not None:
+            ratio, inner = _filling(scene, body)
+            weights[0, body], weights[2, body] = 1 - ratio, -ratio * (wavenumber**2 - inner)
+    return weights
+
+
+def _filling(scene: Scene, body: int) -> tuple[float, complex]:
+    """Density of the air over that of the filling, and the square of the filling's wavenumber [1/λ²]."""
+    medium = scene.obstacles[body].medium
+    assert medium is not None
+    return scene.medium.density / medium.density, complex(medium.wavenumber(scene.frequency) * scene.wavelength) ** 2
+
+
+def _plain(number: complex) -> complex | float:
+    """Return a real number as float: NGSolve is quicker with it."""
+    return number if number.imag else number.real
