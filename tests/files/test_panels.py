@@ -4,6 +4,8 @@ import h5py
 import numpy as np
 import pytest
 import trimesh
+import vtk
+from vtk.util import numpy_support
 
 from airtact.conventions import InvalidInput
 from airtact.files.panels import FLAT, write_panels
@@ -62,10 +64,7 @@ def test_an_ending_that_is_not_written_is_refused(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.slow
 def test_vtk_reads_the_panels_back(tmp_path):
-    vtk = pytest.importorskip("vtk")
-    numpy_support = pytest.importorskip("vtk.util.numpy_support")
     path = tmp_path / "panels.vtkhdf"
     write_panels(path, PANELS)
     reader = vtk.vtkHDFReader()

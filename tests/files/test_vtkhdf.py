@@ -3,6 +3,8 @@
 import h5py
 import numpy as np
 import pytest
+import vtk
+from vtk.util import numpy_support
 
 from airtact.conventions import InvalidInput
 from airtact.evaluation.windows import Box
@@ -55,10 +57,7 @@ def test_a_field_that_does_not_fit_is_refused(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.slow
 def test_vtk_reads_it_back(written):
-    vtk = pytest.importorskip("vtk")
-    numpy_support = pytest.importorskip("vtk.util.numpy_support")
     path, pressure, bodies = written
     reader = vtk.vtkHDFReader()
     reader.SetFileName(str(path))

@@ -100,7 +100,6 @@ def depths(tmp_path_factory):
 
 
 def test_a_software_device_of_realsense_gives_the_cloud_of_the_skin(depths):
-    pytest.importorskip("pyrealsense2", exc_type=ImportError)
     folder, hand, pose = depths
     command = [sys.executable, ADAPTERS / "realsense.py", "--side", "left", "--depths", folder]
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
@@ -114,7 +113,6 @@ def test_a_software_device_of_realsense_gives_the_cloud_of_the_skin(depths):
 
 
 def test_realsense_without_a_camera_or_pictures_says_so(tmp_path):
-    pytest.importorskip("pyrealsense2", exc_type=ImportError)
     command = [sys.executable, ADAPTERS / "realsense.py", "--side", "left", "--depths", tmp_path]
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
     assert done.returncode == 1

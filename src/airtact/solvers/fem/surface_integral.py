@@ -16,7 +16,9 @@ def surface_integral(
 ) -> Complex128[np.ndarray, "points excitations"]:
     """Return Σ_j m_j G(x, y_j) + d_j ∂G(x, y_j)/∂n_j with G = e^{ikr}/r at points x off the positions y_j."""
     found = np.empty((len(points), monopoles.shape[1]), dtype=np.complex128)
-    _kernels.surface_integral(*_plain(points, positions, normals, monopoles, dipoles), complex(wavenumber), found)
+    where, nodes, directions = (np.ascontiguousarray(one, dtype=np.float64) for one in (points, positions, normals))
+    monopoles, dipoles = np.ascontiguousarray(monopoles), np.ascontiguousarray(dipoles)
+    _kernels.surface_integral(where, nodes, directions, monopoles, dipoles, complex(wavenumber), found)
     return found
 
 
@@ -29,12 +31,7 @@ def normal_derivative(
 ) -> Complex128[np.ndarray, "points excitations"]:
     """Return Σ_j s_j ∂G(x, y_j)/∂n at points x with normals n, off the positions y_j."""
     found = np.empty((len(points), strengths.shape[1]), dtype=np.complex128)
-    _kernels.normal_derivative(*_plain(points, normals, positions, strengths), complex(wavenumber), found)
+    where, directions, sources = (np.ascontiguousarray(one, dtype=np.float64) for one in (points, normals, positions))
+    strengths = np.ascontiguousarray(strengths)
+    _kernels.normal_derivative(where, directions, sources, strengths, complex(wavenumber), found)
     return found
-
-
-def _plain(*arrays: np.ndarray) -> list[np.ndarray]:
-    """Arrays as the compiled loops take them: contiguous, in double precision."""
-    return [
-        np.ascontiguousarray(array, dtype=np.complex128 if np.iscomplexobj(array) else np.float64) for array in arrays
-    ]
