@@ -56,7 +56,7 @@ def test_a_board_is_a_plane_of_positions_with_a_channel_each(board) -> None:
     assert board.positions.shape == (len(board), 3)
     assert not board.positions[:, 2].any()
     assert len(set(board.channels.tolist())) == len(board)
-    assert 0 <= board.channels.min() <= board.channels.max() < board.slots
+    assert 0 <= board.channels.min() <= board.channels.max() < board.message_length
     apart = np.linalg.norm(board.positions[:, None] - board.positions[None], axis=-1)
     assert apart[~np.eye(len(board), dtype=bool)].min() > 9.9e-3
     assert board_named(board.name) is board
@@ -168,7 +168,7 @@ def mirrored():
             "elements 249 to 497 are not laid out like board 1 of autd3: element 300 stands 0.99",
         ),
         (mirrored, "not_a_board", "elements 0 to 248 are not laid out like board 0 of autd3: ... mm off"),
-        (lambda: board_array("autd3", Pose.identity()), "wrong_kind", "where the boards stand is a Pose"),
+        (lambda: board_array("autd3", Pose.identity()), "wrong_kind", "the list of poses is a Pose"),
         (lambda: board_array("autd3", []), "empty", "at least 1 array, not 0"),
         (
             lambda: surrounding_box(board="openmpd"),

@@ -61,7 +61,7 @@ class Codec(ABC):
         """Bring one number per element into the slots of each board's message."""
         parts = []
         for one in np.split(levels, len(levels) // len(self.board)):
-            slots = np.zeros(self.board.slots, dtype=np.uint8)
+            slots = np.zeros(self.board.message_length, dtype=np.uint8)
             slots[self.board.channels] = one
             parts.append(slots)
         return parts
@@ -105,7 +105,7 @@ class SonicSurfaceCodec(Codec):
 
     def decode(self, message: bytes) -> Frame:
         """Return the frame of a message that ends in a swap."""
-        pieces = _pieces(message[:-1], 2 + self.board.slots, "boards")
+        pieces = _pieces(message[:-1], 2 + self.board.message_length, "boards")
         marks = [(int(piece[0]) - self.FIRST, int(piece[1])) for piece in pieces]
         if marks != [(b, self.START) for b in range(len(pieces))] or message[-1] != self.SWAP:
             raise InvalidInput(f"a message of {len(message)} bytes lacks the marks of a SonicSurface frame.")
@@ -172,7 +172,7 @@ class OpenMPDCodec(Codec):
 
     def decode(self, message: bytes) -> Frame:
         """Return the frame of messages of 512 bytes."""
-        pieces = _pieces(message, 2 * self.board.slots, "boards")
+        pieces = _pieces(message, 2 * self.board.message_length, "boards")
         if not all(piece[0] & self.START for piece in pieces):
             raise InvalidInput(
                 f"a message of {len(message)} bytes lacks the mark of an OpenMPD frame in its first byte."

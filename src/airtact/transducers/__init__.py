@@ -1,1 +1,1 @@
-"""Who speaks: elements and their layout in arrays."""
+"""Elements, and their layout in boards and arrays."""

@@ -1,4 +1,4 @@
-"""Boards as data: where the transducers of each sit, and which channel of its message speaks to which."""
+"""Boards as data: the positions of their transducers, and which channel of a message drives which of them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,12 +8,12 @@ import numpy as np
 from jaxtyping import Float64, Int64, Real
 
 from airtact.conventions import InvalidInput
-from airtact.pose import Pose
+from airtact.pose import Pose, nearest_motion
 from airtact.printing import in_short
 from airtact.validation import counted, fixed
 
-LOOSEST = 1e-4
-"""Farthest that an element may stand from its place on a board that it is said to be of [m]."""
+MAX_MISPLACEMENT = 1e-4
+"""Largest distance of an element from its position on the board [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,24 +22,23 @@ class Board:
 
     Attributes
     ----------
-    name : what commands and scene files call it.
-    title : what people call it.
-    positions : (E, 3) centres of its transducers in our order of elements [m].
-    channels : (E,) place of each element in the board's message, counted from 0.
-    slots : places that the message has; more than E where some have no transducer.
-    outline : width (along x) and height (along y) of the board [m]; None where it is not known or left to its maker.
-    placed : whether the board holds its transducers; else they stand wherever its maker put them, and ``positions`` are
-        an example.
-    most : how many boards one link can speak to.
-    amplitudes, phases : how many levels of each it plays.
-    source : where its layout and its message were read.
+    name : its name in commands and scene files.
+    title : its name in print.
+    positions : (E, 3) centres of its transducers in the order of elements [m].
+    channels : (E,) index of each element in the board's message, counted from 0.
+    message_length : number of channels of the message; more than E where some have no transducer.
+    outline : width (along x) and height (along y) of the board [m]; None where it is unknown or differs.
+    placed : whether the board fixes the positions of its transducers; else ``positions`` are an example.
+    most : largest number of boards on one link.
+    amplitudes, phases : number of levels of each.
+    source : documents of its layout and its message.
     """
 
     name: str
     title: str
     positions: Float64[np.ndarray, "elements 3"]
     channels: Int64[np.ndarray, "elements"]
-    slots: int
+    message_length: int
     outline: tuple[float, float] | None
     placed: bool
     most: int
@@ -79,12 +78,12 @@ def boards_needed(board: Board, elements: int) -> int:
     Raises
     ------
     InvalidInput
-        If the elements do not fill whole boards, or more than one link can speak to.
+        "element_count": they do not fill whole boards; "too_many_boards": more than one link takes.
     """
     count = _whole_boards(board, elements)
     if count > board.most:
         raise InvalidInput(
-            f"{elements} elements are {count} {board.name} boards, and one link speaks to at most {board.most}: make a "
+            f"{elements} elements are {count} {board.name} boards, and one link takes at most {board.most}: make a "
             f"drive for {board.most * len(board)} elements or fewer.",
             code="too_many_boards",
         )
@@ -106,18 +105,19 @@ def _whole_boards(board: Board, elements: int) -> int:
 def poses_of_boards(
     board: Board | str, positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"]
 ) -> list[Pose]:
-    """Find where each board of an array stands, board by board in the order of the elements.
+    """Find the pose of each board of an array, board by board in the order of the elements.
 
     The rotation is the one of least squares (Kabsch, Acta Cryst. A 32, 922, 1976).
 
     Parameters
     ----------
-    board : what the array is made of, or its name.
-    positions, normals : of the array's elements [m].
+    board : the kind of board, or its name.
+    positions, normals : (E, 3) of the array's elements [m].
 
     Returns
     -------
-    One pose a board, from the board's frame to the array's; the identity for boards without places of their own.
+    One pose a board, from the board's frame to the array's; the identity for boards that do not fix
+    the positions of their transducers.
 
     Raises
     ------
@@ -135,22 +135,20 @@ def poses_of_boards(
 def _pose(
     board: Board, index: int, positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"]
 ) -> Pose:
-    middle, there = board.positions.mean(axis=0), positions.mean(axis=0)
     # The normals keep the fit from turning a board over, which a mirrored order of its elements would look like.
-    local = np.concatenate([board.positions - middle, np.tile([0.0, 0.0, 0.1], (len(board), 1))])
-    seen = np.concatenate([positions - there, 0.1 * normals])
-    left, _, right = np.linalg.svd(local.T @ seen)
-    flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(right.T @ left.T))])
-    rotation = right.T @ flip @ left.T
-    pose = Pose(rotation, there - rotation @ middle)
+    local, there = (
+        np.concatenate([points + 0.1 * normal, points - 0.1 * normal])
+        for points, normal in ((board.positions, np.array([0.0, 0.0, 1.0])), (positions, np.asarray(normals)))
+    )
+    pose = Pose(*nearest_motion(local, there))
     off = np.linalg.norm(pose.apply(board.positions) - positions, axis=1)
-    lean = np.linalg.norm(normals - rotation[:, 2], axis=1)
+    lean = np.linalg.norm(normals - pose.rotation[:, 2], axis=1)
     worst = int(off.argmax())
-    if off[worst] > LOOSEST or lean.max() > 1e-3:
+    if off[worst] > MAX_MISPLACEMENT or lean.max() > 1e-3:
         first = index * len(board)
         raise InvalidInput(
             f"elements {first} to {first + len(board) - 1} are not laid out like board {index} of {board.name}: "
-            f"element {first + worst} stands {off[worst] * 1e3:.3g} mm off its place and normals lean by up to "
+            f"element {first + worst} stands {off[worst] * 1e3:.3g} mm off its position and normals lean by up to "
             f"{np.degrees(lean.max()):.3g} degrees; make the drive for that board's layout.",
             code="not_a_board",
         )
@@ -167,7 +165,7 @@ def _autd3() -> Board:
         title="AUTD3",
         positions=fixed(10.16e-3 * np.array(cells)),
         channels=np.arange(249),
-        slots=249,
+        message_length=249,
         outline=(192.0e-3, 151.4e-3),
         placed=True,
         most=256,
@@ -187,7 +185,7 @@ def _sonicsurface() -> Board:
         title="SonicSurface",
         positions=fixed(10.5e-3 * (np.array(cells) - 7.5)),
         channels=np.arange(256),
-        slots=256,
+        message_length=256,
         outline=(183.0e-3, 169.0e-3),
         placed=True,
         most=2,
@@ -206,7 +204,7 @@ def _nano16() -> Board:
         title="Ultraino Nano16",
         positions=fixed(10.0e-3 * np.array(cells)),
         channels=np.concatenate([np.arange(6), np.arange(10, 16)]),
-        slots=16,
+        message_length=16,
         outline=None,
         placed=False,
         most=1,
@@ -226,7 +224,7 @@ def _openmpd() -> Board:
         title="OpenMPD",
         positions=fixed(10.5e-3 * np.stack([columns - 7.5, 7.5 - rows, 0.0 * rows], axis=1)),
         channels=8 * (31 - 8 * (columns // 4) - rows // 2) + pins[columns % 4, rows % 2],
-        slots=256,
+        message_length=256,
         outline=None,
         placed=True,
         most=256,

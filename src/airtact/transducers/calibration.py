@@ -1,4 +1,4 @@
-"""What each transducer really gives of what it is asked, from a table."""
+"""The gain of each transducer relative to a nominal one, from a table."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ COLUMNS = ("element", "gain", "phase")
 """Columns of the table: index from 0, amplitude over the wanted one, phase by which it lags [rad]."""
 
 LARGEST_GAIN = 10.0
-"""Gains over this are taken for a slip, such as per cent."""
+"""Gains over this are probably in per cent."""
 
 
 def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, "elements"]:
@@ -35,8 +35,8 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
     Raises
     ------
     InvalidInput
-        If the file cannot be read or a column is missing, or a line holds what is no number, names an element that is
-        not there or was there before, or has a gain that is negative or over 10; the sentence holds the line.
+        If the file cannot be read, a column is missing, or a line holds a cell that is not a number, an element that
+        does not exist or appeared before, or a gain that is negative or over 10; the sentence holds the line.
     """
     path = Path(of_kind(path, str | Path, "the calibration", "the path of a .csv file"))
     table = read_text_table(path)

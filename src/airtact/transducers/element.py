@@ -1,4 +1,4 @@
-"""One transducer: points and weights on its face, and how loud it is."""
+"""One transducer: points and weights on its face, and its sensitivity."""
 
 from dataclasses import dataclass
 
@@ -26,10 +26,10 @@ class Element:
     Attributes
     ----------
     points : (Q, 3) points of the face relative to the element's position [m].
-    weights : (Q,) share of each point in what the element emits; they add up to 1.
+    weights : (Q,) contribution of each point to the pressure; they add up to 1.
     sensitivity : peak pressure at full scale, 1 m away on the axis [Pa·m]; uncalibrated by default.
-    directional : whether the element radiates to the half space in front of its face only, so that nothing may stand
-        behind it.
+    directional : whether the element radiates to the half space in front of its face only; then foci and bodies must
+        be in front of it.
     radius : radius of the face [m]; 0 for a point.
 
     Raises
@@ -131,8 +131,8 @@ def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY) -> Element:
 
     The disc is 19 points, the rule of degree 9 of Albrecht (ZAMM 40, 514, 1960; S2 9-1 in Stroud, Approximate
     Calculation of Multiple Integrals, 1971): in the far field the error is of order x¹⁰, 1.8e-4 of the axis at ka = 4
-    and 1e-3 at ka = 4.8. At 40 kHz that is a radius of 5.5 and 6.5 mm; larger pistons are refused where they meet a
-    frequency.
+    and 1e-3 at ka = 4.8. At 40 kHz that is a radius of 5.5 and 6.5 mm; a larger piston raises an error where it
+    meets a frequency.
 
     Parameters
     ----------
@@ -168,13 +168,7 @@ def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY) -> Element:
 
 
 def check_pattern(element: Element, wavenumber: complex | float) -> None:
-    """Refuse a piston too large for its points at a wavenumber k [rad/m].
-
-    Raises
-    ------
-    InvalidInput
-        If k times the radius of the face passes ``LARGEST_PISTON``.
-    """
+    """Raise "piston_too_large" where k times the radius of the face passes ``LARGEST_PISTON``, k in rad/m."""
     size = wavenumber.real * element.radius
     if size > LARGEST_PISTON:
         raise InvalidInput(

@@ -1,4 +1,4 @@
-"""Where the transducers of an array stand and where they look; the AUTD3 board and arrays made of it."""
+"""Positions and normals of the transducers of an array; arrays made of boards."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,22 +13,22 @@ from airtact.transducers.boards import Board, board_named
 from airtact.transducers.element import Element, monopole
 from airtact.validation import check_finite, complex_numbers, counted, fixed, of_kind, points_of, real_numbers
 
-WIDEST = 10.0
+MAX_ARRAY_EXTENT = 10.0
 """Largest extent of an array [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class PhasedArray:
-    """Transducers in the air: one kind of element at many places.
+    """An array of transducers: one kind of element at many positions.
 
     Attributes
     ----------
     positions : (E, 3) centres of the elements' faces [m].
     normals : (E, 3) directions in which they radiate; stored as unit vectors.
-    element : what stands at every position; a monopole unless given.
+    element : kind of transducer at every position; a monopole unless given.
     tangents : (E, 3) direction of each element's own x axis, which the points of its face turn with; stored as unit
         vectors. Chosen across the normal where not given.
-    gains : (E,) what each element really gives of what it is asked, as a factor of amplitude and phase in the phasor
+    gains : (E,) factor of amplitude and phase of each element relative to a nominal one, in the phasor
         Re[p e^{−iωt}]: 1 where not given, 0 for a dead element. See ``calibrated``.
 
     Raises
@@ -54,19 +54,20 @@ class PhasedArray:
         tangents: Real[np.ndarray, "tangents 3"] | None = None,
         gains: Num[np.ndarray, "gains"] | None = None,
     ) -> None:
-        places = points_of(positions, "element positions")
-        spread = float(np.ptp(places, axis=0).max())
-        if spread > WIDEST:
+        positions = points_of(positions, "element positions")
+        spread = float(np.ptp(positions, axis=0).max())
+        if spread > MAX_ARRAY_EXTENT:
             raise InvalidInput(
-                f"the elements span {spread:.4g} m, more than {WIDEST:g} m: is this in millimetres? Give metres.",
+                f"the elements span {spread:.4g} m, more than {MAX_ARRAY_EXTENT:g} m: is this in "
+                "millimetres? Give metres.",
                 code="too_wide",
             )
         if element is not None:
-            of_kind(element, Element, "what stands at every position", "monopole() or piston(radius)")
-        unit_normals = _unit(_as_many(normals, places, "normal"), "normal")
+            of_kind(element, Element, "the element of an array", "monopole() or piston(radius)")
+        unit_normals = _unit(_as_many(normals, positions, "normal"), "normal")
         if tangents is None:
             tangents = _crosswise(unit_normals)
-        unit_tangents = _unit(_as_many(tangents, places, "tangent"), "tangent")
+        unit_tangents = _unit(_as_many(tangents, positions, "tangent"), "tangent")
         slant = np.abs(np.einsum("ed,ed->e", unit_normals, unit_tangents))
         if slant.max() > 1e-5:
             first = int(np.argmax(slant))
@@ -74,11 +75,11 @@ class PhasedArray:
                 f"the tangent of element {first} must be across its normal, but their cosine is {slant[first]:g}.",
                 code="tangent_along_normal",
             )
-        object.__setattr__(self, "positions", places)
+        object.__setattr__(self, "positions", positions)
         object.__setattr__(self, "normals", unit_normals)
         object.__setattr__(self, "element", monopole() if element is None else element)
         object.__setattr__(self, "tangents", _unit(_across(unit_tangents, unit_normals), "tangent"))
-        object.__setattr__(self, "gains", _gains(np.ones(len(places)) if gains is None else gains, len(places)))
+        object.__setattr__(self, "gains", _gains(np.ones(len(positions)) if gains is None else gains, len(positions)))
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -92,7 +93,7 @@ class PhasedArray:
     def moved(self, pose: Pose) -> "PhasedArray":
         """Move the array rigidly: positions x become pose.apply(x), and the faces turn with it."""
         of_kind(pose, Pose, "the motion of an array", "Pose(rotation, translation)")
-        copy = object.__new__(PhasedArray)  # a rigid motion keeps all that was checked, so nothing is checked again
+        copy = object.__new__(PhasedArray)  # a rigid motion preserves all that was checked
         normals = _unit(pose.rotate(self.normals), "normal")
         object.__setattr__(copy, "positions", fixed(pose.apply(self.positions)))
         object.__setattr__(copy, "normals", normals)
@@ -102,11 +103,11 @@ class PhasedArray:
         return copy
 
     def calibrated(self, gains: Num[np.ndarray, "gains"]) -> "PhasedArray":
-        """Tell what each element really gives: the transfer matrix, and so every method, then knows of it.
+        """Set the gain of each element; the transfer matrix, and so every method, then includes it.
 
         Parameters
         ----------
-        gains : (E,) factor of amplitude and phase of each element; 0 for a dead one. They replace those before.
+        gains : (E,) factor of amplitude and phase of each element; 0 for a dead one. They replace earlier gains.
 
         Raises
         ------
@@ -120,7 +121,7 @@ class PhasedArray:
 
         Parameters
         ----------
-        pose : maps the obstacles' frame to the array's: where the hand is, seen from the array.
+        pose : pose of the hand, seen from the array: maps the obstacles' frame to the array's.
 
         Returns
         -------
@@ -131,22 +132,22 @@ class PhasedArray:
 
 
 def _as_many(
-    given: Real[np.ndarray, "directions 3"], places: Float64[np.ndarray, "elements 3"], name: str
+    given: Real[np.ndarray, "directions 3"], positions: Float64[np.ndarray, "elements 3"], name: str
 ) -> Float64[np.ndarray, "elements 3"]:
-    """Return one direction for each element, or refuse another number of them."""
+    """Return one direction for each element; raise for another number of them."""
     vectors = real_numbers(given, f"element {name}s")
     if vectors.ndim != 2 or vectors.shape[1] != 3:
         raise InvalidInput(
-            f"element {name}s have shape {vectors.shape}, but they need ({len(places)}, 3).", code="wrong_shape"
+            f"element {name}s have shape {vectors.shape}, but they need ({len(positions)}, 3).", code="wrong_shape"
         )
-    if len(vectors) != len(places):
-        need = counted(len(places), "position needs", "positions need")
+    if len(vectors) != len(positions):
+        need = counted(len(positions), "position needs", "positions need")
         raise InvalidInput(f"{need} as many {name}s, not {len(vectors)}.", code="sizes_differ")
     return vectors
 
 
 def _unit(vectors: Real[np.ndarray, "elements 3"], name: str) -> Float64[np.ndarray, "elements 3"]:
-    """Return the directions of some vectors; refuse zero and what is not finite."""
+    """Return unit vectors; raise where one is zero or not finite."""
     lengths = np.sqrt(np.einsum("ed,ed->e", vectors, vectors, dtype=np.float64))
     bad = ~np.isfinite(lengths) | (lengths < 1e-12)
     if bad.any():
@@ -162,7 +163,7 @@ def _unit(vectors: Real[np.ndarray, "elements 3"], name: str) -> Float64[np.ndar
 def _across(
     vectors: Float64[np.ndarray, "elements 3"], normals: Float64[np.ndarray, "elements 3"]
 ) -> Float64[np.ndarray, "elements 3"]:
-    """Return what is left of each vector across its normal."""
+    """Project each vector to the plane across its normal."""
     return vectors - np.einsum("ed,ed->e", vectors, normals)[:, None] * normals
 
 
@@ -180,9 +181,7 @@ def _gains(given: Num[np.ndarray, "gains"], count: int) -> Complex128[np.ndarray
         raise InvalidInput(f"{need}, not an array of shape {gains.shape}.", code="wrong_shape")
     check_finite(gains, "element gains")
     if not gains.any():
-        raise InvalidInput(
-            f"all {count} elements are dead: their gains are 0, so nothing would be heard.", code="all_dead"
-        )
+        raise InvalidInput(f"all {count} elements are dead: their gains are 0, so nothing is emitted.", code="all_dead")
     gains.flags.writeable = False
     return gains
 
@@ -190,19 +189,19 @@ def _gains(given: Num[np.ndarray, "gains"], count: int) -> Complex128[np.ndarray
 def board_array(
     board: str = "autd3", poses: Sequence[Pose] | None = None, element: Element | None = None
 ) -> PhasedArray:
-    """Place boards, each with its transducers in its own order; see ``airtact boards`` for those that there are.
+    """Place boards of one kind, each with its transducers in its own order; ``airtact boards`` lists the kinds.
 
     Parameters
     ----------
-    board : name of the kind of board: "autd3", "sonicsurface", "nano16" or "openmpd".
-    poses : where each board stands: maps the board's frame, in which it radiates to +z, to the array's. One board at
+    board : name of the kind, such as "autd3".
+    poses : pose of each board: maps the board's frame, in which it radiates to +z, to the array's. One board at
         the origin unless given.
-    element : what stands at every position; a monopole unless given.
+    element : kind of transducer; a monopole unless given.
 
     Raises
     ------
     InvalidInput
-        If there is no such board, or no pose.
+        "unknown_name", or "empty": no pose.
 
     Examples
     --------
@@ -210,7 +209,7 @@ def board_array(
     512
     """
     flat = _flat(board_named(board), element)
-    of_kind(poses, list | tuple | None, "where the boards stand", "a list of Pose, one for each board")
+    of_kind(poses, list | tuple | None, "the list of poses", "a list of Pose, one for each board")
     return flat if poses is None else join([flat.moved(pose) for pose in poses])
 
 
@@ -228,7 +227,7 @@ def autd3_board(pose: Pose | None = None, element: Element | None = None) -> Pha
     Parameters
     ----------
     pose : maps the board's frame to the array's; the identity unless given.
-    element : what stands at every position; a monopole unless given.
+    element : kind of transducer; a monopole unless given.
 
     Examples
     --------
@@ -256,14 +255,14 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
 
     Parameters
     ----------
-    element : what stands at every position; a monopole unless given, as in the paper (its section 4.1).
+    element : kind of transducer; a monopole unless given, as in the paper (its section 4.1).
     board : name of a real board to close the box with: the faces then stand half its height from the centre, so that
         thin boards touch along their long edges (75.7 mm and 151.4 mm across for "autd3"). The paper's if not given.
 
     Raises
     ------
     InvalidInput
-        If there is no such board, or its outline is not known.
+        "unknown_name", or "outline_unknown".
 
     Examples
     --------
@@ -296,7 +295,7 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
     Parameters
     ----------
     rows, columns : how many boards along y and along x.
-    element : what stands at every position; a monopole unless given.
+    element : kind of transducer; a monopole unless given.
 
     Raises
     ------
@@ -316,17 +315,18 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
     autd3 = board_named("autd3")
     width, height = autd3.outline or (0.0, 0.0)
     extent = max(rows * height, columns * width)
-    if extent > WIDEST:
+    if extent > MAX_ARRAY_EXTENT:
         raise InvalidInput(
-            f"{rows} by {columns} flat boards span {extent:.4g} m, more than {WIDEST:g} m; take fewer.", code="too_wide"
+            f"{rows} by {columns} flat boards span {extent:.4g} m, more than {MAX_ARRAY_EXTENT:g} m; take fewer.",
+            code="too_wide",
         )
     board = _centred(autd3, element)
-    places = [
+    centres = [
         np.array([(column - (columns - 1) / 2) * width, (row - (rows - 1) / 2) * height, 0.0])
         for row in range(rows)
         for column in range(columns)
     ]
-    return join([board.moved(Pose(np.eye(3), place)) for place in places])
+    return join([board.moved(Pose(np.eye(3), centre)) for centre in centres])
 
 
 def join(arrays: Sequence[PhasedArray]) -> PhasedArray:

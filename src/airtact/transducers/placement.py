@@ -1,4 +1,4 @@
-"""Whether an array and what stands before it can be real: no element in a body, nothing behind a face."""
+"""Checks of an array in a scene: no element in a body, nothing behind a face."""
 
 import numpy as np
 from jaxtyping import Float64, Real
@@ -10,24 +10,18 @@ from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
 from airtact.validation import counted, in_mm, of_kind
 
-FARTHEST = 10.0
-"""Farthest that an element may stand from a focus or the nearest body [m]."""
+MAX_ELEMENT_DISTANCE = 10.0
+"""Largest distance of an element from a focus or the nearest body [m]."""
 
 
 def check_placement(scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "foci 3"] | None = None) -> None:
-    """Refuse an array that cannot stand in a scene.
-
-    Parameters
-    ----------
-    scene : what is in the air.
-    array : the transducers, in the scene's frame.
-    foci : (F, 3) points that must lie before the faces of directional elements [m], if any.
+    """Raise where an array cannot be where it is in a scene; ``foci`` (F, 3) must be in front of directional elements.
 
     Raises
     ------
     InvalidInput
-        If an element reaches into a body (which one, how deep); if, with directional elements, a focus or a body stands
-        behind a face (how many faces, which first, how far); if a face is too large for its points at this frequency.
+        "array_inside_body", "inside_body": an element reaches into a body; "behind_faces": a focus or a body is behind
+        the face of a directional element; "too_far", "piston_too_large", "wrong_kind".
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
@@ -43,7 +37,7 @@ def check_placement(scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "fo
 
 
 def _check_outside_bodies(scene: Scene, array: PhasedArray) -> None:
-    """Refuse elements whose centre or face points lie in a body; only faces near a skin are looked at in full."""
+    """Raise where the centre or a face point of an element lies in a body; only faces near a surface are evaluated."""
     depth = scene.depth(array.positions)
     if scene.obstacles:
         _check_far(-depth, "the nearest body")
@@ -66,27 +60,16 @@ def _check_outside_bodies(scene: Scene, array: PhasedArray) -> None:
 
 def _check_far(distance: Float64[np.ndarray, "elements"], what: str) -> None:
     farthest = int(distance.argmax())
-    if distance[farthest] > FARTHEST:
+    if distance[farthest] > MAX_ELEMENT_DISTANCE:
         raise InvalidInput(
-            f"element {farthest} stands {distance[farthest]:.4g} m from {what}, more than {FARTHEST:g} m: is the array "
-            "or its pose in millimetres? Give metres.",
+            f"element {farthest} stands {distance[farthest]:.4g} m from {what}, more than "
+            f"{MAX_ELEMENT_DISTANCE:g} m: is the array or its pose in millimetres? Give metres.",
             code="too_far",
         )
 
 
 def check_reach(array: PhasedArray, foci: Real[np.ndarray, "foci 3"]) -> None:
-    """Refuse foci that an array cannot reach.
-
-    Parameters
-    ----------
-    array : the transducers.
-    foci : (F, 3) points [m].
-
-    Raises
-    ------
-    InvalidInput
-        If an element stands over 10 m from a focus, or a focus behind the face of a directional element.
-    """
+    """Raise "too_far" for a focus (F, 3) over 10 m from an element; as ``check_before_faces`` for directional ones."""
     for index, focus in enumerate(foci):
         offsets = array.positions - focus
         _check_far(np.sqrt(np.einsum("ed,ed->e", offsets, offsets)), f"focus {index}")
@@ -95,19 +78,7 @@ def check_reach(array: PhasedArray, foci: Real[np.ndarray, "foci 3"]) -> None:
 
 
 def check_before_faces(array: PhasedArray, points: Real[np.ndarray, "points 3"], what: str) -> None:
-    """Refuse points behind the faces of an array's elements.
-
-    Parameters
-    ----------
-    array : the transducers.
-    points : (P, 3) points [m].
-    what : what a point is called in the message.
-
-    Raises
-    ------
-    InvalidInput
-        If a point stands behind a face: which point, behind how many faces, which first, how far.
-    """
+    """Raise "behind_faces" for a point (P, 3) behind the face of an element; ``what`` names one point."""
     behind = -_height(array, points)
     worst = behind.max(axis=1)
     if worst.max() > CONTACT:
@@ -122,7 +93,7 @@ def check_before_faces(array: PhasedArray, points: Real[np.ndarray, "points 3"],
 
 
 def _check_body_before_faces(array: PhasedArray, vertices: Float64[np.ndarray, "vertices 3"], index: int) -> None:
-    """Refuse a body, given by the corners of its convex hull, that reaches behind a face."""
+    """Raise where a body, given by the vertices of its convex hull, reaches behind a face."""
     behind = -_height(array, vertices).min(axis=0)
     faces = np.flatnonzero(behind > CONTACT)
     if len(faces):
@@ -135,5 +106,5 @@ def _check_body_before_faces(array: PhasedArray, vertices: Float64[np.ndarray, "
 
 
 def _height(array: PhasedArray, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points elements"]:
-    """Return how far each point stands before each face [m], negative behind."""
+    """Distance of each point in front of each face [m], negative behind."""
     return points @ array.normals.T - np.sum(array.positions * array.normals, axis=1)
