@@ -11,6 +11,7 @@ from airtact.solvers.free_field import FreeField
 from airtact.surfaces.primitives import capsule
 from airtact.synthesis.methods import METHODS
 from airtact.transducers.boards import board_named
+from airtact.transducers.levels import Levels
 from faults import raises_code
 from paths import EXAMPLES
 
@@ -371,8 +372,13 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         ),
         (
             "level_count",
-            [MEDIUM, ARRAY, BALL, FOCUS, "[drive]\nlevels = 16\n"],
-            "drive: levels = 16, but drives are written in 256 levels",
+            [MEDIUM, ARRAY, BALL, FOCUS, "[drive]\nlevels = 1\n"],
+            "drive: there are 2 to 256 levels of amplitude, not 1",
+        ),
+        (
+            "level_count",
+            [MEDIUM, ARRAY, BALL, FOCUS, "[drive]\nlevels = { phase = 257 }\n"],
+            "drive: there are 2 to 256 levels of phase, not 257",
         ),
     ],
 )
@@ -462,3 +468,18 @@ def _box_facets(side):
 def _facet(*corners):
     vertices = "".join("vertex {} {} {}\n".format(*corner) for corner in corners)
     return f"facet normal 0 0 0\nouter loop\n{vertices}endloop\nendfacet\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "amplitudes", "phases"),
+    [
+        ("", 256, 256),
+        ("[drive]\nlevels = 16\n", 16, 16),
+        ("[drive]\nlevels = 2\n", 2, 2),
+        ("[drive]\nlevels = { amplitude = 64, phase = 32 }\n", 64, 32),
+        ("[drive]\nlevels = { phase = 32 }\n", 256, 32),
+    ],
+)
+def test_levels_are_any_of_2_to_256_amplitude_and_phase_apart(read, text, amplitudes, phases):
+    levels = read(MEDIUM, ARRAY, BALL, FOCUS, text).levels
+    assert levels.same_as(Levels.even(amplitudes, phases))

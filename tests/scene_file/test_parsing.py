@@ -63,7 +63,7 @@ def test_a_wrong_key_is_named_with_its_path_and_the_nearest_right_one(text, sent
         (LEAST.replace("[0.0, 0.0, 0.0]", "[0.0, 0.0]"), "foci[0].point: expected a list of length 3, got 2."),
         (LEAST.replace("[medium]\ncelsius = 20.0", ""), "the key medium is missing."),
         (LEAST.replace('layout = "surrounding_box"', ""), "the key array.layout is missing."),
-        (LEAST + "[drive]\nlevels = 12.5", "drive.levels: expected a whole number, got a number."),
+        (LEAST + "[drive]\nlevels = 12.5", "drive.levels: expected a whole number or a table, got a number."),
         (
             LEAST + '[[obstacles]]\nboundary = "impedance"\nratio = "x"\npinch = {}',
             "obstacles[0].ratio: expected a number or a list, got a string.",

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from airtact.conventions import InvalidInput
+from airtact.drive_file import read_drive_file
 from airtact.evaluation.field import drive_sources
 from airtact.solvers.spherical.sphere_series import SphereSeries
+from airtact.transducers.levels import Levels
 from airtact.transfer import focus_by_distance
 from airtact.workflows.render import CONSIDERED, FILES, IGNORED, render
 from paths import SCENES
@@ -163,3 +165,16 @@ def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_solved(tm
     with pytest.raises(InvalidInput, match="cannot write into the output folder"):
         render(BALL, tmp_path / "file" / "out", steps.append)
     assert steps == ["reading ball.toml"]
+
+
+def test_a_drive_is_rounded_to_the_levels_of_its_scene(tmp_path):
+    scene = tmp_path / "levels.toml"
+    scene.write_text(BALL.read_text(encoding="utf-8") + "\n[drive]\nlevels = { amplitude = 5, phase = 16 }\n")
+    run = render(scene, tmp_path / "out")
+    stored = read_drive_file(tmp_path / "out" / "drive.h5")
+    assert stored.levels is not None
+    assert stored.levels.same_as(Levels.even(amplitudes=5, phases=16))
+    np.testing.assert_array_equal(stored.amplitude_level[0], run.frame.amplitude)
+    assert set(run.frame.amplitude) <= set(range(5))
+    assert set(run.frame.phase) == set(range(16))
+    assert "Rounded to 5 levels of amplitude and 16 of phase" in (tmp_path / "out" / "report.html").read_text()

@@ -27,7 +27,7 @@ class Contender:
     ----------
     name : of the method.
     drive : what it gave.
-    emitted : the same in 256 levels, which is what is verified.
+    emitted : the same in the scene's levels, which is what is verified.
     pressures : (F,) peak pressure at the foci, by the verification solve [Pa].
     suppression_points : (Q,) peak pressure at the suppression points [Pa].
     seconds : how long it took [s].

@@ -46,7 +46,7 @@ class Run:
     foci : a name for each focus.
     method : how the drive was made.
     drive : what the transducers emit.
-    frame : the same in 256 levels.
+    frame : the same in levels.
     transfer : what the drive was made from.
     beacons : how the transfer matrix was solved.
     reached : (F,) peak pressure at the foci under the drive, by the verification solve [Pa].
@@ -142,8 +142,9 @@ def _pictures(run: Run) -> dict[str, Any]:
         draw_phases(run.array.positions, run.array.normals, run.drive.amplitudes),
         f"Phase and amplitude of each transducer by {run.method}, each face as seen from the side that it radiates to, "
         "in the order in which a viewer inside who turns to the right sees them (compare Fig. 5 of the paper). Phases "
-        "are those of Re[u e^(−iωt)]. Rounded to 256 levels each (drive.csv) they change the pressure at the foci by "
-        f"{_rounding(run):.2%} at most.",
+        f"are those of Re[u e^(−iωt)]. Rounded to {len(run.frame.levels.amplitudes)} levels of amplitude and "
+        f"{run.frame.levels.phases} of phase (drive.csv) they change the pressure at the foci by {_rounding(run):.2%} "
+        "at most.",
         f"Phases and amplitudes of all {_transducers(run)}, face by face",
     )
     bodies = [obstacle.surface for obstacle in run.scene.obstacles]
@@ -157,7 +158,7 @@ def _pictures(run: Run) -> dict[str, Any]:
 
 
 def _rounding(run: Run) -> float:
-    """Largest relative change of the pressure at a focus that 256 levels make."""
+    """Largest relative change of the pressure at a focus that rounding to levels makes."""
     exact, rounded = (np.abs(run.transfer.pressure(drive))[: len(run.foci)] for drive in (run.drive, run.frame.drive()))
     return float(np.max(np.abs(rounded / exact - 1)))
 

@@ -39,6 +39,7 @@ from airtact.transducers.boards import poses_of_boards
 from airtact.transducers.calibration import load_calibration
 from airtact.transducers.element import Element, monopole, piston
 from airtact.transducers.layout import PhasedArray, board_array, flat_boards, surrounding_box
+from airtact.transducers.levels import Levels
 from airtact.transducers.placement import check_placement
 from airtact.transfer import Drive, TransferMatrix
 from airtact.validation import counted, file_fault
@@ -70,6 +71,7 @@ class Setup:
     accuracy : relative error that the file asks of it.
     method : name of the method that makes the drive.
     synthesise : that method.
+    levels : what the drive is rounded to.
     """
 
     path: Path
@@ -85,6 +87,7 @@ class Setup:
     accuracy: float
     method: str
     synthesise: Callable[[TransferMatrix, Target], Drive]
+    levels: Levels
 
     @property
     def frequency(self) -> float:
@@ -161,10 +164,8 @@ def _set_up(path: Path, text: str, file: SceneFile) -> Setup:
         method = file.drive.method
         if method not in METHODS:
             raise InvalidInput(f'"{method}" is not a method here; {nearest(method, METHODS)}', code="unknown_name")
-        if file.drive.levels != 256:
-            raise InvalidInput(
-                f"levels = {file.drive.levels}, but drives are written in 256 levels.", code="level_count"
-            )
+        count = file.drive.levels
+        levels = Levels.even(count, count) if isinstance(count, int) else Levels.even(count.amplitude, count.phase)
     return Setup(
         path=path,
         text=text,
@@ -179,6 +180,7 @@ def _set_up(path: Path, text: str, file: SceneFile) -> Setup:
         accuracy=file.solver.accuracy,
         method=method,
         synthesise=METHODS[method],
+        levels=levels,
     )
 
 

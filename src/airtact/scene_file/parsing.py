@@ -73,7 +73,7 @@ def _table(data: Any, table: type[AnyTable], path: str) -> AnyTable:
             listed = "list[" in str(field.type)
             if kinds and listed and isinstance(value, list):
                 value = [_table(item, kinds[0], f"{inner}[{index}]") for index, item in enumerate(value)]
-            elif kinds and not listed:
+            elif kinds and not listed and (isinstance(value, dict) or field.type is kinds[0]):
                 value = _table(value, kinds[0], inner)
             ready[field.name] = value
     return _converted(ready, table, path)

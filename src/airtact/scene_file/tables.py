@@ -309,11 +309,18 @@ class SolverTable(Table, frozen=True):
     accuracy: float = 0.01
 
 
+class LevelsTable(Table, frozen=True):
+    """How many levels of amplitude and of phase a drive is rounded to, 2 to 256 each."""
+
+    amplitude: int = 256
+    phase: int = 256
+
+
 class DriveTable(Table, frozen=True):
-    """How the drive is made from the transfer matrix, and in how many levels it is sent."""
+    """How the drive is made from the transfer matrix, and how many levels it is rounded to, 2 to 256."""
 
     method: str = "time_reversal"
-    levels: int = 256
+    levels: int | LevelsTable = 256
 
 
 class SceneFile(Table, frozen=True):

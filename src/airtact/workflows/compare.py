@@ -58,7 +58,7 @@ def compare(path: Path, folder: Path, report_step: Progress = no_progress, store
         drives, seconds, said = _all_drives(setup, transfer)
         bound = upper_bound(transfer, setup.target).worst
     _write_drives(folder / "drives", setup, transfer, beacons, drives)
-    emitted = {name: quantise(drive).drive() for name, drive in drives.items()}
+    emitted = {name: quantise(drive, setup.levels).drive() for name, drive in drives.items()}
     with clock.step("verify", f"judging {len(drives)} drives by a finer solution with all transducers as sources"):
         solver = stored(verification_solver(setup), store)
         field = radiate_drives(setup.scene, setup.array, list(emitted.values()), setup.target, solver)
@@ -104,7 +104,7 @@ def _write_drives(
     texts = {"scene": setup.text, "report": msgspec.json.encode(beacons).decode()}
     for name, drive in drives.items():
         file = folder / f"{name.replace(' ', '_')}.h5"
-        drive.save(file, setup.array, setup.scene, transfer, setup.target, texts=texts)
+        drive.save(file, setup.array, setup.scene, transfer, setup.target, setup.levels, texts)
 
 
 def _all_drives(setup: Setup, transfer: TransferMatrix) -> tuple[dict[str, Drive], dict[str, float], list[str]]:

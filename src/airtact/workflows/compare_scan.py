@@ -51,7 +51,7 @@ def compare_scan(
     Parameters
     ----------
     scan_file : a .csv file with the columns x, y, z [m] in the obstacles' frame, pressure and perhaps phase [rad].
-    scene_file : the scene file; its drive, rounded to 256 levels, is played.
+    scene_file : the scene file; its drive, rounded to its levels, is played.
     folder : where `FILES` go; made if it is not there.
     microphone : what the scan was measured with.
     report_step : called with each step as it begins.
@@ -69,7 +69,7 @@ def compare_scan(
         writable_folder(folder)
     transfer, _ = solve_foci(setup, clock)
     made, said = synthesise(setup.synthesise, transfer, setup.target)
-    drive = quantise(made).drive()
+    drive = quantise(made, setup.levels).drive()
     with clock.step("verify", "predicting by a finer solution with all transducers as sources"):
         field = verification_solver(setup).radiate(setup.scene, drive_sources(setup.array, [drive]))
     with clock.step("scan", f"listening at {len(scan.points)} positions"):

@@ -101,7 +101,7 @@ def _make_drive(setup: Setup, clock: Clock, store: Path | None) -> _Made:
     transfer, report = solve_foci(setup, clock, store)
     with clock.step("drive", f"making the drive by {setup.method.replace('_', ' ')}"):
         drive, said = synthesise(setup.synthesise, transfer, setup.target)
-    return _Made(report, transfer, drive, quantise(drive), said)
+    return _Made(report, transfer, drive, quantise(drive, setup.levels), said)
 
 
 def _write_drive(folder: Path, setup: Setup, made: _Made) -> None:
