@@ -1,5 +1,6 @@
 """Fields computed elsewhere: what interpolation keeps of them, and what is refused."""
 
+import sys
 from pathlib import Path
 
 import meshio
@@ -9,6 +10,7 @@ from scipy.spatial import Delaunay
 
 import airtact as at
 from benchmarks.accuracy import PAPER_AIR, one_each, relative
+from faults import raises_code
 
 SCENE = at.Scene(PAPER_AIR, [at.sound_hard(at.sphere(0.004, 0.002))])
 SOURCES = one_each(np.array([[0.0, 0.0, 0.006], [0.0, 0.007, 0.0]]))
@@ -81,6 +83,13 @@ def test_a_mesh_file_is_read_with_its_cells(tmp_path):
     sampled = at.load_samples(tmp_path / "ball.vtu", SCENE, SOURCES, "e^{-iωt}")
     assert sampled.report.settings["cells"] == "mesh"
     assert relative(sampled.at(INNER), EXACT.at(INNER)).max() < 0.01
+
+
+def test_a_mesh_file_without_its_extra_names_it(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "meshio", None)  # as Python imports what is not installed
+    (tmp_path / "ball.vtu").write_text("")
+    with raises_code("extra_not_installed", "ball.vtu", "airtact[formats]"):
+        at.load_samples(tmp_path / "ball.vtu", SCENE, SOURCES, "e^{-iωt}")
 
 
 def test_the_other_sign_of_time_is_refused(tmp_path):

@@ -293,8 +293,11 @@ def _read_vtu(
 ) -> tuple[
     Float64[np.ndarray, "nodes 3"], Complex128[np.ndarray, "nodes sounds"], Int64[np.ndarray, "tetrahedra 4"] | None
 ]:
-    import meshio
-
+    try:
+        import meshio  # an extra: few fields come as VTU files
+    except ImportError:
+        sentence = f"{path.name} holds 0 nodes that can be read without meshio: pip install 'airtact[formats]'."
+        raise InvalidInput(sentence, code="extra_not_installed") from None
     try:
         mesh = meshio.vtu.read(path)
     except OSError as fault:
