@@ -11,12 +11,7 @@ from jaxtyping import Float64, Real
 def closest_on_segments(
     points: Real[np.ndarray, "n 3"], starts: Real[np.ndarray, "n 3"], ends: Real[np.ndarray, "n 3"]
 ) -> Float64[np.ndarray, "n"]:
-    """Where on its segment each point is nearest: 0 at the start, 1 at the end.
-
-    Parameters
-    ----------
-    points, starts, ends : (N, 3) [m], one segment per point; 0 for a segment of no length.
-    """
+    """Where on its segment each point is nearest: 0 at the start, or for a segment of no length, and 1 at the end."""
     along = ends - starts
     length = np.einsum("ni,ni->n", along, along)
     share = np.einsum("ni,ni->n", points - starts, along)
@@ -27,10 +22,6 @@ def segment_distances(
     first: Real[np.ndarray, "n 2 3"], second: Real[np.ndarray, "n 2 3"]
 ) -> tuple[Float64[np.ndarray, "n"], Float64[np.ndarray, "n 3"], Float64[np.ndarray, "n 3"]]:
     """Distance of segments, pair by pair (Ericson, section 5.1.9).
-
-    Parameters
-    ----------
-    first, second : (N, 2, 3) start and end of each segment [m].
 
     Returns
     -------
@@ -54,11 +45,6 @@ def closest_on_triangles(
     points: Real[np.ndarray, "n 3"], corners: Real[np.ndarray, "n 3 3"]
 ) -> Float64[np.ndarray, "n 3"]:
     """Barycentric weights of the point of each triangle that is nearest to its point (Ericson, section 5.1.5).
-
-    Parameters
-    ----------
-    points : (N, 3) [m], one per triangle.
-    corners : (N, 3, 3) [m].
 
     Returns
     -------

@@ -1,8 +1,8 @@
-"""Curves triangles from their normals: where the true skin passes over the middles of their edges.
+"""Curves triangles from their normals: where the true surface passes over the middles of their edges.
 
-Every edge gets a tangent at either end. On smooth skin it is the edge laid into the tangent plane, whose normal is the
-mean of the triangles round that corner up to the next sharp edges, weighted by their angles; along a sharp edge that
-runs on smoothly it is the crease's own direction. The middle of the edge then moves as it does on a circular arc with
+Every edge gets a tangent at either end. On a smooth surface it is the edge laid into the tangent plane, whose normal is
+the mean of the triangles round that corner up to the next sharp edges, weighted by their angles; along a sharp edge
+that runs on smoothly it is its own direction. The middle of the edge then moves as it does on a circular arc with
 these tangents, so spheres and cylinders come out exactly round, flat faces stay flat and sharp edges sharp.
 
 Source of the weights: G. Thürmer, C. A. Wüthrich, "Computing vertex normals from polygonal facets", Journal of Graphics
@@ -14,7 +14,14 @@ from jaxtyping import Bool, Float64, Int, Int64, Real
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from airtact.mesh.quadratic_triangles import NODE_PLACES, QuadraticTriangles, edge_lengths, points_at
+from airtact.mesh.quadratic_triangles import (
+    NODE_PLACES,
+    QuadraticTriangles,
+    area_vectors,
+    edge_lengths,
+    points_at,
+    unit,
+)
 from airtact.mesh.topology import edge_twins
 
 SHARP_DEGREES = 75.0
@@ -36,21 +43,15 @@ def curved(
     """Curve the triangles of a closed mesh.
 
     A cap closes a body that was cut off, a hand at the wrist: triangles that look much the same way and have all their
-    vertices on the rim, where the skin turns by more than ``CAP_RIM`` degrees. Caps stay flat and their rims sharp.
-
-    Parameters
-    ----------
-    vertices : (V, 3) [m].
-    triangles : (T, 3) vertex indices.
-    sharp_degrees : edges whose triangles turn by more than this stay sharp.
+    vertices on the rim, where the surface turns by more than ``CAP_RIM`` degrees. Caps stay flat and their rims sharp.
 
     Returns
     -------
-    (T, 3, 3) points of the curved skin over the middles of edges 01, 12, 20 [m], and (T, 3) which edges are sharp.
+    (T, 3, 3) points of the curved surface over the middles of edges 01, 12, 20 [m], and (T, 3) which edges are sharp.
     """
     corners = np.asarray(vertices, dtype=np.float64)[triangles]
     twins = edge_twins(triangles)
-    flat = _unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    flat = unit(area_vectors(corners))
     turn = np.einsum("td,ted->te", flat, flat[twins // 3])
     bent = turn < np.cos(np.radians(min(CAP_RIM, sharp_degrees)))
     cap, rim = _caps(corners, triangles, twins, flat, bent)
@@ -81,7 +82,7 @@ def _rises(
     normals = _corner_normals(along, flat, triangles, twins, sharp)
     start, end = _laid(along, normals), _laid(along, np.roll(normals, -1, axis=1))
     if sharp.any():
-        leaving, arriving = _crease_tangents(along, triangles, sharp)
+        leaving, arriving = _ridge_tangents(along, triangles, sharp)
         start[sharp], end[sharp] = leaving[sharp], arriving[sharp]
     return length / 4 * (_half_tangent(start, along) - _half_tangent(end, along))
 
@@ -92,7 +93,7 @@ def _is_folded(
     """Whether a curved panel turns by more than 60 degrees from its flat triangle at any of its nodes."""
     corners = quadratic_triangles[:, :3]
     rise = np.abs(quadratic_triangles[:, 3:] - 0.5 * (corners + np.roll(corners, -1, axis=1))).max(axis=(1, 2))
-    twice_area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    twice_area = np.linalg.norm(area_vectors(corners), axis=1)
     folded = (
         rise * edge_lengths(quadratic_triangles).max(axis=1) > 0.05 * twice_area
     )  # far from it are those that rise little
@@ -118,10 +119,10 @@ def _caps(
     triangle, edge = np.nonzero(~bent)
     links = (np.ones(len(triangle), dtype=bool), (triangle, twins[triangle, edge] // 3))
     patch = connected_components(coo_array(links, shape=(len(triangles),) * 2), directed=False)[1].astype(np.int64)
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    area = np.linalg.norm(area_vectors(corners), axis=1)
     mean = np.stack([np.bincount(patch, weights=area * flat[:, axis]) for axis in range(3)], axis=1)
     evenness = np.ones(len(mean))
-    np.minimum.at(evenness, patch, np.einsum("td,td->t", _unit(mean)[patch], flat))
+    np.minimum.at(evenness, patch, np.einsum("td,td->t", unit(mean)[patch], flat))
     lowest, highest = np.full(int(triangles.max()) + 1, len(mean)), np.full(int(triangles.max()) + 1, -1)
     np.minimum.at(lowest, triangles, patch[:, None])
     np.maximum.at(highest, triangles, patch[:, None])
@@ -132,16 +133,11 @@ def _caps(
     return cap, outer & (cap[:, None] | cap[twins // 3])
 
 
-def _unit(vectors: Float64[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 3"]:
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
-
-
 def _laid(
     along: Float64[np.ndarray, "triangles 3 3"], normals: Float64[np.ndarray, "triangles 3 3"]
 ) -> Float64[np.ndarray, "triangles 3 3"]:
     """Lay unit edges into the tangent planes."""
-    return _unit(along - np.einsum("tei,tei->te", along, normals)[:, :, None] * normals)
+    return unit(along - np.einsum("tei,tei->te", along, normals)[:, :, None] * normals)
 
 
 def _half_tangent(
@@ -164,7 +160,7 @@ def _corner_normals(
     weighted = (angles[:, :, None] * flat[:, None, :]).reshape(-1, 3)
     sector = _sectors(triangles, twins, sharp)
     sums = np.stack([np.bincount(sector, weights=weighted[:, axis]) for axis in range(3)], axis=1)
-    return _unit(sums)[sector].reshape(-1, 3, 3)
+    return unit(sums)[sector].reshape(-1, 3, 3)
 
 
 def _sectors(
@@ -183,23 +179,23 @@ def _sectors(
     return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
-def _crease_tangents(
+def _ridge_tangents(
     along: Float64[np.ndarray, "triangles 3 3"],
     triangles: Int[np.ndarray, "triangles 3"],
     sharp: Bool[np.ndarray, "triangles 3"],
 ) -> tuple[Float64[np.ndarray, "triangles 3 3"], Float64[np.ndarray, "triangles 3 3"]]:
-    """Directions of a crease where its edges start and end: those of the edges themselves where it ends or forks."""
+    """Directions of sharp edges at their ends as parts of a line; their own where the line ends or forks."""
     triangle, edge = np.nonzero(sharp)
     start = triangles[triangle, edge]
     out = along[triangle, edge]
-    count = np.bincount(start, minlength=int(triangles.max()) + 1)  # each crease edge leaves either of its ends once
+    count = np.bincount(start, minlength=int(triangles.max()) + 1)  # each sharp edge leaves either of its ends once
     total = np.stack([np.bincount(start, weights=out[:, axis], minlength=len(count)) for axis in range(3)], axis=1)
     leaving, arriving = along.copy(), along.copy()
     through = (count == 2) & (np.linalg.norm(total, axis=1) < 2 * np.sin(np.radians(SHARP_DEGREES / 2)))
     # of two edges that leave a vertex, one and minus the other run the same way
     one = through[start]
-    leaving[triangle[one], edge[one]] = _unit(2 * out[one] - total[start[one]])
+    leaving[triangle[one], edge[one]] = unit(2 * out[one] - total[start[one]])
     finish = triangles[triangle, (edge + 1) % 3]
     last = through[finish]
-    arriving[triangle[last], edge[last]] = _unit(2 * out[last] + total[finish[last]])
+    arriving[triangle[last], edge[last]] = unit(2 * out[last] + total[finish[last]])
     return leaving, arriving

@@ -1,4 +1,4 @@
-"""Splits the long edges of curved triangles, so that a coarse mesh gets vertices on its curved skin."""
+"""Splits the long edges of curved triangles, so that a coarse mesh gets vertices on its curved surface."""
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
@@ -23,14 +23,7 @@ def with_short_edges(
     sharp: Bool[np.ndarray, "panels 3"],
     longest: float,
 ) -> tuple[Float64[np.ndarray, "pieces 6 3"], Int64[np.ndarray, "pieces 3"], Bool[np.ndarray, "pieces 3"]]:
-    """Halve edges until none is longer than a length.
-
-    Parameters
-    ----------
-    quadratic_triangles : (T, 6, 3) panels of a closed mesh, neighbours sharing corners and middles [m].
-    triangles : (T, 3) vertex indices.
-    sharp : (T, 3) which of the edges 01, 12, 20 are sharp.
-    longest : longest straight edge left [m].
+    """Halve edges of a closed mesh until no straight one is longer than ``longest`` [m].
 
     Returns
     -------
@@ -53,7 +46,7 @@ def _split_once(
     edge = np.minimum(own, edge_twins(triangles))  # a name that both triangles have for it
     names = np.unique(edge[long])
     middle = int(triangles.max()) + 1 + np.searchsorted(names, edge)
-    panels, indices, creases = (
+    panels, indices, ridges = (
         [quadratic_triangles[~long.any(axis=1)]],
         [triangles[~long.any(axis=1)]],
         [sharp[~long.any(axis=1)]],
@@ -65,15 +58,15 @@ def _split_once(
             if (count == 3 and turn) or not len(chosen):
                 continue
             order = (np.arange(3) + turn) % 3  # the first split edge comes first
-            places = np.concatenate([_CORNERS[order], _MIDDLES[order]])
+            references = np.concatenate([_CORNERS[order], _MIDDLES[order]])
             vertices = np.concatenate([triangles[chosen][:, order], middle[chosen][:, order]], axis=1)
             bent = np.concatenate([sharp[chosen][:, order], np.zeros((len(chosen), 1), dtype=bool)], axis=1)
             for part in parts:
-                shape = shape_functions(with_middles(places[part][None])[0])
+                shape = shape_functions(with_middles(references[part][None])[0])
                 panels.append(np.einsum("na,tad->tnd", shape, quadratic_triangles[chosen]))
                 indices.append(vertices[:, part])
-                creases.append(bent[:, [_edge_between(part[i], part[(i + 1) % 3]) for i in range(3)]])
-    return np.concatenate(panels), np.concatenate(indices), np.concatenate(creases)
+                ridges.append(bent[:, [_edge_between(part[i], part[(i + 1) % 3]) for i in range(3)]])
+    return np.concatenate(panels), np.concatenate(indices), np.concatenate(ridges)
 
 
 def _edge_between(start: int, end: int) -> int:

@@ -1,4 +1,4 @@
-"""Where triangles cross or touch: our own triangle-triangle test over a tree, on plain arrays.
+"""Where triangles cross or touch, by a triangle-triangle test over a tree, on plain arrays.
 
 Two triangles meet when an edge of one pierces the other or comes within a tolerance of it. Neighbours in a mesh share a
 corner or an edge, and meet there by right; they cross only where they meet beyond it: a ray from the shared corner
@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float64, Int, Int64, Real
 from scipy.spatial import KDTree
 
 from airtact.mesh.mesh_distance import segment_to_triangle
+from airtact.mesh.quadratic_triangles import area_vectors
 
 CLOSE = 1e-9
 """Triangles nearer than this share of the whole extent touch."""
@@ -21,13 +22,7 @@ _EDGES = ([0, 1], [1, 2], [2, 0])
 def self_crossings(
     corners: Real[np.ndarray, "triangles 3 3"], triangles: Int[np.ndarray, "triangles 3"]
 ) -> Int64[np.ndarray, "crossings 2"]:
-    """Find pairs of triangles of one mesh that cross or touch beyond what they share; in ascending order.
-
-    Parameters
-    ----------
-    corners : (T, 3, 3) [m].
-    triangles : (T, 3) vertex indices, which tell who shares what.
-    """
+    """Find pairs of triangles of one mesh that cross or touch beyond what they share; in ascending order."""
     tolerance = CLOSE * float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     pairs = _pairs_within(corners, tolerance)
     same = _same_corners(triangles, pairs)
@@ -56,16 +51,7 @@ def _same_corners(
 def crossings_between(
     first: Real[np.ndarray, "some 3 3"], second: Real[np.ndarray, "others 3 3"]
 ) -> Int64[np.ndarray, "crossings 2"]:
-    """Find pairs of triangles of two meshes that cross or touch.
-
-    Parameters
-    ----------
-    first, second : corners of the triangles (T, 3, 3) and (U, 3, 3) [m].
-
-    Returns
-    -------
-    (K, 2) index in the first mesh and in the second.
-    """
+    """Find pairs of triangles of two meshes that cross or touch: (K, 2) index in the first and in the second."""
     tolerance = CLOSE * float(np.ptp(np.concatenate([first, second]).reshape(-1, 3), axis=0).max())
     pairs = _pairs_between(first, second, tolerance)
     nothing = np.zeros((len(pairs), 3), dtype=bool)
@@ -79,13 +65,7 @@ def crossings_between(
 def segment_triangle_distances(
     segments: Real[np.ndarray, "n 2 3"], corners: Real[np.ndarray, "n 3 3"]
 ) -> Float64[np.ndarray, "n"]:
-    """Distance of segment and triangle, pair by pair [m]; 0 where the segment pierces the triangle.
-
-    Parameters
-    ----------
-    segments : (N, 2, 3) [m].
-    corners : (N, 3, 3) [m].
-    """
+    """Distance of segment and triangle, pair by pair [m]; 0 where the segment pierces the triangle."""
     distance = segment_to_triangle(segments, corners)[0]
     distance[_pierces(segments, corners)] = 0.0
     return distance
@@ -97,7 +77,7 @@ def _pierces(segments: Real[np.ndarray, "n 2 3"], corners: Real[np.ndarray, "n 3
     straddles = height[:, 0] * height[:, 1] < 0.0
     share = np.divide(height[:, 0], height[:, 0] - height[:, 1], out=np.zeros(len(height)), where=straddles)
     hit = segments[:, 0] + share[:, None] * (segments[:, 1] - segments[:, 0])
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = area_vectors(corners)
     inside = straddles
     for one, two in _EDGES:
         side = np.cross(corners[:, two] - corners[:, one], hit - corners[:, one])
@@ -107,7 +87,7 @@ def _pierces(segments: Real[np.ndarray, "n 2 3"], corners: Real[np.ndarray, "n 3
 
 def _heights(points: Real[np.ndarray, "n some 3"], corners: Real[np.ndarray, "n 3 3"]) -> Float64[np.ndarray, "n some"]:
     """Signed distance of points from the plane of each triangle [m]."""
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = area_vectors(corners)
     normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
     return np.einsum("npi,ni->np", points - corners[:, :1], normal)
 
@@ -120,7 +100,7 @@ def _parted(
     tolerance: float,
 ) -> Bool[np.ndarray, "pairs"]:
     """Whether all corners of the first triangle that are not shared lie on one side of the second's plane."""
-    normals = np.cross(second[:, 1] - second[:, 0], second[:, 2] - second[:, 0])
+    normals = area_vectors(second)
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     offsets = np.einsum("ti,ti->t", normals, second[:, 0])
     here, there = pairs.T

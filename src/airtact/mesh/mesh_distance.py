@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 from airtact.mesh.closest_point import closest_on_triangles, segment_distances
 
 _EDGES = ([0, 1], [1, 2], [2, 0])
-_TRIED = 64  # pairs of boxes, the nearest ones, of which a triangle each is measured before they are halved
+_TRIED = 64  # pairs of boxes, the nearest ones, of which one triangle each is measured before they are halved
 _PASS = 4096  # pairs of triangles that are measured at a time
 
 ROUNDING = 1e-9
@@ -23,36 +23,17 @@ AllNearest = tuple[Float64[np.ndarray, "n"], Float64[np.ndarray, "n 3"], Float64
 
 
 def segment_to_triangle(segments: Real[np.ndarray, "n 2 3"], corners: Real[np.ndarray, "n 3 3"]) -> AllNearest:
-    """Distance of a segment and a triangle that do not pierce each other, pair by pair, and where it is taken.
-
-    Parameters
-    ----------
-    segments : (N, 2, 3) start and end [m].
-    corners : (N, 3, 3) [m].
-
-    Returns
-    -------
-    (N,) distances [m] and the (N, 3) nearest points of the segment and of the triangle [m].
-    """
+    """Distance of segments and triangles that do not pierce each other, pair by pair, with the nearest points."""
     found = [segment_distances(segments, corners[:, edge]) for edge in _EDGES]
     for end in (0, 1):
         points = np.asarray(segments[:, end], dtype=np.float64)
-        feet = np.einsum("nk,nki->ni", closest_on_triangles(points, corners), corners)
-        found.append((np.linalg.norm(points - feet, axis=1), points, feet))
+        nearest = np.einsum("nk,nki->ni", closest_on_triangles(points, corners), corners)
+        found.append((np.linalg.norm(points - nearest, axis=1), points, nearest))
     return _least(found)
 
 
 def triangle_to_triangle(first: Real[np.ndarray, "n 3 3"], second: Real[np.ndarray, "n 3 3"]) -> AllNearest:
-    """Distance of two triangles that do not cross, pair by pair, and where it is taken.
-
-    Parameters
-    ----------
-    first, second : (N, 3, 3) [m].
-
-    Returns
-    -------
-    (N,) distances [m] and the (N, 3) nearest points of the first and of the second triangle [m].
-    """
+    """Distance of two triangles that do not cross, pair by pair, with the nearest points of both."""
     found = [segment_to_triangle(first[:, edge], second) for edge in _EDGES]
     back = [segment_to_triangle(second[:, edge], first) for edge in _EDGES]
     return _least(found + [(distance, there, here) for distance, here, there in back])
@@ -75,10 +56,7 @@ def nearest_between(
     triangles known by then are left out: once with few pairs, which shows roughly where and in which direction, then
     with all and with boxes along that direction, which fit closest where it matters.
 
-    Parameters
-    ----------
-    first, second : corners of the triangles (T, 3, 3) and (U, 3, 3) [m].
-    within : only distances below this are looked for [m].
+    Only distances below ``within`` [m] are looked for.
 
     Returns
     -------
@@ -101,7 +79,7 @@ def _descended(
     first: Real[np.ndarray, "some 3 3"],
     second: Real[np.ndarray, "others 3 3"],
     known: Nearest | None,
-    kept: int | None,
+    most: int | None,
 ) -> Nearest:
     """Halve boxes down to triangles, keeping at most so many pairs of them, the nearest; None keeps all."""
     here, there = _halvings(first), _halvings(second)
@@ -112,7 +90,7 @@ def _descended(
         if level:
             pairs = _halved(pairs, level < len(here), level < len(there))
         gaps = _gaps(one.low[pairs[:, 0]], one.high[pairs[:, 0]], two.low[pairs[:, 1]], two.high[pairs[:, 1]])
-        order = np.argsort(gaps)[: np.count_nonzero(gaps < best[0] * (1.0 - ROUNDING))][:kept]
+        order = np.argsort(gaps)[: np.count_nonzero(gaps < best[0] * (1.0 - ROUNDING))][:most]
         pairs, gaps = pairs[order], gaps[order]
         tried = pairs[:_TRIED]
         best = _better(best, first[one.member[tried[:, 0]]], second[two.member[tried[:, 1]]])

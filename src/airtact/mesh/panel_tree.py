@@ -1,4 +1,4 @@
-"""Curved panels in a tree, to be asked which of them is closest."""
+"""Curved panels in a tree of boxes that finds the closest one."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from airtact.mesh.quadratic_triangles import QuadraticTriangles
 
 @dataclass(frozen=True, eq=False)
 class PanelTree:
-    """Curved panels in a binary tree of boxes, to be asked for the closest one.
+    """Curved panels in a binary tree of boxes.
 
     Attributes
     ----------
@@ -30,12 +30,12 @@ class PanelTree:
     ) -> tuple[Int64[np.ndarray, "points"], Float64[np.ndarray, "points 2"], Float64[np.ndarray, "points"]]:
         """Find for points (P, 3) [m] the closest panel, its reference coordinates there, and how far it is [m]."""
         points = np.ascontiguousarray(points, dtype=np.float64)
-        panel, foot = np.zeros(len(points), dtype=np.int64), np.empty((len(points), 2))
+        panel, reference = np.zeros(len(points), dtype=np.int64), np.empty((len(points), 2))
         distance = np.empty(len(points))
         _kernels.closest_on_panels(
-            points, self.quadratic_triangles, self.order, self.lower, self.upper, panel, foot, distance
+            points, self.quadratic_triangles, self.order, self.lower, self.upper, panel, reference, distance
         )
-        return panel, foot, distance
+        return panel, reference, distance
 
 
 def panel_tree(quadratic_triangles: QuadraticTriangles) -> PanelTree:
@@ -58,7 +58,7 @@ def panel_tree(quadratic_triangles: QuadraticTriangles) -> PanelTree:
 
 
 def _morton(points: Float64[np.ndarray, "points 3"]) -> Int64[np.ndarray, "points"]:
-    """Place of points on a Z-order curve through their box (G. M. Morton, IBM report, 1966)."""
+    """Count points along a Z-order curve through their box (G. M. Morton, IBM report, 1966)."""
     low = points.min(axis=0)
     cell = np.max(points.max(axis=0) - low) / (2**20 - 1)
     grid = ((points - low) / (cell if cell > 0 else 1)).astype(np.int64)

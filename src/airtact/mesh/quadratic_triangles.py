@@ -1,4 +1,4 @@
-"""Curved six-node panels, on plain arrays: their shape, their pieces, their area and what they enclose.
+"""Curved quadratic (six-node) panels, on plain arrays: their shape, their pieces, their area and what they enclose.
 
 A panel is a quadratic triangle: corners 0, 1, 2 and the mid-edge points of its edges 01, 12, 20.
 """
@@ -35,18 +35,26 @@ def points_at(
 ) -> tuple[Float64[np.ndarray, "panels 3"], Float64[np.ndarray, "panels 3"]]:
     """One point of each panel, and the outward normal there, as long as twice the panel's area is round it.
 
-    Parameters
-    ----------
-    quadratic_triangles : (T, 6, 3) the panels [m].
-    references : (T, 2) reference coordinates of the point of each.
+    ``references`` are the reference coordinates of the point of each panel (T, 2).
     """
-    along_u, along_v = (np.einsum("tn,tnd->td", slope, quadratic_triangles) for slope in shape_gradients(references))
+    along_u, along_v = (np.einsum("tn,tnd->td", some, quadratic_triangles) for some in shape_gradients(references))
     return np.einsum("tn,tnd->td", shape_functions(references), quadratic_triangles), np.cross(along_u, along_v)
 
 
 def with_middles(corners: Float64[np.ndarray, "triangles 3 axes"]) -> Float64[np.ndarray, "triangles 6 axes"]:
     """Add the middles of edges 01, 12, 20 to the corners of straight triangles."""
     return np.concatenate([corners, 0.5 * (corners + np.roll(corners, -1, axis=1))], axis=1)
+
+
+def area_vectors(corners: Real[np.ndarray, "triangles 3 3"]) -> Float64[np.ndarray, "triangles 3"]:
+    """Outward normal of each flat triangle, as long as twice its area [m²]."""
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
+def unit(vectors: Float64[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 3"]:
+    """Divide vectors by their lengths; those of no length stay zero."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
 
 def edge_lengths(quadratic_triangles: QuadraticTriangles) -> Float64[np.ndarray, "panels 3"]:
@@ -112,8 +120,8 @@ def gauss_square(points: int) -> tuple[Float64[np.ndarray, "points 2"], Float64[
 def enclosed_volume(quadratic_triangles: QuadraticTriangles) -> float:
     """Volume inside closed panels [m³], exact for the quadratic surface."""
     references, weights = gauss_square(3)
-    places = shape_functions(references) @ (quadratic_triangles - quadratic_triangles.mean(axis=(0, 1)))
-    return float(weights @ np.einsum("tqd,tqd->q", places, _normals(quadratic_triangles, references)) / 3)
+    points = shape_functions(references) @ (quadratic_triangles - quadratic_triangles.mean(axis=(0, 1)))
+    return float(weights @ np.einsum("tqd,tqd->q", points, _normals(quadratic_triangles, references)) / 3)
 
 
 def panel_areas(quadratic_triangles: QuadraticTriangles) -> Float64[np.ndarray, "panels"]:
@@ -126,5 +134,5 @@ def _normals(
     quadratic_triangles: QuadraticTriangles, references: Real[np.ndarray, "points 2"]
 ) -> Float64[np.ndarray, "panels points 3"]:
     """Outward normals of all panels at the same reference points, as long as twice the panel's area is round them."""
-    along_u, along_v = (slopes @ quadratic_triangles for slopes in shape_gradients(references))
+    along_u, along_v = (some @ quadratic_triangles for some in shape_gradients(references))
     return np.cross(along_u, along_v)

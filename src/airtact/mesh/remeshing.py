@@ -1,4 +1,4 @@
-"""New triangles of a wanted size for a closed mesh, by MMG, its sharp edges kept.
+"""New triangles of a wanted size for a closed mesh, by MMG, with its sharp edges.
 
 Source: C. Dapogny, C. Dobrzynski, P. Frey, "Three-dimensional adaptive domain remeshing, implicit domain meshing, and
 applications to free and moving boundary problems", J. Comput. Phys. 262, 358 (2014); MMG's surface remesher.
@@ -19,13 +19,13 @@ ENOUGH = 0.9
 """Share of the wanted number of triangles that will do."""
 
 FLATTEST = 0.15
-"""Distance of a straight triangle from the curved skin, over the edge wanted, that MMG takes for too large."""
+"""Distance of a straight triangle from the curved surface, over the edge wanted, that MMG takes for too large."""
 
 FINE = 0.25
 """Mean edge over the edge wanted of a mesh that is coarsened out first."""
 
 ROUGH = 0.06
-"""Distance of the coarsened mesh from its skin, over the edge wanted: about the roughness of a scan."""
+"""Distance of the coarsened mesh from its surface, over the edge wanted: about the roughness of a scan."""
 
 GRADING = 1.5
 """Ratio of neighbouring edges at most."""
@@ -51,7 +51,7 @@ class RidgedMesh:
 
 
 def coarsened(mesh: RidgedMesh, edge: float) -> RidgedMesh:
-    """Thin out a mesh far finer than an edge [m], or MMG takes the roughness of a scan for bends of the skin.
+    """Coarsen a mesh of edges far shorter than ``edge`` [m], or MMG takes the roughness of a scan for bends.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def remeshed(mesh: RidgedMesh, sizes: Real[np.ndarray, "vertices"], edge: float,
 
     Returns
     -------
-    A mesh near the curved skin of the surface.
+    A mesh near the curved surface.
 
     Raises
     ------
@@ -110,13 +110,15 @@ def _meshed(surface: RidgedMesh, sizes: Real[np.ndarray, "vertices"], edge: floa
     except RuntimeError as fault:
         raise InvalidInput(
             f"the surface of {len(triangles)} triangles cannot be meshed anew with an edge of {1e3 * edge:.3g} mm "
-            f"({fault}); repair it, or give a mesh with fewer slivers."
+            f"({fault}); repair it, or give a mesh with fewer slivers.",
+            code="not_meshable",
         ) from fault
     found = np.asarray(mesh.get_triangles(), dtype=np.int64)
     if len(found) < 4 or edge_twins(found).min() < 0:
         raise InvalidInput(
             f"the surface of {len(triangles)} triangles does not stay closed when it is meshed anew with an edge of "
-            f"{1e3 * edge:.3g} mm; repair it, or ask for a shorter edge."
+            f"{1e3 * edge:.3g} mm; repair it, or ask for a shorter edge.",
+            code="not_meshable",
         )
     ridges = np.asarray(mesh.get_edges(), dtype=np.int64).reshape(-1, 2)
     return RidgedMesh(np.array(mesh.get_vertices()) * edge, found, ridges)

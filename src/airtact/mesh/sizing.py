@@ -1,4 +1,4 @@
-"""How small panels must be where the skin bends tightly or runs in a narrow strip."""
+"""How small panels must be where the surface bends tightly or runs in a narrow strip."""
 
 import numpy as np
 from jaxtyping import Float64, Int64, Real
@@ -6,6 +6,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
+from airtact.mesh.quadratic_triangles import area_vectors, unit
 from airtact.mesh.topology import edge_twins
 
 TIGHT_TURN, WIDE_TURN = 1.0, 1.4
@@ -15,7 +16,7 @@ WIDE = 0.3
 """Radius of a wide bend over the largest size."""
 
 LEAST, MOST = np.cos(np.radians([75.0, 150.0]))
-"""Cosines of the angles between two triangles that tell how the skin bends: less may be a kink, more another side."""
+"""Cosines of the angles between triangles that show how the surface bends: less may be a kink, more another side."""
 
 AWRY = 0.35
 """How far the line between two triangles may lie off the chord of an arc that is tangent to both, as a sine."""
@@ -33,38 +34,32 @@ def bend_sizes(
     ridges: Int64[np.ndarray, "ridges 2"],
     largest: float,
 ) -> Float64[np.ndarray, "vertices"]:
-    """Longest edge at each vertex of a closed mesh along which the skin turns by one radian or little more.
+    """Longest edge at each vertex of a closed mesh along which the surface turns by one radian or little more.
 
     Two triangles on the same side of all sharp edges, less than ``largest`` apart, that look in directions at least 75
-    degrees apart, and lie as if on one arc, tell the radius of that arc.
-
-    Parameters
-    ----------
-    vertices : (V, 3) [m].
-    triangles : (T, 3) vertex indices.
-    ridges : (K, 2) ends of the sharp edges.
-    largest : sizes above are not told [m].
+    degrees apart, and lie as if on one arc, show the radius of that arc.
+    ``ridges`` are the ends of the sharp edges, ``largest`` [m] is the largest size returned.
     """
     corners = vertices[triangles]
     centres = corners.mean(axis=1)
-    normals = _unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    normals = unit(area_vectors(corners))
     patch = _patches(triangles, ridges)
     size = np.full(len(triangles), largest)
     # over this chord an arc turns by 75 degrees whose radius asks for the largest size
     reach = 2 * np.sin(np.radians(75.0) / 2) / WIDE_TURN * largest
     one, other = KDTree(centres).query_pairs(reach, output_type="ndarray").T
     cosine = np.einsum("pd,pd->p", normals[one], normals[other])
-    kept = (cosine < LEAST) & (cosine > MOST) & (patch[one] == patch[other])
-    one, other, cosine = one[kept], other[kept], cosine[kept]
+    bent = (cosine < LEAST) & (cosine > MOST) & (patch[one] == patch[other])
+    one, other, cosine = one[bent], other[bent], cosine[bent]
     chord = centres[other] - centres[one]
     distance = np.linalg.norm(chord, axis=1)
     half = np.sqrt(0.5 * (1 - cosine))  # sine of half the angle
     here, there = (np.einsum("pd,pd->p", chord, normals[end]) / distance for end in (one, other))
     arc = (np.abs(here + there) < AWRY) & (np.abs(np.abs(here - there) / 2 - half) < AWRY)
     radius = distance[arc] / (2 * half[arc])
-    told = radius * (TIGHT_TURN + (WIDE_TURN - TIGHT_TURN) * np.minimum(1.0, radius / (WIDE * largest)))
-    np.minimum.at(size, one[arc], told)
-    np.minimum.at(size, other[arc], told)
+    fitting = radius * (TIGHT_TURN + (WIDE_TURN - TIGHT_TURN) * np.minimum(1.0, radius / (WIDE * largest)))
+    np.minimum.at(size, one[arc], fitting)
+    np.minimum.at(size, other[arc], fitting)
     sizes = np.full(len(vertices), largest)
     np.minimum.at(sizes, triangles, size[:, None])
     return sizes
@@ -85,14 +80,7 @@ def _patches(
 def strip_sizes(
     vertices: Real[np.ndarray, "vertices 3"], ridges: Int64[np.ndarray, "ridges 2"], largest: float
 ) -> Float64[np.ndarray, "vertices"]:
-    """Longest edge at each vertex that suits the narrow strip to the next sharp edge across from it.
-
-    Parameters
-    ----------
-    vertices : (V, 3) [m].
-    ridges : (K, 2) ends of the sharp edges.
-    largest : sizes above are not told [m].
-    """
+    """Longest edge, at most ``largest``, at each vertex that suits the narrow strip to the next sharp edge [m]."""
     width = np.full(len(vertices), largest / STRIP)
     if not len(ridges):
         return STRIP * width
@@ -101,7 +89,7 @@ def strip_sizes(
     samples = (ends[:, :1] + share[:, None] * (ends[:, 1:] - ends[:, :1])).reshape(-1, 3)
     tree = KDTree(samples)
     for start, finish in (ridges.T, ridges.T[::-1]):
-        along = _unit(vertices[finish] - vertices[start])
+        along = unit(vertices[finish] - vertices[start])
         row, sample = _flattened(tree.query_ball_point(vertices[start], largest / STRIP))
         gap = samples[sample] - vertices[start][row]
         distance = np.linalg.norm(gap, axis=1)
@@ -117,8 +105,3 @@ def _flattened(lists: np.ndarray) -> tuple[Int64[np.ndarray, "pairs"], Int64[np.
     return np.repeat(np.arange(len(lists)), counts), np.concatenate(
         [np.asarray(part, dtype=np.int64) for part in lists]
     )
-
-
-def _unit(vectors: Float64[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 3"]:
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)

@@ -1,9 +1,9 @@
 """Where a closed mesh is thinner than a length: where a ball of that diameter, laid against it inside, comes through.
 
-The thickness at a point of the skin is the diameter of the largest ball inside that touches the skin there, as far as
-skin bounds it that looks the other way: skins of a wedge meet by right. A triangle moved inwards by half a length holds
-the centres of the balls of that diameter that touch it; where another triangle is nearer to it than half the length,
-the body is thinner.
+The thickness at a point of the surface is the diameter of the largest ball inside that touches the surface there, as
+far as surface bounds it that looks the other way: the sides of a wedge may meet. A triangle moved inwards by half a
+length holds the centres of the balls of that diameter that touch it; where another triangle is nearer to it than half
+the length, the body is thinner.
 """
 
 from collections.abc import Callable
@@ -16,17 +16,18 @@ from scipy.spatial import KDTree
 
 from airtact.mesh.closest_point import closest_on_triangles
 from airtact.mesh.mesh_distance import triangle_to_triangle
+from airtact.mesh.quadratic_triangles import area_vectors
 
 Depth = Callable[[Float64[np.ndarray, "points 3"]], Float64[np.ndarray, "points"]]
 """How deep points (P, 3) [m] lie in a body (P,) [m]."""
 
 WEDGE_DEGREES = 20.0
-"""Skins bound a thickness where they are nearer to parallel than this."""
+"""Surfaces bound a thickness where they are nearer to parallel than this."""
 
 _SMALL = 0.5  # share of the length: smaller triangles are touched in their centres only
 _CELL = 0.3  # edge, over the length, of cells in which one of the small triangles that look the same way will do
 _CENTRE = 1e-3  # what is left there of their size
-_SIDE = np.array([0.48, 0.6, 0.64])  # balls are laid against that of two skins which looks this way
+_SIDE = np.array([0.48, 0.6, 0.64])  # balls are laid against that of two surfaces which looks this way
 _LEANING = np.sin(np.radians(WEDGE_DEGREES))
 _DIRECTIONS = np.array([way for way in product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
 _DIRECTIONS /= np.linalg.norm(_DIRECTIONS, axis=1, keepdims=True)
@@ -48,10 +49,10 @@ def thin_position(
     Parameters
     ----------
     corners : (T, 3, 3) [m].
-    triangles : (T, 3) vertex indices, which tell who shares a corner.
+    triangles : (T, 3) vertex indices, which show who shares a corner.
     depth : how deep points (P, 3) [m] lie in the body (P,) [m].
-    thinnest : the length [m]; thin places narrower than a third of it may be missed.
-    short : thin places count where the body is not thick enough anywhere within this distance [m]: 0 for all, more to
+    thinnest : the length [m]; thin parts narrower than a third of it may be missed.
+    short : thin parts count where the body is not thick enough anywhere within this distance [m]: 0 for all, more to
         let bumps and ribs pass that are no higher than it.
 
     Returns
@@ -59,7 +60,7 @@ def thin_position(
     How thick the mesh is [m] about where it is thinnest, and the point (3,) in the middle of it there [m]; None when it
     is nowhere thinner.
     """
-    area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = area_vectors(corners)
     twice = np.linalg.norm(area, axis=1)
     normals = area / twice[:, None]
     out = corners - corners.mean(axis=1, keepdims=True)
@@ -95,10 +96,10 @@ def _thinnest_ball(
     """Find the smallest ball below a length that lies inside between two triangles of a pair: diameter and centre."""
     _, here, there = triangle_to_triangle(touched, bounding)
     ways = [(here, touched.mean(axis=1)), (there, bounding.mean(axis=1))]
-    places = np.concatenate([start + share * (end - start) for start, end in ways for share in _SHARES])
+    points = np.concatenate([start + share * (end - start) for start, end in ways for share in _SHARES])
     which = np.tile(np.arange(len(touched)), len(ways) * len(_SHARES))
     touched, bounding, outward = touched[which], bounding[which], outward[which]
-    touch = _closest(places, touched)
+    touch = _closest(points, touched)
     way = touch - _closest(touch - 0.5 * thinnest * outward, bounding)
     square, height = (way**2).sum(axis=1), np.einsum("ni,ni->n", way, outward)
     diameter = np.divide(square, height, out=np.where(square > 0.0, np.inf, 0.0), where=height > 0.0)
@@ -179,13 +180,13 @@ def _opposite(
 
 
 def _groups(
-    places: Float64[np.ndarray, "triangles 6"],
+    points: Float64[np.ndarray, "triangles 6"],
     chosen: Bool[np.ndarray, "triangles"],
     level: Int64[np.ndarray, "triangles"],
     reach: Float64[np.ndarray, "triangles"],
 ) -> list[_Group]:
     parts = [np.flatnonzero(chosen & (level == one)) for one in np.unique(level[chosen])]
-    return [_Group(part, float(reach[part].max()), KDTree(places[part], balanced_tree=False)) for part in parts]
+    return [_Group(part, float(reach[part].max()), KDTree(points[part], balanced_tree=False)) for part in parts]
 
 
 def _first_in_cells(

@@ -1,8 +1,8 @@
 """What fills the narrow air between two bodies, as a closed mesh that reaches a little into both.
 
-The filling is where the distances to the two bodies add up to at most a width and their skins face each other: a crease
-in which they meet at a wide angle stays as it is. Its skin is found on a grid of cubes, refined only there, each cut
-into six tetrahedra in which everything is linear.
+The filling is where the distances to the two bodies add up to at most a width and their surfaces face each other: a
+furrow in which they meet at a wide angle stays as it is. Its surface is found on a grid of cubes, refined only there,
+each cut into six tetrahedra in which everything is linear.
 
 Source: A. Doi, A. Koide, "An efficient method of triangulating equi-valued surfaces by using tetrahedral cells",
 IEICE Trans. E74, 214 (1991).
@@ -32,8 +32,8 @@ REACH = 0.6
 """How far the filling reaches into the bodies, over the width."""
 
 FACING = 0.9
-"""Length of the sum of two outward normals from which on nothing is filled: 0 where skins face each other, 1.41 at a
-right angle. From a third of it on the width is less and less."""
+"""Length of the sum of two outward normals from which on nothing is filled: 0 where surfaces face each other, 1.41 at
+a right angle. From a third of it on the width is less and less."""
 
 FEWEST = 8.0
 """About how many of the largest cubes the region is long."""
@@ -102,7 +102,7 @@ def filling(what: Filling, radius: float = 0.0) -> FlatMesh | None:
     level, out = _levels(what, grid)
     if not (level < 0.0).any():
         return None
-    return _skin(grid, level) if radius == 0.0 else balls(grid.places[(level < 0.0) & (out > -edge)], radius)
+    return _mesh(grid, level) if radius == 0.0 else balls(grid.points[(level < 0.0) & (out > -edge)], radius)
 
 
 def balls(centres: Float64[np.ndarray, "points 3"], radius: float) -> FlatMesh:
@@ -114,7 +114,7 @@ def balls(centres: Float64[np.ndarray, "points 3"], radius: float) -> FlatMesh:
         for axis in np.eye(3, dtype=np.int64):
             cubes = np.unique(np.concatenate([cubes - axis, cubes, cubes + axis]), axis=0)
     grid = _grid(cubes, low, edge)
-    return _skin(grid, _snapped(KDTree(centres).query(grid.places)[0] - radius, edge))
+    return _mesh(grid, _snapped(KDTree(centres).query(grid.points)[0] - radius, edge))
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,14 +124,14 @@ class _Grid:
     Attributes
     ----------
     edge : of the cubes [m].
-    places : (P, 3) corners of the cubes [m].
+    points : (P, 3) corners of the cubes [m].
     keys : (P,) their numbers, ascending, which differ by a stride along each axis.
     strides : (3,) these strides.
-    corners : (C, 8) which places each cube has.
+    corners : (C, 8) which points each cube has.
     """
 
     edge: float
-    places: Float64[np.ndarray, "points 3"]
+    points: Float64[np.ndarray, "points 3"]
     keys: Int64[np.ndarray, "points"]
     strides: Int64[np.ndarray, "3"]
     corners: Int64[np.ndarray, "cubes 8"]
@@ -141,13 +141,13 @@ def _grid(cubes: Int64[np.ndarray, "cubes 3"], low: Float64[np.ndarray, "3"], ed
     corners = cubes[:, None] + _BITS
     strides = np.array([1, *np.cumprod(corners.max(axis=(0, 1))[:2] + 2)])
     keys, inverse = np.unique(corners @ strides, return_inverse=True)
-    places = np.empty((len(keys), 3))
-    places[inverse.ravel()] = low + edge * corners.reshape(-1, 3)
-    return _Grid(edge, places, keys, strides, inverse.reshape(-1, 8))
+    points = np.empty((len(keys), 3))
+    points[inverse.ravel()] = low + edge * corners.reshape(-1, 3)
+    return _Grid(edge, points, keys, strides, inverse.reshape(-1, 8))
 
 
 def _cubes(what: Filling, edge: float) -> Int64[np.ndarray, "cubes 3"]:
-    """Cubes of the grid, counted from the box's corner, which the skin of the filling may pass."""
+    """Cubes of the grid, counted from the box's corner, which the surface of the filling may pass."""
     size = edge * 2.0 ** max(0, round(np.log2((what.high - what.low).max() / (FEWEST * edge))))
     counts = np.maximum(np.ceil((what.high - what.low) / size).astype(np.int64), 1)
     cubes = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=3).reshape(-1, 3)
@@ -158,7 +158,9 @@ def _cubes(what: Filling, edge: float) -> Int64[np.ndarray, "cubes 3"]:
         if len(cubes) > MOST:
             raise InvalidInput(
                 f"the bodies run so close over so large an area that filling in between takes more than {MOST:g} cubes "
-                f"of {size * 1e3:.3g} mm; move them apart, or make one body of them before."
+                f"of {size * 1e3:.3g} mm; move them apart, or make one body of them before.",
+                0.5 * (what.low + what.high),
+                code="too_many_cubes",
             )
         if size <= edge * 1.5:
             return cubes
@@ -166,14 +168,14 @@ def _cubes(what: Filling, edge: float) -> Int64[np.ndarray, "cubes 3"]:
 
 
 def _levels(what: Filling, grid: _Grid) -> tuple[Float64[np.ndarray, "points"], Float64[np.ndarray, "points"]]:
-    """Say what is negative in the filling, and how far out of both bodies the corners of the cubes are [m]."""
-    one, two = what.distances(grid.places)
+    """Find what is negative in the filling, and how far out of both bodies the corners of the cubes are [m]."""
+    one, two = what.distances(grid.points)
     total, out = one + two, np.minimum(one, two)
     around = grid.keys[:, None] + grid.strides * np.array([1, -1])[:, None, None]
     found = np.minimum(np.searchsorted(grid.keys, around), len(grid.keys) - 1)
     ahead, behind = total[found]
-    slope = np.linalg.norm(ahead - behind, axis=1) / (2.0 * grid.edge)
-    facing = np.clip(1.5 * (1.0 - slope / FACING), -1.0, 1.0)  # below zero the filling keeps off a crease
+    steepness = np.linalg.norm(ahead - behind, axis=1) / (2.0 * grid.edge)
+    facing = np.clip(1.5 * (1.0 - steepness / FACING), -1.0, 1.0)  # below zero the filling keeps off a furrow
     facing[(grid.keys[found] != around).any(axis=(0, 2))] = -1.0  # all around what is filled there are cubes
     return _snapped(np.maximum(total - what.width * facing, -out - what.reach), grid.edge), out
 
@@ -182,7 +184,7 @@ def _snapped(level: Float64[np.ndarray, "points"], edge: float) -> Float64[np.nd
     return np.where(level < 0.0, np.minimum(level, -SNAP * edge), np.maximum(level, SNAP * edge))
 
 
-def _skin(grid: _Grid, level: Float64[np.ndarray, "points"]) -> FlatMesh:
+def _mesh(grid: _Grid, level: Float64[np.ndarray, "points"]) -> FlatMesh:
     """FlatMesh where the level passes zero."""
     tetrahedra = grid.corners[:, _TETRAHEDRA].reshape(-1, 4)
     pattern = (level[tetrahedra] < 0.0) @ np.array([1, 2, 4, 8])
@@ -193,7 +195,7 @@ def _skin(grid: _Grid, level: Float64[np.ndarray, "points"]) -> FlatMesh:
     edges, triangles = np.unique(both, return_inverse=True)
     here, there = np.divmod(edges, len(level))
     share = (level[here] / (level[here] - level[there]))[:, None]
-    return grid.places[here] * (1.0 - share) + grid.places[there] * share, triangles.reshape(-1, 3).astype(np.int64)
+    return grid.points[here] * (1.0 - share) + grid.points[there] * share, triangles.reshape(-1, 3).astype(np.int64)
 
 
 def _tetrahedra() -> Int64[np.ndarray, "6 4"]:

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
-from airtact.mesh.quadratic_triangles import QuadraticTriangles, cut, enclosed_volume, longest_edges, points_at
+from airtact.mesh.quadratic_triangles import QuadraticTriangles, cut, enclosed_volume, longest_edges, points_at, unit
 from airtact.mesh.remeshing import RidgedMesh, coarsened, remeshed
 from airtact.mesh.sizing import bend_sizes, strip_sizes
 from airtact.surfaces.quadratic_mesh import QuadraticMesh
@@ -66,7 +66,6 @@ def covered(mesh: QuadraticMesh, edge: float) -> QuadraticTriangles:
     raise fault or InvalidInput(
         f"panels with an edge of {1e3 * edge:.3g} mm, and of {2e3 * shorter:.3g} mm, do not enclose the "
         f"{1e6 * mesh.volume:.4g} cm³ of the surface to {100 * VOLUME_OFF:g} %; it is too rough or thin somewhere.",
-        mesh.vertices[mesh.triangles[0, 0]],
         code="not_meshable",
     )
 
@@ -130,6 +129,6 @@ def _bending(panels: QuadraticTriangles) -> Float64[np.ndarray, "panels"]:
     normals = []
     for corner in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)):
         _, normal = points_at(panels, np.broadcast_to(corner, (len(panels), 2)))
-        normals.append(normal / np.linalg.norm(normal, axis=1, keepdims=True))
+        normals.append(unit(normal))
     cosine = np.min([np.einsum("td,td->t", normals[i], normals[i - 1]) for i in range(3)], axis=0)
     return np.arccos(np.clip(cosine, -1.0, 1.0))

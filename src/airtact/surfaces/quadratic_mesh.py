@@ -19,6 +19,7 @@ from airtact.mesh.quadratic_triangles import (
     panel_areas,
     points_at,
     shape_functions,
+    unit,
     with_middles,
 )
 from airtact.mesh.remeshing import RidgedMesh
@@ -114,9 +115,9 @@ class QuadraticMesh:
             here, following, before = nodes[:, corner], (corner + 1) % 3, (corner + 2) % 3
             out = 4 * nodes[:, 3 + corner] - 3 * here - nodes[:, following]
             back = 4 * nodes[:, 3 + before] - 3 * here - nodes[:, before]
-            cosine = np.einsum("td,td->t", _unit(out), _unit(back))
+            cosine = np.einsum("td,td->t", unit(out), unit(back))
             angle = np.arccos(np.clip(cosine, -1.0, 1.0))
-            np.add.at(total, self.triangles[:, corner], angle[:, None] * _unit(normal))
+            np.add.at(total, self.triangles[:, corner], angle[:, None] * unit(normal))
         return total
 
     def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
@@ -146,12 +147,12 @@ class QuadraticMesh:
     ) -> Float64[np.ndarray, "points 3"]:
         """Sum of the unit normals of the two panels at a point of their edge."""
         rows = np.arange(len(panel))
-        total = _unit(points_at(self.quadratic_triangles[panel], weights[:, 1:])[1])
+        total = unit(points_at(self.quadratic_triangles[panel], weights[:, 1:])[1])
         other, across = np.divmod(self._twins[panel, edge], 3)
         mirrored = np.zeros_like(weights)
         mirrored[rows, across] = weights[rows, (edge + 1) % 3]
         mirrored[rows, (across + 1) % 3] = weights[rows, edge]
-        return total + _unit(points_at(self.quadratic_triangles[other], mirrored[:, 1:])[1])
+        return total + unit(points_at(self.quadratic_triangles[other], mirrored[:, 1:])[1])
 
     def project(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
         """Nearest points of the surface (P, 3) [m] to points (P, 3) [m]."""
@@ -220,7 +221,7 @@ class QuadraticMesh:
         normals = np.stack(
             [points_at(panels, np.broadcast_to(node, (len(panels), 2)))[1] for node in NODE_PLACES], axis=1
         )
-        return panels + rise[:, :, None] * _unit(normals)
+        return panels + rise[:, :, None] * unit(normals)
 
     @cached_property
     def area(self) -> float:
@@ -239,7 +240,3 @@ def _along_ridge(
     """Quadratics of start, middle and end of an edge at a share of it, and their derivatives."""
     shape = np.stack([(1 - share) * (1 - 2 * share), 4 * share * (1 - share), share * (2 * share - 1)], axis=-1)
     return shape, np.stack([4 * share - 3, 4 - 8 * share, 4 * share - 1], axis=-1)
-
-
-def _unit(vectors: Float64[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 3"]:
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)

@@ -194,13 +194,13 @@ def _middles(
     allowed = np.minimum(2.0 * AWAY, FLAT * np.minimum(height, height.ravel()[twins // 3])).ravel()
     once = np.flatnonzero(np.arange(twins.size) < twins.ravel())
     middles = ((corners + 0.5 * along).reshape(-1, 3))[once]
-    skin, nearest = middles.copy(), allowed[once]
+    placed, nearest = middles.copy(), allowed[once]
     for body in bodies:
         depth = np.abs(body.depth(middles))
         near = np.flatnonzero(depth < nearest)
-        skin[near], nearest[near] = body.shape.project(middles[near]), depth[near]
+        placed[near], nearest[near] = body.shape.project(middles[near]), depth[near]
     result = np.empty((twins.size, 3))
-    result[once] = result[twins.ravel()[once]] = skin
+    result[once] = result[twins.ravel()[once]] = placed
     return result.reshape(-1, 3, 3)
 
 

@@ -1,4 +1,4 @@
-"""Cracks of no width to speak of, on plain arrays.
+"""Cracks a few micrometres wide, on plain arrays.
 
 On one side of such a crack lie other vertices than on the other: each a few micrometres from its partner, or with no
 partner at all on an edge of the other side (a T-junction).
@@ -39,12 +39,12 @@ def without_cracks(
         split.extend(on.tolist())
         triangles = _split(vertices, triangles, edges, on)
     if split:
-        lies = counted(
+        lay = counted(
             len(split),
             "vertex lay on an edge of a neighbour, which was",
             "vertices lay on edges of neighbours, which were",
         )
-        notes.append(f"{lies} split there to close the crack, the first near {in_mm(vertices[split[0]])}.")
+        notes.append(f"{lay} split there to close the crack, the first near {in_mm(vertices[split[0]])}.")
     return triangles
 
 
@@ -123,13 +123,13 @@ def _split(
     edges: Int64[np.ndarray, "found"],
     on: Int64[np.ndarray, "found"],
 ) -> Int64[np.ndarray, "more 3"]:
-    """Put a fan from the opposite corner in the place of each triangle whose edge is split."""
+    """Replace each triangle whose edge is split by a fan from the opposite corner."""
     fans = []
     for part in np.split(np.arange(len(edges)), _starts(edges)[1:]):
         triangle, edge = divmod(int(edges[part[0]]), 3)
         start, end, apex = np.roll(triangles[triangle], -edge)
         chain = np.r_[start, on[part], end]
         fans.append(np.stack([chain[:-1], chain[1:], np.full(len(chain) - 1, apex)], axis=1))
-    kept = np.ones(len(triangles), dtype=bool)
-    kept[edges // 3] = False
-    return np.concatenate([triangles[kept], *fans])
+    whole = np.ones(len(triangles), dtype=bool)
+    whole[edges // 3] = False
+    return np.concatenate([triangles[whole], *fans])

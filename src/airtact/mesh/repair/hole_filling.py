@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 LENGTH_WEIGHT = 0.05
-"""What an edge as long as the hole is wide weighs, in radians: among patches alike, the one of short edges is taken."""
+"""What an edge as long as the hole is wide weighs, in radians: of patches alike, the one of short edges is taken."""
 THIN_WEIGHT = 100.0
 """What a triangle without area weighs, in radians: it is taken only where there is nothing else."""
 THINNEST = 1e-3
@@ -24,7 +24,7 @@ def patch(
     edges: Int64[np.ndarray, "edges"],
     count: int,
 ) -> Int64[np.ndarray, "filling 3"] | None:
-    """Triangulate the rim of a hole over its own vertices; None where every way would use an edge of the mesh again.
+    """Triangulate the rim of a hole over its own vertices; None if every way uses an edge of the mesh again.
 
     Parameters
     ----------

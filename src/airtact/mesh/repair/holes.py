@@ -13,6 +13,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.distance import pdist
 
 from airtact.conventions import InvalidInput
+from airtact.mesh.quadratic_triangles import area_vectors
 from airtact.mesh.repair.hole_filling import patch
 from airtact.mesh.topology import cone_volumes, edge_keys, edge_twins, shells
 from airtact.validation import counted, in_mm
@@ -186,7 +187,7 @@ def _missing(
 
 def _normals(corners: Float64[np.ndarray, "triangles 3 3"]) -> Float64[np.ndarray, "triangles 3"]:
     """Find unit normals; zero for triangles without area."""
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = area_vectors(corners)
     return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
 
 
