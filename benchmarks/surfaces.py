@@ -1,7 +1,7 @@
 """How well any surface is solved: every figure of scanned, drawn and damaged meshes, measured anew.
 
-Run ``PYTHONPATH=.:tests python benchmarks/surfaces.py [figure ...]``; ``hand`` and ``damaged`` take minutes. Truth is
-fundamental solutions inside an ellipsoid, or the same body with finer panels.
+Run ``PYTHONPATH=.:tests python benchmarks/surfaces.py [figure ...]``; ``hand`` and ``damaged`` take minutes. The reference is
+fundamental solutions inside an ellipsoid, or the same body with smaller panels.
 """
 
 import sys
@@ -57,7 +57,7 @@ def scanned_error(axes: np.ndarray, gap: float, level: int, noise: float) -> tup
     return float(relative(field.at(points), true).max()), seconds[0], min(seconds[1:]), field.report.nodes
 
 
-def against_finer(dimensions: tuple[float, float, float], positions: np.ndarray) -> tuple[float, float, float]:
+def against_smaller_panels(dimensions: tuple[float, float, float], positions: np.ndarray) -> tuple[float, float, float]:
     """Worst error of a box at 1 % against 0.0005, relative error of its volume, smallest angle of its panels."""
     box = trimesh.creation.box(dimensions)
     scene = scene_of(np.array(box.vertices), np.array(box.faces))
@@ -82,10 +82,10 @@ def scanned_figures() -> Iterator[str]:
 
 def box_figures() -> Iterator[str]:
     beside = np.array([[0, 0, 9.5], [3, 5, 9.5], [9.5, 9, 2], [20, 10, 3], [10, 10, 10], [0, 0, 30]]) * 1e-3
-    error, volume, angle = against_finer((0.015, 0.015, 0.015), beside)
+    error, volume, angle = against_smaller_panels((0.015, 0.015, 0.015), beside)
     yield f"cube of 15 mm: {100 * error:.2f} %, volume {100 * volume:.1g} % off, smallest angle {angle:.0f} degrees"
     before = np.array([[0, 0, 2], [3, 5, 1], [10.5, 4, 1], [0, 0, 10], [10, 0, 10], [0, 0, 30]]) * 1e-3
-    error, volume, angle = against_finer((0.02, 0.02, 0.0006), before)
+    error, volume, angle = against_smaller_panels((0.02, 0.02, 0.0006), before)
     off = f"volume {100 * volume:.1g} % off, smallest angle {angle:.0f} degrees"
     yield f"plate 20 x 20 x 0.6 mm: {100 * error:.2f} %, {off}"
 
@@ -94,7 +94,7 @@ def hand_figures() -> Iterator[str]:
     import tomllib
 
     points = [focus["point"] for focus in tomllib.loads(OPEN_HAND.read_text())["foci"]][:5]
-    beacons, heard = one_each(np.array(points)), np.array([0.01, -0.02, 0.0]) + 0.25 * directions(200, 3)
+    beacons, points_above = one_each(np.array(points)), np.array([0.01, -0.02, 0.0]) + 0.25 * directions(200, 3)
     air = at.air(celsius=20.0, humidity=0.5, frequency=FREQUENCY)
     found = []
     for asked in (0.03, 0.003):
@@ -102,11 +102,11 @@ def hand_figures() -> Iterator[str]:
         scene = at.Scene(air, [at.sound_hard(at.load_surface(HAND))], frequency=FREQUENCY)
         began = time.perf_counter()
         field = at.BoundaryElement(accuracy=asked).radiate(scene, beacons)
-        found.append((field.at(heard), field.report, time.perf_counter() - began, peak() - held))
-    (coarse, report, seconds, memory), (fine, finer, _, _) = found
+        found.append((field.at(points_above), field.report, time.perf_counter() - began, peak() - held))
+    (coarse, report, seconds, memory), (fine, verified, _, _) = found
     yield (
         f"open hand at 3 %, five fingertips: {100 * relative(coarse, fine).max():.1f} % from the solve at "
-        f"{finer.nodes / report.nodes:.2f} times the nodes ({report.nodes}, {finer.nodes}); estimated "
+        f"{verified.nodes / report.nodes:.2f} times the nodes ({report.nodes}, {verified.nodes}); estimated "
         f"{100 * report.estimated_error:.1f} %; {seconds:.0f} s, {memory / 1e9:.1f} GB; panels "
         f"up to {1e3 * report.farthest_off_triangles:.1f} mm off the file, {1e3 * report.mean_off_triangles:.2f} mm in "
         "the mean"
@@ -146,14 +146,14 @@ def angle_figures() -> Iterator[str]:
 
 
 def damaged_figures(count: int = 500) -> Iterator[str]:
-    outcome = {"repairs": 0, "refused": 0}
+    outcome = {"repairs": 0, "rejected": 0}
     wrong, worst = [], 0.0
     for seed in range(count):
         name, whole, broken = damaged(np.random.default_rng(seed))
         try:
             with_fault = scene_of(*_repaired(broken))
         except at.InvalidInput:
-            outcome["refused"] += 1
+            outcome["rejected"] += 1
             continue
         outcome["repairs"] += 1
         error = _difference(scene_of(*_repaired(whole)), with_fault)
@@ -172,9 +172,9 @@ def _repaired(mesh: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarr
 
 
 def _difference(one: at.Scene, other: at.Scene) -> float:
-    """Relative difference of two scenes' sound, of sources off the body, where an array would be.
+    """Relative difference of two scenes' pressures, of sources off the body, where an array would be.
 
-    Large bodies are heard at a lower frequency, at which they are 60 square wavelengths large.
+    Large bodies are solved at a lower frequency, at which they are 60 square wavelengths large.
     """
     surface = one.obstacles[0].surface
     skin = surface.vertices

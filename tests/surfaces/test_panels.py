@@ -1,4 +1,4 @@
-"""Curved panels: sizes follow what is asked, shapes keep their skin, volume and edges, also those from meshes."""
+"""Curved panels: sizes follow what is asked, shapes keep their surface, volume and edges, also those from meshes."""
 
 import numpy as np
 import pytest
@@ -70,7 +70,7 @@ def test_a_round_mesh_becomes_round(level):
 
 
 def test_panels_of_a_rough_scan_lie_in_its_middle_and_are_as_few():
-    """20 micrometres of noise on 80,000 triangles neither moves the skin nor asks for more panels."""
+    """20 micrometres of noise on 80,000 triangles neither moves the surface nor asks for more panels."""
     mesh = trimesh.creation.icosphere(6, radius=0.01)
     noise = 2e-5 * np.random.default_rng(1).standard_normal((len(mesh.vertices), 1))
     rough = at.Surface(np.array(mesh.vertices) * (1 + noise / 0.01), np.array(mesh.faces))
@@ -137,7 +137,7 @@ def test_panels_of_a_mesh_are_finer_beside_a_point():
     assert len(panels.quadratic_triangles) < 1.5 * len(ball.panelled(5e-3).quadratic_triangles)
 
 
-def test_deviation_is_the_distance_from_the_true_skin():
+def test_deviation_is_the_distance_from_the_true_surface():
     coarse, fine = (at.sphere(0.008, 0.004).panelled(edge) for edge in (6e-3, 2e-3))
     assert 1e-6 < coarse.deviation.max() < 5e-5
     assert fine.deviation.max() < 0.1 * coarse.deviation.max()

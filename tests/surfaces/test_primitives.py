@@ -71,7 +71,7 @@ def test_area_and_volume_come_from_the_closed_forms_at_fourth_order(length):
         assert np.polyfit(edges, np.log(errors), 1)[0] > 3.8
 
 
-def test_depth_is_the_distance_to_the_skin(rng):
+def test_depth_is_the_distance_to_the_surface(rng):
     start, end, radius = np.array([0.01, 0.0, 0.02]), np.array([0.01, 0.03, 0.06]), 0.008
     body = capsule(start, end, radius, 0.003)
     along = (end - start) / 0.05
@@ -102,7 +102,7 @@ def test_a_sphere_is_a_capsule_without_length():
     assert capsule((0.1, 0.2, 0.3), (0.1, 0.2, 0.3), 0.01, 0.004).triangles.shape == ball.triangles.shape
 
 
-def test_projecting_goes_straight_to_the_skin(rng):
+def test_projecting_goes_straight_to_the_surface(rng):
     shape = Capsule(0.008, 0.04, Pose.turn((1, 1, 0), 0.5, (0.1, 0.0, 0.0)))
     points = shape.pose.translation + rng.normal(scale=0.02, size=(200, 3))
     skin = shape.project(points)

@@ -22,7 +22,7 @@ from airtact.mesh.quadratic_triangles import (
     points_at,
     unit,
 )
-from airtact.mesh.topology import edge_twins
+from airtact.mesh.topology import Twins, edge_twins
 
 SHARP_DEGREES = 75.0
 """Edges whose two triangles turn by more than this stay sharp."""
@@ -71,7 +71,7 @@ def curved(
 def _rises(
     corners: Float64[np.ndarray, "triangles 3 3"],
     triangles: Int[np.ndarray, "triangles 3"],
-    twins: Int64[np.ndarray, "triangles 3"],
+    twins: Twins,
     flat: Float64[np.ndarray, "triangles 3"],
     sharp: Bool[np.ndarray, "triangles 3"],
 ) -> Float64[np.ndarray, "triangles 3 3"]:
@@ -109,7 +109,7 @@ def _is_folded(
 def _caps(
     corners: Float64[np.ndarray, "triangles 3 3"],
     triangles: Int[np.ndarray, "triangles 3"],
-    twins: Int64[np.ndarray, "triangles 3"],
+    twins: Twins,
     flat: Float64[np.ndarray, "triangles 3"],
     bent: Bool[np.ndarray, "triangles 3"],
 ) -> tuple[Bool[np.ndarray, "triangles"], Bool[np.ndarray, "triangles 3"]]:
@@ -152,7 +152,7 @@ def _corner_normals(
     along: Float64[np.ndarray, "triangles 3 3"],
     flat: Float64[np.ndarray, "triangles 3"],
     triangles: Int[np.ndarray, "triangles 3"],
-    twins: Int64[np.ndarray, "triangles 3"],
+    twins: Twins,
     sharp: Bool[np.ndarray, "triangles 3"],
 ) -> Float64[np.ndarray, "triangles 3 3"]:
     """Average the normals round each vertex, as far as no sharp edge parts them: one for each corner."""
@@ -164,9 +164,7 @@ def _corner_normals(
 
 
 def _sectors(
-    triangles: Int[np.ndarray, "triangles 3"],
-    twins: Int64[np.ndarray, "triangles 3"],
-    sharp: Bool[np.ndarray, "triangles 3"],
+    triangles: Int[np.ndarray, "triangles 3"], twins: Twins, sharp: Bool[np.ndarray, "triangles 3"]
 ) -> Int64[np.ndarray, "corners"]:
     """Label the corners of triangles (3 t + c) that share a vertex with no sharp edge between them."""
     if not sharp.any():

@@ -190,9 +190,7 @@ def _boxes_overlap(
     return overlap
 
 
-def size_groups(
-    corners: Real[np.ndarray, "triangles 3 3"],
-) -> tuple[tuple[Int64[np.ndarray, "_"], KDTree, float], ...]:
+def size_groups(corners: Real[np.ndarray, "triangles 3 3"]) -> tuple[tuple[Int64[np.ndarray, "_"], KDTree, float], ...]:
     """Sort triangles by size, a factor of two in each group, so that one large one does not widen every search.
 
     Returns

@@ -76,10 +76,7 @@ def nearest_between(
 
 
 def _descended(
-    first: Real[np.ndarray, "some 3 3"],
-    second: Real[np.ndarray, "others 3 3"],
-    known: Nearest | None,
-    most: int | None,
+    first: Real[np.ndarray, "some 3 3"], second: Real[np.ndarray, "others 3 3"], known: Nearest | None, most: int | None
 ) -> Nearest:
     """Halve boxes down to triangles, keeping at most so many pairs of them, the nearest; None keeps all."""
     here, there = _halvings(first), _halvings(second)

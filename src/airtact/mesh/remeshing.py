@@ -7,10 +7,10 @@ applications to free and moving boundary problems", J. Comput. Phys. 262, 358 (2
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64, Int64, Real
+from jaxtyping import Int64, Real
 
 from airtact.conventions import InvalidInput
-from airtact.mesh.topology import edge_twins
+from airtact.mesh.topology import Triangles, Vertices, edge_twins
 
 STRETCHES = (1.4, 1.2, 1.0, 0.85)
 """Longest edge asked for over the edge of the equilateral triangle wanted, tried until there are enough triangles."""
@@ -45,8 +45,8 @@ class RidgedMesh:
     ridges : (K, 2) ends of the sharp edges.
     """
 
-    vertices: Float64[np.ndarray, "vertices 3"]
-    triangles: Int64[np.ndarray, "triangles 3"]
+    vertices: Vertices
+    triangles: Triangles
     ridges: Int64[np.ndarray, "ridges 2"]
 
 
@@ -67,16 +67,8 @@ def coarsened(mesh: RidgedMesh, edge: float) -> RidgedMesh:
 def remeshed(mesh: RidgedMesh, sizes: Real[np.ndarray, "vertices"], edge: float, wanted: float) -> RidgedMesh:
     """Mesh a closed surface anew with triangles about as large as equilateral ones of a given edge.
 
-    Parameters
-    ----------
-    mesh : the surface.
-    sizes : (V,) longest edge allowed at each vertex, beside what ``edge`` asks for [m].
-    edge : edge of the equilateral triangle wanted [m].
-    wanted : number of triangles that the area asks for.
-
-    Returns
-    -------
-    A mesh near the curved surface.
+    ``sizes`` (V,) are the longest edges allowed at each vertex beside what ``edge`` asks for [m], ``wanted`` is the
+    number of triangles that the area asks for. The result is near the curved surface, not on it.
 
     Raises
     ------

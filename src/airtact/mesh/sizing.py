@@ -7,7 +7,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from airtact.mesh.quadratic_triangles import area_vectors, unit
-from airtact.mesh.topology import edge_twins
+from airtact.mesh.topology import Triangles, edge_twins
 
 TIGHT_TURN, WIDE_TURN = 1.0, 1.4
 """Angles that tight and wide bends may turn by along an edge [rad]: MMG's own tolerance sees wide ones too."""
@@ -30,7 +30,7 @@ PIECES = 8
 
 def bend_sizes(
     vertices: Real[np.ndarray, "vertices 3"],
-    triangles: Int64[np.ndarray, "triangles 3"],
+    triangles: Triangles,
     ridges: Int64[np.ndarray, "ridges 2"],
     largest: float,
 ) -> Float64[np.ndarray, "vertices"]:
@@ -65,9 +65,7 @@ def bend_sizes(
     return sizes
 
 
-def _patches(
-    triangles: Int64[np.ndarray, "triangles 3"], ridges: Int64[np.ndarray, "ridges 2"]
-) -> Int64[np.ndarray, "triangles"]:
+def _patches(triangles: Triangles, ridges: Int64[np.ndarray, "ridges 2"]) -> Int64[np.ndarray, "triangles"]:
     """Label the triangles that hang together across edges that are not sharp."""
     count = int(triangles.max()) + 1
     ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2), axis=2)

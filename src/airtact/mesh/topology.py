@@ -8,6 +8,13 @@ from scipy.sparse.csgraph import connected_components
 from airtact.conventions import InvalidInput
 from airtact.validation import counted, in_mm
 
+Vertices = Float64[np.ndarray, "vertices 3"]
+"""(V, 3) [m]."""
+Triangles = Int64[np.ndarray, "triangles 3"]
+"""(T, 3) vertex indices."""
+Twins = Int64[np.ndarray, "triangles 3"]
+"""(T, 3) what ``edge_twins`` finds."""
+
 THINNEST = 1e-6
 """A triangle whose height is below this share of its longest edge counts as degenerate."""
 LARGEST = 2.0
@@ -16,7 +23,7 @@ SMALLEST = 0.5e-3
 """Smallest extent of a body [m]."""
 
 
-def edge_twins(triangles: Int[np.ndarray, "triangles 3"]) -> Int64[np.ndarray, "triangles 3"]:
+def edge_twins(triangles: Int[np.ndarray, "triangles 3"]) -> Twins:
     """Find for each directed edge (01, 12, 20) its opposite.
 
     Returns
@@ -40,7 +47,7 @@ def edge_twins(triangles: Int[np.ndarray, "triangles 3"]) -> Int64[np.ndarray, "
     return twins.reshape(-1, 3)
 
 
-def edge_keys(triangles: Int[np.ndarray, "triangles 3"]) -> Int64[np.ndarray, "triangles 3"]:
+def edge_keys(triangles: Int[np.ndarray, "triangles 3"]) -> Triangles:
     """Give the edges 01, 12, 20 of each triangle a number, low * count + high, that is alike in both directions."""
     start = triangles.astype(np.int64)
     end = np.roll(start, -1, axis=1)
@@ -48,9 +55,7 @@ def edge_keys(triangles: Int[np.ndarray, "triangles 3"]) -> Int64[np.ndarray, "t
     return np.minimum(start, end) * count + np.maximum(start, end)
 
 
-def shells(
-    triangles: Int[np.ndarray, "triangles 3"], twins: Int64[np.ndarray, "triangles 3"] | None = None
-) -> Int64[np.ndarray, "triangles"]:
+def shells(triangles: Int[np.ndarray, "triangles 3"], twins: Twins | None = None) -> Int64[np.ndarray, "triangles"]:
     """Label the connected pieces of a closed mesh (T,), in the order of their first triangles.
 
     Parameters
@@ -116,9 +121,7 @@ def check_not_degenerate(vertices: Real[np.ndarray, "vertices 3"], triangles: In
         )
 
 
-def check_closed(
-    vertices: Real[np.ndarray, "vertices 3"], triangles: Int[np.ndarray, "triangles 3"]
-) -> Int64[np.ndarray, "triangles 3"]:
+def check_closed(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[np.ndarray, "triangles 3"]) -> Twins:
     """Find the ``edge_twins`` of a closed, consistently oriented mesh.
 
     Raises
@@ -145,9 +148,7 @@ def check_closed(
 
 
 def check_orientation(
-    vertices: Real[np.ndarray, "vertices 3"],
-    triangles: Int[np.ndarray, "triangles 3"],
-    twins: Int64[np.ndarray, "triangles 3"] | None = None,
+    vertices: Real[np.ndarray, "vertices 3"], triangles: Int[np.ndarray, "triangles 3"], twins: Twins | None = None
 ) -> None:
     """Raise ``InvalidInput`` for closed pieces whose normals look inward: how many enclose no volume above zero."""
     corners = vertices[triangles]

@@ -7,12 +7,4 @@ from airtact.surfaces.shape import Shape
 from airtact.surfaces.surface import Surface
 from airtact.surfaces.union import merged
 
-__all__ = [
-    "Panels",
-    "Shape",
-    "Surface",
-    "capsule",
-    "load_surface",
-    "merged",
-    "sphere",
-]
+__all__ = ["Panels", "Shape", "Surface", "capsule", "load_surface", "merged", "sphere"]

@@ -87,10 +87,7 @@ def check_not_thin(surface: Surface, thinnest: float = THINNEST) -> None:
     The thickness at a point of the surface is the diameter of the largest ball inside that touches the surface there
     and reaches surface which looks the other way, to 20 degrees. Bumps, ribs and necks shorter than the length pass.
 
-    Parameters
-    ----------
-    surface : the body.
-    thinnest : the length [m]; a tenth less passes, for meshes that are rough, or coarse on round bodies.
+    A tenth less passes, for meshes that are rough, or coarse on round bodies.
 
     Raises
     ------
@@ -108,13 +105,9 @@ def check_not_thin(surface: Surface, thinnest: float = THINNEST) -> None:
 
 
 def thin_part(surface: Surface, thinnest: float, short: float) -> tuple[float, Float64[np.ndarray, "3"]] | None:
-    """Find where a body is thinner than a length, as ``check_not_thin`` says: how thin it is [m], and where (3,) [m].
+    """Find where a body is thinner than a length, as in ``check_not_thin``: how thin it is [m], and where (3,) [m].
 
-    Parameters
-    ----------
-    surface : the body.
-    thinnest : the length [m].
-    short : thin parts count where the body is nowhere thick enough within this distance [m].
+    Thin parts count where the body is nowhere thick enough within the distance ``short`` [m].
     """
     known = surface.shape.thinnest
     if known > 0.0:
@@ -148,10 +141,8 @@ class Approach:
 def check_apart(surfaces: Sequence[Surface]) -> None:
     """Check that no bodies overlap, touch or come nearer than ``NEAREST``.
 
-    Parameters
-    ----------
-    surfaces : the bodies; two capsules are measured exactly, a capsule and a mesh by the mesh's triangles, two
-        meshes by their triangles and by which lies in the other.
+    Two capsules are measured exactly, a capsule and a mesh by the mesh's triangles, two meshes by their triangles and
+    by which lies in the other.
 
     Raises
     ------

@@ -19,10 +19,7 @@ SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".gltf")
 
 
 def load_surface(
-    path: str | Path,
-    scale: float = 1.0,
-    largest_hole: float = 2e-3,
-    sharp_degrees: float = SHARP_DEGREES,
+    path: str | Path, scale: float = 1.0, largest_hole: float = 2e-3, sharp_degrees: float = SHARP_DEGREES
 ) -> Surface:
     """Read a closed surface from a file, and repair what is damaged.
 

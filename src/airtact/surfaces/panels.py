@@ -53,11 +53,7 @@ class Panels:
 
 
 def panels_of(
-    shapes: Sequence[Shape],
-    edge: float,
-    near: Real[np.ndarray, "points 3"],
-    smallest: float,
-    bend: float = BEND,
+    shapes: Sequence[Shape], edge: float, near: Real[np.ndarray, "points 3"], smallest: float, bend: float = BEND
 ) -> Panels:
     """Panels of some bodies, smaller beside some points and where bodies come close.
 

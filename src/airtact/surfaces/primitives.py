@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from jaxtyping import Float64, Int64, Real
+from jaxtyping import Float64, Real
 
 from airtact.conventions import InvalidInput, Vector
 from airtact.mesh.quadratic_triangles import QuadraticTriangles, enclosed_volume, with_middles
 from airtact.mesh.remeshing import RidgedMesh
-from airtact.mesh.topology import check_size
+from airtact.mesh.topology import Triangles, Vertices, check_size
 from airtact.pose import Pose
 from airtact.printing import in_short
 from airtact.surfaces.shape import BEND, FlatMesh, Shape
@@ -172,9 +172,7 @@ class Capsule(Shape):
             code="edge_too_short",
         )
 
-    def _surface(
-        self, vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"]
-    ) -> Surface:
+    def _surface(self, vertices: Vertices, triangles: Triangles) -> Surface:
         corners = vertices[triangles]
         middles = ((corners + np.roll(corners, -1, axis=1)) / 2.0).reshape(-1, 3)
         midpoints = Capsule(self.radius, self.length, Pose.identity()).project(middles).reshape(-1, 3, 3)
@@ -242,9 +240,7 @@ def turn_from_z(direction: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3
     return np.array([[1.0 - s * x * x, -s * x * y, x], [-s * x * y, 1.0 - s * y * y, y], [-x, -y, z]])
 
 
-def _mesh(
-    rings: int, sectors: int, length: float
-) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
+def _mesh(rings: int, sectors: int, length: float) -> tuple[Vertices, Triangles]:
     """Mesh the capsule of radius 1 whose axis has the given length."""
     around = sectors * rings
     cap, cap_triangles = _cap(rings, sectors)
@@ -278,7 +274,7 @@ def _spun(points: Float64[np.ndarray, "points 3"], angle: float) -> Float64[np.n
 
 
 @cache
-def _belt(first: int, bands: int, around: int) -> Int64[np.ndarray, "triangles 3"]:
+def _belt(first: int, bands: int, around: int) -> Triangles:
     """Triangulate between rings of as many points each, the first ring starting at a given vertex."""
     steps = np.arange(around)
     ring = first + around * np.arange(bands)[:, None]
@@ -289,7 +285,7 @@ def _belt(first: int, bands: int, around: int) -> Int64[np.ndarray, "triangles 3
 
 
 @cache
-def _cap(rings: int, sectors: int) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
+def _cap(rings: int, sectors: int) -> tuple[Vertices, Triangles]:
     """Mesh the upper half of the unit sphere: the pole, then ring i of i points a sector at polar angle (π/2)(i/m)."""
     points, triangles = [np.array([[0.0, 0.0, 1.0]])], []
     for ring in range(1, rings + 1):

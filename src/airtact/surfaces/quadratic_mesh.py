@@ -23,7 +23,7 @@ from airtact.mesh.quadratic_triangles import (
     with_middles,
 )
 from airtact.mesh.remeshing import RidgedMesh
-from airtact.mesh.topology import edge_twins, shells
+from airtact.mesh.topology import Triangles, Vertices, edge_twins, shells
 from airtact.printing import in_short
 
 EDGE = 1e-9
@@ -54,7 +54,7 @@ class QuadraticMesh:
     sharp_edges : (T, 3) which of the edges stay sharp; None to find them.
     """
 
-    vertices: Float64[np.ndarray, "vertices 3"]
+    vertices: Vertices
     triangles: Int[np.ndarray, "triangles 3"]
     midpoints: Float64[np.ndarray, "triangles 3 3"] | None = None
     sharp_degrees: float = SHARP_DEGREES
@@ -95,7 +95,7 @@ class QuadraticMesh:
         return panel_tree(with_middles(self.quadratic_triangles[:, :3]))
 
     @cached_property
-    def _twins(self) -> Int64[np.ndarray, "triangles 3"]:
+    def _twins(self) -> Triangles:
         return edge_twins(self.triangles)
 
     @cached_property
@@ -107,7 +107,7 @@ class QuadraticMesh:
         return np.stack([nodes[triangle, edge], nodes[triangle, 3 + edge], nodes[triangle, (edge + 1) % 3]], axis=1)
 
     @cached_property
-    def _vertex_normals(self) -> Float64[np.ndarray, "vertices 3"]:
+    def _vertex_normals(self) -> Vertices:
         """Normals of the panels round each vertex, weighted by their angles there."""
         total, nodes = np.zeros((int(self.triangles.max()) + 1, 3)), self.quadratic_triangles
         for corner, reference in enumerate(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))):

@@ -10,6 +10,8 @@ from airtact.conventions import InvalidInput
 from airtact.mesh.curving import SHARP_DEGREES
 from airtact.mesh.quadratic_triangles import QuadraticTriangles
 from airtact.mesh.topology import (
+    Triangles,
+    Twins,
     check_closed,
     check_indices,
     check_not_degenerate,
@@ -22,17 +24,7 @@ from airtact.surfaces.mesh_shape import MeshShape
 from airtact.surfaces.panels import Panels, panels_of
 from airtact.surfaces.quadratic_mesh import QuadraticMesh
 from airtact.surfaces.shape import Shape
-from airtact.validation import (
-    check_finite,
-    counted,
-    fixed,
-    in_mm,
-    number,
-    of_kind,
-    points_of,
-    positive,
-    real_numbers,
-)
+from airtact.validation import check_finite, counted, fixed, in_mm, number, of_kind, points_of, positive, real_numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,10 +189,8 @@ class Surface:
 def rigid_motion(before: Surface, after: Surface) -> tuple[Pose, float]:
     """Find the rigid motion that brings a surface nearest to another of the same triangles, in least squares.
 
-    Returns
-    -------
-    The motion, and how far the vertex or the middle of an edge that fits worst is off [m]: infinite where the triangles
-    are others, or curved in another way.
+    Returns the motion, and how far the vertex or the middle of an edge that fits worst is off [m]: infinite where the
+    triangles are others, or curved in another way.
     """
     if before is after:
         return Pose.identity(), 0.0
@@ -223,7 +213,7 @@ def _curved_alike(before: Surface, after: Surface) -> bool:
     )
 
 
-def _triangles_of(given: np.ndarray) -> Int64[np.ndarray, "triangles 3"]:
+def _triangles_of(given: np.ndarray) -> Triangles:
     try:
         array = np.asarray(given)
     except ValueError:
@@ -257,9 +247,7 @@ def _check_primitive(primitive: Shape, corners: Float64[np.ndarray, "triangles 3
         )
 
 
-def _check_midpoints(
-    midpoints: np.ndarray, corners: Float64[np.ndarray, "triangles 3 3"], twins: Int64[np.ndarray, "triangles 3"]
-) -> None:
+def _check_midpoints(midpoints: np.ndarray, corners: Float64[np.ndarray, "triangles 3 3"], twins: Twins) -> None:
     if midpoints.shape != corners.shape:
         raise InvalidInput(
             f"surface midpoints have shape {midpoints.shape}, but {len(corners)} triangles need {corners.shape}.",

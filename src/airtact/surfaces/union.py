@@ -6,24 +6,16 @@ from itertools import combinations
 from operator import itemgetter
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from airtact.conventions import InvalidInput
 from airtact.mesh.intersections import crossings_between
 from airtact.mesh.repair.slivers import without_slivers
-from airtact.mesh.topology import cone_volumes, edge_twins, shells
+from airtact.mesh.topology import Triangles, Vertices, cone_volumes, edge_twins, shells
 from airtact.surfaces.bridges import Filling, balls, filling
-from airtact.surfaces.checks import (
-    NEAREST,
-    THINNEST,
-    TOUCH,
-    approach,
-    check_not_crossed,
-    check_surface,
-    thin_part,
-)
+from airtact.surfaces.checks import NEAREST, THINNEST, TOUCH, approach, check_not_crossed, check_surface, thin_part
 from airtact.surfaces.flattening import AWAY, corners_of, flattened
 from airtact.surfaces.primitives import Capsule
 from airtact.surfaces.shape import FlatMesh
@@ -183,7 +175,7 @@ def _bridges(
 
 
 def _middles(
-    bodies: Sequence[Surface], vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"]
+    bodies: Sequence[Surface], vertices: Vertices, triangles: Triangles
 ) -> Float64[np.ndarray, "triangles 3 3"]:
     """Middles of the edges, brought to the surfaces of the bodies where these are so near that no triangle folds."""
     corners = vertices[triangles]
@@ -204,9 +196,7 @@ def _middles(
     return result.reshape(-1, 3, 3)
 
 
-def _united(
-    bodies: Iterable[FlatMesh], bridges: Iterable[FlatMesh], simple: float
-) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
+def _united(bodies: Iterable[FlatMesh], bridges: Iterable[FlatMesh], simple: float) -> tuple[Vertices, Triangles]:
     """Unite closed meshes into one, without slivers and without the air that is closed in."""
     import manifold3d
 

@@ -1,4 +1,4 @@
-"""Closed meshes, damaged at random as files are: what ``mended`` must put right or refuse."""
+"""Closed meshes, damaged at random as files are: what ``repaired`` must put right or reject."""
 
 from collections.abc import Callable
 from functools import cache
@@ -228,7 +228,7 @@ def moved_copy(rng: np.random.Generator, v: np.ndarray, t: np.ndarray) -> Mesh:
 
 
 def inner_copy(rng: np.random.Generator, v: np.ndarray, t: np.ndarray) -> Mesh:
-    """Put a small body at a point under the skin."""
+    """Put a small body at a point under the surface."""
     which = int(rng.integers(len(t)))
     a, b, c = v[t[which]]
     inward = -np.cross(b - a, c - a)

@@ -1,4 +1,4 @@
-"""Meshes to be damaged, and how a mended one is held against them."""
+"""Meshes to be damaged, and how a repaired one is held against them."""
 
 import numpy as np
 import trimesh
@@ -43,7 +43,7 @@ def volume(vertices: np.ndarray, triangles: np.ndarray) -> float:
 
 
 def accepted(vertices: np.ndarray, triangles: np.ndarray, **settings) -> RepairedMesh:
-    """Mend, and let the checks of a scene look at what came out."""
+    """Repair, and let the checks of a scene look at what came out."""
     result = repaired(vertices, triangles, **settings)
     check_surface(Surface(result.vertices, result.triangles, repairs=result.notes))
     return result

@@ -1,4 +1,4 @@
-"""Meshes damaged at random: mended and right, or refused with a number and a place; never wrong, never a crash."""
+"""Meshes damaged at random: repaired and right, or rejected with a number and a position; never wrong, never a crash."""
 
 import re
 from collections import Counter
@@ -12,14 +12,15 @@ from mesh.repair.damage import DAMAGES, Mesh, body, damaged
 from mesh.repair.repaired_meshes import accepted, apart, volume
 
 HAIR = 10e-6
-"""Twice what a sliver or a crack may move the skin [m]."""
+"""Twice what a sliver or a crack may move the surface [m]."""
 SHARE_OF_HOLE = 0.5
 """A sharp edge through the middle of a hole, cut off, would lie off by half the hole's width."""
 
 
-def check_refusal(fault: InvalidInput) -> None:
-    """A refusal has a number, and the place that it says is the place that is drawn."""
+def check_fault(fault: InvalidInput) -> None:
+    """An error has a code and a number, and the position in its sentence is the one that is drawn."""
     said = str(fault)
+    assert fault.code != "invalid_input", said
     assert re.search(r"\d", said), said
     assert " mm" in said or re.search(r"triangle \d+ names|0 triangles", said), said
     if shown := re.search(r"\([-\d., ]+\) mm", said):
@@ -28,12 +29,12 @@ def check_refusal(fault: InvalidInput) -> None:
 
 
 def outcome(name: str, whole: Mesh, torn: Mesh) -> str:
-    """Mend a mesh and hold it against the undamaged one; "repairs" or "refused"."""
+    """Repair a mesh and hold it against the undamaged one: "repairs" or "rejected"."""
     try:
         result = accepted(*torn)
     except InvalidInput as fault:
-        check_refusal(fault)
-        return "refused"
+        check_fault(fault)
+        return "rejected"
     filled = [float(found) for note in result.notes for found in re.findall(r"up to ([\d.]+) mm", note)]
     bound = HAIR + SHARE_OF_HOLE * 1e-3 * max(filled, default=0.0)
     assert apart((result.vertices, result.triangles), whole) <= bound, (name, result.notes)
@@ -46,16 +47,16 @@ def outcomes(seeds: range) -> Counter:
 
 
 @pytest.mark.parametrize("first", range(0, 80, 20))
-def test_80_damaged_meshes_are_mended_or_refused(first):
+def test_80_damaged_meshes_are_repaired_or_rejected(first):
     found = outcomes(range(first, first + 20))
-    assert min(found["repairs"], found["refused"]) >= 3
+    assert min(found["repairs"], found["rejected"]) >= 3
 
 
 @pytest.mark.slow
-def test_500_damaged_meshes_are_mended_or_refused():
+def test_500_damaged_meshes_are_repaired_or_rejected():
     found = outcomes(range(1000, 1500))
     assert found["repairs"] >= 150
-    assert found["refused"] >= 150
+    assert found["rejected"] >= 150
 
 
 ALWAYS = [
@@ -74,7 +75,7 @@ ALWAYS = [
 
 
 @pytest.mark.parametrize("kind", ALWAYS)
-def test_what_leaves_the_shape_known_is_always_mended(kind):
+def test_what_leaves_the_shape_known_is_always_repaired(kind):
     for seed in range(5):
         rng = np.random.default_rng(seed)
         name, whole = body(rng)
@@ -94,8 +95,8 @@ NEVER = [
 
 
 @pytest.mark.parametrize("kind", NEVER)
-def test_what_nobody_can_tell_is_always_refused(kind):
+def test_what_has_no_known_shape_is_always_rejected(kind):
     for seed in range(5):
         rng = np.random.default_rng(seed)
         name, whole = body(rng)
-        assert outcome(f"{name}: {kind}", whole, DAMAGES[kind](rng, *whole)) == "refused", name
+        assert outcome(f"{name}: {kind}", whole, DAMAGES[kind](rng, *whole)) == "rejected", name

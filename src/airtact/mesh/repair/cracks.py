@@ -5,12 +5,12 @@ partner at all on an edge of the other side (a T-junction).
 """
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Int64
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from airtact.mesh.topology import edge_keys
+from airtact.mesh.topology import Triangles, Vertices, edge_keys
 from airtact.validation import counted, in_mm
 
 CRACK = 5e-6
@@ -23,9 +23,7 @@ ROUNDS = 8
 """Each round splits one edge of a triangle; later rounds find what was split on the other side of the crack."""
 
 
-def without_cracks(
-    vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"], notes: list[str]
-) -> Int64[np.ndarray, "whole 3"]:
+def without_cracks(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Int64[np.ndarray, "whole 3"]:
     """Join the border vertices that face each other over a crack, and split the border edges on which others lie.
 
     What was repaired is added to ``notes``.
@@ -48,16 +46,14 @@ def without_cracks(
     return triangles
 
 
-def _border(triangles: Int64[np.ndarray, "triangles 3"]) -> tuple[Int64[np.ndarray, "n"], Int64[np.ndarray, "n 2"]]:
+def _border(triangles: Triangles) -> tuple[Int64[np.ndarray, "n"], Int64[np.ndarray, "n 2"]]:
     """Edges 3 t + e of one triangle only, and their ends."""
     _, where, count = np.unique(edge_keys(triangles), return_inverse=True, return_counts=True)
     border = np.flatnonzero(count[where.ravel()] == 1)
     return border, np.stack([triangles.ravel()[border], np.roll(triangles, -1, axis=1).ravel()[border]], axis=1)
 
 
-def _joined(
-    vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"], notes: list[str]
-) -> Int64[np.ndarray, "triangles 3"]:
+def _joined(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Triangles:
     """Make border vertices one that nearly meet and belong to no common triangle."""
     rim = np.unique(_border(triangles)[1])
     if len(rim) == 0:
@@ -83,7 +79,7 @@ def _joined(
 
 
 def _vertices_on_edges(
-    vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"]
+    vertices: Vertices, triangles: Triangles
 ) -> tuple[Int64[np.ndarray, "found"], Int64[np.ndarray, "found"]]:
     """Border edges 3 t + e, one of a triangle, and the border vertices that lie on them."""
     border, ends = _border(triangles)
@@ -118,10 +114,7 @@ def _starts(ranked: Int64[np.ndarray, "n"]) -> Int64[np.ndarray, "starts"]:
 
 
 def _split(
-    vertices: Float64[np.ndarray, "vertices 3"],
-    triangles: Int64[np.ndarray, "triangles 3"],
-    edges: Int64[np.ndarray, "found"],
-    on: Int64[np.ndarray, "found"],
+    vertices: Vertices, triangles: Triangles, edges: Int64[np.ndarray, "found"], on: Int64[np.ndarray, "found"]
 ) -> Int64[np.ndarray, "more 3"]:
     """Replace each triangle whose edge is split by a fan from the opposite corner."""
     fans = []

@@ -9,6 +9,8 @@ is drawn on through it, because one sharp fold weighs less than many half-sharp 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
+from airtact.mesh.topology import Vertices
+
 LENGTH_WEIGHT = 0.05
 """What an edge as long as the hole is wide weighs, in radians: of patches alike, the one of short edges is taken."""
 THIN_WEIGHT = 100.0
@@ -18,7 +20,7 @@ THINNEST = 1e-3
 
 
 def patch(
-    vertices: Float64[np.ndarray, "vertices 3"],
+    vertices: Vertices,
     rim: Int64[np.ndarray, "rim"],
     beside: Float64[np.ndarray, "rim 3"],
     edges: Int64[np.ndarray, "edges"],
@@ -26,13 +28,8 @@ def patch(
 ) -> Int64[np.ndarray, "filling 3"] | None:
     """Triangulate the rim of a hole over its own vertices; None if every way uses an edge of the mesh again.
 
-    Parameters
-    ----------
-    vertices : (V, 3) [m].
-    rim : (N,) vertices in the direction of the new triangles.
-    beside : (N, 3) unit normals beside the edge from each rim vertex to the next.
-    edges : (E,) sorted numbers low * count + high of the edges of the mesh.
-    count : the number that they were made with.
+    ``rim`` runs in the direction of the new triangles; ``beside`` are the unit normals beside the edge from each rim
+    vertex to the next; ``edges`` are the sorted numbers low * count + high of the edges of the mesh.
     """
     size = len(rim)
     points = vertices[rim]

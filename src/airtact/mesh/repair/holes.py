@@ -15,7 +15,7 @@ from scipy.spatial.distance import pdist
 from airtact.conventions import InvalidInput
 from airtact.mesh.quadratic_triangles import area_vectors
 from airtact.mesh.repair.hole_filling import patch
-from airtact.mesh.topology import cone_volumes, edge_keys, edge_twins, shells
+from airtact.mesh.topology import Triangles, Twins, Vertices, cone_volumes, edge_keys, edge_twins, shells
 from airtact.validation import counted, in_mm
 
 LARGEST_SHARE = 5e-3
@@ -47,10 +47,7 @@ class Hole:
 
 
 def without_holes(
-    vertices: Float64[np.ndarray, "vertices 3"],
-    triangles: Int64[np.ndarray, "triangles 3"],
-    largest: float,
-    notes: list[str],
+    vertices: Vertices, triangles: Triangles, largest: float, notes: list[str]
 ) -> Int64[np.ndarray, "more 3"]:
     """Fill the holes, at most ``largest`` [m] wide, of a mesh whose neighbours run alike; add a sentence to ``notes``.
 
@@ -104,7 +101,7 @@ def _check_wide(holes: list[Hole], largest: float) -> None:
     _check_none(long, f"of more than {MOST_EDGES} edges cannot be filled")
 
 
-def _ahead(vertices: Float64[np.ndarray, "vertices 3"], hole: Hole) -> Float64[np.ndarray, "3"]:
+def _ahead(vertices: Vertices, hole: Hole) -> Float64[np.ndarray, "3"]:
     """Find the area vector of a hole, over its length: which way its filling will look."""
     points = vertices[hole.rim] - hole.middle
     area = np.cross(points, np.roll(points, -1, axis=0)).sum(axis=0) / 2.0
@@ -123,11 +120,7 @@ def _check_none(holes: list[Hole], fault: str) -> None:
 
 
 def _check_doubtful(
-    vertices: Float64[np.ndarray, "vertices 3"],
-    whole: Int64[np.ndarray, "triangles 3"],
-    twins: Int64[np.ndarray, "triangles 3"],
-    holes: list[Hole],
-    missing: Float64[np.ndarray, "holes"],
+    vertices: Vertices, whole: Triangles, twins: Twins, holes: list[Hole], missing: Float64[np.ndarray, "holes"]
 ) -> None:
     """Check that no holes face each other or may have taken an audible share of their body."""
     piece = shells(whole, twins)
@@ -164,14 +157,12 @@ def _check_facing(holes: list[Hole], ahead: Float64[np.ndarray, "holes 3"]) -> N
         )
 
 
-def _still_open(hole: Hole, whole: Int64[np.ndarray, "triangles 3"], twins: Int64[np.ndarray, "triangles 3"]) -> bool:
+def _still_open(hole: Hole, whole: Triangles, twins: Twins) -> bool:
     torn = (twins < 0).any(axis=1)
     return bool(torn.any()) and bool(np.isin(whole[torn], hole.rim).any())
 
 
-def _missing(
-    vertices: Float64[np.ndarray, "vertices 3"], normals: Float64[np.ndarray, "triangles 3"], hole: Hole
-) -> float:
+def _missing(vertices: Vertices, normals: Float64[np.ndarray, "triangles 3"], hole: Hole) -> float:
     """Volume of the cone that the surface round a hole closes to if it goes on straight [m³]; infinite for a tube."""
     points = vertices[hole.rim] - hole.middle
     after = np.roll(points, -1, axis=0)
@@ -191,7 +182,7 @@ def _normals(corners: Float64[np.ndarray, "triangles 3 3"]) -> Float64[np.ndarra
     return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
 
 
-def find_holes(vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"]) -> list[Hole]:
+def find_holes(vertices: Vertices, triangles: Triangles) -> list[Hole]:
     """Walk along the borders of a mesh whose neighbours run alike.
 
     Where several holes meet in a vertex, the walk takes the border that comes next round that vertex, so that it goes
@@ -218,8 +209,8 @@ def find_holes(vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.
 
 
 def _next_edges(
-    vertices: Float64[np.ndarray, "vertices 3"],
-    triangles: Int64[np.ndarray, "triangles 3"],
+    vertices: Vertices,
+    triangles: Triangles,
     border: Int64[np.ndarray, "border"],
     starts: Int64[np.ndarray, "border"],
     ends: Int64[np.ndarray, "border"],

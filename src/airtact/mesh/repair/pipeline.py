@@ -20,7 +20,15 @@ from airtact.mesh.repair.cracks import without_cracks
 from airtact.mesh.repair.holes import without_holes
 from airtact.mesh.repair.slivers import without_slivers
 from airtact.mesh.repair.winding import check_no_bow_ties, turned_outward, wound_alike
-from airtact.mesh.topology import check_closed, check_indices, check_not_degenerate, check_size, edge_twins
+from airtact.mesh.topology import (
+    Triangles,
+    Vertices,
+    check_closed,
+    check_indices,
+    check_not_degenerate,
+    check_size,
+    edge_twins,
+)
 from airtact.printing import in_short
 from airtact.validation import counted, in_mm, number, real_numbers
 
@@ -44,8 +52,8 @@ class RepairedMesh:
         when nothing was.
     """
 
-    vertices: Float64[np.ndarray, "vertices 3"]
-    triangles: Int64[np.ndarray, "triangles 3"]
+    vertices: Vertices
+    triangles: Triangles
     notes: tuple[str, ...]
 
     __repr__ = in_short
@@ -103,10 +111,7 @@ def repaired(
 
 
 def _closed(
-    vertices: Float64[np.ndarray, "vertices 3"],
-    triangles: Int64[np.ndarray, "triangles 3"],
-    largest_hole: float,
-    notes: list[str],
+    vertices: Vertices, triangles: Triangles, largest_hole: float, notes: list[str]
 ) -> Int64[np.ndarray, "closed 3"]:
     """Close the mesh with all triangles running alike."""
     if (edge_twins(triangles) >= 0).all():
@@ -131,10 +136,8 @@ def _width(largest_hole: float) -> float:
 
 
 def _without_vertices(
-    vertices: Float64[np.ndarray, "vertices 3"],
-    triangles: Int64[np.ndarray, "triangles 3"],
-    keep: Bool[np.ndarray, "vertices"],
-) -> tuple[Float64[np.ndarray, "left 3"], Int64[np.ndarray, "triangles 3"]]:
+    vertices: Vertices, triangles: Triangles, keep: Bool[np.ndarray, "vertices"]
+) -> tuple[Float64[np.ndarray, "left 3"], Triangles]:
     """Leave some vertices out and count the others anew."""
     if keep.all():
         return vertices, triangles
@@ -142,8 +145,8 @@ def _without_vertices(
 
 
 def _with_named_vertices(
-    vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"], notes: list[str]
-) -> tuple[Float64[np.ndarray, "named 3"], Int64[np.ndarray, "triangles 3"]]:
+    vertices: Vertices, triangles: Triangles, notes: list[str]
+) -> tuple[Float64[np.ndarray, "named 3"], Triangles]:
     """Drop the vertices that no triangle names; raise ``InvalidInput`` for NaN in the others."""
     named = np.zeros(len(vertices), dtype=bool)
     named[triangles] = True
@@ -168,8 +171,8 @@ def _with_named_vertices(
 
 
 def _with_merged_vertices(
-    vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"], notes: list[str]
-) -> tuple[Float64[np.ndarray, "merged 3"], Int64[np.ndarray, "triangles 3"]]:
+    vertices: Vertices, triangles: Triangles, notes: list[str]
+) -> tuple[Float64[np.ndarray, "merged 3"], Triangles]:
     """Make vertices at the same position one: the first of them, which stays where it is."""
     first = _first_alike(vertices)
     own = first == np.arange(len(vertices))
@@ -191,25 +194,17 @@ def _with_merged_vertices(
     return _without_vertices(vertices, first[triangles], own)
 
 
-def _first_alike(vertices: Float64[np.ndarray, "vertices 3"]) -> Int64[np.ndarray, "vertices"]:
+def _first_alike(vertices: Vertices) -> Int64[np.ndarray, "vertices"]:
     """For each vertex the first one with exactly the same coordinates."""
-    bits = (vertices + 0.0).view(np.uint64)  # adding zero makes -0.0 the same as 0.0
-    mixed = np.zeros(len(vertices), dtype=np.uint64)
-    for axis in range(3):
-        mixed = (mixed ^ bits[:, axis]) * np.uint64(0x9E3779B97F4A7C15)
-        mixed ^= mixed >> np.uint64(29)
-    order = np.argsort(mixed, kind="stable")
+    order = np.lexsort(vertices.T)
     ranked = vertices[order]
-    new = np.ones(len(vertices), dtype=bool)
-    new[1:] = (ranked[1:] != ranked[:-1]).any(axis=1)
+    new = np.r_[True, (ranked[1:] != ranked[:-1]).any(axis=1)]
     first = np.empty(len(vertices), dtype=np.int64)
     first[order] = order[new][np.cumsum(new) - 1]
     return first
 
 
-def _with_three_corners(
-    vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"], notes: list[str]
-) -> Int64[np.ndarray, "left 3"]:
+def _with_three_corners(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Int64[np.ndarray, "left 3"]:
     """Drop triangles that name a vertex twice: their two other neighbours already share their edge."""
     collapsed = (triangles == np.roll(triangles, 1, axis=1)).any(axis=1)
     if not collapsed.any():
@@ -228,9 +223,7 @@ def _with_three_corners(
     return triangles
 
 
-def _without_repeats(
-    vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"], notes: list[str]
-) -> Int64[np.ndarray, "left 3"]:
+def _without_repeats(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Int64[np.ndarray, "left 3"]:
     """Keep the first of triangles over the same three vertices, however they run."""
     corners = np.sort(triangles, axis=1)
     order = np.lexsort(corners.T)

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from airtact.mesh.intersections import self_crossings
+from airtact.mesh.topology import Triangles, Vertices
 from airtact.validation import counted, in_mm
 
 FLATTEST = 1e-3
@@ -23,9 +24,7 @@ ATTEMPTS = 4
 """Where a repair lets the surface cross itself, it is done again without the slivers there, so often at most."""
 
 
-def without_slivers(
-    vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"], notes: list[str]
-) -> Int64[np.ndarray, "left 3"]:
+def without_slivers(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Int64[np.ndarray, "left 3"]:
     """Collapse needles and flip the longest edges of caps, where that leaves the surface closed and unfolded.
 
     The mesh has at most two triangles at an edge; what was repaired is added to ``notes``.
@@ -92,9 +91,7 @@ def _squares(vectors: Float64[np.ndarray, "some 3"]) -> Float64[np.ndarray, "som
 class _Fabric:
     """Triangles that are changed one by one, with the triangles round the vertices that were touched."""
 
-    def __init__(
-        self, vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"]
-    ) -> None:
+    def __init__(self, vertices: Vertices, triangles: Triangles) -> None:
         self.vertices = vertices
         self.triangles = triangles.copy()
         self._points = vertices.tolist()  # for single triangles plain numbers are many times faster than arrays

@@ -1,18 +1,16 @@
 """Which way triangles run: neighbours alike, closed pieces outward, on plain arrays."""
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Bool, Int64
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from airtact.conventions import InvalidInput
-from airtact.mesh.topology import cone_volumes, edge_keys, shells
+from airtact.mesh.topology import Triangles, Twins, Vertices, cone_volumes, edge_keys, shells
 from airtact.validation import counted, in_mm
 
 
-def wound_alike(
-    vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"], notes: list[str]
-) -> Int64[np.ndarray, "triangles 3"]:
+def wound_alike(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Triangles:
     """Turn triangles round so that neighbours run alike, as few as possible in each piece.
 
     Every triangle stands twice in a graph, as it is and turned round, and is tied to those copies of its neighbours
@@ -54,7 +52,7 @@ def wound_alike(
 
 
 def _neighbours(
-    vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"]
+    vertices: Vertices, triangles: Triangles
 ) -> tuple[Int64[np.ndarray, "pairs"], Int64[np.ndarray, "pairs"], Bool[np.ndarray, "pairs"]]:
     """Pairs of triangles over an edge, and whether they run alike (through the edge in opposite directions)."""
     keys = edge_keys(triangles).ravel()
@@ -79,12 +77,7 @@ def _neighbours(
     return one // 3, two // 3, alike
 
 
-def turned_outward(
-    vertices: Float64[np.ndarray, "vertices 3"],
-    triangles: Int64[np.ndarray, "triangles 3"],
-    twins: Int64[np.ndarray, "triangles 3"],
-    notes: list[str],
-) -> Int64[np.ndarray, "triangles 3"]:
+def turned_outward(vertices: Vertices, triangles: Triangles, twins: Twins, notes: list[str]) -> Triangles:
     """Turn the closed pieces round that are inside out, that is, enclose a volume below zero.
 
     ``twins`` are the ``edge_twins`` of the triangles; what was repaired is added to ``notes``. Raises ``InvalidInput``
@@ -113,11 +106,7 @@ def turned_outward(
     return np.where(flip[:, None], triangles[:, ::-1], triangles)
 
 
-def check_no_bow_ties(
-    vertices: Float64[np.ndarray, "vertices 3"],
-    triangles: Int64[np.ndarray, "triangles 3"],
-    twins: Int64[np.ndarray, "triangles 3"],
-) -> None:
+def check_no_bow_ties(vertices: Vertices, triangles: Triangles, twins: Twins) -> None:
     """Check that no parts of a closed mesh, with its ``edge_twins``, hang together by one vertex alone.
 
     Raises
