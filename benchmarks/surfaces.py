@@ -1,7 +1,7 @@
 """How well any surface is solved: every figure of scanned, drawn and damaged meshes, measured anew.
 
-Run ``PYTHONPATH=.:tests python benchmarks/surfaces.py [figure ...]``; ``hand`` and ``damaged`` take minutes. The reference is
-fundamental solutions inside an ellipsoid, or the same body with smaller panels.
+Run ``PYTHONPATH=.:tests python benchmarks/surfaces.py [figure ...]``; ``hand`` and ``damaged`` take minutes. The
+reference is fundamental solutions inside an ellipsoid, or the same body with smaller panels.
 """
 
 import sys

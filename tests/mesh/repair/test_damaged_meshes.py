@@ -1,4 +1,4 @@
-"""Meshes damaged at random: repaired and right, or rejected with a number and a position; never wrong, never a crash."""
+"""Meshes damaged at random: repaired and right, or rejected with number and position; never wrong, never a crash."""
 
 import re
 from collections import Counter
