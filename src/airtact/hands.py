@@ -1,8 +1,7 @@
 """Hands: from joints, from files, fitted to a point cloud; and the pinch of the paper."""
 
 from airtact.hand.anatomy_parts import Touch
-from airtact.hand.files import load_hand, load_landmarks
-from airtact.hand.fitting.cloud_files import load_cloud
+from airtact.hand.files import load_cloud, load_hand, load_landmarks
 from airtact.hand.fitting.fit import FittedHand, fit_hand
 from airtact.hand.fitting.size_prior import HandAnatomy
 from airtact.hand.hand import Hand, hand_from_joints

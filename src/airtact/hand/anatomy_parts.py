@@ -81,18 +81,7 @@ class Touch:
 def hand_hulls(
     joints: Float64[np.ndarray, "25 3"], radii: Float64[np.ndarray, "25"]
 ) -> tuple[Hulls, tuple[Touch, ...]]:
-    """Build the body of a hand.
-
-    Parameters
-    ----------
-    joints : (25, 3) [m].
-    radii : (25,) of the skin round each [m].
-
-    Returns
-    -------
-    hulls : the body.
-    touches : where parts that stand apart in an open hand are one here.
-    """
+    """Build the body of a hand, and find where parts that stand apart in an open hand are one here."""
     scale = hand_length(joints) / LENGTH
     thumb = np.append(0.5 * (joints[1] + joints[2]), 0.4 * (radii[1] + radii[2]))
     balls = np.ascontiguousarray(np.vstack([np.column_stack([joints, radii]), thumb]))

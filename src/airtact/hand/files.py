@@ -1,4 +1,4 @@
-"""Read hands and landmarks from JSON files."""
+"""Read hands and landmarks from JSON files, and point clouds."""
 
 import json
 from pathlib import Path
@@ -10,7 +10,7 @@ from jaxtyping import Float64
 from airtact.conventions import InvalidInput, about
 from airtact.hand.hand import Hand, hand_from_joints
 from airtact.hand.joints import NAMES, named_joints
-from airtact.validation import counted
+from airtact.validation import counted, points_of
 
 KEYS = ("joints", "positions_m", "radii_m", "side")
 """Keys of a pose: names of joints, their positions and radii [m], "left" or "right"."""
@@ -127,3 +127,40 @@ def _pose_in(path: Path) -> dict[str, Any]:
                 f"joint {index} is named {name!r}, but names are those of WebXR, such as 'wrist'.", code="unknown_joint"
             )
     return pose
+
+
+CLOUD_ENDINGS = (".ply", ".xyz", ".npy")
+"""Endings of the names of files that clouds are read from."""
+
+
+def load_cloud(path: Path) -> Float64[np.ndarray, "points 3"]:
+    """Read a point cloud.
+
+    Parameters
+    ----------
+    path : a PLY file, of which only the vertices are read; XYZ text; or a (N, 3) array of NumPy [m].
+
+    Raises
+    ------
+    InvalidInput
+        The file does not exist, cannot be read or holds no points.
+    """
+    if path.suffix.lower() not in CLOUD_ENDINGS:
+        endings = ", ".join(CLOUD_ENDINGS)
+        raise InvalidInput(
+            f"{path} ends in {path.suffix!r}, but clouds are read from {endings}.", code="unknown_ending"
+        )
+    if not path.is_file():
+        raise InvalidInput(f"the file {path} does not exist; 0 points were read.", code="file_missing")
+    try:
+        if path.suffix.lower() == ".npy":
+            points = np.load(path, allow_pickle=False)
+        else:
+            import trimesh  # takes as long to import as all the rest of airtact
+
+            points = np.asarray(trimesh.load(path, process=False).vertices, dtype=np.float64)  # pyright: ignore
+    except Exception as fault:  # every reader has its own way to fail on a damaged file
+        sentence = f"{path.name} ({path.stat().st_size} bytes) cannot be read: {fault}."
+        raise InvalidInput(sentence, code="file_unreadable") from fault
+    with about(path.name):
+        return points_of(points, "points of a cloud")

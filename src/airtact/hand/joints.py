@@ -186,13 +186,7 @@ def hand_length(joints: Float64[np.ndarray, "25 3"]) -> float:
 def side_of(joints: Float64[np.ndarray, "25 3"]) -> str:
     """Find the side of a hand from the bends of its fingers and the lean of its thumb.
 
-    Parameters
-    ----------
-    joints : (25, 3) [m].
-
-    Returns
-    -------
-    ``"right"``, ``"left"``, or ``"unknown"`` where the fingers are too straight.
+    It is "right", "left", or "unknown" where the fingers are too straight.
     """
     evidence = evidence_of(joints)
     if abs(evidence) < STRAIGHT:
@@ -228,18 +222,7 @@ def evidence_of(joints: Float64[np.ndarray, "25 3"]) -> float:
 
 
 def check_finger_order(joints: Float64[np.ndarray, "25 3"], rough: float = 0.0) -> None:
-    """Raise where knuckles do not follow each other across the palm, or the thumb is on the little finger's side.
-
-    Parameters
-    ----------
-    joints : (25, 3) [m].
-    rough : how well they are known [m].
-
-    Raises
-    ------
-    InvalidInput
-        Which finger is out of order, and by how much.
-    """
+    """Raise where joints known to ``rough`` [m] have knuckles out of order, or the thumb at the little finger."""
     knuckles = np.array([chain[1] for chain in CHAINS[1:]])
     across = (joints[knuckles] - joints[knuckles[0]]) @ unit(joints[knuckles[-1]] - joints[knuckles[0]])
     steps = np.diff(across)

@@ -24,14 +24,9 @@ def motion(before: Hulls, now: Hulls) -> float:
 
 
 def deformed(before: Hulls, mesh: HandMesh, now: Hulls, edge: float) -> HandMesh | None:
-    """Deform the mesh of a body to another pose, with the same triangles; None where one gets too thin or too long.
+    """Deform the mesh of a body, made with an edge [m], to another pose in which the same hulls are joined.
 
-    Parameters
-    ----------
-    before : the body that the mesh covers.
-    mesh : made with triangles of ``edge`` [m].
-    now : the body in the other pose, its hulls joined alike.
-    edge : [m].
+    The triangles stay the same; None where one gets too thin or too long.
     """
     moved = HandMesh(_moved_with_hulls(before, now, mesh.vertices), mesh.triangles, mesh.sizes)
     found = settled(now, moved, edge)

@@ -138,14 +138,7 @@ SETTLING = 2
 
 
 def settled(hulls: Hulls, mesh: HandMesh, edge: float) -> HandMesh:
-    """Project triangles near a body onto it and smooth them, without changing which corners they join.
-
-    Parameters
-    ----------
-    hulls : the body.
-    mesh : triangles near its skin.
-    edge : edge that they were made with [m].
-    """
+    """Project triangles near a body, made with an edge [m], onto it and smooth them, without changing their corners."""
     found = _projected(hulls, mesh, edge)
     for _ in range(SETTLING):
         found = _evened(hulls, found, edge, keep=True)

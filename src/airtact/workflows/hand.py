@@ -14,9 +14,8 @@ from airtact.conventions import InvalidInput
 from airtact.figures.picture_file import write_picture
 from airtact.figures.surface_figure import draw_cloud, draw_panels
 from airtact.files.panels import EDGE, check_ending, checked_edge, write_triangles
-from airtact.hand.files import load_hand, load_landmarks
-from airtact.hand.fitting.cloud_files import ENDINGS as CLOUDS
-from airtact.hand.fitting.cloud_files import load_cloud
+from airtact.hand.files import CLOUD_ENDINGS as CLOUDS
+from airtact.hand.files import load_cloud, load_hand, load_landmarks
 from airtact.hand.fitting.fit import FittedHand, fit_hand
 from airtact.hand.hand import Hand, Side
 from airtact.hand.joints import CHAINS, FINGERS

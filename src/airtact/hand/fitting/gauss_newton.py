@@ -87,14 +87,9 @@ likelier than points that nothing explains."""
 def best_hand(
     seen: Observation, starts: Sequence[Float64[np.ndarray, "25 3"]], sizes: Float64[np.ndarray, "62"], hold: bool
 ) -> HandEstimate:
-    """Find the hand that explains a cloud best, from some starts and once more from the best end.
+    """Find the hand that explains a cloud best, from some joints [m] and once more from the best end.
 
-    Parameters
-    ----------
-    seen : what is known.
-    starts : joints (25, 3) to start with [m].
-    sizes : (62,) logarithms to start with.
-    hold : keeps the sizes as they are.
+    ``sizes`` are logarithms to start with; ``hold`` keeps them as they are.
     """
     ends = [_descended(seen, joined(joints, sizes), WIDEST, STEPS, hold) for joints in starts]
     best = ends[0]
@@ -108,15 +103,7 @@ def best_hand(
 def next_hand(
     seen: Observation, joints: Float64[np.ndarray, "25 3"], sizes: Float64[np.ndarray, "62"], hold: bool
 ) -> HandEstimate:
-    """Find the hand that explains a cloud best near the joints of the frame before, first with few points.
-
-    Parameters
-    ----------
-    seen : what is known.
-    joints : (25, 3) of the frame before [m].
-    sizes : (62,) logarithms to start with.
-    hold : keeps the sizes as they are.
-    """
+    """Find the hand that explains a cloud best near the joints of the frame before [m], first with few points."""
     unknowns, joining, floor = joined(joints, sizes), _joining(joints, sizes), WIDEST
     for each, most in LATER:
         few = replace(seen, points=np.ascontiguousarray(seen.points[::each]), each=each)

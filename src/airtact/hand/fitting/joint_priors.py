@@ -179,13 +179,7 @@ def _by_joints(
 
 
 def landmark_weights(off: Float64[np.ndarray, "25 3"], spread: Float64[np.ndarray, "25"]) -> Float64[np.ndarray, "25"]:
-    """Weight landmarks (25,) [1/m] by the density of Cauchy's distribution, which gives those far off less.
-
-    Parameters
-    ----------
-    off : (25, 3) from landmarks to joints [m].
-    spread : (25,) standard deviation of each of their coordinates [m].
-    """
+    """Weight landmarks [1/m] that are ``off`` [m] by the density of Cauchy's distribution of a ``spread`` [m]."""
     far = np.linalg.norm(off, axis=1) / (3.0 * spread)
     return 1.0 / (spread * np.sqrt(1.0 + far**2))
 

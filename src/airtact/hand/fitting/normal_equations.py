@@ -101,13 +101,7 @@ class NormalEquations:
     each: int
 
     def cost(self, scale: Float64[np.ndarray, "2"], agreed: float = 1.0) -> float:
-        """Half the sum of squares of the rules, and Tukey's function of the points.
-
-        Parameters
-        ----------
-        scale : (2,) of the misfit at fingers and at the palm [m].
-        agreed : weight of the rules.
-        """
+        """Half the sum of squares of the rules, weighted by ``agreed``, and Tukey's function of the points."""
         kind = KIND[self.residuals.hull]
         share = np.minimum((self.residuals.distance / (TUKEY * scale[kind])) ** 2, 1.0)
         points = float(((1.0 - (1.0 - share) ** 3) / ALIKE[kind]).sum())

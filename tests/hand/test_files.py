@@ -1,4 +1,4 @@
-"""Clouds and landmarks from files."""
+"""Read point clouds and landmarks from files."""
 
 import json
 from pathlib import Path
@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from airtact.hand.files import load_landmarks
-from airtact.hand.fitting.cloud_files import load_cloud
+from airtact.hand.files import load_cloud, load_landmarks
 from faults import raises_code
 from hand.hand_poses import HANDS
 
