@@ -116,5 +116,5 @@ def test_drives_that_cannot_be_compared_raise() -> None:
     with raises_code("sizes_differ", "3 elements", "249"):
         compare(SCENE, ARRAY, {"short": Drive(np.ones(3, dtype=np.complex128))}, TARGET, solver=FreeField())
     result = compare(SCENE, ARRAY, drives(), TARGET, solver=FreeField())
-    with raises_code("unknown_normalisation", "'equal power'", "3"):
+    with raises_code("unknown_name", "'equal power'", "3"):
         result.ratios("equal power")

@@ -203,20 +203,20 @@ def fitted(
         others = [other for position, other in enumerate(capsules) if position != index]
         sample, _ = surface_points(capsule, 2000)
         finest = monopole_depths(capsule, others, sample, wavenumber).min() / fineness
-        skin, outward = surface_points(capsule, min(60_000, int(5.0 * capsule.area / finest**2)))
-        depth = monopole_depths(capsule, others, skin, wavenumber)
+        surface, outward = surface_points(capsule, min(60_000, int(5.0 * capsule.area / finest**2)))
+        depth = monopole_depths(capsule, others, surface, wavenumber)
         spacing = np.minimum(depth / fineness, np.pi / abs(wavenumber) / fineness)
-        inner = skin - depth[:, None] * outward
+        inner = surface - depth[:, None] * outward
         positions.append(inner[thinned(inner, spacing)])
-        chosen = thinned(skin, 0.9 * spacing)
-        points.append(skin[chosen])
+        chosen = thinned(surface, 0.9 * spacing)
+        points.append(surface[chosen])
         normals.append(outward[chosen])
         sides.append(spacing[chosen])
-    monopoles, skin, outward = np.concatenate(positions), np.concatenate(points), np.concatenate(normals)
+    monopoles, surface, outward = np.concatenate(positions), np.concatenate(points), np.concatenate(normals)
     weights = np.concatenate(sides)[:, None]
-    matrix = weights * normal_derivatives(skin, outward, monopoles, wavenumber)
+    matrix = weights * normal_derivatives(surface, outward, monopoles, wavenumber)
     sizes = np.linalg.norm(matrix, axis=0)
-    right = -weights * superposed(normal_derivatives(skin, outward, sources, wavenumber), source_strengths)
+    right = -weights * superposed(normal_derivatives(surface, outward, sources, wavenumber), source_strengths)
     strengths = least_squares(matrix / sizes, right) / sizes[:, None]
     return Fit(capsules, wavenumber, sources, source_strengths, monopoles, strengths)
 

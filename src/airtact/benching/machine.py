@@ -22,7 +22,7 @@ FLOPS = 56
 """Operations of one kernel evaluation, the gradient of a Green's function along a normal."""
 
 REST = 0.1
-"""Seconds after which the threads of a matrix product no longer wait for another one, taking turns with ours."""
+"""Seconds after which the idle threads of a matrix product no longer spin and disturb ours."""
 
 PRODUCT = 2048
 """Side of the matrices whose product is timed."""

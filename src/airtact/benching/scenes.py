@@ -1,4 +1,4 @@
-"""The scenes that are timed: two fingers in many poses, and 996 transducers around them."""
+"""The timed scenes: two fingers in many poses, with a focus in front of each."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ AIR = Medium(sound_speed=343.1, density=1.293)
 
 FREQUENCY = 40e3
 OFFSET = 0.5e-3
-"""How far each focus stands off its pad [m]."""
+"""Distance of each focus off its pad [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +27,7 @@ class Bodies:
 
     Attributes
     ----------
-    surfaces : their skins.
+    surfaces : of the bodies.
     foci : (F, 3) [m].
     """
 
@@ -55,9 +55,10 @@ class Bodies:
 def two_fingers(
     gap: float = 12e-3, tilt: float = 20.0, radius: float = 8e-3, length: float = 44e-3, lift: float = 0.0
 ) -> Bodies:
-    """Two capsules whose tips face each other, hanging down and leaning outward, a focus before each pad.
+    """Two capsules whose tips face each other, hanging down and leaning outward, a focus in front of each pad.
 
-    By default the issue's two fingers: 16 mm thick, 60 mm long, 12 mm apart.
+    By default they are 16 mm thick, 60 mm long and 12 mm apart. Gap, radius, length of the axis and ``lift`` of the
+    second above the first are in metres, ``tilt`` in degrees.
     """
     surfaces, tips = [], []
     lean = np.radians(tilt)
@@ -72,7 +73,7 @@ def two_fingers(
 
 
 def deformed(frame: int) -> Bodies:
-    """Two fingers that are other bodies at every frame: thickness, length, lean, gap and height all change."""
+    """Two fingers that are different bodies at every frame: thickness, length, lean, gap and height all change."""
     beat = np.sin(0.9 * frame + np.arange(5.0)) - np.sin(np.arange(5.0))
     return two_fingers(
         gap=12e-3 + 1.5e-3 * beat[0],
@@ -88,7 +89,7 @@ def moved_each(rest: Bodies, frame: int) -> Bodies:
     beat = np.sin(0.9 * frame + np.arange(6.0)) - np.sin(np.arange(6.0))
     moved, foci = [], []
     for side, surface, focus in zip((-1.0, 1.0), rest.surfaces, rest.foci, strict=True):
-        pose = swing(focus, np.radians(4.0) * beat[:3] * side, 0.6e-3 * (side + 0.5) * beat[3:])
+        pose = rotated_about(focus, np.radians(4.0) * beat[:3] * side, 0.6e-3 * (side + 0.5) * beat[3:])
         moved.append(surface.moved(pose))
         foci.append(pose.apply(focus[None])[0])
     return Bodies(tuple(moved), np.array(foci))
@@ -97,11 +98,11 @@ def moved_each(rest: Bodies, frame: int) -> Bodies:
 def whole_motion(frame: int) -> Pose:
     """Move a hand as a whole: 20 degrees and 10 mm about."""
     beat = np.sin(0.7 * frame + np.arange(6.0)) - np.sin(np.arange(6.0))
-    return swing(np.zeros(3), np.radians(20.0) * beat[:3] / np.sqrt(3.0), 10e-3 * beat[3:] / np.sqrt(3.0))
+    return rotated_about(np.zeros(3), np.radians(20.0) * beat[:3] / np.sqrt(3.0), 10e-3 * beat[3:] / np.sqrt(3.0))
 
 
-def swing(centre: Real[np.ndarray, "3"], turn: Real[np.ndarray, "3"], shift: Real[np.ndarray, "3"]) -> Pose:
-    """Turn about a centre [m] by a rotation vector [rad], then shift [m]."""
+def rotated_about(centre: Real[np.ndarray, "3"], turn: Real[np.ndarray, "3"], shift: Real[np.ndarray, "3"]) -> Pose:
+    """Rotate about a centre [m] by a rotation vector [rad], then shift [m]."""
     angle = float(np.linalg.norm(turn))
     if angle == 0.0:
         return Pose(np.eye(3), np.asarray(shift, dtype=np.float64))
@@ -110,7 +111,7 @@ def swing(centre: Real[np.ndarray, "3"], turn: Real[np.ndarray, "3"], shift: Rea
 
 
 def moved_foci(bodies: Bodies, frame: int) -> Bodies:
-    """Give the same bodies other foci: each before its finger, some millimetres to the side and off the skin."""
+    """Give the same bodies other foci: each before its finger, some millimetres to the side and off its surface."""
     beat = np.sin(1.3 * frame + np.arange(6.0)).reshape(2, 3)
     foci = bodies.foci + 1.5e-3 * beat * np.array([0.0, 1.0, 1.0]) + np.array([[1.0], [-1.0]]) * [1e-3, 0.0, 0.0]
     return Bodies(bodies.surfaces, foci)

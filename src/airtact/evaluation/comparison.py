@@ -97,7 +97,7 @@ class Comparison:
         if held_equal not in self.pressures:
             raise InvalidInput(
                 f"{held_equal!r} is not one of the {len(self.pressures)} normalisations: {', '.join(self.pressures)}.",
-                code="unknown_normalisation",
+                code="unknown_name",
             )
         pressures = self.pressures[held_equal]
         if not pressures[0].all():

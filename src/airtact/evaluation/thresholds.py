@@ -78,7 +78,7 @@ def thresholds_of(modulation: str) -> tuple[Threshold, ...]:
         known = sorted({threshold.modulation for threshold in THRESHOLDS})
         raise InvalidInput(
             f'"{modulation}" is not one of the {len(known)} modulations with a threshold: {", ".join(known)}.',
-            code="unknown_modulation",
+            code="unknown_name",
         )
     return found
 
