@@ -12,6 +12,8 @@ import airtact as at
 from airtact.cli import main
 from airtact.solvers.bem import solver as bem_solver
 from airtact.solvers.gmres import gmres
+from airtact.synthesis.reach import achieved_fraction
+from faults import raises_code
 from mesh.meshes import box_mesh, torus_mesh
 from paths import SCENES
 
@@ -48,82 +50,100 @@ def with_index(vertices, triangles):
 MESHES = {
     "open": (
         box(lambda v, t: (v, t[1:])),
-        "the surface is open: 1 hole is wider than 2 mm, the largest 28.3 mm across",
+        "hole_too_wide",
+        "1 hole",
+        "2 mm",
+        "28.3 mm",
     ),
-    "self-crossing": (ply(*torus_mesh(0.015, 0.02)), r"the surface crosses itself: \d+ pairs of triangles meet"),
-    "NaN": (box(with_nan), "1 vertex of the surface is NaN or infinite"),
-    "index": (box(with_index), r"\b99\b|out of bounds|do not exist"),
-    "millimetres": (box(lambda v, t: (1000 * v, t)), r"spans 20 m, more than 2 m: is this in millimetres\?"),
-    "tiny": (box(lambda v, t: (v / 1000, t)), r"spans 0.02 mm, less than 0.5 mm: is this in millimetres"),
-    "no triangles": (ply(FLAT, np.zeros((0, 3), dtype=int)), "0 triangles|cannot be read"),
-    "no file of its kind": ("not a mesh at all", r"mesh.ply \(17 bytes\) cannot be read"),
+    "self-crossing": (ply(*torus_mesh(0.015, 0.02)), "crosses_itself", "pairs of triangles"),
+    "NaN": (box(with_nan), "not_finite", "1 vertex"),
+    "index": (box(with_index), "index_out_of_range", "99"),
+    "millimetres": (box(lambda v, t: (1000 * v, t)), "too_large", "20 m", "2 m", "millimetres"),
+    "tiny": (box(lambda v, t: (v / 1000, t)), "too_small", "0.02 mm", "0.5 mm", "millimetres"),
+    "no triangles": (ply(FLAT, np.zeros((0, 3), dtype=int)), "no_triangles", "0 triangles"),
+    "no file of its kind": ("not a mesh at all", "file_unreadable", "17 bytes"),
 }
 
 TWIN = f"{SPHERE}\n[[obstacles]]\nsphere = {{ radius = 5e-3, centre = [8e-3, 0.0, 0.0] }}"
 TEXTS = {
-    "overlapping bodies": ([(SPHERE, TWIN)], "bodies 0 and 1 overlap or touch: 2 mm deep near"),
-    "focus in a body": ([("-5.5e-3", "-4.5e-3")], "1 of 2 focus points lies inside a body: focus 0 .* is 0.5 mm deep"),
+    "overlapping bodies": ([(SPHERE, TWIN)], "bodies_overlap", "bodies 0 and 1", "2 mm"),
+    "focus in a body": ([("-5.5e-3", "-4.5e-3")], "focus_inside_body", "1 of 2", "0.5 mm"),
     "transducer in a body": (
         [("-0.08636, -0.06604, -0.07]", "-0.08128, -0.06096, 1e-3]")],
-        r"1 of 249 element points lies inside a body: element \d+ at .* is 4 mm deep",
+        "inside_body",
+        "1 of 249",
+        "4 mm",
     ),
     "focus behind a face": (
         [('layout = "boards"', 'layout = "boards"\npiston_radius = 4e-3'), ("-0.07]", "-0.006]"), ("8e-3,", "8e-2,")]
         + [("8e-2, 0.0, 0.0]", "8e-2, 0.0, -0.02]")],
-        "focus 1 stands behind the faces of 249 elements, first element 0 by 14 mm",
+        "behind_faces",
+        "focus 1",
+        "249 elements",
+        "14 mm",
     ),
     "body behind a face": (
         [('layout = "boards"', 'layout = "boards"\npiston_radius = 4e-3'), ("-0.07]", "-0.004]"), ("-0.08636", "0.01")]
         + [("-5.5e-3", "5.5e-3")],
-        "body 0 reaches behind the faces of 249 elements, first element 0 by 1 mm",
+        "behind_faces",
+        "body 0",
+        "249 elements",
+        "1 mm",
     ),
-    "zero frequency": ([("[medium]", "frequency = 0.0\n[medium]")], "frequency is 0 Hz"),
-    "negative frequency": ([("[medium]", "frequency = -40e3\n[medium]")], "frequency is -40000 Hz"),
-    "frequency in kHz": ([("[medium]", "frequency = 40\n[medium]")], r"frequency is 40 Hz, .* is it in kHz\?"),
-    "frequency NaN": ([("[medium]", "frequency = nan\n[medium]")], "frequency is nan Hz"),
+    "zero frequency": ([("[medium]", "frequency = 0.0\n[medium]")], "not_positive", "frequency is 0 Hz"),
+    "negative frequency": ([("[medium]", "frequency = -40e3\n[medium]")], "not_positive", "frequency is -40000 Hz"),
+    "frequency in kHz": ([("[medium]", "frequency = 40\n[medium]")], "out_of_range", "40 Hz", "kHz"),
+    "frequency NaN": ([("[medium]", "frequency = nan\n[medium]")], "not_positive", "frequency is nan Hz"),
     "frequency in words": (
         [("[medium]", 'frequency = "40 kHz"\n[medium]')],
-        "frequency: expected a number, got a string",
+        "wrong_value",
     ),
-    "zero density": ([("1.293", "0")], "density is 0 kg/m³"),
-    "negative speed": ([("343.1", "-343.1")], "sound speed is -343.1 m/s"),
-    "infinite speed": ([("343.1", "inf")], "sound speed is inf m/s"),
-    "speed in km/s": ([("343.1", "0.3431")], r"sound speed is 0.3431 m/s, .* is it in km/s\?"),
-    "zero radius": ([("radius = 5e-3", "radius = 0")], "radius is 0 m"),
-    "negative radius": ([("radius = 5e-3", "radius = -5e-3")], "radius is -0.005 m"),
-    "radius in mm": ([("radius = 5e-3", "radius = 5")], r"spans 10 m, more than 2 m: is this in millimetres\?"),
-    "gap in mm": ([(SPHERE, "pinch = { gap = 12 }")], r"gap is 12 m, .* is it in millimetres\?"),
-    "negative gap": ([(SPHERE, "pinch = { gap = -0.01 }")], "gap is -0.01 m"),
+    "zero density": ([("1.293", "0")], "not_positive", "density is 0 kg/m³"),
+    "negative speed": ([("343.1", "-343.1")], "not_positive", "sound speed is -343.1 m/s"),
+    "infinite speed": ([("343.1", "inf")], "not_positive", "sound speed is inf m/s"),
+    "speed in km/s": ([("343.1", "0.3431")], "out_of_range", "0.3431 m/s", "km/s"),
+    "zero radius": ([("radius = 5e-3", "radius = 0")], "not_positive", "radius is 0 m"),
+    "negative radius": ([("radius = 5e-3", "radius = -5e-3")], "not_positive", "radius is -0.005 m"),
+    "radius in mm": ([("radius = 5e-3", "radius = 5")], "too_large", "10 m", "2 m", "millimetres"),
+    "gap in mm": ([(SPHERE, "pinch = { gap = 12 }")], "out_of_range", "12 m", "millimetres"),
+    "negative gap": ([(SPHERE, "pinch = { gap = -0.01 }")], "not_positive", "gap is -0.01 m"),
     "offset in mm": (
         [(SPHERE, "pinch = {}"), ("point = [8e-3, 0.0, 0.0]", 'at = "thumb.pad"\noffset = 0.5')],
-        r"offset = 0.5 m does not lie in the gap of 12 mm before thumb.pad: is it in millimetres\?",
+        "out_of_range",
+        "0.5 m",
+        "12 mm",
+        "millimetres",
     ),
-    "focus in mm": ([("8e-3,", "8.0,")], r"focus 1 at .* is 8 m from the origin .* is this in millimetres\?"),
-    "board in mm": ([("-0.07]", "-70.0]")], r"element \d+ stands 70 m from the nearest body, .* in millimetres\?"),
-    "NaN focus": ([("8e-3,", "nan,")], r"target points hold 1 NaN or infinite value, the first at index \[1, 0\]"),
-    "NaN pressure": ([("600.0", "nan")], r"target pressures hold 1 NaN or infinite value, the first at index \[1\]"),
-    "NaN pose": ([("-0.07]", "nan]")], "the pose's translation hold 1 NaN"),
-    "wrong shape": ([("8e-3, 0.0, 0.0]", "8e-3, 0.0]")], r"foci\[1\].point: expected a list of length 3, got 2"),
-    "pressure for one of two": ([("pressure = 600.0", "")], "1 of 2 have a pressure"),
+    "focus in mm": ([("8e-3,", "8.0,")], "too_far", "focus 1", "8 m", "millimetres"),
+    "board in mm": ([("-0.07]", "-70.0]")], "too_far", "70 m", "millimetres"),
+    "NaN focus": ([("8e-3,", "nan,")], "not_finite", "1 NaN", "[1, 0]"),
+    "NaN pressure": ([("600.0", "nan")], "not_finite", "1 NaN", "[1]"),
+    "NaN pose": ([("-0.07]", "nan]")], "not_finite", "1 NaN", "[2]"),
+    "wrong shape": ([("8e-3, 0.0, 0.0]", "8e-3, 0.0]")], "wrong_value", "foci[1].point", "length 3, got 2"),
+    "pressure for one of two": ([("pressure = 600.0", "")], "key_missing", "1 of 2"),
     "empty target": (
         [(BALL[BALL.index("[[foci]]") :], ""), ("[medium]", "foci = []\n[medium]")],
-        r"empty \(0 points\)",
+        "empty",
+        "0 points",
     ),
-    "no accuracy": ([("accuracy = 0.05", "accuracy = 0")], "accuracy is 0, but it must lie between 0.0001 and 0.3"),
+    "no accuracy": ([("accuracy = 0.05", "accuracy = 0")], "out_of_range", "accuracy is 0,", "0.0001", "0.3"),
 }
 
 
-def refusal(capsys, *arguments) -> str:
-    """Run the command line, and return its one sentence."""
+def rejection(capsys, *arguments) -> str:
+    """Run the command line, and return its one sentence with the code."""
     code = main([str(argument) for argument in arguments])
     printed = capsys.readouterr()
     assert (code, printed.out) == (2, ""), printed
     *steps, sentence = printed.err.splitlines()
     assert all(re.match(r" +\d+\.\d s  ", step) for step in steps)
-    assert sentence.startswith("airtact: ")
+    assert re.fullmatch(r"airtact: .*(\d|nan|inf|number).* \[[a-z_]+\]", sentence)
     assert "Traceback" not in printed.err
-    assert re.search(r"\d|nan|inf|number", sentence.partition(".toml")[2] or sentence)
     return sentence
+
+
+def has(sentence: str, code: str, *numbers: str) -> bool:
+    return sentence.endswith(f" [{code}]") and all(number in sentence for number in numbers)
 
 
 def write(path: Path, changes) -> Path:
@@ -136,24 +156,24 @@ def write(path: Path, changes) -> Path:
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_a_bad_surface_is_refused(name, tmp_path, capsys):
-    content, sentence = MESHES[name]
+def test_a_bad_surface_is_rejected(name, tmp_path, capsys):
+    content, *fault = MESHES[name]
     (tmp_path / "mesh.ply").write_text(content, encoding="utf-8")
     scene = write(tmp_path / "scene.toml", [(SPHERE, 'surface = "mesh.ply"'), ("-5.5e-3", "-30e-3")])
-    assert re.search(sentence, refusal(capsys, "check", scene))
+    assert has(rejection(capsys, "check", scene), *fault)
 
 
 @pytest.mark.parametrize("name", TEXTS)
-def test_a_bad_scene_is_refused(name, tmp_path, capsys):
-    changes, sentence = TEXTS[name]
-    assert re.search(sentence, refusal(capsys, "check", write(tmp_path / "scene.toml", changes)))
+def test_a_bad_scene_is_rejected(name, tmp_path, capsys):
+    changes, *fault = TEXTS[name]
+    assert has(rejection(capsys, "check", write(tmp_path / "scene.toml", changes)), *fault)
 
 
 @pytest.mark.parametrize("name", ["overlapping bodies", "focus in a body", "frequency in kHz", "NaN pose"])
-def test_render_refuses_before_it_makes_a_folder(name, tmp_path, capsys):
-    changes, sentence = TEXTS[name]
+def test_render_rejects_before_it_makes_a_folder(name, tmp_path, capsys):
+    changes, *fault = TEXTS[name]
     scene = write(tmp_path / "scene.toml", changes)
-    assert re.search(sentence, refusal(capsys, "render", scene, "--out", tmp_path / "out"))
+    assert has(rejection(capsys, "render", scene, "--out", tmp_path / "out"), *fault)
     assert not (tmp_path / "out").exists()
 
 
@@ -163,17 +183,17 @@ def test_names_are_words_whatever_they_hold(name, tmp_path, capsys):
     assert name in capsys.readouterr().out
 
 
-def test_a_solver_that_does_not_converge_is_refused(tmp_path, capsys, monkeypatch):
+def test_a_solver_that_does_not_converge_is_reported(tmp_path, capsys, monkeypatch):
     # No closed body was found that needs more than the 120 iterations allowed, so two are allowed here.
     monkeypatch.setattr(bem_solver, "gmres", functools.partial(gmres, most_iterations=2))
     scene = write(tmp_path / "scene.toml", [])
-    sentence = refusal(capsys, "render", scene, "--out", tmp_path / "out")
+    sentence = rejection(capsys, "render", scene, "--out", tmp_path / "out")
     assert re.search(r"relative residual of \d\.\de-\d\d .* after 2 iterations; likely", sentence)
 
 
-def test_a_folder_that_cannot_be_written_is_refused(tmp_path, capsys):
+def test_a_folder_that_cannot_be_written_is_rejected(tmp_path, capsys):
     (tmp_path / "file").touch()
-    sentence = refusal(capsys, "render", write(tmp_path / "scene.toml", []), "--out", tmp_path / "file")
+    sentence = rejection(capsys, "render", write(tmp_path / "scene.toml", []), "--out", tmp_path / "file")
     assert re.search(r"cannot write into the output folder .*file: File exists \(error 17\)", sentence)
 
 
@@ -194,151 +214,212 @@ WATER_DROP = at.Scene(AIR, [at.filled(at.sphere(0.01, 0.005), at.Medium(1481, 99
 DROP_FIELD = at.SphereSeries().radiate(WATER_DROP, TARGET.beacons())
 
 KINDS = {
-    "radiate target": (lambda: FREE.radiate(SCENE, TARGET), r"is a Target, .*: give target.beacons\(\)"),
-    "radiate points": (lambda: at.SphereSeries().radiate(WATER_DROP, TARGET.points), r"array of shape \(1, 3\), but"),
+    "radiate target": (lambda: FREE.radiate(SCENE, TARGET), "wrong_kind", "a Target", "a Monopoles"),
+    "radiate points": (
+        lambda: at.SphereSeries().radiate(WATER_DROP, TARGET.points),
+        "wrong_kind",
+        "an array of shape (1, 3)",
+        "a Monopoles",
+    ),
     "radiate backwards": (
         lambda: FREE.radiate(TARGET.beacons(), SCENE),
-        "the scene is a Beacons, but it must be a Scene",
+        "wrong_kind",
+        "a Beacons",
+        "a Scene",
     ),
-    "transfer of a target": (lambda: at.transfer_matrix(TARGET, ARRAY), r"give solver.radiate\(scene, target.beacons"),
+    "transfer of a target": (lambda: at.transfer_matrix(TARGET, ARRAY), "wrong_kind", "a Target", "a RadiatedField"),
     "transfer to a list": (
         lambda: at.transfer_matrix(FIELD, [ARRAY]),
-        r"the array is a list of length 1, but it must be",
+        "wrong_kind",
+        "a list of length 1",
+        "a PhasedArray",
     ),
     "evaluate frame": (
         lambda: at.evaluate(SCENE, ARRAY, FRAME, TARGET, solver=FREE),
-        r"the drive is a Frame, but it must be a Drive: give frame.drive\(\)",
+        "wrong_kind",
+        "a Frame",
+        "a Drive",
     ),
     "evaluate amplitudes": (
         lambda: at.evaluate(SCENE, ARRAY, DRIVE.amplitudes, TARGET, solver=FREE),
-        r"the drive is an array of shape \(2,\), but it must be a Drive: give Drive\(amplitudes\)",
+        "wrong_kind",
+        "an array of shape (2,)",
+        "a Drive",
     ),
     "evaluate points": (
         lambda: at.evaluate(SCENE, ARRAY, DRIVE, TARGET.points, solver=FREE),
-        r"give Target\(points, pr",
+        "wrong_kind",
+        "an array of shape (1, 3)",
+        "a Target",
     ),
     "evaluate by a class": (
         lambda: at.evaluate(SCENE, ARRAY, DRIVE, TARGET, solver=at.FreeField),
-        r"the solver is the class FreeField, but it must be a Solver: give one such as FreeField\(\)",
+        "wrong_kind",
+        "the class FreeField",
+        "a Solver",
     ),
     "evaluate silence": (
         lambda: at.evaluate(SCENE, ARRAY, SILENT, TARGET, solver=FREE),
-        "drive 0 is silent: all 2 amplitudes are 0",
+        "drive_silent",
+        "drive 0",
+        "all 2 amplitudes",
     ),
     "evaluate on an element": (
         lambda: at.evaluate(SCENE, ARRAY, DRIVE, at.Target(ARRAY.positions[1:]), solver=FREE),
-        r"point 0 stands on source 1 \(0 mm away\)",
+        "point_on_source",
+        "point 0",
+        "source 1",
+        "0 mm",
     ),
-    "field of a frame": (lambda: at.field_map(SCENE, ARRAY, FRAME, TARGET.points, solver=FREE), "give frame.drive"),
+    "field of a frame": (
+        lambda: at.field_map(SCENE, ARRAY, FRAME, TARGET.points, solver=FREE),
+        "wrong_kind",
+        "a Frame",
+        "a Drive",
+    ),
     "field of silence": (
         lambda: at.field_map(SCENE, ARRAY, SILENT, TARGET.points, solver=FREE),
-        "all 2 amplitudes are 0",
+        "drive_silent",
+        "all 2 amplitudes",
     ),
     "field without a scene": (
         lambda: at.field_map(AIR, ARRAY, DRIVE, TARGET.points, solver=FREE),
-        "the scene is a Medium",
+        "wrong_kind",
+        "a Medium",
+        "a Scene",
     ),
     "compare list": (
         lambda: at.compare(SCENE, ARRAY, [DRIVE], TARGET, solver=FREE),
-        "the drives is a list of length 1, but it must be a Mapping: give a dict of drives by name",
+        "wrong_kind",
+        "a list of length 1",
+        "a Mapping",
     ),
-    "compare frames": (lambda: at.compare(SCENE, ARRAY, {"a": FRAME}, TARGET, solver=FREE), "drive 'a' is a Frame"),
+    "compare frames": (
+        lambda: at.compare(SCENE, ARRAY, {"a": FRAME}, TARGET, solver=FREE),
+        "wrong_kind",
+        "a Frame",
+        "a Drive",
+    ),
     "reversal backwards": (
         lambda: at.time_reversal(TARGET, TRANSFER),
-        "the transfer matrix is a Target, but it must be",
+        "wrong_kind",
+        "a Target",
+        "a TransferMatrix",
     ),
     "share of a frame": (
-        lambda: at.achieved_fraction(TRANSFER, TARGET, FRAME),
-        "the drive is a Frame, .* give frame.drive",
+        lambda: achieved_fraction(TRANSFER, TARGET, FRAME),
+        "wrong_kind",
+        "a Frame",
+        "a Drive",
     ),
-    "quantise a frame": (lambda: at.quantise(FRAME), "what is quantised is a Frame, but it must be a Drive"),
-    "focus in kHz": (lambda: at.focus_by_distance(ARRAY, TARGET, AIR, 40), r"frequency is 40 Hz, .* is it in kHz\?"),
+    "quantise a frame": (lambda: at.quantise(FRAME), "wrong_kind", "a Frame", "a Drive"),
+    "focus in kHz": (lambda: at.focus_by_distance(ARRAY, TARGET, AIR, 40), "out_of_range", "40 Hz", "kHz"),
     "focus by a speed": (
         lambda: at.focus_by_distance(ARRAY, TARGET, 343.1, 40e3),
-        "the medium is 343.1, but it must be",
+        "wrong_kind",
+        "343.1",
+        "a Medium",
     ),
     "element not made": (
         lambda: at.surrounding_box(element=at.monopole),
-        r"is a function, .* give monopole\(\) or piston",
+        "wrong_kind",
+        "a function",
+        "an Element",
     ),
     "array in mm": (
         lambda: at.PhasedArray(1e3 * ARRAY.positions, ARRAY.normals),
-        r"the elements span 20 m, more than 10 m: is this in millimetres\?",
+        "too_wide",
+        "20 m",
+        "10 m",
+        "millimetres",
     ),
-    "half a board": (lambda: at.flat_boards(1.5, 1), "whole number of rows, not 1.5"),
-    "joining one": (lambda: at.join(ARRAY), "a list of 1 or more arrays, not a PhasedArray"),
-    "joining others": (lambda: at.join([ARRAY, AIR]), "array 1 is a Medium, but it must be a PhasedArray"),
-    "seen from a point": (lambda: ARRAY.seen_from(np.zeros(3)), r"where the hand is is an array of shape \(3,\)|hand"),
-    "surface moved by a point": (lambda: at.sphere(0.01, 0.005).moved(np.zeros(3)), r"must be a Pose: give Pose\("),
-    "turn about a plane": (lambda: at.Pose.turn((0, 1), 0.3), r"the axis of a rotation has shape \(2,\)"),
+    "half a board": (lambda: at.flat_boards(1.5, 1), "not_integers", "1.5"),
+    "joining one": (lambda: at.join(ARRAY), "wrong_kind", "a list of 1 or more arrays", "a PhasedArray"),
+    "joining others": (lambda: at.join([ARRAY, AIR]), "wrong_kind", "a Medium", "a PhasedArray"),
+    "seen from a point": (lambda: ARRAY.seen_from(np.zeros(3)), "wrong_kind", "an array of shape (3,)", "a Pose"),
+    "surface moved by a point": (
+        lambda: at.sphere(0.01, 0.005).moved(np.zeros(3)),
+        "wrong_kind",
+        "an array of shape (3,)",
+        "a Pose",
+    ),
+    "turn about a plane": (lambda: at.Pose.turn((0, 1), 0.3), "wrong_shape", "(2,)"),
     "turn by words": (
         lambda: at.Pose.turn((0, 0, 1), "90"),
-        "the angle of a rotation is '90', but it must be one real number",
+        "not_a_number",
+        "90",
     ),
     "array far off": (
         lambda: at.evaluate(SCENE, ARRAY.moved(FAR), DRIVE, TARGET, solver=FREE),
-        r"element \d stands 100 m from focus 0, more than 10 m: is the array or its pose in millimetres\?",
+        "too_far",
+        "100 m",
+        "10 m",
+        "millimetres",
     ),
     "focus from far off": (
         lambda: at.focus_by_distance(ARRAY.moved(FAR), TARGET, AIR, 40e3),
-        "element . stands 100 m from focus 0",
+        "too_far",
+        "100 m",
     ),
     "focus by pistons in mm": (
         lambda: at.focus_by_distance(at.surrounding_box(at.piston(4.5)), TARGET, AIR, 40e3),
-        r"ka = 3296.34, .* a radius of at most 6.55 mm",
+        "piston_too_large",
+        "3296.34",
+        "6.55 mm",
     ),
-    "many boards": (lambda: at.flat_boards(10**6, 10**6), r"span 1\.92e\+05 m, more than 10 m"),
-    "depth at a point": (lambda: WATER_DROP.depth(np.zeros(3)), r"points have shape \(3,\)"),
-    "depth nowhere": (lambda: at.Surface(*box_mesh()).depth(np.full((1, 3), np.nan)), "points hold 3 NaN or infinite"),
-    "boundary in a list": (lambda: at.Obstacle(at.sphere(0.01, 0.005), ["sound_hard"]), "it is one of sound_hard"),
+    "many boards": (lambda: at.flat_boards(10**6, 10**6), "too_wide", "1.92e+05 m", "10 m"),
+    "depth at a point": (lambda: WATER_DROP.depth(np.zeros(3)), "wrong_shape", "3"),
+    "depth nowhere": (lambda: at.Surface(*box_mesh()).depth(np.full((1, 3), np.nan)), "not_finite", "3 NaN", "[0, 0]"),
+    "boundary in a list": (lambda: at.Obstacle(at.sphere(0.01, 0.005), ["sound_hard"]), "unknown_name", "'sound_hard'"),
     "ragged triangles": (
         lambda: at.Surface(box_mesh()[0], [[0, 1], [0, 1, 2]]),
-        "the 2 surface triangles do not have three indices each",
+        "wrong_shape",
+        "2",
     ),
-    "no path": (lambda: at.load_surface(None), "the path of a surface is a NoneType, but it must be a str . "),
-    "drive in words": (lambda: at.Drive(["loud", "quiet"]), "the drive's amplitudes are a list of length 2, but they"),
-    "warm air": (lambda: at.air(celsius="warm"), "the air's temperature is 'warm', but it must be one real number"),
+    "no path": (lambda: at.load_surface(None), "wrong_kind", "a NoneType", "a str"),
+    "drive in words": (lambda: at.Drive(["loud", "quiet"]), "not_a_number", "2"),
+    "warm air": (lambda: at.air(celsius="warm"), "not_a_number", "'warm'"),
 }
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_another_kind_of_object_is_refused(name, monkeypatch):
+def test_another_kind_of_object_is_rejected(name, monkeypatch):
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
-    call, sentence = KINDS[name]
-    with pytest.raises(at.InvalidInput, match=sentence) as caught:
+    call, *fault = KINDS[name]
+    with raises_code(*fault) as caught:
         call()
     assert "\n" not in str(caught.value)
 
 
-LISTENERS = {"at": lambda field, p: field.at(p), "valid": lambda field, p: field.valid(p)}
+EVALUATED = {"at": lambda field, p: field.at(p), "valid": lambda field, p: field.valid(p)}
 FIELDS = {"open air": FIELD, "sphere": DROP_FIELD}
 
 
 @pytest.mark.parametrize("field", FIELDS)
-@pytest.mark.parametrize("listen", LISTENERS)
+@pytest.mark.parametrize("ask", EVALUATED)
 @pytest.mark.parametrize(
-    ("points", "sentence"),
+    ("points", "fault"),
     [
-        (np.zeros(3), r"points have shape \(3,\)"),
-        (np.zeros((4, 2)), r"points have shape \(4, 2\)"),
-        (np.array([[0, 0, 0], [0, np.nan, 0.1]]), r"points hold 1 NaN or infinite value, the first at index \[1, 1\]"),
-        (np.array([[0, 0, np.inf]]), r"points hold 1 NaN or infinite value, the first at index \[0, 2\]"),
+        (np.zeros(3), ("wrong_shape", "(3,)")),
+        (np.zeros((4, 2)), ("wrong_shape", "(4, 2)")),
+        (np.array([[0, 0, 0], [0, np.nan, 0.1]]), ("not_finite", "1 NaN", "[1, 1]")),
+        (np.array([[0, 0, np.inf]]), ("not_finite", "1 NaN", "[0, 2]")),
     ],
 )
-def test_points_to_listen_at_are_checked(field, listen, points, sentence, monkeypatch):
+def test_points_of_evaluation_are_checked(field, ask, points, fault, monkeypatch):
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
-    with pytest.raises(at.InvalidInput, match=sentence):
-        LISTENERS[listen](FIELDS[field], points)
+    with raises_code(*fault):
+        EVALUATED[ask](FIELDS[field], points)
 
 
 @pytest.mark.parametrize("field", FIELDS)
-def test_a_point_on_a_source_is_refused(field):
+def test_a_point_on_a_source_is_rejected(field):
     points = np.array([[0.0, 0.0, 0.05], [0.0, 0.0, 0.02 + 1e-12]])
-    with pytest.raises(at.InvalidInput, match=r"point 1 stands on source 0 \(.*e-10 mm away\)"):
+    with raises_code("point_on_source", "point 1", "source 0", "e-10 mm"):
         FIELDS[field].at(points)
 
 
-def test_listening_nowhere_gives_nothing():
+def test_no_points_give_nothing():
     for field in FIELDS.values():
         assert field.at(np.zeros((0, 3))).shape == (0, 1)
         assert field.valid(np.zeros((0, 3))).shape == (0,)

@@ -231,7 +231,7 @@ def test_mesh_refuses_files_that_it_cannot_write(capsys, tmp_path):
     path = box_file(tmp_path)
     before = path.read_bytes()
     for file, sentence in (
-        (path, "the panels would take the place of box.stl"),
+        (path, "the panels would overwrite box.stl"),
         (tmp_path / "panels.obj", "ends in '.obj', but panels are written to .vtkhdf, .stl, .ply, .glb"),
         (path / "panels.stl", "cannot write into the output folder"),
     ):

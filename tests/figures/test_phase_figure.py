@@ -29,9 +29,9 @@ def test_unfolding_keeps_distances_and_handedness(name):
     assert sorted(np.concatenate([face.elements for face in faces])) == list(range(len(array)))
     for face in faces:
         places = array.positions[face.elements]
-        np.testing.assert_allclose(distances(face.places), distances(places), atol=1e-9)
+        np.testing.assert_allclose(distances(face.seen), distances(places), atol=1e-9)
         # Seen from where the face radiates to, a turn to the left stays one.
-        first, second = face.places[1] - face.places[0], face.places[40] - face.places[0]
+        first, second = face.seen[1] - face.seen[0], face.seen[40] - face.seen[0]
         turn = np.cross(places[1] - places[0], places[40] - places[0]) @ face.normal
         assert first[0] * second[1] - first[1] * second[0] == pytest.approx(turn)
 
@@ -45,7 +45,7 @@ def test_the_faces_of_the_box_follow_one_another_to_the_right():
         np.testing.assert_allclose(np.cross(face.normal, after.normal), [0, 0, -1], atol=1e-12)
     for face in faces:
         # The long side of the board stands upright.
-        assert np.ptp(face.places[:, 1]) > np.ptp(face.places[:, 0])
+        assert np.ptp(face.seen[:, 1]) > np.ptp(face.seen[:, 0])
 
 
 def test_a_flat_array_is_one_face():
@@ -78,7 +78,7 @@ def test_discs_have_the_colour_of_phase_and_amplitude():
         np.testing.assert_array_equal(
             drawn[4 + index].get_facecolor(), colormaps["viridis"](np.abs(drive[face.elements]) / np.abs(drive).max())
         )
-        np.testing.assert_allclose(drawn[index].get_offsets(), 1e3 * face.places)
+        np.testing.assert_allclose(drawn[index].get_offsets(), 1e3 * face.seen)
 
 
 def test_spacing_is_the_pitch():

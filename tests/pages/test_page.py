@@ -7,7 +7,7 @@ import pytest
 from jinja2 import UndefinedError
 from matplotlib.figure import Figure
 
-from airtact.pages.page import document, folded, heading, page_from, paragraph, picture, section, table, tiles
+from airtact.pages.page import document, folded, heading, key_numbers, page_from, paragraph, picture, section, table
 
 
 def test_text_is_escaped_in_every_piece() -> None:
@@ -17,7 +17,7 @@ def test_text_is_escaped_in_every_piece() -> None:
         section(text),
         paragraph(text, "warning"),
         folded(text, text),
-        tiles([(text, text)]),
+        key_numbers([(text, text)]),
         table([text], [[text]], text),
         picture(_figure(), text, text),
     ]

@@ -44,7 +44,7 @@ def test_a_run_writes_its_files_and_nothing_else(rendered):
         "solving",
         "evaluating",
         "making",
-        "judging",
+        "verifying",
         "computing",
         "computing",
         "drawing",
@@ -155,7 +155,7 @@ def test_markup_in_names_stays_words(tmp_path):
     render(path, tmp_path / "out")
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "<i>" not in page
-    assert "<b>" not in page.replace('<div class="tile"><b>', "")
+    assert "<b>" not in page.replace('<div class="number"><b>', "")
     assert "&lt;i&gt;&amp;" in page
 
 

@@ -17,7 +17,7 @@ from airtact.experiments.ratios import ratios
 from airtact.experiments.rigid_motion import rigid_motion
 from airtact.experiments.settings import FULL, QUICK, Settings
 from airtact.experiments.solved import solved
-from airtact.pages.page import document, folded, heading, paragraph, section, table, tiles
+from airtact.pages.page import document, folded, heading, key_numbers, paragraph, section, table
 from airtact.timing import Clock
 
 PAGE = "index.html"
@@ -116,7 +116,7 @@ def _page(settings: Settings, parts: list[Part], waiting: list[str], clock: Cloc
             "each, open solvers only.",
             "lead",
         ),
-        tiles(_facts(parts)),
+        key_numbers(_facts(parts)),
     ]
     if waiting:
         words = f"Unfinished: {len(waiting)} parts are still to come ({', '.join(waiting)})."

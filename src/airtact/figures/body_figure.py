@@ -81,7 +81,7 @@ def draw_bodies(
 
 
 def sharp_edges(body: Surface) -> Bool[np.ndarray, "triangles 3"]:
-    """Tell which edges 01, 12, 20 of the triangles of a surface stay sharp when it is curved.
+    """Find the edges 01, 12, 20 of the triangles of a surface that stay sharp when it is curved.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def draw_fault(
     sentence: str,
     position: Real[np.ndarray, "3"] | None,
 ) -> Figure:
-    """Draw triangles that make no valid surface: whole, and close up where the fault is.
+    """Draw triangles that make no valid surface: all of them, and close up where the fault is.
 
     Backs of triangles and edges without a neighbour have colours of their own. Triangles that name vertices which are
     not there, or are nowhere, are left out.

@@ -38,7 +38,7 @@ class Cut:
     ----------
     window : where.
     pressures : by name of the drive, (P,) [Pa] at ``window.points``, NaN inside bodies.
-    outlines : closed lines (N, 3) in which the skins of bodies without a field inside meet the plane [m].
+    outlines : closed lines (N, 3) in which the surfaces of bodies without a field inside meet the plane [m].
     """
 
     window: Window
@@ -75,15 +75,15 @@ def _loops(heights: Float64[np.ndarray, "vertices"], body: Surface) -> list[Floa
     edges = np.sort(np.stack([np.repeat(corners[:, :1], 2, axis=1), ends], axis=2), axis=2)
     low, high = heights[edges[:, 0, 0]], heights[edges[:, 0, 1]]
     first, second = body.vertices[edges[:, 0, 0]], body.vertices[edges[:, 0, 1]]
-    places = first + (low / (low - high))[:, None] * (second - first)
+    points = first + (low / (low - high))[:, None] * (second - first)
     keys = edges[:, :, 0] * len(body.vertices) + edges[:, :, 1]
     follow = dict(keys.tolist())
-    place_of = dict(zip(keys[:, 0].tolist(), places, strict=True))
+    point_of = dict(zip(keys[:, 0].tolist(), points, strict=True))
     loops = []
     while follow:
         key, loop = next(iter(follow)), []
         while key in follow:
-            loop.append(place_of[key])
+            loop.append(point_of[key])
             key = follow.pop(key)
         loops.append(np.array(loop))
     return loops
@@ -108,21 +108,21 @@ def draw_fields(cut: Cut, foci: Real[np.ndarray, "foci 3"], names: Sequence[str]
     figure = Figure(figsize=(columns * wide * size + 2.0, rows * (tall * size + 0.3) + 0.6), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     scale = _scale([cut])
-    for place, (title, pressure) in zip(axes.ravel(), cut.pressures.items(), strict=False):
-        _draw_cut(place, cut, pressure, scale)
-        place.set_title(title, fontsize=11)
-        _mark_foci(place, cut.window, foci, names if count <= 2 and len(names) <= MOST_NAMES else [""] * len(names))
-    for place in axes[:, 0]:
-        place.set_ylabel(cut.window.labels[1])
-    for column, place in enumerate(axes.T):
+    for panel, (title, pressure) in zip(axes.ravel(), cut.pressures.items(), strict=False):
+        _draw_cut(panel, cut, pressure, scale)
+        panel.set_title(title, fontsize=11)
+        _mark_foci(panel, cut.window, foci, names if count <= 2 and len(names) <= MOST_NAMES else [""] * len(names))
+    for panel in axes[:, 0]:
+        panel.set_ylabel(cut.window.labels[1])
+    for column, panel in enumerate(axes.T):
         last = (count - 1 - column) // columns
-        place[last].set_xlabel(cut.window.labels[0])
-        place[last].tick_params(labelbottom=True)
-        for empty in place[last + 1 :]:
+        panel[last].set_xlabel(cut.window.labels[0])
+        panel[last].tick_params(labelbottom=True)
+        for empty in panel[last + 1 :]:
             empty.remove()
     figure.colorbar(
         ScalarMappable(scale, COLOURS),
-        ax=[place for place in axes.ravel() if place.figure is not None],
+        ax=[panel for panel in axes.ravel() if panel.figure is not None],
         label=f"peak pressure [Pa], {normalisation}",
         pad=0.015,
         aspect=28,
@@ -131,7 +131,7 @@ def draw_fields(cut: Cut, foci: Real[np.ndarray, "foci 3"], names: Sequence[str]
 
 
 def draw_close_ups(cuts: Sequence[Cut], names: Sequence[str], normalisation: str) -> Figure:
-    """Draw one column per focus and one row per drive, all on one colour scale; the skin lies below the focus.
+    """Draw one column per focus and one row per drive, all on one colour scale; the surface lies below the focus.
 
     Parameters
     ----------
@@ -145,14 +145,14 @@ def draw_close_ups(cuts: Sequence[Cut], names: Sequence[str], normalisation: str
     scale = _scale(cuts)
     for column, (cut, name) in enumerate(zip(cuts, names, strict=True)):
         for row, drive in enumerate(drives):
-            place = axes[row, column]
-            _draw_cut(place, cut, cut.pressures[drive], scale, centred=True)
-            place.plot(0, 0, "o", markersize=9, markerfacecolor="none", markeredgecolor="white")
-            place.tick_params(labelsize=8, labelleft=column == 0, labelbottom=row == len(drives) - 1)
+            panel = axes[row, column]
+            _draw_cut(panel, cut, cut.pressures[drive], scale, centred=True)
+            panel.plot(0, 0, "o", markersize=9, markerfacecolor="none", markeredgecolor="white")
+            panel.tick_params(labelsize=8, labelleft=column == 0, labelbottom=row == len(drives) - 1)
         axes[0, column].set_title(name, fontsize=10)
     for row, drive in enumerate(drives):
         axes[row, 0].set_ylabel(f"{drive}\noff the focus [mm]", fontsize=9)
-    figure.supxlabel("along the skin from the focus [mm]", fontsize=9)
+    figure.supxlabel("along the surface from the focus [mm]", fontsize=9)
     figure.colorbar(
         ScalarMappable(scale, COLOURS), ax=axes, label=f"peak pressure [Pa],\n{normalisation}", pad=0.01, aspect=28
     )
@@ -181,7 +181,7 @@ def _draw_cut(
     rows, columns = window.shape
     half = (right - left) / (columns - 1) / 2, (top - bottom) / (rows - 1) / 2
     axes.imshow(
-        _past_the_skin(np.abs(pressure).reshape(rows, columns)),
+        _past_the_surface(np.abs(pressure).reshape(rows, columns)),
         origin="lower",
         extent=(left - half[0], right + half[0], bottom - half[1], top + half[1]),
         cmap=COLOURS,
@@ -196,8 +196,8 @@ def _draw_cut(
     axes.set(xlim=(left, right), ylim=(bottom, top))
 
 
-def _past_the_skin(magnitude: Float64[np.ndarray, "rows columns"]) -> np.ma.MaskedArray:
-    """Carry the field three points into the bodies, where their grey covers it, so that no gap shows at the skin."""
+def _past_the_surface(magnitude: Float64[np.ndarray, "rows columns"]) -> np.ma.MaskedArray:
+    """Carry the field three points into the bodies, where their grey covers it, so that no gap shows at the surface."""
     from scipy.ndimage import distance_transform_edt
 
     inside = np.isnan(magnitude)
@@ -208,21 +208,23 @@ def _past_the_skin(magnitude: Float64[np.ndarray, "rows columns"]) -> np.ma.Mask
 
 
 def _mark_foci(axes: Axes, window: Window, foci: Real[np.ndarray, "foci 3"], names: Sequence[str]) -> None:
-    places = window.seen(foci)
+    positions = window.seen(foci)
     off = np.abs(window.height_of(foci)) > 0.5e-3
-    outwards = places - places.mean(axis=0)
+    outwards = positions - positions.mean(axis=0)
     size = 90 if len(foci) <= MOST_NAMES else 12
     plate = {"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
-    for place, is_off, away, name in zip(places, off, outwards, names, strict=True):
+    for position, is_off, away, name in zip(positions, off, outwards, names, strict=True):
         style = (0, (2, 1.5)) if is_off else "solid"
-        ring = axes.scatter(*place, s=size, facecolors="none", edgecolors="white", linewidths=1.3, linestyles=[style])
+        ring = axes.scatter(
+            *position, s=size, facecolors="none", edgecolors="white", linewidths=1.3, linestyles=[style]
+        )
         ring.set_path_effects([withStroke(linewidth=2.4, foreground="black")])
         if not name:
             continue
         side = -1 if away[0] < 0 else 1
         axes.annotate(
             name,
-            place,
+            position,
             xytext=(side * 10, 0),
             textcoords="offset points",
             ha="left" if side > 0 else "right",

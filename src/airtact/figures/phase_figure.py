@@ -22,12 +22,12 @@ class Face:
     Attributes
     ----------
     elements : (N,) their indices.
-    places : (N, 2) where they are as seen from the side they radiate to, upright [m].
+    seen : (N, 2) where they are as seen from the side they radiate to, upright [m].
     normal : (3,) where they radiate to.
     """
 
     elements: Int[np.ndarray, "elements"]
-    places: Float64[np.ndarray, "elements 2"]
+    seen: Float64[np.ndarray, "elements 2"]
     normal: Float64[np.ndarray, "3"]
 
 
@@ -82,7 +82,7 @@ def draw_phases(
     normals: Real[np.ndarray, "elements 3"],
     amplitudes: Complex[np.ndarray, "elements"],
 ) -> Figure:
-    """Draw phase and amplitude of every transducer as discs in their true places.
+    """Draw phase and amplitude of every transducer as discs at their true positions.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def draw_phases(
     amplitudes : (E,) the drive; 1 is full scale.
     """
     faces = unfold(positions, normals)
-    spans = np.array([np.ptp(face.places, axis=0) + 0.02 for face in faces])
+    spans = np.array([np.ptp(face.seen, axis=0) + 0.02 for face in faces])
     beside = len(faces) == 1
     widths = [*spans[:, 0]] * (2 if beside else 1)
     heights = [spans[:, 1].max()] * (1 if beside else 2)
@@ -102,23 +102,23 @@ def draw_phases(
     axes = figure.subplots(len(heights), len(widths), squeeze=False, sharex="col", sharey="row", width_ratios=widths)
     rows = axes.T if beside else axes
     size = min(spacing(positions[face.elements]) for face in faces) * 0.94
-    loudness = np.abs(amplitudes)
+    magnitudes = np.abs(amplitudes)
     emitted = (
         (np.angle(amplitudes), ScalarMappable(Normalize(-np.pi, np.pi), "twilight"), "phase [rad]"),
-        (loudness, ScalarMappable(Normalize(0, loudness.max()), "viridis"), "amplitude [share of full scale]"),
+        (magnitudes, ScalarMappable(Normalize(0, magnitudes.max()), "viridis"), "amplitude [of full scale]"),
     )
     for row, (values, scale, label) in zip(rows, emitted, strict=True):
-        for place, face in zip(row, faces, strict=True):
-            _draw_discs(place, 1e3 * face.places, values[face.elements], 1e3 * size, scale)
+        for panel, face in zip(row, faces, strict=True):
+            _draw_discs(panel, 1e3 * face.seen, values[face.elements], 1e3 * size, scale)
         bar = figure.colorbar(scale, ax=list(row), label=label, pad=0.01, aspect=25)
         if scale.get_cmap().name == "twilight":
             bar.set_ticks(list(PHASE_TICKS), labels=list(PHASE_TICKS.values()))
-    for place, face in zip(axes[0], faces * (2 if beside else 1), strict=True):
-        place.set_title(_where(face, positions), fontsize=10)
-    for place in axes[-1]:
-        place.set_xlabel("along the face [mm]")
-    for place in axes[:, 0]:
-        place.set_ylabel("up [mm]")
+    for panel, face in zip(axes[0], faces * (2 if beside else 1), strict=True):
+        panel.set_title(_where(face, positions), fontsize=10)
+    for panel in axes[-1]:
+        panel.set_xlabel("along the face [mm]")
+    for panel in axes[:, 0]:
+        panel.set_ylabel("up [mm]")
     return figure
 
 
@@ -138,18 +138,16 @@ def spacing(positions: Real[np.ndarray, "elements 3"]) -> float:
 
 def _draw_discs(
     axes: Axes,
-    places: Float64[np.ndarray, "elements 2"],
+    seen: Float64[np.ndarray, "elements 2"],
     values: Real[np.ndarray, "elements"],
     size: float,
     scale: ScalarMappable,
 ) -> None:
-    sizes = np.full(len(places), size)
-    discs = EllipseCollection(
-        sizes, sizes, np.zeros(len(places)), units="xy", offsets=places, transOffset=axes.transData
-    )
+    sizes = np.full(len(seen), size)
+    discs = EllipseCollection(sizes, sizes, np.zeros(len(seen)), units="xy", offsets=seen, transOffset=axes.transData)
     discs.set(facecolor=scale.to_rgba(values), edgecolor="0.55", linewidth=0.3)
     axes.add_collection(discs)
-    lowest, highest = places.min(axis=0) - size, places.max(axis=0) + size
+    lowest, highest = seen.min(axis=0) - size, seen.max(axis=0) + size
     axes.set(xlim=(lowest[0], highest[0]), ylim=(lowest[1], highest[1]), aspect="equal")
 
 

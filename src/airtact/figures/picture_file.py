@@ -14,7 +14,7 @@ PIXELS = 1.35
 """Pixels drawn per pixel of the page, for screens that have more."""
 
 
-def drawn(figure: Figure) -> UInt8[np.ndarray, "rows columns 4"]:
+def pixels_of(figure: Figure) -> UInt8[np.ndarray, "rows columns 4"]:
     """Draw a figure and cut off its empty margins, which are wide around a view in space.
 
     Parameters
@@ -38,8 +38,8 @@ def write_picture(path: Path, figure: Figure) -> None:
 
     Parameters
     ----------
-    path : the file to write; it appears only once it is whole.
+    path : the file to write; it appears only once it is complete.
     figure : what to draw.
     """
     with whole_file(path) as partial:
-        imsave(partial, drawn(figure), format="png")
+        imsave(partial, pixels_of(figure), format="png")

@@ -46,7 +46,7 @@ def draw_bars(names: Sequence[str], heights: Float64[np.ndarray, "names"], bound
     return figure
 
 
-def draw_tracks(tracks: Sequence[PadTrack], said: str = "") -> Figure:
+def draw_tracks(tracks: Sequence[PadTrack], title: str = "") -> Figure:
     """Draw where the pads of hands were, coordinate by coordinate, and the gap between thumb and index finger.
 
     Times at which a hand was lost are grey.
@@ -54,22 +54,22 @@ def draw_tracks(tracks: Sequence[PadTrack], said: str = "") -> Figure:
     Parameters
     ----------
     tracks : one for each hand.
-    said : a line over all, such as the counted faults.
+    title : a line over all, such as the counted faults.
     """
     figure = Figure(figsize=(5.0 + 3.5 * len(tracks), 7.0), layout="constrained")
     rows = figure.subplots(4, len(tracks), sharex="col", squeeze=False)
     start = min(float(track.times[0]) for track in tracks)
     for column, track in enumerate(tracks):
         times = track.times - start
-        whole, lost = _with_breaks(times, track.pads)
+        broken_times, broken_pads = _with_breaks(times, track.pads)
         for row, axis in enumerate("xyz"):
             axes = rows[row, column]
             for finger, name in enumerate(FINGERS):
                 colour = colormaps["viridis"](finger / 4.4)
-                axes.plot(whole, 1e3 * lost[:, finger, row], color=colour, linewidth=1.2, label=name)
+                axes.plot(broken_times, 1e3 * broken_pads[:, finger, row], color=colour, linewidth=1.2, label=name)
             axes.set_ylabel(f"{axis} [mm]")
-        gap = 1e3 * np.linalg.norm(lost[:, 0] - lost[:, 1], axis=1)
-        rows[3, column].plot(whole, gap, color="#444444", linewidth=1.2)
+        gap = 1e3 * np.linalg.norm(broken_pads[:, 0] - broken_pads[:, 1], axis=1)
+        rows[3, column].plot(broken_times, gap, color="#444444", linewidth=1.2)
         rows[3, column].set_ylabel("thumb to index\npad [mm]")
         rows[3, column].set_ylim(bottom=0.0)
         rows[3, column].set_xlabel("time [s]")
@@ -77,7 +77,7 @@ def draw_tracks(tracks: Sequence[PadTrack], said: str = "") -> Figure:
         for axes in rows[:, column]:
             _shade(axes, times, np.isfinite(track.pads[:, 0, 0]))
     rows[0, 0].legend(frameon=False, fontsize=8, ncols=5, loc="lower left", bbox_to_anchor=(0.0, 1.12))
-    figure.suptitle(said, fontsize=9)
+    figure.suptitle(title, fontsize=9)
     return figure
 
 
@@ -115,14 +115,14 @@ def draw_overlay(overlay: Overlay) -> Figure:
     model = overlay.scale * overlay.predicted[used]
     if not overlay.scan.phased:
         measured, model = np.abs(measured), np.abs(model)
-    places, axes = _seen(overlay.scan.points[used])
+    projected, axes = _seen(overlay.scan.points[used])
     peak = float(np.abs(measured).max())
     shown = {
         "measured": np.abs(measured) / peak,
         "predicted": np.abs(model) / peak,
         f"difference, {overlay.error:.1%} rms": np.abs(measured - model) / peak,
     }
-    return _curves(places[:, 0], axes[0], shown) if len(axes) == 1 else _maps(places, axes, shown)
+    return _curves(projected[:, 0], axes[0], shown) if len(axes) == 1 else _maps(projected, axes, shown)
 
 
 def _seen(
@@ -135,8 +135,8 @@ def _seen(
     if len(wide) <= 2:
         return 1e3 * points[:, wide], tuple(f"{'xyz'[axis]} [mm]" for axis in wide)
     _, spreads, ways = np.linalg.svd(centred, full_matrices=False)
-    kept = ways[: 1 if spreads[1] < FLAT * spreads[0] else 2]
-    return 1e3 * centred @ kept.T, ("along the scan [mm]", "across the scan [mm]")[: len(kept)]
+    axes = ways[: 1 if spreads[1] < FLAT * spreads[0] else 2]
+    return 1e3 * centred @ axes.T, ("along the scan [mm]", "across the scan [mm]")[: len(axes)]
 
 
 def _curves(
@@ -153,19 +153,19 @@ def _curves(
 
 
 def _maps(
-    places: Float64[np.ndarray, "points 2"], labels: tuple[str, ...], shown: dict[str, Float64[np.ndarray, "points"]]
+    projected: Float64[np.ndarray, "points 2"], labels: tuple[str, ...], shown: dict[str, Float64[np.ndarray, "points"]]
 ) -> Figure:
-    wide, tall = np.ptp(places, axis=0)
+    wide, tall = np.ptp(projected, axis=0)
     size = 3.6 / max(wide, tall)
     figure = Figure(figsize=(3 * max(wide * size, 1.6) + 1.4, max(tall * size, 1.6) + 1.0), layout="constrained")
     axes = figure.subplots(1, 3, sharex=True, sharey=True)
     scale = Normalize(0.0, max(float(values.max()) for values in shown.values()))
     # squares that just meet where the positions form a grid
-    side = 72 * size * np.sqrt(wide * tall / len(places))
-    for place, (name, values) in zip(axes, shown.items(), strict=True):
-        place.scatter(*places.T, c=values, cmap=COLOURS, norm=scale, s=max(side, 2.0) ** 2, marker="s", linewidths=0)
-        place.set_title(name, fontsize=11)
-        place.set(xlabel=labels[0], aspect="equal", facecolor="0.85")
+    side = 72 * size * np.sqrt(wide * tall / len(projected))
+    for panel, (name, values) in zip(axes, shown.items(), strict=True):
+        panel.scatter(*projected.T, c=values, cmap=COLOURS, norm=scale, s=max(side, 2.0) ** 2, marker="s", linewidths=0)
+        panel.set_title(name, fontsize=11)
+        panel.set(xlabel=labels[0], aspect="equal", facecolor="0.85")
     axes[0].set_ylabel(labels[1])
     figure.colorbar(
         ScalarMappable(scale, COLOURS), ax=list(axes), label="pressure over the largest measured", aspect=28

@@ -72,7 +72,7 @@ def _view_of(normals: Real[np.ndarray, "elements 3"]) -> View:
 
 
 def _discs(positions: np.ndarray, normals: np.ndarray, radius: float) -> Float64[np.ndarray, "elements corners 3"]:
-    """Polygons of 14 corners in place of circles [mm]."""
+    """Polygons of 14 corners instead of circles [mm]."""
     helper = np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     across = np.cross(normals, helper)
     across /= np.linalg.norm(across, axis=1, keepdims=True)

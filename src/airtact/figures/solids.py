@@ -26,13 +26,13 @@ LINE = (0.13, 0.13, 0.13, 1.0)
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """Straight lines on the skin of something.
+    """Straight lines on a surface.
 
     Attributes
     ----------
     segments : (N, 2, 3) ends [mm].
-    outward : (N, 3) direction in which the skin looks there; lines on its far side are not seen.
-    ahead : (N,) how far towards the viewer they are drawn so that the skin does not cover them [mm].
+    outward : (N, 3) direction in which the surface faces there; lines on its far side are not seen.
+    ahead : (N,) how far towards the viewer they are drawn so that the surface does not cover them [mm].
     colour : red, green, blue, opaqueness.
     breadth : [mm], or 0 for as thin as can be.
     """

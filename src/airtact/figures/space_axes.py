@@ -15,7 +15,7 @@ from mpl_toolkits.mplot3d import Axes3D
 LIGHT = np.array([0.35, -0.45, 0.82]) / np.linalg.norm([0.35, -0.45, 0.82])
 """Direction from which bodies are lit."""
 
-QUIET: Any = {
+PLAIN: Any = {
     **{f"axes3d.{axis}axis.panecolor": (1.0, 1.0, 1.0, 0.0) for axis in "xyz"},
     "grid.color": "0.9",
     "grid.linewidth": 0.6,
@@ -84,7 +84,7 @@ def space_axes(figure: Figure, view: View) -> Axes3D:
     figure : what they are added to.
     view : from where they are seen.
     """
-    return _quiet_axes(figure, view, (1, 1, 1))
+    return _plain_axes(figure, view, (1, 1, 1))
 
 
 def wide_figure(height: float) -> Figure:
@@ -105,14 +105,14 @@ def two_sides(figure: Figure, view: View) -> list[tuple[View, Axes3D]]:
     figure : what they are added to.
     view : from where the left one is seen.
     """
-    sides = [(side, _quiet_axes(figure, side, (1, 2, 1 + column))) for column, side in enumerate((view, view.opposite))]
+    sides = [(side, _plain_axes(figure, side, (1, 2, 1 + column))) for column, side in enumerate((view, view.opposite))]
     for _, axes in sides:
         axes.set_proj_type("ortho")
     return sides
 
 
-def _quiet_axes(figure: Figure, view: View, position: tuple[int, int, int]) -> Axes3D:
-    with rc_context(QUIET):
+def _plain_axes(figure: Figure, view: View, position: tuple[int, int, int]) -> Axes3D:
+    with rc_context(PLAIN):
         axes = figure.add_subplot(*position, projection="3d", computed_zorder=False)
     assert isinstance(axes, Axes3D)
     axes.view_init(elev=view.elevation, azim=view.azimuth)

@@ -12,7 +12,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 from matplotlib.image import imsave
 
-from airtact.figures.picture_file import PIXELS, drawn
+from airtact.figures.picture_file import PIXELS, pixels_of
 
 
 @cache
@@ -57,7 +57,7 @@ def picture(figure: Figure, caption: str, alternative: str) -> Markup:
     alternative : what it shows, for those who cannot see it.
     """
     buffer = io.BytesIO()
-    pixels = drawn(figure)
+    pixels = pixels_of(figure)
     imsave(buffer, pixels, format="png")
     data = base64.b64encode(buffer.getvalue()).decode("ascii")
     return _piece("picture", data, round(pixels.shape[1] / PIXELS), caption, alternative)
@@ -76,9 +76,9 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "
     return _piece("table", header, list(rows), caption, text)
 
 
-def tiles(facts: Iterable[tuple[str, str]]) -> Markup:
+def key_numbers(facts: Iterable[tuple[str, str]]) -> Markup:
     """Show a few numbers large, each (number, what it is)."""
-    return _piece("tiles", list(facts))
+    return _piece("key_numbers", list(facts))
 
 
 def paragraph(words: str, kind: str = "") -> Markup:

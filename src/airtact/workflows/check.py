@@ -1,4 +1,4 @@
-"""Whether a scene or a surface would be accepted, with pictures of its bodies or of the fault. Prints nothing."""
+"""From a scene or a surface to what is in it, with a picture of its bodies or of its fault. Prints nothing."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -62,7 +62,7 @@ def check_scene(path: Path, folder: Path | None = None, report_step: Progress = 
     Raises
     ------
     InvalidInput
-        The file is at fault, or the folder; a picture of the bodies, with the place of the fault, is written before.
+        The file is at fault, or the folder; a picture of the bodies with the position of the fault is written first.
     """
     report_step(f"reading {path.name}")
     with _pictured(folder, lambda: drawable_bodies(path), report_step):
@@ -89,8 +89,8 @@ def check_surface_file(
     Raises
     ------
     InvalidInput
-        The surface is at fault, or the folder; a picture of the triangles, with the place of the fault, is written
-        before.
+        The surface is at fault, or the folder; a picture of the triangles with the position of the fault is
+        written first.
     """
 
     def triangles() -> list[Triangles]:
@@ -122,7 +122,7 @@ def unknowns_by_accuracy(scene: Scene) -> dict[float, int]:
 
 @contextmanager
 def _pictured(folder: Path | None, bodies: Callable[[], list[Triangles]], report_step: Progress) -> Iterator[None]:
-    """Draw the fault of what is refused inside."""
+    """Draw the fault of input that is rejected inside."""
     if folder is None:
         yield
         return
@@ -145,7 +145,7 @@ def _pictured(folder: Path | None, bodies: Callable[[], list[Triangles]], report
 
 
 def _clear(folder: Path) -> None:
-    # An older picture must not stand beside what is said now.
+    # An older picture must not stand beside the new result.
     writable_folder(folder)
     for name in (BODIES, FAULT):
         (folder / name).unlink(missing_ok=True)

@@ -1,7 +1,6 @@
 """From a scene file to a page that compares all ways to make its drive on one transfer matrix. Prints nothing."""
 
 import csv
-import time
 from pathlib import Path
 
 import msgspec
@@ -30,14 +29,14 @@ IGNORED = "hand ignored"
 
 
 def compare(path: Path, folder: Path, report_step: Progress = no_progress, store: Path | None = None) -> Contest:
-    """Make the drive of a scene file by every method, judge all by one finer solution, and write a page about it.
+    """Make the drive of a scene file by every method, verify all in one more accurate solve, and write a page.
 
     Parameters
     ----------
-    path : the scene file; the method that it names plays no part.
+    path : the scene file; the method that it names is not used.
     folder : where `FILES` go and, below ``drives``, one HDF5 file for each method; made if it is not there.
     report_step : called with each step as it begins.
-    store : folder where solved fields are kept and looked for; None to solve all anew.
+    store : folder where solved fields are stored and found again; None to solve all anew.
 
     Returns
     -------
@@ -55,11 +54,13 @@ def compare(path: Path, folder: Path, report_step: Progress = no_progress, store
         setup = _fresh_setup(path, folder)
     transfer, beacons = solve_foci(setup, clock, store)
     with clock.step("drives", f"making the drive by {len(METHODS)} methods"):
-        drives, seconds, said = _all_drives(setup, transfer)
+        drives, seconds, notes = _all_drives(setup, transfer)
         bound = upper_bound(transfer, setup.target).worst
     _write_drives(folder / "drives", setup, transfer, beacons, drives)
     emitted = {name: quantise(drive, setup.levels).drive() for name, drive in drives.items()}
-    with clock.step("verify", f"judging {len(drives)} drives by a finer solution with all transducers as sources"):
+    with clock.step(
+        "verify", f"verifying {len(drives)} drives by a more accurate solve with all transducers as sources"
+    ):
         solver = stored(verification_solver(setup), store)
         field = radiate_drives(setup.scene, setup.array, list(emitted.values()), setup.target, solver)
         at_foci = np.abs(field.at(setup.target.points).T)
@@ -67,8 +68,8 @@ def compare(path: Path, folder: Path, report_step: Progress = no_progress, store
     with clock.step("cuts", "computing the fields in the pictures"):
         cut = _cut(setup, field, list(emitted))
     contenders = [
-        Contender(name, drives[name], emitted[name], pressures, quiet, seconds[name])
-        for name, pressures, quiet in zip(emitted, at_foci, suppressed, strict=True)
+        Contender(name, drives[name], emitted[name], pressures, level, seconds[name])
+        for name, pressures, level in zip(emitted, at_foci, suppressed, strict=True)
     ]
     contest = Contest(
         title=path.stem.replace("_", " "),
@@ -77,7 +78,7 @@ def compare(path: Path, folder: Path, report_step: Progress = no_progress, store
         foci=setup.foci,
         bodies=setup.bodies,
         contenders=contenders,
-        notes=said,
+        notes=notes,
         transfer=transfer,
         bound=bound,
         report=field.report,
@@ -108,23 +109,21 @@ def _write_drives(
 
 
 def _all_drives(setup: Setup, transfer: TransferMatrix) -> tuple[dict[str, Drive], dict[str, float], list[str]]:
-    """Make a drive by each method: drives, seconds, and sentences of those that refused or stalled."""
-    drives, seconds, said = {}, {}, []
+    """Make a drive by each method: drives, seconds, and warnings of those that raised or stalled."""
+    drives, all_notes, clock = {}, [], Clock()
     for name, method in METHODS.items():
-        begun = time.perf_counter()
         words = name.replace("_", " ")
         try:
-            drives[words], notes = synthesise(method, transfer, setup.target)
+            with clock.step(words):
+                drives[words], notes = synthesise(method, transfer, setup.target)
         except InvalidInput as fault:
             notes = (f"{words} made no drive: {fault}",)
-        said += notes
-        seconds[words] = time.perf_counter() - begun
+        all_notes += notes
     if not drives:
-        raise InvalidInput(f"0 of {len(METHODS)} methods make a drive; {said[0]}")
-    begun = time.perf_counter()
-    drives[IGNORED] = focus_by_distance(setup.array, setup.target, setup.scene.medium, setup.scene.frequency)
-    seconds[IGNORED] = time.perf_counter() - begun
-    return drives, seconds, said
+        raise InvalidInput(f"0 of {len(METHODS)} methods make a drive; {all_notes[0]}", code="no_drive")
+    with clock.step(IGNORED):
+        drives[IGNORED] = focus_by_distance(setup.array, setup.target, setup.scene.medium, setup.scene.frequency)
+    return drives, clock.seconds, all_notes
 
 
 def _cut(setup: Setup, field: RadiatedField, names: list[str]) -> Cut:

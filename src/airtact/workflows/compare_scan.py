@@ -31,7 +31,7 @@ class Compared:
     ----------
     overlay : both, and how far they differ.
     report : of the solver that predicted.
-    said : of the method having stopped early.
+    notes : warnings of a method that stopped early.
     """
 
     overlay: Overlay
@@ -46,12 +46,12 @@ def compare_scan(
     microphone: Microphone,
     report_step: Progress = no_progress,
 ) -> Compared:
-    """Predict what a microphone reads in a scene, and hold a measured scan against it after one complex scale.
+    """Predict what a microphone reads in a scene, and compare a measured scan with it after one complex scale.
 
     Parameters
     ----------
     scan_file : a .csv file with the columns x, y, z [m] in the obstacles' frame, pressure and perhaps phase [rad].
-    scene_file : the scene file; its drive, rounded to its levels, is played.
+    scene_file : the scene file; its drive, rounded to its levels, is emitted.
     folder : where `FILES` go; made if it is not there.
     microphone : what the scan was measured with.
     report_step : called with each step as it begins.
@@ -68,14 +68,14 @@ def compare_scan(
         scan, setup = load_scan(scan_file), read_scene(scene_file)
         writable_folder(folder)
     transfer, _ = solve_foci(setup, clock)
-    made, said = synthesise(setup.synthesise, transfer, setup.target)
+    made, notes = synthesise(setup.synthesise, transfer, setup.target)
     drive = quantise(made, setup.levels).drive()
-    with clock.step("verify", "predicting by a finer solution with all transducers as sources"):
+    with clock.step("verify", "predicting by a more accurate solve with all transducers as sources"):
         field = verification_solver(setup).radiate(setup.scene, drive_sources(setup.array, [drive]))
-    with clock.step("scan", f"listening at {len(scan.points)} positions"):
+    with clock.step("scan", f"evaluating the microphone at {len(scan.points)} positions"):
         predicted = microphone.read(field, scan.points)[:, 0]
     with about(scan_file.name):
-        compared = Compared(overlay_scan(scan, predicted), field.report, said)
+        compared = Compared(overlay_scan(scan, predicted), field.report, notes)
     _write_table(folder / FILES[0], compared.overlay)
     write_picture(folder / FILES[1], draw_overlay(compared.overlay))
     return compared

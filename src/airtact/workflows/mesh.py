@@ -26,10 +26,10 @@ WAVELENGTH = air(celsius=20.0).wavelength(40e3)
 """Of the sound that panels are made for unless their edge is given [m]."""
 
 FAR = 1.0 / 20.0
-"""Share of the wavelength above which panels lie too far from the triangles given."""
+"""Distance over the wavelength from which panels lie too far from the triangles given."""
 
 MOST_PANELS = 300_000
-"""More are refused: they take minutes to make, and no solver takes a tenth of them."""
+"""More are rejected: they take minutes to make, and no solver takes a tenth of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,14 +85,14 @@ class Meshed:
 
     @property
     def warning(self) -> str | None:
-        """What must be said of panels that lie far from the triangles given."""
+        """Warning that panels lie far from the triangles given, or None."""
         farthest = float(self.panels.farthest.max())
         if farthest <= FAR * WAVELENGTH:
             return None
         return (
             f"the panels lie up to {1e3 * farthest:.2g} mm off the triangles given, more than 1/20 of the wavelength "
-            f"of {1e3 * WAVELENGTH:.3g} mm: these are coarse for a curved skin; give a finer mesh, or --sharp 0 if it "
-            "shall be faceted."
+            f"of {1e3 * WAVELENGTH:.3g} mm: these are coarse for a curved surface; give smaller triangles, or "
+            "--sharp 0 if it is faceted."
         )
 
 
@@ -117,7 +117,7 @@ def mesh(
     Parameters
     ----------
     path : an STL, PLY, OBJ or GLB file.
-    file : where the panels go; its ending says how, see ``write_panels``.
+    file : where the panels go; its ending sets the format, see ``write_panels``.
     edge : of the equilateral triangle as large as the panels wanted [m]; ``usual_edge`` unless given.
     report_step : called with each step as it begins.
     settings : ``scale``, ``largest_hole`` and ``sharp_degrees`` of ``load_surface``.
@@ -130,7 +130,9 @@ def mesh(
     report_step(f"reading {path.name}")
     check_ending(file)
     if path.resolve() == file.resolve():
-        raise InvalidInput(f"the panels would take the place of {path.name}, the 1 file that they are made from.")
+        raise InvalidInput(
+            f"the panels would overwrite {path.name}, the 1 file that they are made from.", code="would_overwrite"
+        )
     surface = load_surface(path, **settings)
     with about(path.name):
         check_surface(surface)
@@ -150,12 +152,14 @@ def _checked_edge(edge: float, surface: Surface) -> float:
     edge, extent = positive(edge, "edge", "m"), surface.extent
     if edge > extent:
         raise InvalidInput(
-            f"edge is {edge:g} m, but the surface spans {1e3 * extent:.3g} mm: is it in millimetres? Give metres."
+            f"edge is {edge:g} m, but the surface spans {1e3 * extent:.3g} mm: is it in millimetres? Give metres.",
+            code="not_metres",
         )
     count = surface.area / (math.sqrt(3) / 4 * edge**2)
     if count > MOST_PANELS:
         raise InvalidInput(
             f"edge is {edge:g} m, which makes {count:.2g} panels of this surface, more than {MOST_PANELS:g}; give a "
-            "larger one."
+            "larger one.",
+            code="too_many_panels",
         )
     return edge

@@ -38,14 +38,14 @@ class _Made:
 
 
 def render(path: Path, folder: Path, report_step: Progress = no_progress, store: Path | None = None) -> Run:
-    """Compute what a scene file asks for and write it into a folder, each file as soon as it is there.
+    """Compute what a scene file asks for and write it into a folder, each file as soon as it is complete.
 
     Parameters
     ----------
     path : the scene file.
     folder : where `FILES` go; made if it is not there.
     report_step : called with each step as it begins.
-    store : folder where solved fields are kept and looked for; None to solve all anew.
+    store : folder where solved fields are stored and found again; None to solve all anew.
 
     Returns
     -------
@@ -64,12 +64,12 @@ def render(path: Path, folder: Path, report_step: Progress = no_progress, store:
         writable_folder(folder)
     made = _make_drive(setup, clock, store)
     _write_drive(folder, setup, made)
-    comparison = _judge(setup, made, clock, store)
+    comparison = _verify(setup, made, clock, store)
     with clock.step("field", "computing the field around the foci"):
-        loudest = float(np.abs(made.drive.amplitudes).max())
+        peak = float(np.abs(made.drive.amplitudes).max())
         box = box_around(setup.target.points, setup.scene.wavelength)
         bodies = [obstacle.surface for obstacle in setup.scene.obstacles]
-        write_field(folder / "field.vtkhdf", box, loudest * comparison.at(box.points)[CONSIDERED], bodies)
+        write_field(folder / "field.vtkhdf", box, peak * comparison.at(box.points)[CONSIDERED], bodies)
     with clock.step("cuts", "computing the field in the pictures"):
         plane, close_ups = _cuts(setup, comparison)
     run = Run(
@@ -85,7 +85,7 @@ def render(path: Path, folder: Path, report_step: Progress = no_progress, store:
         frame=made.frame,
         transfer=made.transfer,
         beacons=made.beacons,
-        reached=loudest * comparison.pressures["equal peak"][0],
+        reached=peak * comparison.pressures["equal peak"][0],
         comparison=comparison,
         plane=plane,
         close_ups=close_ups,
@@ -100,8 +100,8 @@ def render(path: Path, folder: Path, report_step: Progress = no_progress, store:
 def _make_drive(setup: Setup, clock: Clock, store: Path | None) -> _Made:
     transfer, report = solve_foci(setup, clock, store)
     with clock.step("drive", f"making the drive by {setup.method.replace('_', ' ')}"):
-        drive, said = synthesise(setup.synthesise, transfer, setup.target)
-    return _Made(report, transfer, drive, quantise(drive, setup.levels), said)
+        drive, notes = synthesise(setup.synthesise, transfer, setup.target)
+    return _Made(report, transfer, drive, quantise(drive, setup.levels), notes)
 
 
 def _write_drive(folder: Path, setup: Setup, made: _Made) -> None:
@@ -113,16 +113,16 @@ def _write_drive(folder: Path, setup: Setup, made: _Made) -> None:
         made.drive.save(folder / name, setup.array, setup.scene, made.transfer, setup.target, made.frame.levels, texts)
 
 
-def _judge(setup: Setup, made: _Made, clock: Clock, store: Path | None) -> Comparison:
+def _verify(setup: Setup, made: _Made, clock: Clock, store: Path | None) -> Comparison:
     """Compare the drive with the one that ignores the bodies."""
     control = focus_by_distance(setup.array, setup.target, setup.scene.medium, setup.scene.frequency)
     drives = {CONSIDERED: made.drive, IGNORED: control}
-    with clock.step("verify", "judging it by a finer solution with all transducers as sources"):
+    with clock.step("verify", "verifying it by a more accurate solve with all transducers as sources"):
         return compare(setup.scene, setup.array, drives, setup.target, solver=stored(verification_solver(setup), store))
 
 
 def _cuts(setup: Setup, comparison: Comparison) -> tuple[Cut, list[Cut]]:
-    """Cut the field through the foci; across each one too where one plane cannot show them all."""
+    """Cut the field through the foci, and across each of them where one plane cannot show them all."""
     scene, foci = setup.scene, setup.target.points
     columns = [comparison.column(name) for name in comparison.names]
     energy = np.sum(np.abs(comparison.field.sources.strengths[:, columns]) ** 2, axis=0)
