@@ -21,7 +21,7 @@ def ball_scene(centre=(0.0, 0.0, 0.0)) -> at.Scene:
 
 
 @pytest.mark.parametrize("solver", SOLVERS, ids=NAMES)
-def test_a_heard_at_b_is_b_heard_at_a(solver):
+def test_the_field_of_a_at_b_is_that_of_b_at_a(solver):
     here, there = directions(4, 1) * 0.018, directions(5, 2) * 0.06
     forth = solver.radiate(ball_scene(), one_each(here)).at(there)
     back = solver.radiate(ball_scene(), one_each(there)).at(here).T
@@ -41,14 +41,16 @@ def test_moving_hand_and_array_together_changes_nothing(precision, allowed):
 
 
 @pytest.mark.parametrize("solver", SOLVERS, ids=NAMES)
-def test_a_hard_body_neither_makes_nor_swallows_power(solver):
+def test_a_hard_body_neither_emits_nor_absorbs_power(solver):
     """The power that crosses a sphere round the body, with the source outside it, is nothing."""
     source = np.array([[0.0, 0.004, 0.03]])
     field = solver.radiate(ball_scene(), one_each(source))
     cosine, weight = roots_legendre(24)
-    turn = 2 * np.pi * np.arange(48) / 48
+    azimuth = 2 * np.pi * np.arange(48) / 48
     sine = np.sqrt(1 - cosine**2)
-    way = np.stack([np.outer(sine, np.cos(turn)), np.outer(sine, np.sin(turn)), np.outer(cosine, np.ones(48))], -1)
+    way = np.stack(
+        [np.outer(sine, np.cos(azimuth)), np.outer(sine, np.sin(azimuth)), np.outer(cosine, np.ones(48))], -1
+    )
     way, area, radius, step = way.reshape(-1, 3), np.repeat(weight, 48) * 2 * np.pi / 48, 0.016, 1e-5
     low, high = (field.at(way * (radius + side * step))[:, 0] for side in (-1, 1))
     crossing = np.imag(np.conj(0.5 * (low + high)) * (high - low) / (2 * step))
@@ -56,7 +58,7 @@ def test_a_hard_body_neither_makes_nor_swallows_power(solver):
 
 
 @pytest.mark.parametrize("solver", SOLVERS, ids=NAMES)
-def test_sounds_add_up(solver):
+def test_excitations_add_up(solver):
     sources = directions(3, 4) * 0.012
     strengths = np.array([[1, 0.5], [2j, 0], [0, -1]])
     together = solver.radiate(ball_scene(), at.Monopoles(sources, strengths)).at(far_points(20))
@@ -114,7 +116,7 @@ def single_layer(nodes: Nodes, points: np.ndarray, density: np.ndarray, wavenumb
 
 
 @pytest.mark.parametrize("name", list(BODIES))
-def test_a_source_inside_the_body_is_heard_outside(name):
+def test_a_source_inside_the_body_has_its_field_outside(name):
     """A body that moves as an inner monopole would push it radiates that monopole: exact on any skin.
 
     With v = ∂u/∂n of the monopole u the dual-surface equation reads A p = −(S v)(x) + i (S v)(x').
@@ -130,9 +132,9 @@ def test_a_source_inside_the_body_is_heard_outside(name):
     push = np.exp(1j * wavenumber * r) / r * (1j * wavenumber - 1 / r) * (offset * nodes.normals).sum(axis=1) / r
     right = -single_layer(nodes, nodes.points, push, wavenumber)
     right += 1j * np.repeat(single_layer(nodes, surface.shifted, push, wavenumber), 3)
-    skin = gmres(matrix.times, right[None], 1e-8).solution.T
+    pressure = gmres(matrix.times, right[None], 1e-8).solution.T
     points = far_points(20)
-    found = double_layer_pressure(points, nodes, skin, wavenumber, rule, "float64")[:, 0]
+    found = double_layer_pressure(points, nodes, pressure, wavenumber, rule, "float64")[:, 0]
     found -= single_layer(nodes, points, push, wavenumber)
     true = monopole_pressure(points, inner, np.ones((1, 1), complex), wavenumber, "float64")[:, 0]
     assert np.linalg.norm(found - true) < 5e-3 * np.linalg.norm(true)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from airtact.conventions import InvalidInput, NotConverged
 from airtact.scene.medium import Medium
 from airtact.scene.scene import Scene, filled, impedance, sound_hard
 from airtact.scene.sources import Monopoles
@@ -13,6 +12,7 @@ from airtact.solvers.problem import RadiatedField
 from airtact.solvers.spherical.sphere_series import SphereSeries
 from airtact.solvers.velocity import differences
 from airtact.surfaces.primitives import sphere
+from faults import raises_code
 
 AIR = Medium(343.1, 1.293, absorption=0.1)
 BALL = sphere(0.01, edge=4e-3, centre=(1e-3, 2e-3, -1e-3))
@@ -58,7 +58,7 @@ def test_a_far_monopole_moves_air_along_its_sound_in_phase_with_it() -> None:
     np.testing.assert_allclose(velocity, pressure * points / 10.0 / (343.1 * 1.293), rtol=2e-4, atol=1e-9)
 
 
-def test_air_slides_along_a_hard_skin_and_enters_a_soft_one() -> None:
+def test_air_slides_along_a_hard_surface_and_enters_a_soft_one() -> None:
     directions = np.array([[1.0, 0.0, 0.0], [0.0, -0.6, 0.8], [-0.8, 0.0, 0.6]])
     skin = CENTRE + 0.01 * directions
     sliding = field_of("hard").velocity(skin)
@@ -80,7 +80,7 @@ def test_inside_a_fluid_sphere_it_is_that_of_the_fluid() -> None:
     assert np.linalg.norm(centre - differenced(field, CENTRE[None], 1e-4, density=3.0)) < 2e-3 * np.linalg.norm(centre)
 
 
-def test_normal_velocity_is_continuous_through_a_fluid_skin() -> None:
+def test_normal_velocity_is_continuous_through_a_fluid_surface() -> None:
     field, direction = field_of("filled"), np.array([0.0, 0.6, 0.8])
     both = field.velocity(CENTRE + np.outer([0.01 + 1e-8, 0.01 - 1e-8], direction))
     inwards = np.einsum("d,pds->ps", direction, both)
@@ -100,16 +100,16 @@ def test_the_difference_of_any_field_errs_as_the_fourth_power_of_its_step() -> N
     assert np.linalg.norm(by_default - field.velocity(OUTSIDE)) < 1e-4 * np.linalg.norm(by_default)
 
 
-def test_a_point_and_a_source_both_on_the_skin_are_refused_with_their_distance() -> None:
+def test_a_point_and_a_source_both_on_the_surface_are_rejected_with_their_distance() -> None:
     touching = Monopoles(CENTRE + np.array([[0.01, 0.0, 0.0]]), np.ones(1))
     field = SphereSeries().radiate(Scene(AIR, [BOUNDARIES["hard"]]), touching)
-    with pytest.raises(NotConverged, match=r"4000 terms at a point 0 mm and a source 0 mm off the skin"):
+    with raises_code("series_stalled", "4000 terms", "a point 0 mm", "a source 0 mm"):
         field.velocity(CENTRE + np.array([[0.0, 0.01, 0.0]]))
 
 
 @pytest.mark.parametrize("kind", ["open air", "hard"])
-def test_points_on_a_source_are_refused(kind) -> None:
-    with pytest.raises(InvalidInput, match="point 0 stands on source 1"):
+def test_points_on_a_source_are_rejected(kind) -> None:
+    with raises_code("point_on_source", "point 0", "source 1"):
         field_of(kind).velocity(SOURCES.positions[1:])
 
 
@@ -160,5 +160,5 @@ def test_air_slides_along_the_skin_of_boundary_elements(solved) -> None:
     velocity = solved[1][0.003].velocity(skin.points)
     assert np.abs(np.einsum("qd,qds->qs", skin.normals, velocity)).max() < 1e-9 * np.abs(velocity).max()
     assert np.isnan(solved[1][0.003].velocity(CENTRE[None])).all()
-    with pytest.raises(InvalidInput, match="point 0 stands on source 1"):
+    with raises_code("point_on_source", "point 0", "source 1"):
         solved[1][0.003].velocity(ROOM_SOURCES.positions[1:])

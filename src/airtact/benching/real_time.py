@@ -168,7 +168,7 @@ class RealTime:
         errors = [self._errors(bodies, array, made[frame - 1]) for frame, array in zip(checked, seen, strict=True)]
         asked = "2 ms for 2000 unknowns"
         row = self._row("whole pinch moved rigidly, to drive", asked, took, made, errors)
-        found, off = waves.report.seconds["waves"], float(waves.report.settings["waves_error"])
+        found, off = waves.report.seconds["expansion"], float(waves.report.settings["expansion_error"])
         error = f"{row.error}; expansion {off:.1e} off"
         profile = f"{row.profile}; by the surface integral {by_sum}; expansion computed once in {1e3 * found:.3g} ms"
         return Row(row.what, asked, row.measured, error, profile, row.numbers)

@@ -23,13 +23,13 @@ def unit_monopoles(
 
     Parameters
     ----------
-    points : (P, 3) where to listen [m].
-    positions : (N, 3) where the monopoles stand [m].
+    points : (P, 3) receivers [m].
+    positions : (N, 3) of the monopoles [m].
     wavenumber : k [1/m], its imaginary part the absorption [Np/m].
 
     Returns
     -------
-    (P, N) pressure [Pa]; the points must stand off the monopoles, see ``check_off_sources``.
+    (P, N) pressure [Pa]; no point may be on a monopole, see ``check_off_sources``.
     """
     distance = np.sqrt(np.sum((points[:, None, :] - positions[None, :, :]) ** 2, axis=-1))
     return np.exp(1j * wavenumber * distance) / distance
@@ -54,7 +54,7 @@ class OpenAirField(RadiatedField):
     Attributes
     ----------
     scene : the scene, without obstacles.
-    sources : the monopoles that speak.
+    sources : the monopoles.
     report : how the field was made.
     """
 
@@ -70,7 +70,7 @@ class OpenAirField(RadiatedField):
         return SurfaceField.empty(self.sources)
 
     def at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
-        """Pressure [Pa] at points (P, 3) [m] for each of the S sounds.
+        """Pressure [Pa] at points (P, 3) [m] for each of the S excitations.
 
         Raises
         ------
@@ -86,10 +86,10 @@ class OpenAirField(RadiatedField):
         return np.zeros((len(points), self.sources.strengths.shape[1]), dtype=np.complex128)
 
     def velocity(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
-        """Particle velocity [m/s] at points (P, 3) [m], in closed form; parameters and refusals of ``at``."""
+        """Particle velocity [m/s] at points (P, 3) [m], in closed form; parameters and errors of ``at``."""
         points = receivers(points, self.sources)
-        slopes = open_air_gradient(points, self.sources, self.scene.wavenumber)
-        return velocity_of(slopes, self.scene.frequency, self.scene.medium.density)
+        gradient = open_air_gradient(points, self.sources, self.scene.wavenumber)
+        return velocity_of(gradient, self.scene.frequency, self.scene.medium.density)
 
     def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
         """Everywhere: there is no body."""
@@ -98,7 +98,7 @@ class OpenAirField(RadiatedField):
 
 @dataclass(frozen=True)
 class FreeField(Solver):
-    """Sound in open air, in closed form, absorption included. Refuses obstacles."""
+    """Sound in open air, in closed form, absorption included; for scenes without obstacles."""
 
     def radiate(self, scene: Scene, sources: Monopoles) -> OpenAirField:
         """Field of the monopoles in a scene without obstacles.
@@ -112,8 +112,9 @@ class FreeField(Solver):
         if len(scene.obstacles) > 0:
             bodies = counted(len(scene.obstacles), "obstacle", "obstacles")
             raise InvalidInput(
-                f"FreeField knows open air only, and the scene has {bodies}; "
-                "take a solver that scatters, such as BoundaryElement."
+                f"FreeField solves for open air only, and the scene has {bodies}; "
+                "take a solver that scatters, such as BoundaryElement.",
+                code="solver_unsuitable",
             )
         report = SolveReport(
             solver="FreeField",

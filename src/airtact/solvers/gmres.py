@@ -1,7 +1,7 @@
-"""GMRES for several right-hand sides at once: one pass over the matrix an iteration serves them all.
+"""GMRES for several right-hand sides at once: each iteration passes over the matrix once for all of them.
 
-Each keeps its own Krylov space, as in Saad & Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856; scipy's own
-solver takes one right-hand side, and reading the matrix is where all the time goes.
+Each right-hand side has its own Krylov space, as in Saad & Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856. SciPy's
+solver takes one right-hand side, and most of the time goes into reading the matrix.
 """
 
 import math
@@ -21,9 +21,9 @@ class GmresResult:
 
     Attributes
     ----------
-    solution : (S, M) one row a right-hand side.
+    solution : (S, M) one row for each right-hand side.
     residuals : (S,) relative residual of each.
-    iterations : passes over the matrix.
+    iterations : products with the matrix.
     """
 
     solution: Complex[np.ndarray, "sides unknowns"]
@@ -43,7 +43,7 @@ def gmres(
     ----------
     product : A v for each row v of (S, M).
     right_sides : (S, M); its precision is the working precision.
-    tolerance : relative residual at which the slowest may stop.
+    tolerance : relative residual that all of them must reach.
 
     Raises
     ------
@@ -53,7 +53,8 @@ def gmres(
     if not np.isfinite(right_sides).all():
         raise NotConverged(
             f"{np.count_nonzero(~np.isfinite(right_sides))} of {right_sides.size} numbers of the right-hand sides are "
-            "NaN or infinite before the 1st iteration; are the sources' strengths beyond the range of float32?"
+            "NaN or infinite before the 1st iteration; are the sources' strengths beyond the range of float32?",
+            code="not_finite",
         )
     sides, unknowns = right_sides.shape
     norms = np.linalg.norm(right_sides, axis=1)
@@ -72,8 +73,9 @@ def gmres(
             return GmresResult(np.array(sums).reshape(sides, unknowns) * scale, residuals, step + 1)
     raise NotConverged(
         f"GMRES stopped at a relative residual of {residuals.max():.1e} (wanted {tolerance:.0e}) after "
-        f"{most_iterations} iterations; likely a gap or a body is much thinner than a panel: ask for a finer accuracy, "
-        "or move the bodies apart."
+        f"{most_iterations} iterations; likely a gap or a body is much thinner than a panel: ask for a smaller "
+        "accuracy, or move the bodies apart.",
+        code="gmres_stalled",
     )
 
 
@@ -90,7 +92,7 @@ class _Rotated:
         return abs(self._right[-1])
 
     def add(self, column: list[complex]) -> None:
-        """Take a column of H, down to the entry below its diagonal."""
+        """Add a column of H, down to the entry below its diagonal."""
         for row, (cosine, sine) in enumerate(self._rotations):
             upper, lower = column[row], column[row + 1]
             column[row] = cosine * upper + sine * lower
@@ -106,7 +108,7 @@ class _Rotated:
         self._right[-1:] = [cosine * last, -sine.conjugate() * last]
 
     def weights(self) -> Complex128[np.ndarray, "steps"]:
-        """Solve the triangle that is left; what nothing was heard of gets 0."""
+        """Solve the remaining triangular system; a zero on the diagonal gives 0."""
         steps = len(self._columns)
         triangle = np.zeros((steps, steps), dtype=np.complex128)
         for index, column in enumerate(self._columns):
@@ -115,11 +117,11 @@ class _Rotated:
         return solve_triangular(triangle + np.diag(diagonal == 0), np.array(self._right[:-1]) * (diagonal != 0))
 
 
-# Vector by vector, not by matrix products: BLAS threads go on spinning and would take a core from the next product.
+# Vector by vector, not by matrix products: BLAS threads keep spinning and would take a core from the next product.
 def _make_orthogonal(
     grown: Complex[np.ndarray, "unknowns"], basis: Complex[np.ndarray, "vectors unknowns"]
 ) -> list[complex]:
-    """Take from a vector, in place, what lies along the basis, and make it a unit vector; gives what it was made of."""
+    """Orthonormalise a vector against the basis, in place; returns its column of H."""
     entries = []
     for vector in basis:
         overlap = np.vdot(vector, grown)

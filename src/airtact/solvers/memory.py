@@ -1,8 +1,8 @@
-"""How much memory the machine has left."""
+"""The memory that is free."""
 
 
 def available_memory() -> float:
-    """Bytes that can be had without swapping; infinite where the system does not say."""
+    """Return the bytes available without swapping; infinity where the system does not report them."""
     try:
         with open("/proc/meminfo") as lines:
             for line in lines:

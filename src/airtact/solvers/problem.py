@@ -1,4 +1,4 @@
-"""What every solver takes and gives: a scene and monopoles in, a radiated field out."""
+"""The interface of every solver: a scene and monopoles in, a radiated field out."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -15,12 +15,12 @@ from airtact.solvers.velocity import differences, velocity_of
 from airtact.validation import points_of
 
 DIFFERENCE = 1.0 / 40.0
-"""Step over which a field without a closed form is differentiated, in wavelengths."""
+"""Step of the differences of a field without a closed form, in wavelengths."""
 
 
 @dataclass(frozen=True)
 class SolveReport:
-    """How a field was made, so that a reader can trust or redo it.
+    """How a field was solved, so that a reader can trust or repeat it.
 
     Attributes
     ----------
@@ -28,14 +28,14 @@ class SolveReport:
     residual : worst relative residual of the linear systems (0 for closed forms).
     iterations : iterations that the slowest right-hand side took.
     nodes : number of unknowns.
-    nodes_per_square_wavelength : unknowns per λ² of the bodies' skin (infinite for closed forms).
-    estimated_error : relative error of the field away from the skin as the solver itself estimates it.
+    nodes_per_square_wavelength : unknowns per λ² of the bodies' surfaces (infinite for closed forms).
+    estimated_error : the solver's own estimate of the relative error of the field away from the surfaces.
     seconds : wall time by step [s].
-    settings : what the solver was asked for.
+    settings : the solver's settings.
     warnings : sentences that a reader of the result must see.
     citations : sources of the method.
-    farthest_off_triangles, mean_off_triangles : how far the panels lie from the triangles that the bodies were given
-        as, at most and in the mean of the worst body [m]; 0 for primitives.
+    farthest_off_triangles, mean_off_triangles : largest and mean distance of the panels from the triangles of the
+        given surface, of the worst body [m]; 0 for primitives.
     """
 
     solver: str
@@ -79,13 +79,13 @@ class SurfaceField:
 
 
 class RadiatedField(ABC):
-    """The sound of some monopoles in a scene, to be heard anywhere outside the bodies.
+    """The sound field of some monopoles in a scene, evaluated at any points outside the bodies.
 
     Attributes
     ----------
     scene : the scene that was solved.
-    sources : the monopoles that speak.
-    report : how the field was made.
+    sources : the monopoles.
+    report : how the field was solved.
     """
 
     scene: Scene
@@ -105,7 +105,7 @@ class RadiatedField(ABC):
         """Scattered pressure [Pa]: the total pressure less that of the sources alone in open air.
 
         It is finite at the sources' own positions, where ``at`` is infinite, except at a source that touches a body.
-        A field that knows no better subtracts the open-air pressure from ``at``, which needs points off the sources.
+        By default the open-air pressure is subtracted from ``at``, which needs points off the sources.
 
         Parameters
         ----------
@@ -130,10 +130,10 @@ class RadiatedField(ABC):
         """Whether the field exists at points (P, 3): False inside bodies, except filled ones."""
 
     def velocity(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
-        """Particle velocity v = ∇p/(iωρ) [m/s] at points (P, 3) [m], along x, y and z, for each of the S sounds.
+        """Particle velocity v = ∇p/(iωρ) [m/s] at points (P, 3) [m], along x, y and z, for each of the S excitations.
 
-        On a sound-hard skin it lies along the skin. A field that does not know better differentiates ``at`` over 1/40
-        of a wavelength, and gives NaN where that reaches into a body.
+        On a sound-hard surface it is tangential. By default ``at`` is differenced over 1/40 of a wavelength, which
+        gives NaN where the difference reaches into a body.
 
         Parameters
         ----------
@@ -144,7 +144,7 @@ class RadiatedField(ABC):
         return velocity_of(differences(self.at, points, step), self.scene.frequency, self.scene.medium.density)
 
     def error_at(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "sounds"]:
-        """Relative error over points (P, 3) away from the skin, as the solver estimates it for each of the S sounds."""
+        """Estimated relative error over points (P, 3) away from the surfaces, for each of the S excitations."""
         return np.full(self.sources.strengths.shape[1], self.report.estimated_error)
 
 
@@ -162,8 +162,8 @@ def receivers(points: Real[np.ndarray, "points 3"], sources: Monopoles) -> Float
 
 
 class Solver(ABC):
-    """A way to compute how sound travels in a scene."""
+    """A method that computes the sound field of a scene."""
 
     @abstractmethod
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
-        """Solve the scene for the monopoles, one field per independent sound."""
+        """Solve the scene for the monopoles, for all their excitations at once."""

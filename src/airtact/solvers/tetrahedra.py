@@ -1,4 +1,4 @@
-"""Curved tetrahedra, searched for the one that holds a point."""
+"""Curved tetrahedra, and the search for the one that contains a point."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,16 +13,16 @@ EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 """Corners of the six edges of a tetrahedron."""
 
 CANDIDATES = (4, 12, 40, 160, 640)
-"""How many tetrahedra with the nearest centres are tried for a point, round by round."""
+"""Numbers of tetrahedra with the nearest centres that are tried for a point, one after the other."""
 
 INWARD = 0.85
-"""Where tetrahedra are looked at for folds: from their centres to corners and middles, this share of the way."""
+"""Where tetrahedra are checked for folds: this part of the way from their centres to corners and midpoints."""
 
 INSIDE = 1e-7
 """Barycentric coordinates may be this far below 0 inside a tetrahedron ..."""
 
 BESIDE = 0.05
-"""... and this far for a point that no tetrahedron holds: the meshed skin lies micrometres off the true one."""
+"""... and this far for a point in no tetrahedron: the meshed surface lies micrometres off the true one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class Tetrahedra:
     Attributes
     ----------
     corners : (T, 4, 3) [λ].
-    bends : (T, 6, 3) how far the middles of the edges lie off the straight ones [λ].
+    bends : (T, 6, 3) offsets of the midpoints of the edges from the straight ones [λ].
     """
 
     corners: Float64[np.ndarray, "tetrahedra 4 3"]
@@ -44,7 +44,7 @@ class Tetrahedra:
     def _tree(self) -> KDTree:
         return KDTree(self.corners.mean(axis=1))
 
-    def places(
+    def positions(
         self, number: Int64[np.ndarray, "points"], weights: Real[np.ndarray, "points 4"]
     ) -> Float64[np.ndarray, "points 3"]:
         """Points with barycentric coordinates (P, 4) of tetrahedra (P,) [λ]."""
@@ -52,10 +52,10 @@ class Tetrahedra:
         straight = np.einsum("pc,pcd->pd", weights, self.corners[number])
         return straight + 4 * np.einsum("pe,ped->pd", one * other, self.bends[number])
 
-    def slopes(
+    def jacobians(
         self, number: Int64[np.ndarray, "points"], weights: Real[np.ndarray, "points 4"]
     ) -> Float64[np.ndarray, "points 3 3"]:
-        """Slopes of the place along the first three barycentric coordinates, as columns."""
+        """Differentiate the position along the first three barycentric coordinates, as columns."""
         along = np.array(self.corners[number])
         for edge, (one, other) in enumerate(EDGES):
             bend = 4 * self.bends[number, edge]
@@ -66,21 +66,21 @@ class Tetrahedra:
     def smallest_stretch(self) -> tuple[float, int]:
         """Smallest ratio of a volume element to that of the straight tetrahedron, and where; 0 or less is folded.
 
-        It is taken a little inside: between two faces on a smooth skin the ratio is 0 by right, which does no harm.
+        It is taken a little inside: between two faces on a smooth surface the ratio is 0, which does no harm.
         """
         middles = 0.5 * (np.eye(4)[EDGES[:, 0]] + np.eye(4)[EDGES[:, 1]])
         smallest = np.full(len(self.corners), np.inf)
-        everyone = np.arange(len(self.corners))
+        every = np.arange(len(self.corners))
         flat = np.linalg.det((self.corners[:, :3] - self.corners[:, 3:]).transpose(0, 2, 1))
         for sample in INWARD * np.concatenate([np.eye(4), middles]) + (1 - INWARD) / 4:
-            volume = np.linalg.det(self.slopes(everyone, np.broadcast_to(sample, (len(flat), 4))))
+            volume = np.linalg.det(self.jacobians(every, np.broadcast_to(sample, (len(flat), 4))))
             smallest = np.minimum(smallest, volume / flat)
         return float(smallest.min()), int(smallest.argmin())
 
     def holding(
         self, points: Real[np.ndarray, "points 3"]
     ) -> tuple[Int64[np.ndarray, "points"], Float64[np.ndarray, "points 4"]]:
-        """Tetrahedron of each point (P, 3) [λ], -1 where there is none, and its barycentric coordinates there."""
+        """Find the tetrahedron of each point (P, 3) [λ], -1 for none, and its barycentric coordinates there."""
         best = np.full(len(points), -1, dtype=np.int64)
         weights, depth = np.zeros((len(points), 4)), np.full(len(points), -np.inf)
         tried = 0
@@ -107,8 +107,8 @@ class Tetrahedra:
         weights = np.full((len(points), 4), 0.25)
         bent = np.arange(len(points))
         for _ in range(6):
-            off = points[bent] - self.places(number[bent], weights[bent])
-            step = np.linalg.solve(self.slopes(number[bent], weights[bent]), off[:, :, None])[:, :, 0]
+            off = points[bent] - self.positions(number[bent], weights[bent])
+            step = np.linalg.solve(self.jacobians(number[bent], weights[bent]), off[:, :, None])[:, :, 0]
             weights[bent, :3] += np.clip(step, -1e3, 1e3)
             weights[bent, 3] = 1 - weights[bent, :3].sum(axis=1)
             moving = (np.abs(step).max(axis=1) > 1e-12) & (np.abs(weights[bent]).max(axis=1) < 5)

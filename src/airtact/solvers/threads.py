@@ -1,10 +1,10 @@
-"""How many threads the solvers use."""
+"""The number of threads of the solvers."""
 
 import os
 
 
 def thread_count() -> int:
-    """Threads to use: ``OMP_NUM_THREADS`` where it is set, else the processors that this process may run on."""
+    """Return the number of threads: ``OMP_NUM_THREADS`` if it is set, else the processors of this process."""
     asked = os.environ.get("OMP_NUM_THREADS", "")
     if asked.isdigit() and int(asked) > 0:
         return int(asked)

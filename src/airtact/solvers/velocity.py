@@ -1,4 +1,4 @@
-"""How air moves in a field of sound: v = ∇p / (iωρ), from ρ ∂v/∂t = −∇p in the phasor Re[P e^{−iωt}]."""
+"""Particle velocity of a sound field: v = ∇p / (iωρ), from ρ ∂v/∂t = −∇p in the phasor Re[P e^{−iωt}]."""
 
 from collections.abc import Callable
 
@@ -14,17 +14,17 @@ STENCIL = ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12))
 
 
 def velocity_of(
-    slopes: Complex[np.ndarray, "points 3 sounds"], frequency: float, density: Real[np.ndarray, "points"] | float
+    gradient: Complex[np.ndarray, "points 3 sounds"], frequency: float, density: Real[np.ndarray, "points"] | float
 ) -> Complex128[np.ndarray, "points 3 sounds"]:
-    """Particle velocity [m/s] from the slopes of the pressure.
+    """Particle velocity [m/s] from the gradient of the pressure.
 
     Parameters
     ----------
-    slopes : (P, 3, S) ∇p [Pa/m].
+    gradient : (P, 3, S) ∇p [Pa/m].
     frequency : [Hz].
     density : (P,) of the medium at each point, or the same at all [kg/m³].
     """
-    return slopes / (2j * np.pi * frequency * np.broadcast_to(density, len(slopes))[:, None, None])
+    return gradient / (2j * np.pi * frequency * np.broadcast_to(density, len(gradient))[:, None, None])
 
 
 def open_air_gradient(
@@ -38,7 +38,7 @@ def open_air_gradient(
     sources : the monopoles.
     wavenumber : k [1/m].
     """
-    slopes = np.empty((len(points), 3, sources.strengths.shape[1]), dtype=np.complex128)
+    gradient = np.empty((len(points), 3, sources.strengths.shape[1]), dtype=np.complex128)
     rows = max(1, PAIRS_AT_ONCE // len(sources.positions))
     for first in range(0, len(points), rows):
         block = slice(first, first + rows)
@@ -46,8 +46,8 @@ def open_air_gradient(
         distance = np.linalg.norm(away, axis=-1)
         factor = np.exp(1j * wavenumber * distance) * (1j * wavenumber - 1.0 / distance) / distance**2
         for axis in range(3):
-            slopes[block, axis] = (factor * away[:, :, axis]) @ sources.strengths
-    return slopes
+            gradient[block, axis] = (factor * away[:, :, axis]) @ sources.strengths
+    return gradient
 
 
 def differences(
@@ -59,12 +59,12 @@ def differences(
 
     Parameters
     ----------
-    pressure : gives (P, S) pressures [Pa] at points (P, 3) [m].
+    pressure : returns (P, S) pressures [Pa] at points (P, 3) [m].
     points : (P, 3) [m]; the pressure must exist two steps away on all sides.
     step : (P,) [m].
     """
-    slopes = []
+    gradient = []
     for axis in np.eye(3):
         shifted = [pressure(points + count * step[:, None] * axis) * weight for count, weight in STENCIL]
-        slopes.append(sum(shifted[1:], shifted[0]) / step[:, None])
-    return np.stack(slopes, axis=1)
+        gradient.append(sum(shifted[1:], shifted[0]) / step[:, None])
+    return np.stack(gradient, axis=1)

@@ -1,4 +1,4 @@
-"""What shapes say of their own thickness is what is measured on their panels."""
+"""The thickness of shapes is what is measured on their panels."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ LARGEST = 60e-3
     [(at.sphere(3e-3, 1e-3), 6e-3), (at.capsule((0, 0, 0), (0, 0.01, 0.02), 4e-3, 2e-3), 8e-3)],
     ids=["sphere", "capsule"],
 )
-def test_round_bodies_are_as_thick_as_they_say(surface, diameter):
+def test_round_bodies_have_the_thickness_of_their_shape(surface, diameter):
     panels = panels_of([surface.shape], 2e-3, np.empty((0, 3)), 1e-3)
     nodes = place_nodes(panels.quadratic_triangles, panels.body, panels.deviation)
     assert surface.shape.thinnest == diameter
@@ -32,6 +32,6 @@ def test_a_thin_body_beside_a_thick_one_is_still_measured():
     assert np.allclose(known[nodes.body == 1], 2e-3, rtol=0.05)
 
 
-def test_a_mesh_does_not_know():
+def test_a_mesh_has_no_bound():
     ball = at.sphere(3e-3, 1e-3)
     assert at.Surface(ball.vertices, ball.triangles).shape.thinnest == 0.0

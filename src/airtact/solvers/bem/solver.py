@@ -111,7 +111,7 @@ class BoundaryElement(Solver):
             )
         if self.precision not in ("float32", "float64"):
             raise InvalidInput(
-                f"precision is {self.precision!r}, but it must be 'float32' or 'float64'.", code="unknown_setting"
+                f"precision is {self.precision!r}, but it must be 'float32' or 'float64'.", code="unknown_name"
             )
 
     @property
@@ -306,7 +306,7 @@ def _check_bodies(scene: Scene) -> None:
             raise InvalidInput(
                 f"obstacle {index} is {obstacle.boundary}, but BoundaryElement solves sound-hard bodies only; use "
                 "SphereSeries for a single sphere.",
-                code="boundary_not_solved",
+                code="solver_unsuitable",
             )
 
 

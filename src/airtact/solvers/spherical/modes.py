@@ -1,4 +1,4 @@
-"""One sphere in the sound of point sources: the separated series, summed to an asked accuracy at any distance.
+"""One sphere in the field of point sources: the separated series, summed to a given accuracy at any distance.
 
 With γ the angle between point and source, z = ka and h_n the outgoing spherical Hankel function, the scattered pressure
 of a monopole e^{ikR}/R at radius r0 >= a is Σ t_n [h_n(kr)/h_n(z)] [h_n(kr0)/h_n(z)] P_n(cos γ) outside and
@@ -6,7 +6,7 @@ of a monopole e^{ikR}/R at radius r0 >= a is Σ t_n [h_n(kr)/h_n(z)] [h_n(kr0)/h
 (Bowman, Senior & Uslenghi, Electromagnetic and Acoustic Scattering by Simple Shapes, 1987, sections 10.3 and 10.4;
 Anderson, J. Acoust. Soc. Am. 22, 426, 1950, for the fluid). A boundary enters as f' + β_n f = 0 at r = a.
 
-When source and point come near the skin the terms fall only like (a²/(r r0))^n. Two things keep the sum short: the
+When source and point come near the surface the terms fall only like (a²/(r r0))^n. Two things keep the sum short: the
 static images, which carry the singular part, are summed in closed form, and the rest of the tail is taken by summation
 by parts (Yennie, Ravenhall & Wilson, Phys. Rev. 95, 500, 1954).
 """
@@ -42,13 +42,13 @@ _Term = tuple[Complex128[np.ndarray, "points sources"], Float64[np.ndarray, "poi
 
 @dataclass(frozen=True)
 class SphereModes:
-    """A sphere's boundary, seen mode by mode.
+    """The boundary of a sphere, mode by mode.
 
     Attributes
     ----------
     radius : a [m].
-    wavenumber : k of the sound outside [1/m].
-    admittance : ρc/Z of the skin, 0 for sound-hard; unused when there is a fluid inside.
+    wavenumber : k outside [1/m].
+    admittance : ρc/Z of the surface, 0 for sound-hard; unused when there is a fluid inside.
     inner_wavenumber : k1 of the fluid inside [1/m], or None.
     density_ratio : density outside over density inside; unused without a fluid.
     """
@@ -64,8 +64,8 @@ class SphereModes:
         """The dimensionless radius z = ka."""
         return self.wavenumber * self.radius
 
-    def skin_ratios(self) -> Iterator[complex]:
-        """Yield β_n of the skin's law f'(z) + β_n f(z) = 0 for n = 0, 1, 2 ..."""
+    def surface_ratios(self) -> Iterator[complex]:
+        """Yield β_n of the boundary condition f'(z) + β_n f(z) = 0 for n = 0, 1, 2 ..."""
         if self.inner_wavenumber is None:
             yield from repeat(1j * self.admittance)
             return
@@ -76,7 +76,7 @@ class SphereModes:
     def terms(self, inside: bool) -> Iterator[complex]:
         """Yield t_n (outside) or u_n (inside) for n = 0, 1, 2 ... [1/m], by the Wronskian j h' - j' h = i/z²."""
         factor = self.wavenumber / self.size**2
-        laws = zip(outgoing_derivatives(self.size), regular_derivatives(self.size), self.skin_ratios(), strict=False)
+        laws = zip(outgoing_derivatives(self.size), regular_derivatives(self.size), self.surface_ratios(), strict=False)
         for order, (outgoing, regular, ratio) in enumerate(laws):
             if inside:
                 yield -factor * (2 * order + 1) / (outgoing + ratio)
@@ -120,7 +120,7 @@ class SphereModes:
         Raises
         ------
         NotConverged
-            If 20000 terms do not reach ``ACCURACY``: a point within micrometres of a source on the skin.
+            If 20000 terms do not reach ``ACCURACY``: a point within micrometres of a source on the surface.
         """
         point_waves = (
             regular_ratios(self.inner_wavenumber * radii, self.inner_wavenumber * self.radius)
@@ -135,7 +135,8 @@ class SphereModes:
             raise NotConverged(
                 f"the series of a sphere of radius {1e3 * self.radius:g} mm did not reach {ACCURACY:g} within "
                 f"{_MOST_TERMS} terms at a point {1e3 / float(np.max(scale)):.3g} mm from a source; keep points "
-                "further from sources that touch the skin."
+                "further from sources that touch the surface.",
+                code="series_stalled",
             )
         return total
 

@@ -1,9 +1,10 @@
-"""What bodies scatter, kept as spherical waves: heard anywhere around them without another sum over their skin.
+"""The scattered field as a multipole expansion: evaluated around the bodies without another sum over their surfaces.
 
-Outside the smallest ball round the bodies the scattered pressure is Σ a_nm h_n(kr) Y_nm, and orders far beyond k times
-the ball's radius are not heard. The waves are found on one sphere, written down once on shells about the bodies, and
-read between the points of these shells: along the angles as a Fourier series by a kernel of few points (A. H. Barnett,
-J. Magland, L. af Klinteberg, SIAM J. Sci. Comput. 41 (2019) C479), along 1/r by Chebyshev's polynomials.
+Outside the smallest ball around the bodies the scattered pressure is Σ a_nm h_n(kr) Y_nm, and orders far beyond k times
+the radius of the ball are negligible. The coefficients are found on one sphere, the expansion is tabulated once on
+interpolation spheres around the bodies, and the field is interpolated between their points: along the angles as a
+Fourier series by a kernel of few points (A. H. Barnett, J. Magland, L. af Klinteberg, SIAM J. Sci. Comput. 41 (2019)
+C479), along 1/r by Chebyshev polynomials.
 """
 
 import time
@@ -27,32 +28,32 @@ from airtact.solvers.spherical.radial_functions import outgoing_shapes
 from airtact.validation import of_kind, points_of
 
 MARGIN = 1.0
-"""Gap between the bodies and the smallest sphere, in wavelengths: nearer, some solutions are not heard."""
+"""Gap between the bodies and the smallest sphere, in wavelengths: nearer, some solutions are not valid."""
 
 SPREAD = 5
-"""Points along each angle that are read for one value."""
+"""Points along each angle that one value is interpolated from."""
 
 SHARPNESS = 2.3 * SPREAD
-"""Of the kernel exp(SHARPNESS √(1 - x²)), for tables twice as fine as the waves need."""
+"""Of the kernel exp(SHARPNESS √(1 - x²)), for tables with twice the points that the expansion needs."""
 
 CHECKED = 100
-"""Random points where the waves are held against the field."""
+"""Random points where the expansion is compared with the field."""
 
-WORTH_SAYING = 1e-3
-"""Relative error of the waves above which the report warns."""
+WARNED_ABOVE = 1e-3
+"""Relative error of the expansion above which the report has a warning."""
 
 
 @dataclass(frozen=True, eq=False)
-class Shells:
-    """The scattered pressure over its spherical carrier on shells about some bodies.
+class InterpolationSpheres:
+    """The scattered pressure over its spherical carrier wave, on concentric spheres around some bodies.
 
     Attributes
     ----------
-    centre : (3,) of the shells [m].
+    centre : (3,) of the spheres [m].
     radius : of the smallest one [m].
-    order : highest order of the waves.
+    order : highest order of the expansion.
     values : (A, B, R, S) by polar angle (twice ``order`` points and some beyond the poles), by azimuth (some of them
-        repeated), and by radius, smallest/r being Chebyshev's points of [0, 1].
+        repeated), and by radius, smallest/r being the Chebyshev points of [0, 1].
     """
 
     centre: Float64[np.ndarray, "3"]
@@ -65,14 +66,14 @@ class Shells:
     def at(
         self, offsets: Float64[np.ndarray, "points 3"], wavenumber: complex
     ) -> Complex128[np.ndarray, "points sounds"]:
-        """Scattered pressure at points (P, 3) from the centre on, no nearer to it than the smallest shell [Pa]."""
+        """Scattered pressure [Pa] at points (P, 3) relative to the centre [m], outside the smallest sphere."""
         _, azimuths, radii, sounds = self.values.shape
         distance = np.sqrt(np.einsum("pd,pd->p", offsets, offsets))
-        turn = 2 * np.pi / (azimuths - SPREAD)
-        first, along = _window(np.arctan2(offsets[:, 1], offsets[:, 0]) % (2 * np.pi), turn)
-        down, across = _window(np.arctan2(np.hypot(offsets[:, 0], offsets[:, 1]), offsets[:, 2]), turn)
+        step = 2 * np.pi / (azimuths - SPREAD)
+        first, along = _window(np.arctan2(offsets[:, 1], offsets[:, 0]) % (2 * np.pi), step)
+        down, across = _window(np.arctan2(np.hypot(offsets[:, 0], offsets[:, 1]), offsets[:, 2]), step)
         steps = np.array([azimuths * radii * sounds, radii * sounds])
-        heard = np.empty((len(offsets), sounds), dtype=np.complex128)
+        out = np.empty((len(offsets), sounds), dtype=np.complex128)
         _kernels.interpolate(
             self.values.reshape(-1),
             down * steps[0] + first * steps[1],
@@ -80,28 +81,28 @@ class Shells:
             across,
             along,
             chebyshev_weights(1 - 2 * self.radius / distance, radii),
-            heard,
+            out,
         )
-        return heard * (self.radius / distance * np.exp(1j * wavenumber * (distance - self.radius)))[:, None]
+        return out * (self.radius / distance * np.exp(1j * wavenumber * (distance - self.radius)))[:, None]
 
 
 @dataclass(frozen=True, eq=False)
-class OutgoingWaves(RadiatedField):
-    """A solved field whose scattered sound is read off shells; ``multipole_expansion`` makes it.
+class MultipoleField(RadiatedField):
+    """A solved field whose scattered part is a multipole expansion; ``multipole_expansion`` makes it.
 
     Attributes
     ----------
     scene, sources : what was solved.
-    solved : the field itself, which is asked nearer to the bodies than the smallest shell.
-    shells : what the bodies scatter.
-    report : of the solve, with what the waves add to it.
-    errors : (S,) relative error of each sound, of the solution and the waves together.
+    solved : the field itself, which serves nearer to the bodies than the smallest interpolation sphere.
+    spheres : the scattered field.
+    report : of the solve, with the error of the expansion.
+    errors : (S,) relative error of each excitation, of the solution and the expansion together.
     """
 
     scene: Scene
     sources: Monopoles
     solved: RadiatedField
-    shells: Shells
+    spheres: InterpolationSpheres
     report: SolveReport
     errors: Float64[np.ndarray, "sounds"]
 
@@ -109,18 +110,18 @@ class OutgoingWaves(RadiatedField):
 
     @property
     def on_surface(self) -> SurfaceField:
-        """Pressure on the bodies' skin, as it was solved."""
+        """Pressure on the surfaces of the bodies, as it was solved."""
         return self.solved.on_surface
 
     def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
         """Whether the field exists at points (P, 3) [m]."""
         points = points_of(points, "points", least=0)
-        valid = self._distance(points) >= self.shells.radius
+        valid = self._distance(points) >= self.spheres.radius
         valid[~valid] = self.solved.valid(points[~valid])
         return valid
 
     def at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
-        """Total pressure [Pa] at points (P, 3): off the shells, or as it was solved nearer than those.
+        """Total pressure [Pa] at points (P, 3): from the expansion, or as it was solved nearer to the bodies.
 
         Raises
         ------
@@ -128,46 +129,45 @@ class OutgoingWaves(RadiatedField):
             A point is NaN or infinite, or stands on a source.
         """
         points = receivers(points, self.sources)
-        away = self._distance(points) >= self.shells.radius
+        away = self._distance(points) >= self.spheres.radius
         if away.all():
-            return self._heard_away(points)
+            return self._away(points)
         out = np.empty((len(points), self.sources.strengths.shape[1]), dtype=np.complex128)
-        out[away] = self._heard_away(points[away])
+        out[away] = self._away(points[away])
         out[~away] = self.solved.at(points[~away])
         return out
 
     def scattered_at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
         """Scattered pressure [Pa] at points (P, 3), also at the sources: from the expansion, or as solved nearer by."""
         points = points_of(points, "points", least=0)
-        away = self._distance(points) >= self.shells.radius
+        away = self._distance(points) >= self.spheres.radius
         out = np.empty((len(points), self.sources.strengths.shape[1]), dtype=np.complex128)
-        out[away] = self.shells.at(points[away] - self.shells.centre, self.scene.wavenumber)
+        out[away] = self.spheres.at(points[away] - self.spheres.centre, self.scene.wavenumber)
         out[~away] = self.solved.scattered_at(points[~away])
         return out
 
     def velocity(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
-        """Particle velocity [m/s] at points (P, 3), as it was solved: no quicker than there."""
+        """Particle velocity [m/s] at points (P, 3), as it was solved: no faster than there."""
         return self.solved.velocity(points)
 
     def error_at(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "sounds"]:
-        """Relative error of each sound as it was estimated around the bodies when the waves were found."""
+        """Relative error of each excitation around the bodies, as estimated when the expansion was made."""
         return self.errors
 
-    def _heard_away(self, points: Float64[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
-        scattered = self.shells.at(points - self.shells.centre, self.scene.wavenumber)
-        return scattered + _direct(self.solved, points)
+    def _away(self, points: Float64[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
+        scattered = self.spheres.at(points - self.spheres.centre, self.scene.wavenumber)
+        return scattered + _incident(self.solved, points)
 
     def _distance(self, points: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        offsets = points - self.shells.centre
+        offsets = points - self.spheres.centre
         return np.sqrt(np.einsum("pd,pd->p", offsets, offsets))
 
 
 def multipole_expansion(field: RadiatedField) -> RadiatedField:
-    """Keep what the bodies of a field scatter as outgoing spherical waves, for a hand that moves as a whole.
+    """Expand the scattered part of a field in outgoing spherical waves, for a hand that moves as a whole.
 
-    Listening then takes the same short time whatever the number of unknowns: a transfer matrix of 996 elements after a
-    rigid motion in about 2 ms. Points nearer to the middle of the bodies than they reach (and a wavelength) are
-    heard as before.
+    Evaluation then takes the same short time whatever the number of unknowns: a transfer matrix of 996 elements after a
+    rigid motion in about 2 ms. Points inside the ball around the bodies (plus a wavelength) are evaluated as before.
 
     Parameters
     ----------
@@ -175,8 +175,8 @@ def multipole_expansion(field: RadiatedField) -> RadiatedField:
 
     Returns
     -------
-    The same field. Its report's ``settings`` hold the relative error of the waves, ``waves_error``, measured at 100
-    random points; where that is above 0.001 it warns.
+    The same field. Its report's ``settings`` hold the relative error of the expansion, ``expansion_error``, measured at
+    100 random points; above 0.001 the report has a warning.
 
     Raises
     ------
@@ -194,37 +194,39 @@ def multipole_expansion(field: RadiatedField) -> RadiatedField:
     """
     of_kind(field, RadiatedField, "the field", "solver.radiate(scene, sources)")
     if not field.scene.obstacles:
-        raise InvalidInput("the scene of the field has 0 obstacles, so nothing is scattered; listen to it as it is.")
+        raise InvalidInput(
+            "the scene of the field has 0 obstacles, so nothing is scattered; evaluate it as it is.", code="no_bodies"
+        )
     began = time.perf_counter()
     centre, radius = ball_of(field.scene)
-    shells = shells_of(
+    spheres = interpolation_spheres(
         field, centre, radius + MARGIN * field.scene.wavelength, *_enough(radius * field.scene.wavenumber.real)
     )
-    points = _around(shells)
-    waves = OutgoingWaves(
-        field.scene, field.sources, field, shells, field.report, np.zeros(field.sources.strengths.shape[1])
+    points = _around(spheres)
+    expanded = MultipoleField(
+        field.scene, field.sources, field, spheres, field.report, np.zeros(field.sources.strengths.shape[1])
     )
-    told, exact = waves.at(points), field.at(points)
+    found, exact = expanded.at(points), field.at(points)
     size = np.linalg.norm(exact, axis=0)
-    own = np.linalg.norm(told - exact, axis=0) / np.where(size > 0, size, 1)
+    own = np.linalg.norm(found - exact, axis=0) / np.where(size > 0, size, 1)
     worst = float(own.max())
-    warning = f"read off spherical waves the field is {100 * worst:.2g} % off, beside the error of its solution"
+    warning = f"the multipole expansion is {100 * worst:.2g} % off, in addition to the error of the solution"
     report = replace(
         field.report,
-        seconds={**field.report.seconds, "waves": time.perf_counter() - began},
-        settings={**field.report.settings, "waves_error": worst, "waves_order": shells.order},
-        warnings=field.report.warnings + ((warning,) if worst > WORTH_SAYING else ()),
+        seconds={**field.report.seconds, "expansion": time.perf_counter() - began},
+        settings={**field.report.settings, "expansion_error": worst, "expansion_order": spheres.order},
+        warnings=field.report.warnings + ((warning,) if worst > WARNED_ABOVE else ()),
     )
-    return replace(waves, report=report, errors=np.hypot(field.error_at(points), own))
+    return replace(expanded, report=report, errors=np.hypot(field.error_at(points), own))
 
 
-def _direct(field: RadiatedField, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
+def _incident(field: RadiatedField, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
     sources = field.sources
     return monopole_pressure(points, sources.positions, sources.strengths, field.scene.wavenumber, "float64")
 
 
 def ball_of(scene: Scene) -> tuple[Float64[np.ndarray, "3"], float]:
-    """Centre and radius of a ball round the bodies, hardly larger than the smallest [m].
+    """Centre and radius of a ball around the bodies, hardly larger than the smallest [m].
 
     The centre steps towards the farthest point by less and less (M. Bădoiu, K. L. Clarkson, SODA (2003) 801).
     """
@@ -236,57 +238,60 @@ def ball_of(scene: Scene) -> tuple[Float64[np.ndarray, "3"], float]:
 
 
 def _enough(reach: float) -> tuple[int, int]:
-    """Order and number of shells for 3e-4, a source on the skin, by k times the bodies' radius."""
+    """Order and number of spheres for an error of 3e-4 with a source on the surface, by k times the bodies' radius."""
     return int(np.ceil(reach + 3.6 * np.cbrt(reach))) + 2, int(np.ceil(0.3 * reach)) + 5
 
 
-def shells_of(field: RadiatedField, centre: Float64[np.ndarray, "3"], radius: float, order: int, count: int) -> Shells:
-    """Find the waves that leave a sphere, and write them down on ``count`` shells from there to infinity.
+def interpolation_spheres(
+    field: RadiatedField, centre: Float64[np.ndarray, "3"], radius: float, order: int, count: int
+) -> InterpolationSpheres:
+    """Expand the field that leaves a sphere, and tabulate it on ``count`` spheres from there to infinity.
 
     Parameters
     ----------
-    field : what is solved.
+    field : the solved field.
     centre, radius : of a sphere that holds all bodies [m].
-    order : highest order of the waves.
-    count : of the shells.
+    order : highest order of the expansion.
+    count : of the spheres.
 
     Raises
     ------
     InvalidInput
         The field is not known on all of the sphere.
     """
-    strengths = _wave_strengths(field, centre, radius, order)
+    strengths = _coefficients(field, centre, radius, order)
     shrinkings = 0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)
     wavenumber = field.scene.wavenumber
     shapes = outgoing_shapes(radius / shrinkings * wavenumber, radius * wavenumber)
     radial = np.stack([next(shapes) for _ in range(order + 1)])
-    return Shells(centre, radius, order, _table(strengths, radial))
+    return InterpolationSpheres(centre, radius, order, _table(strengths, radial))
 
 
-def _wave_strengths(
+def _coefficients(
     field: RadiatedField, centre: Float64[np.ndarray, "3"], radius: float, order: int
 ) -> Complex128[np.ndarray, "orders degrees sounds"]:
-    """Strengths of the waves Y_nm h_n(kr)/h_n(k radius), m as Fourier series have it (0, 1, ... -2, -1)."""
+    """Coefficients of the waves Y_nm h_n(kr)/h_n(k radius), m as Fourier series have it (0, 1, ... -2, -1)."""
     cosines, weights = np.polynomial.legendre.leggauss(order + 1)
     polar, azimuth = np.arccos(cosines), 2 * np.pi * np.arange(2 * order + 1) / (2 * order + 1)
     points = centre + radius * _directions(polar[:, None], azimuth)
     flat = points.reshape(-1, 3)
-    scattered = field.at(flat) - _direct(field, flat)
+    scattered = field.at(flat) - _incident(field, flat)
     unknown = int((~np.isfinite(scattered)).any(axis=1).sum())
     if unknown:
         raise InvalidInput(
             f"the field is not known at {unknown} of {len(flat)} points {1e3 * radius:.3g} mm from the middle of the "
-            "bodies; give one that is known all around them."
+            "bodies; give one that is known all around them.",
+            code="field_unknown",
         )
-    turning = 2 * np.pi * np.asarray(fft(scattered.reshape(*points.shape[:2], -1), axis=1, norm="forward"))
+    series = 2 * np.pi * np.asarray(fft(scattered.reshape(*points.shape[:2], -1), axis=1, norm="forward"))
     harmonics = np.real(sph_harm_y_all(order, order, polar, np.zeros(order + 1)))
-    return np.einsum("nmj,j,jms->nms", harmonics, weights, turning, optimize=True)
+    return np.einsum("nmj,j,jms->nms", harmonics, weights, series, optimize=True)
 
 
 def _table(
     strengths: Complex128[np.ndarray, "orders degrees sounds"], radial: Complex128[np.ndarray, "orders radii"]
 ) -> Complex64[np.ndarray, "polar azimuths radii sounds"]:
-    """Sum the waves on the shells, at twice as many angles as they need, ready to be read by the kernel."""
+    """Sum the waves on the spheres, at twice as many angles as they need, ready for the kernel."""
     orders, degrees = strengths.shape[:2]
     around = degrees + 1  # polar angles of a full turn over both poles
     polar = 2 * np.pi * np.arange(orders + 1) / around
@@ -300,13 +305,16 @@ def _table(
     free = available_memory()
     if size > 0.5 * free:
         raise InvalidInput(
-            f"waves of {orders} orders need {size / 2**30:.2g} GiB for their shells, but {free / 2**30:.2g} GiB of "
-            "memory are free; hear the field itself, or fewer sounds."
+            f"an expansion of {orders} orders needs {size / 2**30:.2g} GiB for its spheres, but {free / 2**30:.2g} GiB "
+            "of memory are free; evaluate the field itself, or solve for fewer sources.",
+            code="too_little_memory",
         )
     wide = np.zeros((fine, fine, *series.shape[2:]), dtype=np.complex64)
-    down, turn = np.fft.fftfreq(around, 1 / around), np.fft.fftfreq(degrees, 1 / degrees)
-    scale = 1 / (_transform(down, fine)[:, None] * _transform(turn, fine))
-    wide[np.ix_(down.astype(int), turn.round().astype(int))] = np.moveaxis(series, 0, 1) * scale[:, :, None, None]
+    down, around_axis = np.fft.fftfreq(around, 1 / around), np.fft.fftfreq(degrees, 1 / degrees)
+    scale = 1 / (_transform(down, fine)[:, None] * _transform(around_axis, fine))
+    wide[np.ix_(down.astype(int), around_axis.round().astype(int))] = (
+        np.moveaxis(series, 0, 1) * scale[:, :, None, None]
+    )
     table = np.asarray(ifft2(wide, axes=(0, 1), norm="forward", overwrite_x=True))
     rows, columns = (np.arange(-(SPREAD // 2), count + (SPREAD + 1) // 2) % fine for count in (around, fine))
     return np.ascontiguousarray(table[np.ix_(rows, columns)])
@@ -320,21 +328,21 @@ def _directions(
     return np.stack(parts, axis=-1)
 
 
-def _around(shells: Shells) -> Float64[np.ndarray, "checked 3"]:
-    """Random points from the smallest shell to twenty times as far away [m]."""
+def _around(spheres: InterpolationSpheres) -> Float64[np.ndarray, "checked 3"]:
+    """Draw random points from the smallest sphere to twenty times as far away [m]."""
     random = np.random.default_rng(0)
     directions = random.normal(size=(CHECKED, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    return shells.centre + shells.radius / random.uniform(0.05, 1, (CHECKED, 1)) * directions
+    return spheres.centre + spheres.radius / random.uniform(0.05, 1, (CHECKED, 1)) * directions
 
 
 def _window(
     angles: Float64[np.ndarray, "points"], step: float
 ) -> tuple[Int64[np.ndarray, "points"], Float32[np.ndarray, "points spread"]]:
-    """First of the grid's points beside each angle, counted from the start of a table, and the weight of each."""
-    place = angles / step
-    first = np.ceil(place - SPREAD / 2).astype(np.int64)
-    off = (place - first)[:, None] - np.arange(SPREAD)
+    """First grid point beside each angle, as an index of the table, and the weights of it and the next ones."""
+    position = angles / step
+    first = np.ceil(position - SPREAD / 2).astype(np.int64)
+    off = (position - first)[:, None] - np.arange(SPREAD)
     return first + SPREAD // 2, _kernel(off).astype(np.float32)
 
 

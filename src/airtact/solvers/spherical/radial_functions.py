@@ -45,7 +45,7 @@ def outgoing_ratios(
 def outgoing_shapes(
     arguments: Complex[np.ndarray, "arguments"], reference: complex
 ) -> Iterator[Complex128[np.ndarray, "arguments"]]:
-    """Yield h_n(z)/h_n(z0) over h_0(z)/h_0(z0) for n = 0, 1, 2 ...: ``outgoing_ratios`` without the wave itself."""
+    """Yield h_n(z)/h_n(z0) over h_0(z)/h_0(z0) for n = 0, 1, 2 ...: ``outgoing_ratios`` without the carrier wave."""
     shape = np.ones(len(arguments), dtype=np.complex128)
     quotient = 1.0 / arguments - 1j
     for order, reference_quotient in enumerate(outgoing_quotients(reference), start=1):
@@ -165,7 +165,7 @@ def image_sums(
     distance = np.sqrt((1.0 - ratio) ** 2 + 2.0 * ratio * versine)
     front = (1.0 + (2.0 * cosine - ratio) / (1.0 + distance)) / np.where(cosine > 0, distance + cosine - ratio, 1.0)
     back = (1.0 + (ratio - 2.0 * cosine) / (1.0 + distance)) / np.where(cosine > 0, 1.0, versine)
-    slope = np.where(cosine > 0, front, back)
+    quotient = np.where(cosine > 0, front, back)
     tiny = ratio < 1e-200
-    mean = np.where(tiny, slope, np.log1p(ratio * slope) / np.where(tiny, 1.0, ratio))
+    mean = np.where(tiny, quotient, np.log1p(ratio * quotient) / np.where(tiny, 1.0, ratio))
     return 1.0 / distance, mean

@@ -14,8 +14,8 @@ from airtact.scene.scene import CONTACT, Obstacle, Scene, check_sources
 from airtact.scene.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.solvers.free_field import open_air_pressure, unit_monopoles
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport, SurfaceField, receivers
+from airtact.solvers.spherical.gradient import scattered_gradient
 from airtact.solvers.spherical.modes import ACCURACY, SphereModes
-from airtact.solvers.spherical.slopes import scattered_slopes
 from airtact.solvers.velocity import open_air_gradient, velocity_of
 from airtact.surfaces.primitives import Capsule
 from airtact.validation import points_of
@@ -31,12 +31,12 @@ _CITATIONS = (
 
 @dataclass(frozen=True, eq=False)
 class SphereField(RadiatedField):
-    """The field of monopoles around one sphere, and inside it where it is filled (a ``RadiatedField``).
+    """The field of monopoles around one sphere, and inside it if it is filled (a ``RadiatedField``).
 
     Attributes
     ----------
     scene : the scene with its one sphere.
-    sources : the monopoles that speak, outside the sphere or on its skin.
+    sources : the monopoles, outside the sphere or on its surface.
     modes : the sphere's boundary, mode by mode.
     centre : (3,) of the sphere [m].
     report : how the field was made.
@@ -83,16 +83,16 @@ class SphereField(RadiatedField):
         return ~self._inside(points)
 
     def at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
-        """Total pressure [Pa] at points (P, 3) [m] for each of the S sounds; NaN where ``valid`` is False.
+        """Total pressure [Pa] at points (P, 3) [m] for each of the S excitations; NaN where ``valid`` is False.
 
-        Every sound is right to 1e-8 of the open-air pressures that it is made of.
+        It is right to 1e-8 of the open-air pressures of the sources.
 
         Raises
         ------
         InvalidInput
             If the points are of another shape than (P, 3), NaN or infinite, or one stands on a source.
         NotConverged
-            If a point lies within micrometres of a source that touches the skin.
+            If a point lies within micrometres of a source that touches the surface.
         """
         points = receivers(points, self.sources)
         pressure = np.full((len(points), self.sources.strengths.shape[1]), np.nan + 0j)
@@ -129,29 +129,29 @@ class SphereField(RadiatedField):
         return pressure
 
     def velocity(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
-        """Particle velocity [m/s] at points (P, 3) [m] for each of the S sounds; NaN where ``valid`` is False.
+        """Particle velocity [m/s] at points (P, 3) [m] for each of the S excitations; NaN where ``valid`` is False.
 
         Raises
         ------
         InvalidInput
             If the points are of another shape than (P, 3), NaN or infinite, or one stands on a source.
         NotConverged
-            If a point and a source are both within about 0.3 % of the radius from the skin.
+            If a point and a source are both within about 0.3 % of the radius from the surface.
         """
         points = receivers(points, self.sources)
-        slopes = np.full((len(points), 3, self.sources.strengths.shape[1]), np.nan + 0j)
+        gradient = np.full((len(points), 3, self.sources.strengths.shape[1]), np.nan + 0j)
         density = np.full(len(points), self.scene.medium.density)
         within = self._inside(points)
-        slopes[~within] = open_air_gradient(points[~within], self.sources, self.scene.wavenumber)
-        slopes[~within] += self._scattered_slopes(points[~within], inside=False)
+        gradient[~within] = open_air_gradient(points[~within], self.sources, self.scene.wavenumber)
+        gradient[~within] += self._scattered_gradient(points[~within], inside=False)
         filling = self.scene.obstacles[0].medium
         if filling is not None:
-            slopes[within] = self._scattered_slopes(points[within], inside=True)
+            gradient[within] = self._scattered_gradient(points[within], inside=True)
             density[within] = filling.density
-        return velocity_of(slopes, self.scene.frequency, density)
+        return velocity_of(gradient, self.scene.frequency, density)
 
     def _inside(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
-        """Whether points lie deeper than rounding under the skin."""
+        """Whether points lie deeper than rounding under the surface."""
         return np.linalg.norm(points - self.centre, axis=1) < self.modes.radius - CONTACT
 
     def _scattered(
@@ -172,22 +172,22 @@ class SphereField(RadiatedField):
         rows = max(1, _PAIRS_AT_ONCE // len(self.sources.positions))
         for first in range(0, len(points), rows):
             block = nearest_first[first : first + rows]
-            turn = directions[block, None, :] - source_directions
+            apart = directions[block, None, :] - source_directions
             if alone:
                 heights = radii[block, None] + source_radii - 2.0 * self.modes.radius
                 distance = np.maximum(cdist(points[block], self.sources.positions), heights)
                 scale = np.exp(-self.scene.wavenumber.imag * distance) / distance
             else:
                 scale = np.abs(unit_monopoles(points[block], self.sources.positions, self.scene.wavenumber))
-            unit = self.modes.scattered(inside, radii[block], source_radii, 0.5 * np.sum(turn**2, axis=-1), scale)
+            unit = self.modes.scattered(inside, radii[block], source_radii, 0.5 * np.sum(apart**2, axis=-1), scale)
             pressure[block] = unit @ self.sources.strengths
         return pressure
 
-    def _scattered_slopes(
+    def _scattered_gradient(
         self, points: Real[np.ndarray, "points 3"], inside: bool
     ) -> Complex128[np.ndarray, "points 3 sounds"]:
-        """Slopes of the series for points on one side of the skin [Pa/m]."""
-        slopes = np.zeros((len(points), 3, self.sources.strengths.shape[1]), dtype=np.complex128)
+        """Gradient of the series for points on one side of the surface [Pa/m]."""
+        gradient = np.zeros((len(points), 3, self.sources.strengths.shape[1]), dtype=np.complex128)
         radii, directions = self._polar(points)
         source_radii, source_directions = self._polar(self.sources.positions)
         source_radii = np.maximum(source_radii, self.modes.radius)
@@ -196,15 +196,15 @@ class SphereField(RadiatedField):
         rows = max(1, _PAIRS_AT_ONCE // len(self.sources.positions))
         for first in range(0, len(points), rows):
             block = slice(first, first + rows)
-            turn = directions[block, None, :] - source_directions
-            versine = 0.5 * np.sum(turn**2, axis=-1)
-            outward, along = scattered_slopes(self.modes, inside, radii[block], source_radii, versine)
+            apart = directions[block, None, :] - source_directions
+            versine = 0.5 * np.sum(apart**2, axis=-1)
+            outward, along = scattered_gradient(self.modes, inside, radii[block], source_radii, versine)
             # cos γ grows by (source direction - cos γ · point direction)/r
             for axis in range(3):
                 beside = source_directions[:, axis] - (1.0 - versine) * directions[block, None, axis]
                 unit = outward * directions[block, None, axis] + along * beside
-                slopes[block, axis] = unit @ self.sources.strengths
-        return slopes
+                gradient[block, axis] = unit @ self.sources.strengths
+        return gradient
 
     def _polar(
         self, points: Real[np.ndarray, "points 3"]
@@ -220,10 +220,10 @@ class SphereField(RadiatedField):
 
 @dataclass(frozen=True)
 class SphereSeries(Solver):
-    """One sphere by separation of variables: the exact answer that other solvers are held to.
+    """One sphere by separation of variables: the exact reference for other solvers.
 
-    The sphere is a capsule of length 0, sound-hard, with an impedance, or filled; the sources stand outside it, at any
-    distance and also on its skin.
+    The sphere is a capsule of length 0, sound-hard, with an impedance, or filled; the sources are outside it, at any
+    distance, or on its surface.
     """
 
     def radiate(self, scene: Scene, sources: Monopoles) -> SphereField:
@@ -253,28 +253,31 @@ class SphereSeries(Solver):
 
 
 def _only_sphere(scene: Scene) -> tuple[Obstacle, Capsule]:
-    """Take the one obstacle of the scene and its exact sphere, or refuse."""
+    """Return the one obstacle of the scene and its exact sphere."""
     if len(scene.obstacles) != 1:
         raise InvalidInput(
-            f"SphereSeries knows exactly one sphere, and the scene has {len(scene.obstacles)} obstacles."
+            f"SphereSeries solves for exactly one sphere, and the scene has {len(scene.obstacles)} obstacles.",
+            code="solver_unsuitable",
         )
     obstacle = scene.obstacles[0]
     shape = obstacle.surface.primitive
     if not isinstance(shape, Capsule):
         raise InvalidInput(
-            f"SphereSeries knows exact spheres only, and the obstacle is a mesh of {len(obstacle.surface.triangles)} "
-            "triangles; make it with sphere(radius, edge, centre)."
+            f"SphereSeries solves for exact spheres only, and the obstacle is a mesh of "
+            f"{len(obstacle.surface.triangles)} triangles; make it with sphere(radius, edge, centre).",
+            code="solver_unsuitable",
         )
     if shape.length != 0.0:
         raise InvalidInput(
-            f"SphereSeries knows spheres only, and the obstacle is a capsule {1e3 * shape.length:g} mm long; "
-            "take BoundaryElement instead."
+            f"SphereSeries solves for spheres only, and the obstacle is a capsule {1e3 * shape.length:g} mm long; "
+            "take BoundaryElement instead.",
+            code="solver_unsuitable",
         )
     return obstacle, shape
 
 
 def _modes(scene: Scene, obstacle: Obstacle, radius: float) -> SphereModes:
-    """Boundary of the obstacle, mode by mode."""
+    """Return the boundary of the obstacle, mode by mode."""
     if obstacle.boundary == "filled":
         assert obstacle.medium is not None
         inner = obstacle.medium.wavenumber(scene.frequency)
