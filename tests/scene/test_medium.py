@@ -5,7 +5,6 @@ from decimal import Decimal
 
 import pytest
 
-from airtact.conventions import InvalidInput
 from airtact.scene.medium import Medium, air
 from faults import raises_code
 
@@ -110,7 +109,7 @@ def test_impossible_media_are_rejected(arguments, code, sentence):
 def test_a_frequency_must_be_above_zero(frequency):
     medium = Medium(343.0, 1.2)
     for ask in (medium.wavenumber, medium.wavelength, lambda f: air(frequency=f)):
-        with pytest.raises(InvalidInput, match=f"frequency is {frequency:g} Hz"):
+        with raises_code("not_positive", f"frequency is {frequency:g} Hz"):
             ask(frequency)
 
 

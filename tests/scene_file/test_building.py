@@ -112,7 +112,7 @@ def test_a_sharp_angle_goes_only_with_a_file(read):
 
 def test_bodies_that_nearly_touch_become_one_where_asked(read):
     balls = [BALL.replace("5e-3", f"5e-3, centre = [{x}, 0.0, 0.0]") for x in (0.0, 10.2e-3, 40e-3)]
-    with pytest.raises(InvalidInput, match=r"bodies 0 and 1 are 0\.2 mm apart"):
+    with raises_code("bodies_too_near", "bodies 0 and 1 are 0.2 mm apart"):
         read(MEDIUM, ARRAY, *balls, FOCUS)
     setup = read("merge_bodies = true\n", MEDIUM, ARRAY, *balls, FOCUS)
     assert setup.bodies == ("sphere + sphere 2", "sphere 3")
@@ -124,7 +124,7 @@ def test_bodies_that_nearly_touch_become_one_where_asked(read):
 
 def test_bodies_of_another_boundary_are_not_merged(read):
     other = BALL.replace("5e-3", "5e-3, centre = [10.2e-3, 0.0, 0.0]") + 'boundary = "impedance"\nratio = 5.0\n'
-    with pytest.raises(InvalidInput, match=r"bodies 0 and 1 are 0\.2 mm apart"):
+    with raises_code("bodies_too_near", "bodies 0 and 1 are 0.2 mm apart"):
         read("merge_bodies = true\n", MEDIUM, ARRAY, BALL, other, FOCUS)
 
 
@@ -134,7 +134,7 @@ def test_bodies_that_can_be_drawn_are_found_though_the_scene_is_rejected(tmp_pat
     path = tmp_path / "scene.toml"
     files = [f'[[obstacles]]\nsurface = "{name}"\nscale = 1e-3\n' for name in ("open.stl", "missing.stl")]
     path.write_text("".join([MEDIUM, ARRAY, BALL, *files, FOCUS]))
-    with pytest.raises(InvalidInput, match=r"scene.toml: obstacles\[1\]: open.stl: "):
+    with raises_code("hole_too_wide", "scene.toml: obstacles[1]: open.stl: "):
         read_scene(path)
     ball, box = drawable_bodies(path)
     assert len(ball[1]) > 100

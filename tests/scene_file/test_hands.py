@@ -35,7 +35,7 @@ def test_the_example_has_its_foci_half_a_millimetre_before_the_pads():
 
 
 def test_pads_inside_the_body_are_rejected(tmp_path):
-    with pytest.raises(InvalidInput, match=r"obstacles\[0\]: thumb.pad at .* mm inside the body.* would free it"):
+    with raises_code("focus_inside_body", "obstacles[0]: thumb.pad at ", " mm inside the body", " would free it"):
         read_scene(scene_file(tmp_path, "gap = 0.012\n"))
 
 
@@ -70,28 +70,28 @@ def test_fingers_that_are_swapped_are_rejected(tmp_path):
     pose_of = json.loads(PINCH.read_text())
     chains = [list(range(5 + 5 * finger, 10 + 5 * finger)) for finger in range(4)]
     for order, sentence in (
-        ((3, 1, 2, 0), r"knuckle of the ring finger is 20.7 mm nearer to the index finger's.* are fingers swapped"),
-        ((3, 2, 1, 0), r"thumb is .* mm from the little finger's knuckle.* are fingers swapped"),
+        ((3, 1, 2, 0), "knuckle of the ring finger is 20.7 mm nearer to the index finger's"),
+        ((3, 2, 1, 0), " mm from the little finger's knuckle"),
     ):
         rows = [*range(5), *(joint for finger in order for joint in chains[finger])]
         swapped = tmp_path / "swapped.json"
         swapped.write_text(json.dumps({"positions_m": [pose_of["positions_m"][row] for row in rows]}))
-        with pytest.raises(InvalidInput, match=sentence):
+        with raises_code("fingers_swapped", sentence, "are fingers swapped"):
             load_hand(swapped)
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    ("text", "code", "sentence"),
     [
-        ("[" * 100_000, "100000 bytes of brackets in brackets"),
-        ('{"positions_m": [[0, 0, 0]], "joints": [["wrist"]]}', r"joint 0 is named \['wrist'\]"),
-        ('{"positions_m": [[0, 0, 0]], "joints": [7]}', "joint 0 is named 7"),
+        ("[" * 100_000, "not_a_pose", "100000 bytes of brackets in brackets"),
+        ('{"positions_m": [[0, 0, 0]], "joints": [["wrist"]]}', "unknown_joint", "joint 0 is named ['wrist']"),
+        ('{"positions_m": [[0, 0, 0]], "joints": [7]}', "unknown_joint", "joint 0 is named 7"),
     ],
 )
-def test_files_that_hold_no_pose_are_rejected(tmp_path, text, sentence):
+def test_files_that_hold_no_pose_are_rejected(tmp_path, text, code, sentence):
     file = tmp_path / "pose.json"
     file.write_text(text)
-    with pytest.raises(InvalidInput, match=sentence):
+    with raises_code(code, sentence):
         load_hand(file)
 
 
