@@ -286,7 +286,7 @@ def test_a_missing_scene_and_a_wrong_option_are_exit_code_2(capsys, tmp_path):
     code, _, errors = output(capsys, "check", tmp_path / "no.toml")
     assert code == 2
     assert errors.splitlines()[-1].endswith("no.toml does not exist. [file_missing]")
-    assert output(capsys, "check", BALL, "--nonsense")[0] == 2
+    assert output(capsys, "check", BALL, "--unreadable")[0] == 2
     assert output(capsys, "render", BALL)[0] == 2
 
 

@@ -4,10 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from airtact.cli.boards import BOARD_NAMES, LINK_NAMES
 from airtact.hardware.links import LINKS, Connection, link_to, links_of
 from airtact.pose import Pose
-from airtact.transducers.boards import BOARDS
 from faults import raises_code
 
 SETTINGS = {"address": "127.0.0.1:8080", "port": "/dev/ttyUSB0", "out": Path("frames.npz")}
@@ -17,7 +15,15 @@ def test_links_are_listed_by_board() -> None:
     assert links_of("autd3") == ["audit", "ethercrab", "twincat", "remote", "simulator", "file"]
     assert links_of("sonicsurface") == links_of("nano16") == ["serial", "file"]
     assert links_of("openmpd") == ["file"]
-    assert LINK_NAMES == ("audit", "ethercrab", "twincat", "remote", "simulator", "serial", "file")
+    assert tuple(link.name for link in LINKS) == (
+        "audit",
+        "ethercrab",
+        "twincat",
+        "remote",
+        "simulator",
+        "serial",
+        "file",
+    )
     assert tuple(BOARDS) == BOARD_NAMES
 
 

@@ -58,7 +58,7 @@ def seen_by_mediapipe(folder: Path, python: str, turns: float = 20.0) -> Seen:
         imsave(folder / f"{index:02d}.png", pictured(hand, pose).colours)
         true[index] = pose.apply(hand.joints)
     frames = []
-    stream = HandStream(heard=frames.append, silence=60.0)
+    stream = HandStream(on_frame=frames.append, silence=60.0)
     length = np.median([hand_length(joints) for joints in true.values()])
     with WebSocketReceiver(stream) as receiver:
         command = [python, mediapipe_camera.__file__, "--pictures", str(folder), "--focal", str(FOCAL), "--hands", "1"]

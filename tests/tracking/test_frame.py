@@ -55,7 +55,7 @@ def test_other_parts_that_are_none_are_nonsense(changed, sentence):
     fields = {"time": 0.0, "side": "left", "sequence": 0, "landmarks": JOINTS} | changed
     with pytest.raises(FaultyFrame, match=sentence) as refused:
         HandFrame(**fields)
-    assert refused.value.fault == "nonsense"
+    assert refused.value.fault == "unreadable"
 
 
 def test_a_cloud_in_millimetres_is_refused():
@@ -134,7 +134,7 @@ def test_landmarks_that_a_tracker_did_not_find_are_half_lost(hole):
 def test_what_is_no_frame_in_json_is_nonsense(text):
     with pytest.raises(FaultyFrame) as refused:
         from_json(text)
-    assert refused.value.fault == "nonsense"
+    assert refused.value.fault == "unreadable"
 
 
 def osc(*arguments):
@@ -157,7 +157,7 @@ def osc(*arguments):
 def test_what_is_no_frame_in_osc_is_nonsense(packet):
     with pytest.raises(FaultyFrame) as refused:
         from_osc(packet)
-    assert refused.value.fault == "nonsense"
+    assert refused.value.fault == "unreadable"
 
 
 def test_other_addresses_of_osc_are_passed_over():

@@ -59,7 +59,7 @@ def test_nonsense_on_the_wire_is_counted_and_survived():
             for packet in (b"", b"rubbish", b"#bundle\0" + b"\xff" * 40, to_osc(still(2))[:50], to_osc(still(2))):
                 sender.sendto(packet, ("127.0.0.1", osc.port))
             assert stream.wait(PATIENCE).sequence == 2
-    assert stream.health.nonsense == 8
+    assert stream.health.unreadable == 8
     assert stream.health.used == 2
 
 
@@ -121,7 +121,7 @@ def test_a_sender_that_is_killed_loses_the_hand_and_its_heir_is_followed():
                 sender.wait()
             assert stream.health.restarted == turn
             until(lambda: stream.latest("left").lost)
-            until(lambda count=turn + 1: stream.health.broken_off == count)
+            until(lambda count=turn + 1: stream.health.interrupted == count)
 
 
 def test_a_slow_reader_gets_the_latest():
@@ -130,7 +130,7 @@ def test_a_slow_reader_gets_the_latest():
             for index in range(100):
                 tracker.send(to_json(still(index)))
         until(lambda: receiver.stream.health.used == 100)
-        assert receiver.stream.health.broken_off == 0  # this one says farewell
+        assert receiver.stream.health.interrupted == 0  # this one says farewell
         assert receiver.stream.wait(0.0).sequence == 99
         assert receiver.stream.wait(0.0) is None
 

@@ -48,7 +48,7 @@ def test_a_good_stream_has_no_faults():
     stream = fed(still(index) for index in range(10))
     assert counted(stream) == {}
     assert stream.health.used == stream.health.received == 10
-    assert stream.health.left_out == 0
+    assert stream.health.received - stream.health.used == 0
     assert str(stream.health) == "10 received, 10 used"
 
 
@@ -87,8 +87,8 @@ def test_frames_that_are_no_hand_are_counted_by_kind():
         {"side": "both"},
     ):
         assert stream.feed_json(json.dumps(good | changed)) is not None
-    assert stream.feed_osc(b"noise").fault == "nonsense"
-    kinds = {"half_lost": 1, "unknown_count": 1, "not_metres": 1, "impossible": 1, "mirrored": 1, "nonsense": 2}
+    assert stream.feed_osc(b"noise").fault == "unreadable"
+    kinds = {"half_lost": 1, "unknown_count": 1, "not_metres": 1, "impossible": 1, "mirrored": 1, "unreadable": 2}
     assert counted(stream) == kinds
     assert stream.feed_json(to_json(still(0))) is None
     assert stream.latest("left").sequence == 0
@@ -173,7 +173,7 @@ def test_a_slow_reader_gets_the_latest_of_each_hand():
 
 def test_who_listens_hears_every_frame_that_is_used():
     heard = []
-    fed([still(0), still(1), still(1), still(2)], heard=heard.append)
+    fed([still(0), still(1), still(1), still(2)], on_frame=heard.append)
     assert [frame.sequence for frame in heard] == [0, 1, 2]
 
 
@@ -204,7 +204,7 @@ def test_whatever_comes_all_is_counted_and_the_newest_kept(messages):
     health = stream.health
     assert health.received == len([kind for _, kind in messages])
     faults = [one for one in counted(stream) if one not in ("lost", "late", "skipped", "restarted")]
-    assert health.left_out == sum(getattr(health, one) for one in faults)
+    assert health.received - health.used == sum(getattr(health, one) for one in faults)
     if sent:
         assert stream.latest("left").sequence == max(index for index, _ in sent)
     else:

@@ -37,7 +37,9 @@ def write_field(path: Path, box: Box, pressure: Complex[np.ndarray, "points"], b
     import h5py
 
     if len(pressure) != np.prod(box.counts):
-        raise InvalidInput(f"{len(pressure)} pressures do not fit a box of {np.prod(box.counts)} points.")
+        raise InvalidInput(
+            f"{len(pressure)} pressures do not fit a box of {np.prod(box.counts)} points.", code="sizes_differ"
+        )
     with whole_file(path) as partial, h5py.File(partial, "w") as file:
         root = _group(file, "VTKHDF", "PartitionedDataSetCollection")
         _write_image(_block(root, "field", 0, "ImageData"), box, pressure)

@@ -70,9 +70,13 @@ class AUTD3Link(Link):
             of_kind(pose, Pose, f"pose {index}", "Pose(rotation, translation)")
         super().__init__("autd3", len(poses))
         if through not in THROUGH:
-            raise InvalidInput(f"{through!r} is none of the {len(THROUGH)} ways to AUTD3: {', '.join(THROUGH)}.")
+            raise InvalidInput(
+                f"{through!r} is none of the {len(THROUGH)} ways to AUTD3: {', '.join(THROUGH)}.", code="unknown_link"
+            )
         if through in ("remote", "simulator") and address is None:
-            raise InvalidInput(f"the {through} link needs 1 address, such as 127.0.0.1:8080; 0 given.")
+            raise InvalidInput(
+                f"the {through} link needs 1 address, such as 127.0.0.1:8080; 0 given.", code="setting_missing"
+            )
         self._through = through
         self.poses = list(poses)
         self.address = address
@@ -104,13 +108,15 @@ class AUTD3Link(Link):
             nearest = min(max(frames, SHORTEST), LONGEST)
             raise InvalidInput(
                 f"an AUTD3 board keeps {SHORTEST} to {LONGEST} frames, not {frames}: the nearest that it plays is "
-                f"{nearest}."
+                f"{nearest}.",
+                code="too_many_frames",
             )
         divide = min(max(round(PERIODS / rate), 1), LARGEST_DIVIDE)
         if abs(PERIODS / divide - rate) > 1e-6 * rate:
             raise InvalidInput(
                 f"{rate:g} frames/s are not 40 kHz over a whole number up to {LARGEST_DIVIDE}: the nearest that AUTD3 "
-                f"plays is {PERIODS / divide:.7g} frames/s."
+                f"plays is {PERIODS / divide:.7g} frames/s.",
+                code="rate_not_possible",
             )
 
     def played(self, index: int = 0) -> Frame:
@@ -126,7 +132,9 @@ class AUTD3Link(Link):
             If the link is not "audit": real boards cannot be read.
         """
         if self.name != "audit":
-            raise InvalidInput(f"the {self.boards} boards behind {self.name} cannot be read: only audit can.")
+            raise InvalidInput(
+                f"the {self.boards} boards behind {self.name} cannot be read: only audit can.", code="audit_only"
+            )
         import pyautd3
 
         pairs = []
@@ -145,7 +153,10 @@ class AUTD3Link(Link):
             If the link is not "audit".
         """
         if self.name != "audit":
-            raise InvalidInput(f"the {self.boards} boards behind {self.name} have a cable that you can pull yourself.")
+            raise InvalidInput(
+                f"the {self.boards} boards behind {self.name} have a cable that you can pull yourself.",
+                code="audit_only",
+            )
         self._controller.link().break_down()
 
     def _begin(self) -> None:
@@ -174,7 +185,8 @@ class AUTD3Link(Link):
                 self._controller.close()
                 raise InvalidInput(
                     f"board {index} has the firmware {text}, and pyautd3 {pyautd3.__version__} speaks to {latest}: "
-                    "update the board's firmware."
+                    "update the board's firmware.",
+                    code="firmware_version",
                 )
 
     def _way(self) -> Any:
@@ -249,7 +261,8 @@ class AUTD3Link(Link):
                 raise
             if doing == "opening":
                 raise InvalidInput(
-                    f"{self.boards} AUTD3 boards cannot be opened through {self.name}: {str(error).rstrip('.')}."
+                    f"{self.boards} AUTD3 boards cannot be opened through {self.name}: {str(error).rstrip('.')}.",
+                    code="link_not_opened",
                 ) from None
             raise self._failed(doing, str(error).rstrip(".")) from error
 
@@ -266,10 +279,13 @@ def _library() -> Any:
     try:
         import pyautd3
     except (ImportError, OSError):
-        raise InvalidInput(f"0 AUTD3 boards can be opened without pyautd3: {how}.") from None
+        raise InvalidInput(f"0 AUTD3 boards can be opened without pyautd3: {how}.", code="package_missing") from None
     version = importlib.metadata.version("pyautd3")
     if version not in KNOWN_VERSIONS:
-        raise InvalidInput(f"pyautd3 {version} is not one that is known here ({', '.join(KNOWN_VERSIONS)}): {how}.")
+        raise InvalidInput(
+            f"pyautd3 {version} is not one that is known here ({', '.join(KNOWN_VERSIONS)}): {how}.",
+            code="package_version",
+        )
     return pyautd3
 
 

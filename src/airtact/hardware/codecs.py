@@ -72,7 +72,9 @@ class Codec(ABC):
 
 def _pieces(message: bytes, size: int, what: str) -> list[UInt8[np.ndarray, "size"]]:
     if len(message) == 0 or len(message) % size:
-        raise InvalidInput(f"a message of {len(message)} bytes is not made of {what} of {size} bytes.")
+        raise InvalidInput(
+            f"a message of {len(message)} bytes is not made of {what} of {size} bytes.", code="message_damaged"
+        )
     return list(np.frombuffer(message, dtype=np.uint8).reshape(-1, size))
 
 
@@ -108,10 +110,14 @@ class SonicSurfaceCodec(Codec):
         pieces = _pieces(message[:-1], 2 + self.board.message_length, "boards")
         marks = [(int(piece[0]) - self.FIRST, int(piece[1])) for piece in pieces]
         if marks != [(b, self.START) for b in range(len(pieces))] or message[-1] != self.SWAP:
-            raise InvalidInput(f"a message of {len(message)} bytes lacks the marks of a SonicSurface frame.")
+            raise InvalidInput(
+                f"a message of {len(message)} bytes lacks the marks of a SonicSurface frame.", code="message_damaged"
+            )
         numbers = self._elements([piece[2:] for piece in pieces])
         if numbers.max() > self.OFF:
-            raise InvalidInput(f"a channel of a SonicSurface is 0 to {self.OFF}, but one is {numbers.max()}.")
+            raise InvalidInput(
+                f"a channel of a SonicSurface is 0 to {self.OFF}, but one is {numbers.max()}.", code="message_damaged"
+            )
         on = numbers < self.OFF
         return Frame(on.astype(np.uint8), np.where(on, numbers, 0).astype(np.uint8), self.levels)
 
@@ -138,14 +144,20 @@ class Nano16Codec(Codec):
         """Return the frame of a message of 66 bytes."""
         data = np.frombuffer(message, dtype=np.uint8)
         if len(data) != 66 or data[0] != self.RESET or data[-1] != self.SWAP or np.any(data[1:-1] & 0x0F != self.MARK):
-            raise InvalidInput(f"a message of {len(message)} bytes lacks the marks of a Nano16 frame of 66 bytes.")
+            raise InvalidInput(
+                f"a message of {len(message)} bytes lacks the marks of a Nano16 frame of 66 bytes.",
+                code="message_damaged",
+            )
         halves = data[1:-1].reshape(16, 2, 2)
         ports = ((halves[..., 0] & 0xF0) | (halves[..., 1] >> 4)).astype(np.uint8)
         high = np.unpackbits(ports, axis=1, bitorder="little").astype(bool)
         on = np.any(high, axis=0)
         rises = high & ~np.roll(high, 1, axis=0)
         if np.any(rises.sum(axis=0) != on) or np.any(high.sum(axis=0) != 8 * on):
-            raise InvalidInput(f"an element of a Nano16 is high in 8 slots that follow on, not {high.sum(axis=0)}.")
+            raise InvalidInput(
+                f"an element of a Nano16 is high in 8 slots that follow on, not {high.sum(axis=0)}.",
+                code="message_damaged",
+            )
         amplitude, phase = on.astype(np.uint8), np.argmax(rises, axis=0).astype(np.uint8)
         channels = self.board.channels
         return Frame(amplitude[channels], phase[channels], self.levels)
@@ -175,11 +187,14 @@ class OpenMPDCodec(Codec):
         pieces = _pieces(message, 2 * self.board.message_length, "boards")
         if not all(piece[0] & self.START for piece in pieces):
             raise InvalidInput(
-                f"a message of {len(message)} bytes lacks the mark of an OpenMPD frame in its first byte."
+                f"a message of {len(message)} bytes lacks the mark of an OpenMPD frame in its first byte.",
+                code="message_damaged",
             )
         amplitude = self._elements([piece[256:] & 0x7F for piece in pieces])
         if amplitude.max() > self.FULL:
-            raise InvalidInput(f"an amplitude of OpenMPD is 0 to {self.FULL}, but one is {amplitude.max()}.")
+            raise InvalidInput(
+                f"an amplitude of OpenMPD is 0 to {self.FULL}, but one is {amplitude.max()}.", code="message_damaged"
+            )
         numbers = self._elements([piece[:256] & 0x7F for piece in pieces]).astype(np.int64)
         phase = (numbers - (self.FULL - amplitude.astype(np.int64)) // 2) % 128
         return Frame(amplitude, phase.astype(np.uint8), self.levels)

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from airtact.conventions import InvalidInput
+from airtact.hardware.amplitudes import faded, share_under_cap
 from airtact.hardware.link import Link, LinkFailed
-from airtact.hardware.loudness import faded, share_under_cap
 from airtact.synthesis.quantise import Frame
 from airtact.synthesis.sequence import Sequence
 from airtact.transfer import Drive, check_drive
@@ -85,14 +85,14 @@ class Emission:
         of_kind(link, Link, "the link", "one such as AUTD3Link(poses)")
         share_under_cap(np.ones((1, 1), dtype=np.complex128), link.levels, cap)
         if not 0.0 <= number(ramp, "the ramp", "s") < np.inf:
-            raise InvalidInput(f"the ramp is {ramp:g} s, but it must be 0 or more.")
+            raise InvalidInput(f"the ramp is {ramp:g} s, but it must be 0 or more.", code="out_of_range")
         self.link = link
         self._cap = cap
         self._ramp, self._patience = ramp, positive(patience, "the patience of the watchdog", "s")
         self._lock = threading.RLock()
         self._inside = 0
         self._signal: int | None = None
-        self._speaking = False
+        self._emitting = False
         self._over: str | None = "it was not begun"
         self._failure: LinkFailed | None = None
         self._fed = 0.0
@@ -109,7 +109,7 @@ class Emission:
             raise
         finally:
             self._shield(-1)
-        self._over, self._speaking, self._failure = None, False, None
+        self._over, self._emitting, self._failure = None, False, None
         self._done.clear()
         threading.Thread(target=self._watch, name="watchdog", daemon=True).start()
         try:
@@ -128,7 +128,7 @@ class Emission:
             self._finish("it was ended")
             if self._failure is not None:
                 self._failure = None
-                self._quieten()
+                self._silence()
         finally:
             # What the link says of closing adds nothing: silence was confirmed, or its failure is raised from here.
             with suppress(LinkFailed):
@@ -159,9 +159,9 @@ class Emission:
         check_drive(drive, "what is emitted")
         self._check_other_size(len(drive))
         share = share_under_cap(drive.amplitudes[None], self.link.levels, self._cap)
-        if self.link.real_time and not self._speaking and drive.amplitudes.any():
+        if self.link.real_time and not self._emitting and drive.amplitudes.any():
             self._rise(drive, share)
-        return self._say(faded(drive, self.link.levels, share))
+        return self._transmit(faded(drive, self.link.levels, share))
 
     def beat(self) -> None:
         """Tell the watchdog that the caller is alive and means what the boards play.
@@ -194,7 +194,7 @@ class Emission:
             self.beat()
             time.sleep(min(left, self._patience / 5.0, 0.05))
             if time.monotonic() - looked > LOOK:
-                self._do(self.link.probe, self._speaking)
+                self._do(self.link.probe, self._emitting)
                 looked = time.monotonic()
         self.beat()
 
@@ -228,7 +228,7 @@ class Emission:
             count = max(round(seconds * rate), 1)
             self._do(lambda: self.link.play([frames[index % len(frames)] for index in range(count)], rate))
             return Played(rate, count, 0)
-        if not self._speaking:
+        if not self._emitting:
             self._rise(Drive(drives[np.linalg.norm(drives, axis=1).argmax()]), share)
         if self.link.plays_itself:
             self._do(lambda: self.link.play(frames, rate))
@@ -246,7 +246,7 @@ class Emission:
             elif late > 1.0 / rate:
                 missed = min(int(late * rate), total - index - 1)
                 index, dropped = index + missed, dropped + missed
-            self._say(frames[index % len(frames)])
+            self._transmit(frames[index % len(frames)])
             index, sent = index + 1, sent + 1
         self.hold(max(begun + seconds - time.monotonic(), 0.0))
         return Played(sent / (time.monotonic() - begun), sent, dropped)
@@ -254,7 +254,7 @@ class Emission:
     def _rise(self, drive: Drive, share: float) -> None:
         steps = int(np.ceil(self._ramp / STEP))
         for step in range(1, steps):
-            self._say(faded(drive, self.link.levels, share * step / steps))
+            self._transmit(faded(drive, self.link.levels, share * step / steps))
             self.hold(self._ramp / steps)
 
     def _check_other_size(self, elements: int) -> None:
@@ -262,24 +262,25 @@ class Emission:
             board = self.link.codec.board
             raise InvalidInput(
                 f"a drive for {elements} elements does not fit {self.link.devices} of {len(board)}: they need a drive "
-                f"for {self.link.elements}."
+                f"for {self.link.elements}.",
+                code="element_count",
             )
 
-    def _say(self, frame: Frame) -> Frame:
+    def _transmit(self, frame: Frame) -> Frame:
         self._do(lambda: self.link.send(frame), not frame.silent)
         return frame
 
-    def _do(self, work: Callable[[], None], speaking: bool = True) -> None:
+    def _do(self, work: Callable[[], None], emitting: bool = True) -> None:
         """Talk to the boards while no signal can come between."""
         self._shield(1)
         try:
             with self._lock:
                 self._check_over()
                 self._fed = time.monotonic()
-                speaking = speaking and self.link.real_time
-                self._speaking = self._speaking or speaking
+                emitting = emitting and self.link.real_time
+                self._emitting = self._emitting or emitting
                 work()
-                self._speaking = speaking
+                self._emitting = emitting
                 self._fed = time.monotonic()
         finally:
             self._shield(-1)
@@ -308,11 +309,11 @@ class Emission:
                 if self._over is not None:
                     return
                 self._over = why
-                self._quieten()
+                self._silence()
         finally:
             self._shield(-1)
 
-    def _quieten(self) -> None:
+    def _silence(self) -> None:
         before, sent = self.link.last, self.link.sent
         for last_try in (False, True):
             try:
@@ -324,20 +325,20 @@ class Emission:
                     )
                     raise self._failure from error
             else:
-                self._speaking = False
+                self._emitting = False
                 return
 
     def _watch(self) -> None:
         """Silence the boards when nobody feeds them."""
         while not self._done.wait(self._patience / 10.0):
-            if not self._speaking or time.monotonic() - self._fed < self._patience:
+            if not self._emitting or time.monotonic() - self._fed < self._patience:
                 continue
             with self._lock:
                 if time.monotonic() - self._fed < self._patience or self._over is not None:
                     continue
                 self._over = f"nobody fed it for {self._patience:g} s"
                 try:
-                    self._quieten()
+                    self._silence()
                 except LinkFailed:
                     return  # kept in _failure: the next call and the end of the block raise it
                 return

@@ -51,7 +51,9 @@ class Link(ABC):
     def __init__(self, board: str, boards: int = 1) -> None:
         self.codec = codec_of(board)
         if not isinstance(boards, int | np.integer) or not 1 <= boards <= self.codec.board.most:
-            raise InvalidInput(f"one link speaks to 1 to {self.codec.board.most} {board} boards, not {boards}.")
+            raise InvalidInput(
+                f"one link speaks to 1 to {self.codec.board.most} {board} boards, not {boards}.", code="board_count"
+            )
         self.elements = boards * len(self.codec.board)
         self.boards = boards
         self.last = None
@@ -135,7 +137,9 @@ class Link(ABC):
             If the link fails.
         """
         if not self.plays_itself:
-            raise InvalidInput(f"{self.codec.board.name} boards keep 0 sequences: send frame by frame.")
+            raise InvalidInput(
+                f"{self.codec.board.name} boards keep 0 sequences: send frame by frame.", code="sequence_not_possible"
+            )
         for frame in frames:
             self._check(frame)
         self.check_sequence(len(frames), rate)
@@ -158,11 +162,12 @@ class Link(ABC):
             If there is no frame, or the rate is not above zero or over ``fastest``.
         """
         if frames < 1:
-            raise InvalidInput(f"a sequence needs at least 1 frame, not {frames}.")
+            raise InvalidInput(f"a sequence needs at least 1 frame, not {frames}.", code="empty")
         if positive(rate, "the rate of a sequence", "frames/s") > self.fastest:
             raise InvalidInput(
                 f"{rate:g} frames/s are more than the {self.name} link carries to {self.devices}: the nearest is "
-                f"{np.floor(self.fastest):g} frames/s."
+                f"{np.floor(self.fastest):g} frames/s.",
+                code="rate_not_possible",
             )
 
     def stop(self) -> None:
@@ -225,17 +230,21 @@ class Link(ABC):
     def _check(self, frame: Frame) -> None:
         of_kind(frame, Frame, "what is sent", "quantise(drive, link.levels)")
         if not self._open:
-            raise InvalidInput(f"the {self.name} link is not open ({self.sent} frames sent): open it first.")
+            raise InvalidInput(
+                f"the {self.name} link is not open ({self.sent} frames sent): open it first.", code="link_closed"
+            )
         if len(frame) != self.elements:
             raise InvalidInput(
                 f"a frame of {counted(len(frame), 'element', 'elements')} does not fit {self.devices} of "
-                f"{len(self.codec.board)}: make it for {self.elements}."
+                f"{len(self.codec.board)}: make it for {self.elements}.",
+                code="element_count",
             )
         if not self.levels.same_as(frame.levels):
             raise InvalidInput(
                 f"a frame of {len(frame.levels.amplitudes)} amplitudes and {frame.levels.phases} phases is not for "
                 f"{self.codec.board.name}, which has {len(self.levels.amplitudes)} and {self.levels.phases}: quantise "
-                "the drive with link.levels."
+                "the drive with link.levels.",
+                code="levels_differ",
             )
 
     @contextmanager

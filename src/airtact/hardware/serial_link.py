@@ -50,7 +50,9 @@ class SerialLink(Link):
     def __init__(self, port: str, board: str = "sonicsurface", boards: int = 1, boot: float = BOOT) -> None:
         super().__init__(board, boards)
         if self.codec.baud is None:
-            raise InvalidInput(f"{board} has no serial line (0 baud): sonicsurface and nano16 have one.")
+            raise InvalidInput(
+                f"{board} has no serial line (0 baud): sonicsurface and nano16 have one.", code="unknown_link"
+            )
         of_kind(port, str, "the port", 'the name of a device, such as "/dev/ttyUSB0"')
         self.port = port
         self.boot = boot
@@ -71,7 +73,7 @@ class SerialLink(Link):
         try:
             self._line = serial.Serial(self.port, self.codec.baud, timeout=0.02, write_timeout=PATIENCE, exclusive=True)
         except (OSError, ValueError) as error:
-            raise InvalidInput(_cannot_open(self.port, error)) from None
+            raise InvalidInput(_cannot_open(self.port, error), code="link_not_opened") from None
         try:
             self._deliver(self.zero(), self.boot if self.codec.echo else 0.0)
             self._deliver(self.zero())
@@ -141,7 +143,9 @@ def _library() -> Any:
     try:
         import serial
     except ImportError:
-        raise InvalidInput("0 serial ports can be opened without pyserial: pip install 'airtact[serial]'.") from None
+        raise InvalidInput(
+            "0 serial ports can be opened without pyserial: pip install 'airtact[serial]'.", code="package_missing"
+        ) from None
     return serial
 
 

@@ -147,7 +147,7 @@ def _taken_apart(value: object, arrays: list[Num[np.ndarray, "..."]], given: Map
         kept = {one.name: getattr(value, one.name) for one in fields(value) if one.init and one.compare}
         parts: dict[str, Tree] = {name: _taken_apart(part, arrays, given) for name, part in kept.items()}
         return {"module": kind.__module__, "class": kind.__qualname__, "fields": parts}
-    raise InvalidInput(f"a {kind.__qualname__} cannot be written into a file.")
+    raise InvalidInput(f"a {kind.__qualname__} cannot be written into a file.", code="not_storable")
 
 
 def _put_together(tree: Tree, arrays: list[Num[np.ndarray, "..."]], given: Mapping[str, object]) -> object:

@@ -70,7 +70,9 @@ class Stored(Solver):
         of_kind(solver, Solver, "the solver of a store", "one such as BoundaryElement()")
         of_kind(folder, str | Path, "the folder of a store", "a path")
         if not 1 <= number(most_bytes, "most_bytes", "bytes") < float("inf"):
-            raise InvalidInput(f"most_bytes is {most_bytes}, but a folder must be allowed at least 1 byte.")
+            raise InvalidInput(
+                f"most_bytes is {most_bytes}, but a folder must be allowed at least 1 byte.", code="out_of_range"
+            )
         self.solver, self.folder, self.most_bytes = solver, Path(folder), int(most_bytes)
         self._memory: OrderedDict[str, RadiatedField] = OrderedDict()
 

@@ -55,13 +55,14 @@ class Sequence:
     def __post_init__(self) -> None:
         drives = complex_numbers(self.drives, "the drives of a sequence")
         if drives.ndim != 2 or drives.size == 0:
-            raise InvalidInput(f"a sequence has the shape (frames, elements), not {drives.shape}.")
+            raise InvalidInput(f"a sequence has the shape (frames, elements), not {drives.shape}.", code="wrong_shape")
         check_finite(drives, "the drives of a sequence (frame, element)")
         loudest = np.abs(drives).max(axis=1)
         if loudest.max() > FULL_SCALE:
             raise InvalidInput(
                 f"frame {int(loudest.argmax())} of a sequence drives an element at {loudest.max():.4g} of full scale; "
-                "divide the sequence by that."
+                "divide the sequence by that.",
+                code="over_full_scale",
             )
         drives.flags.writeable = False
         object.__setattr__(self, "drives", drives)
@@ -88,7 +89,9 @@ class Sequence:
             If there is no such frame.
         """
         if not 0 <= index < len(self):
-            raise InvalidInput(f"there is no frame {index}; the sequence has frames 0 to {len(self) - 1}.")
+            raise InvalidInput(
+                f"there is no frame {index}; the sequence has frames 0 to {len(self) - 1}.", code="out_of_range"
+            )
         return Drive(self.drives[index])
 
     def pressure(self, transfer: TransferMatrix) -> Complex128[np.ndarray, "frames foci"]:
@@ -107,7 +110,8 @@ class Sequence:
         if self.drives.shape[1] != transfer.matrix.shape[1]:
             raise InvalidInput(
                 f"a sequence for {counted(self.drives.shape[1], 'element', 'elements')} does not fit a transfer matrix "
-                f"of {counted(transfer.matrix.shape[1], 'element', 'elements')}."
+                f"of {counted(transfer.matrix.shape[1], 'element', 'elements')}.",
+                code="element_count",
             )
         return self.drives @ transfer.matrix.T
 
@@ -161,12 +165,16 @@ def check_playable(sequence: Sequence, *, clock: float, most: int, slowest: int 
         Too many frames, or a rate that is no such fraction: the nearest that is.
     """
     if len(sequence) > most:
-        raise InvalidInput(f"the sequence has {len(sequence)} frames, and the board keeps {most}; lower its rate.")
+        raise InvalidInput(
+            f"the sequence has {len(sequence)} frames, and the board keeps {most}; lower its rate.",
+            code="too_many_frames",
+        )
     divide = min(max(round(clock / sequence.rate), 1), slowest)
     if abs(clock / divide - sequence.rate) > 1e-6 * sequence.rate:
         raise InvalidInput(
             f"{sequence.rate:g} frames/s are not {clock:g} over a whole number up to {slowest}: the nearest that the "
-            f"board plays is {clock / divide:.7g} frames/s."
+            f"board plays is {clock / divide:.7g} frames/s.",
+            code="rate_not_possible",
         )
 
 
@@ -197,7 +205,9 @@ def amplitude_modulation(drive: Drive, frequency: float = 200.0, rate: float = 4
     """
     check_drive(drive, "the drive")
     if not 0.0 < depth <= 1.0:
-        raise InvalidInput(f"the depth of the modulation is {depth:g}, but it must be above 0 and at most 1.")
+        raise InvalidInput(
+            f"the depth of the modulation is {depth:g}, but it must be above 0 and at most 1.", code="out_of_range"
+        )
     turn = 2.0 * np.pi * np.arange(_frames(frequency, rate)) / _frames(frequency, rate)
     envelope = np.sqrt(np.maximum(1.0 - depth * (1.0 - np.cos(turn)) / 2.0, 0.0))
     return Sequence(envelope[:, None] * drive.amplitudes, rate)
@@ -263,7 +273,8 @@ def _line_of(target: Target, what: str) -> int:
     of_kind(target, Target, "the target", "Target(points, pressures)")
     if len(target.points) < 2:
         raise InvalidInput(
-            f"{what} leads a focus along points, and the target has {len(target.points)}; give 2 or more."
+            f"{what} leads a focus along points, and the target has {len(target.points)}; give 2 or more.",
+            code="too_few",
         )
     return len(target.points)
 
@@ -294,10 +305,12 @@ def _frames(frequency: float, rate: float, least: int = FEWEST) -> int:
     if count < least:
         raise InvalidInput(
             f"{rate:g} frames/s give {rate / frequency:.3g} frames a period of {frequency:g} Hz, and {least} are "
-            f"needed: give {least * frequency:g} frames/s or more."
+            f"needed: give {least * frequency:g} frames/s or more.",
+            code="rate_not_possible",
         )
     if abs(count * frequency - rate) > 1e-6 * rate:
         raise InvalidInput(
-            f"{rate:g} frames/s are no whole multiple of {frequency:g} Hz: the nearest is {count * frequency:.7g}."
+            f"{rate:g} frames/s are no whole multiple of {frequency:g} Hz: the nearest is {count * frequency:.7g}.",
+            code="rate_not_possible",
         )
     return count

@@ -19,7 +19,7 @@ from airtact.printing import in_short
 from airtact.validation import counted, fixed, number
 
 Fault = Literal[
-    "nonsense",
+    "unreadable",
     "half_lost",
     "unknown_count",
     "not_metres",
@@ -43,11 +43,11 @@ class FaultyFrame(InvalidInput):
 
     Attributes
     ----------
-    fault : what is wrong, one of ``Fault``.
+    fault : what is wrong, one of ``Fault``; it is the code, too.
     """
 
     def __init__(self, fault: Fault, sentence: str, place: Real[np.ndarray, "3"] | None = None) -> None:
-        super().__init__(sentence, place)
+        super().__init__(sentence, place, code=fault)
         self.fault: Fault = fault
 
 
@@ -83,11 +83,11 @@ class HandFrame:
         """Check everything and keep the arrays read-only."""
         object.__setattr__(self, "time", _checked_time(self.time))
         if self.side not in ("left", "right"):
-            raise FaultyFrame("nonsense", f"the side of a hand is {self.side!r}, but there are 2: 'left' and 'right'.")
+            raise FaultyFrame("unreadable", f"the side is {self.side!r}, but there are 2: 'left' and 'right'.")
         if isinstance(self.sequence, bool) or not isinstance(self.sequence, int | np.integer):
-            raise FaultyFrame("nonsense", f"the sequence number is {self.sequence!r}, but it must be an integer.")
+            raise FaultyFrame("unreadable", f"the sequence number is {self.sequence!r}, but it must be an integer.")
         if not 0 <= self.sequence <= LAST_SEQUENCE:
-            raise FaultyFrame("nonsense", f"the sequence number is {self.sequence}, but it must be 0 to 2^53.")
+            raise FaultyFrame("unreadable", f"the sequence number is {self.sequence}, but it must be 0 to 2^53.")
         object.__setattr__(self, "sequence", int(self.sequence))
         if self.landmarks is not None:
             object.__setattr__(self, "landmarks", _checked_landmarks(self.landmarks, self.side))
@@ -122,7 +122,10 @@ class HandFrame:
             When there are no landmarks, or as ``hand_from_joints``.
         """
         if self.landmarks is None:
-            raise InvalidInput(f"the {self.side} hand of frame {self.sequence} has 0 landmarks; take another frame.")
+            raise InvalidInput(
+                f"the {self.side} hand of frame {self.sequence} has 0 landmarks; take another frame.",
+                code="landmarks_missing",
+            )
         return hand_from_joints(self.landmarks, radii, side=self.side)
 
 
@@ -130,9 +133,9 @@ def _checked_time(time: float) -> float:
     try:
         given = number(time, "the time of a frame", "s")
     except InvalidInput as fault:
-        raise FaultyFrame("nonsense", str(fault)) from None
+        raise FaultyFrame("unreadable", str(fault)) from None
     if not np.isfinite(given):
-        raise FaultyFrame("nonsense", f"the time of a frame is {given:g} s, but it must be finite.")
+        raise FaultyFrame("unreadable", f"the time of a frame is {given:g} s, but it must be finite.")
     return given
 
 
@@ -168,11 +171,11 @@ def _checked_landmarks(given: Real[np.ndarray, "landmarks 3"], side: str) -> Flo
 def _checked_cloud(given: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
     cloud = _points(given, "points of a cloud")
     if len(cloud) == 0:
-        raise FaultyFrame("nonsense", "the cloud has 0 points; give None where there is no cloud.")
+        raise FaultyFrame("unreadable", "the cloud has 0 points; give None where there is no cloud.")
     bad = int((~np.isfinite(cloud).all(axis=1)).sum())
     if bad:
         raise FaultyFrame(
-            "nonsense", f"{counted(bad, 'point', 'points')} of the cloud are NaN or infinite; leave them out."
+            "unreadable", f"{counted(bad, 'point', 'points')} of the cloud are NaN or infinite; leave them out."
         )
     spread = float(np.ptp(cloud, axis=0).max())
     if spread > LARGEST_CLOUD:
@@ -184,7 +187,7 @@ def _points(given: Real[np.ndarray, "..."], what: str) -> Float64[np.ndarray, "p
     array = np.asarray(given)
     if array.dtype.kind not in "iuf" or array.ndim != 2 or array.shape[1] != 3:
         raise FaultyFrame(
-            "nonsense",
+            "unreadable",
             f"{what} have shape {array.shape} and type {array.dtype}, but they must be real and (number, 3).",
         )
     return cast("Float64[np.ndarray, 'points 3']", fixed(array))

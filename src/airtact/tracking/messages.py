@@ -73,7 +73,7 @@ def from_json(text: bytes | str) -> HandFrame:
         message = _message_in(text)
     except (msgspec.MsgspecError, ValueError, RecursionError) as error:
         reason = "it is nested too deep" if isinstance(error, RecursionError) else str(error)
-        raise FaultyFrame("nonsense", f"this is not 1 frame as JSON: {reason}.") from None
+        raise FaultyFrame("unreadable", f"this is not 1 frame as JSON: {reason}.") from None
     landmarks = [(None,) * 3 if one is None else one for one in message.landmarks or []]
     return _frame(message.time, message.side, message.sequence, landmarks, message.cloud or [])
 
@@ -116,7 +116,7 @@ def from_osc(packet: bytes) -> list[HandFrame]:
         messages = [timed.message for timed in OscPacket(packet).messages]
         read = [(message.address, list(message.params)) for message in messages]
     except Exception as error:  # the parser lets errors of struct, str and its own through
-        raise FaultyFrame("nonsense", f"these {len(packet)} bytes are not OSC: {error}.") from None
+        raise FaultyFrame("unreadable", f"these {len(packet)} bytes are not OSC: {error}.") from None
     return [_from_arguments(arguments) for address, arguments in read if address == ADDRESS]
 
 
@@ -131,11 +131,13 @@ def _from_arguments(arguments: list[Any]) -> HandFrame:
     blob = arguments.pop() if arguments and isinstance(arguments[-1], bytes) else b""
     if len(arguments) < 3 or not all(isinstance(one, float | int) for one in [arguments[0], *arguments[3:]]):
         raise FaultyFrame(
-            "nonsense", f"{counted(len(arguments), 'argument is', 'arguments are')} no time, side, sequence and floats."
+            "unreadable",
+            f"{counted(len(arguments), 'argument is', 'arguments are')} not time, side, sequence and floats.",
         )
     if len(arguments[3:]) % 3 or len(blob) % 12:
         raise FaultyFrame(
-            "nonsense", f"{len(arguments) - 3} floats and {len(blob)} bytes are not x, y, z of each landmark and point."
+            "unreadable",
+            f"{len(arguments) - 3} floats and {len(blob)} bytes are not x, y, z of each landmark and point.",
         )
     landmarks = np.array(arguments[3:], dtype=np.float64).reshape(-1, 3)
     cloud = np.frombuffer(blob, dtype=">f4").reshape(-1, 3).astype(np.float64)
@@ -145,8 +147,8 @@ def _from_arguments(arguments: list[Any]) -> HandFrame:
 def _frame(time: float, side: Any, sequence: Any, landmarks: Any, cloud: Any) -> HandFrame:
     """Make the frame of lists or arrays of points, empty ones being none."""
     if side not in ("left", "right"):
-        raise FaultyFrame("nonsense", f"the side of a hand is {side!r}, but there are 2: 'left' and 'right'.")
+        raise FaultyFrame("unreadable", f"the side is {side!r}, but there are 2: 'left' and 'right'.")
     if isinstance(sequence, bool) or not isinstance(sequence, int):
-        raise FaultyFrame("nonsense", f"the sequence number is {sequence!r}, but it must be an integer.")
+        raise FaultyFrame("unreadable", f"the sequence number is {sequence!r}, but it must be an integer.")
     points = [np.array(one, dtype=np.float64).reshape(-1, 3) if len(one) else None for one in (landmarks, cloud)]
     return HandFrame(time, side, sequence, *points)

@@ -61,7 +61,7 @@ def pads_over_time(frames: Iterable[HandFrame], side: Side) -> PadTrack:
     """
     own = [frame for frame in frames if frame.side == side]
     if not own:
-        raise InvalidInput(f"0 frames are of a {side} hand; take the other one.")
+        raise InvalidInput(f"0 frames are of a {side} hand; take the other one.", code="no_frames")
     radii, pads = None, np.full((len(own), 5, 3), np.nan)
     for index, frame in enumerate(own):
         if frame.landmarks is not None:

@@ -16,7 +16,7 @@ NOISE = 1e-3
 
 AGILITY = 0.3
 """Spectral density of the acceleration of a landmark unless given [m²/s³]: best or nearly for reaching and pinching at
-0.5 m/s, at 30 to 90 frames a second and noise of 0.5 to 3 mm (``benchmarks/tracking.py``)."""
+0.5 m/s, at 30 to 90 frames a second and noise of 0.5 to 3 mm (``benchmarks/hand_tracking.py``)."""
 
 TRACKED_CHAINS = tuple(tuple(range(start, start + 4)) for start in (1, 5, 9, 13, 17))
 """Landmarks of each finger, from the wrist to the tip, where there are 21."""
@@ -44,7 +44,9 @@ class Predictor:
     def __init__(self, latency: float, noise: float = NOISE, agility: float = AGILITY, patience: float = 0.15) -> None:
         self.latency: float = number(latency, "latency", "s")
         if not 0.0 <= self.latency <= LONGEST_LATENCY:
-            raise InvalidInput(f"latency is {self.latency:g} s, but it must be 0 to 1 s: is it in milliseconds?")
+            raise InvalidInput(
+                f"latency is {self.latency:g} s, but it must be 0 to 1 s: is it in milliseconds?", code="out_of_range"
+            )
         self._noise = positive(noise, "noise", "m")
         self._agility = positive(agility, "agility", "m²/s³")
         self._patience = positive(patience, "patience", "s")
@@ -65,10 +67,14 @@ class Predictor:
         """
         last = self._newest
         if last is not None and frame.side != last.side:
-            raise InvalidInput(f"frame {frame.sequence} is of the {frame.side} hand; make a second predictor for it.")
+            raise InvalidInput(
+                f"frame {frame.sequence} is of the {frame.side} hand; make a second predictor for it.",
+                code="other_hand",
+            )
         if last is not None and frame.time <= last.time:
             raise InvalidInput(
-                f"time goes back from {last.time:g} to {frame.time:g} s at frame {frame.sequence}; leave it out."
+                f"time goes back from {last.time:g} to {frame.time:g} s at frame {frame.sequence}; leave it out.",
+                code="backwards",
             )
         if frame.landmarks is None:
             return
@@ -99,7 +105,9 @@ class Predictor:
         """
         last, motion = self._newest, self._motion
         if last is None or motion is None:
-            raise InvalidInput("0 frames with landmarks were taken; take one before asking where the hand will be.")
+            raise InvalidInput(
+                "0 frames with landmarks were taken; take one before asking where the hand will be.", code="no_frames"
+            )
         then = number(time, "time", "s") + self.latency
         if time - motion.time > self._patience:
             return HandFrame(then, last.side, last.sequence)
@@ -124,7 +132,9 @@ class Predictor:
             When no frame was taken yet.
         """
         if self._motion is None:
-            raise InvalidInput("0 frames with landmarks were taken; take one before asking how sure it is.")
+            raise InvalidInput(
+                "0 frames with landmarks were taken; take one before asking how sure it is.", code="no_frames"
+            )
         return float(np.sqrt(self._motion.at(time + self.latency, self._agility).covariance[0, 0]))
 
 

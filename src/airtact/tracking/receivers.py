@@ -103,7 +103,7 @@ class WebSocketReceiver(_Listening):
             for message in connection:
                 self.stream.feed_json(message)
         except ConnectionClosed:
-            self.stream.break_off()
+            self.stream.interrupt()
         finally:
             with self._lock:
                 self._connections.discard(connection)
@@ -155,7 +155,9 @@ class OscReceiver(_Listening):
 def _bound(kind: socket.SocketKind, port: int, host: str) -> socket.socket:
     """Open a socket that listens at a port."""
     if not 0 <= port <= 65535:
-        raise InvalidInput(f"port {port} does not exist; give 1 to 65535, or 0 for any that is free.")
+        raise InvalidInput(
+            f"port {port} does not exist; give 1 to 65535, or 0 for any that is free.", code="out_of_range"
+        )
     made = socket.socket(socket.AF_INET, kind)
     try:
         if kind == socket.SOCK_STREAM:
@@ -165,5 +167,7 @@ def _bound(kind: socket.SocketKind, port: int, host: str) -> socket.socket:
             made.listen()
     except OSError as error:
         made.close()
-        raise InvalidInput(f"nobody can listen at {host}, port {port}: {error.strerror}; take another port.") from None
+        raise InvalidInput(
+            f"nobody can listen at {host}, port {port}: {error.strerror}; take another port.", code="port_taken"
+        ) from None
     return made

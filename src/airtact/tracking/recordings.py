@@ -61,7 +61,10 @@ def load_recording(path: Path, leave_out: bool = False) -> Recording:
     """
     with about(path.name):
         if path.suffix not in ENDINGS:
-            raise InvalidInput(f"the ending {path.suffix!r} is not 1 of those of recordings: {', '.join(ENDINGS)}.")
+            raise InvalidInput(
+                f"the ending {path.suffix!r} is not 1 of those of recordings: {', '.join(ENDINGS)}.",
+                code="unknown_ending",
+            )
         now = 0.0
         stream = HandStream(clock=lambda: now)
         frames = []
@@ -72,9 +75,9 @@ def load_recording(path: Path, leave_out: bool = False) -> Recording:
             if fault is None:
                 frames.append(found)
             elif not leave_out:
-                raise InvalidInput(f"{where}: {fault}", fault.position)
+                raise InvalidInput(f"{where}: {fault}", fault.position, code=fault.code)
         if not frames:
-            raise InvalidInput(f"there are 0 frames of a hand that can be used ({stream.health}).")
+            raise InvalidInput(f"there are 0 frames of a hand that can be used ({stream.health}).", code="no_frames")
         return Recording(tuple(frames), stream.health)
 
 
@@ -95,7 +98,8 @@ def save_recording(path: Path, frames: Iterable[HandFrame]) -> None:
     if path.suffix not in ENDINGS or not kept:
         raise InvalidInput(
             f"{counted(len(kept), 'frame', 'frames')} cannot be written to {path.name}: give at least 1, and an ending "
-            f"of {' or '.join(ENDINGS)}."
+            f"of {' or '.join(ENDINGS)}.",
+            code="not_writable",
         )
     with whole_file(path) as partial, partial.open("wb") as file:
         if path.suffix == ".jsonl":
@@ -144,7 +148,7 @@ def _lines(path: Path) -> Found:
                 if line.strip():
                     yield f"line {number}", _read(line)
     except OSError as error:
-        raise InvalidInput(f"the recording cannot be read: {error.strerror}.") from None
+        raise InvalidInput(f"the recording cannot be read: {error.strerror}.", code="file_unreadable") from None
 
 
 def _read(line: bytes) -> HandFrame | FaultyFrame:
@@ -174,16 +178,23 @@ def _arrays_in(path: Path) -> Mapping[str, Real[np.ndarray, "..."]]:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: np.asarray(file[name]) for name in ARRAYS if name in file}
     except OSError as error:
-        raise InvalidInput(f"the recording cannot be read: {error.strerror or 'it is not of NumPy'}.") from None
+        raise InvalidInput(
+            f"the recording cannot be read: {error.strerror or 'it is not of NumPy'}.", code="file_unreadable"
+        ) from None
     except (ValueError, EOFError, KeyError, zipfile.BadZipFile):
-        raise InvalidInput(f"these {path.stat().st_size} bytes are no whole .npz file of NumPy: record anew.") from None
+        raise InvalidInput(
+            f"these {path.stat().st_size} bytes are no whole .npz file of NumPy: record anew.", code="file_unreadable"
+        ) from None
     missing = [name for name in ARRAYS if name not in arrays]
     if missing:
-        raise InvalidInput(f"{counted(len(missing), 'array is', 'arrays are')} missing, the first is {missing[0]}.")
+        raise InvalidInput(
+            f"{counted(len(missing), 'array is', 'arrays are')} missing, the first is {missing[0]}.",
+            code="dataset_missing",
+        )
     for name in ("landmark_counts", "cloud_counts"):
         least = int(arrays[name].min(initial=0)) if arrays[name].dtype.kind in "iu" else 0
         if least < 0:
-            raise InvalidInput(f"{name} holds a count of {least}; write the recording anew.")
+            raise InvalidInput(f"{name} holds a count of {least}; write the recording anew.", code="out_of_range")
     count = len(arrays["time"]) if arrays["time"].ndim == 1 else 0
     for name in ARRAYS:
         one = arrays[name]
@@ -194,7 +205,10 @@ def _arrays_in(path: Path) -> Mapping[str, Real[np.ndarray, "..."]]:
             else (count,)
         )
         if one.shape != shape or one.dtype.kind not in ("fiu" if of_points or name == "time" else "iub"):
-            raise InvalidInput(f"{name} has shape {one.shape} and type {one.dtype}, but {count} frames need {shape}.")
+            raise InvalidInput(
+                f"{name} has shape {one.shape} and type {one.dtype}, but {count} frames need {shape}.",
+                code="wrong_shape",
+            )
     return arrays
 
 

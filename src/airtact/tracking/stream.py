@@ -39,7 +39,7 @@ class StreamHealth:
     received : frames and other messages that came.
     used : frames that were handed on, those of lost hands included.
     lost : times that a hand was lost, said by the tracker or told by its silence.
-    nonsense : messages that are no frame.
+    unreadable : messages that are no frame.
     half_lost : frames with NaN, infinite or missing coordinates; left out.
     unknown_count : frames with neither 25 nor 21 landmarks; left out.
     not_metres : frames that span more than a metre, as millimetres do; left out.
@@ -51,13 +51,13 @@ class StreamHealth:
     late : frames that came later than others after their time, but were used.
     skipped : frames missing between those that came.
     restarted : times that a tracker began anew.
-    broken_off : connections that ended without a farewell, as those of a tracker that is killed do.
+    interrupted : connections that ended without a farewell, as those of a tracker that is killed do.
     """
 
     received: int = 0
     used: int = 0
     lost: int = 0
-    nonsense: int = 0
+    unreadable: int = 0
     half_lost: int = 0
     unknown_count: int = 0
     not_metres: int = 0
@@ -69,12 +69,7 @@ class StreamHealth:
     late: int = 0
     skipped: int = 0
     restarted: int = 0
-    broken_off: int = 0
-
-    @property
-    def left_out(self) -> int:
-        """How many frames and messages were left out."""
-        return self.received - self.used
+    interrupted: int = 0
 
     def __str__(self) -> str:
         """Say all counts that are not zero."""
@@ -91,8 +86,8 @@ class _Seen:
     given: bool = True
     silent: bool = False
     places: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
-    astray: HandFrame | None = None
-    strays: int = 0
+    outlier: HandFrame | None = None
+    outliers: int = 0
 
 
 class HandStream:
@@ -102,7 +97,7 @@ class HandStream:
     ----------
     patience : a frame that takes longer on its way than the quickest one by more than this is counted as late [s].
     silence : a hand of which nothing came for so long is lost [s].
-    heard : is called with every frame that is used, in order, by the thread that brought it: to record them.
+    on_frame : called with every frame that is used, in order, by the thread that received it; to record them.
     clock : what time it is [s]; the computer's own unless given, another one to replay a recording.
 
     Raises
@@ -115,12 +110,12 @@ class HandStream:
         self,
         patience: float = 0.1,
         silence: float = 0.3,
-        heard: Callable[[HandFrame], None] = lambda frame: None,
+        on_frame: Callable[[HandFrame], None] = lambda frame: None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._patience = positive(patience, "patience", "s")
         self._silence = positive(silence, "silence", "s")
-        self._heard, self._clock = heard, clock
+        self._on_frame, self._clock = on_frame, clock
         self._changed = Condition()
         self._counts = {one.name: 0 for one in fields(StreamHealth)}
         self._hands: dict[Side, _Seen] = {"left": _Seen(), "right": _Seen()}
@@ -190,13 +185,13 @@ class HandStream:
                 return fault
             self._notice_delay(frame, now)
             self._use(frame, seen, now)
-            self._heard(frame)
+            self._on_frame(frame)
             return None
 
-    def break_off(self) -> None:
+    def interrupt(self) -> None:
         """Count a connection that ended without a farewell; the hands it brought are lost when nothing more comes."""
         with self._changed:
-            self._counts["broken_off"] += 1
+            self._counts["interrupted"] += 1
 
     def latest(self, side: Side) -> HandFrame | None:
         """Give the newest frame of a hand, a lost one where nothing came for a while, or None where none ever came.
@@ -259,11 +254,11 @@ class HandStream:
         return FaultyFrame("backwards", f"{back} at {which}; give each frame a later time than the one before.")
 
     def _began_anew(self, frame: HandFrame, seen: _Seen) -> bool:
-        before = seen.astray
+        before = seen.outlier
         follows = before is not None and frame.sequence > before.sequence and frame.time > before.time
-        seen.strays = seen.strays + 1 if follows else 1
-        seen.astray = frame
-        return seen.strays >= RESTART
+        seen.outliers = seen.outliers + 1 if follows else 1
+        seen.outlier = frame
+        return seen.outliers >= RESTART
 
     def _notice_delay(self, frame: HandFrame, now: float) -> None:
         delay = now - frame.time
@@ -280,7 +275,7 @@ class HandStream:
             self._counts["lost"] += 1
         seen.newest, seen.arrived, seen.given, seen.silent = frame, now, False, False
         seen.places.append((frame.sequence, frame.time))
-        seen.astray, seen.strays = None, 0
+        seen.outlier, seen.outliers = None, 0
         self._counts["used"] += 1
         self._changed.notify_all()
 

@@ -10,12 +10,12 @@ from jaxtyping import Complex128, Float64
 from airtact.conventions import InvalidInput, about
 from airtact.drive_file import DriveFile, read_drive_file
 from airtact.evaluation.thresholds import sound_pressure_level
+from airtact.hardware.amplitudes import faded, largest_pressure_around, share_under_cap
 from airtact.hardware.codecs import codec_of
 from airtact.hardware.emission import Emission, Played
 from airtact.hardware.file_link import Frames, write_frames
 from airtact.hardware.link import Link
 from airtact.hardware.links import Connection, link_to
-from airtact.hardware.loudness import faded, loudest_around, share_under_cap
 from airtact.pose import Pose
 from airtact.scene.medium import air
 from airtact.synthesis.quantise import quantise, rounding_error
@@ -91,7 +91,7 @@ def plan(path: Path, board: str, cap: float = 100.0) -> Plan:
     loud = _most_powerful(stored.drives)
     played = np.stack([faded(Drive(row), levels, share).drive().amplitudes for row in loud])
     sensitivity = DEFAULT_SENSITIVITY if stored.sensitivity is None else stored.sensitivity
-    around = loudest_around(stored.positions, played, sensitivity, 2 * np.pi * FREQUENCY / speed)
+    around = largest_pressure_around(stored.positions, played, sensitivity, 2 * np.pi * FREQUENCY / speed)
     head = float(sound_pressure_level(np.array([around]))[0])
     return Plan(stored, kind, poses, _rounding(stored, loud, kind), head, cap)
 

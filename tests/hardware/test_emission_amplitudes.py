@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from airtact.conventions import InvalidInput
+from airtact.hardware.amplitudes import faded
 from airtact.hardware.autd3_link import AUTD3Link
 from airtact.hardware.codecs import codec_of
 from airtact.hardware.emission import Emission
 from airtact.hardware.link import RecordingLink
-from airtact.hardware.loudness import faded
 from airtact.pose import Pose
 from airtact.synthesis.sequence import Sequence, amplitude_modulation
 from airtact.transfer import Drive

@@ -50,13 +50,15 @@ def share_under_cap(drives: Complex[np.ndarray, "frames elements"], levels: Leve
     """
     cap = number(cap, "the cap", "per cent")
     if not 0.0 < cap <= 100.0:
-        raise InvalidInput(f"the cap is {cap:g} per cent of full scale, but it must be above 0 and at most 100.")
+        raise InvalidInput(
+            f"the cap is {cap:g} per cent of full scale, but it must be above 0 and at most 100.", code="out_of_range"
+        )
     if levels.phase_only:
         return cap / 100.0
     return min(1.0, cap / 100.0 / max(float(np.abs(drives).max()), 1e-12))
 
 
-def loudest_around(
+def largest_pressure_around(
     positions: Real[np.ndarray, "elements 3"],
     drives: Complex[np.ndarray, "frames elements"],
     sensitivity: float,
