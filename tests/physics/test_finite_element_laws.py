@@ -1,4 +1,4 @@
-"""The laws of sound for finite elements, on a capsule and fingers of a hand; boundary elements are the other solver."""
+"""The laws of acoustics for finite elements, on a capsule and fingers of a hand; boundary elements are the other solver."""
 
 import numpy as np
 import pytest
@@ -53,10 +53,10 @@ class Case:
         self.sources = np.concatenate([self.beside, directions(3, 1) * (self.reach + 0.012)])
 
     def lifted(self, points: np.ndarray, height: float) -> np.ndarray:
-        """Points so high over the skin, along the slope of the depth."""
+        """Points so high over the surface, along the gradient of the depth."""
         step = 1e-4 * np.eye(3)
-        slope = np.stack([self.scene.depth(points + one) - self.scene.depth(points - one) for one in step], axis=1)
-        return points - height * slope / np.linalg.norm(slope, axis=1, keepdims=True)
+        gradient = np.stack([self.scene.depth(points + one) - self.scene.depth(points - one) for one in step], axis=1)
+        return points - height * gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
 
 
 @pytest.fixture(
@@ -68,15 +68,15 @@ def case(request) -> Case:
     return Case(request.param())
 
 
-def test_far_away_boundary_elements_hear_the_same(case):
-    """Sources half a millimetre off the skin and 12 mm off; boundary elements are asked for 0.3 %."""
+def test_far_away_boundary_elements_find_the_same(case):
+    """Sources half a millimetre off the surface and 12 mm off; boundary elements are asked for 0.3 %."""
     sources, points = one_each(case.sources), far_points(30)
     found = case.ready.radiate(case.scene, sources).at(points)
     other = at.BoundaryElement(accuracy=0.003).radiate(case.scene, sources).at(points)
     assert relative(found, other).max() < 0.01
 
 
-def test_contact_where_panels_stand_off_each_other_is_heard_as_by_finite_elements():
+def test_contact_where_panels_stand_off_each_other_agrees_with_finite_elements():
     """Two vertices beside panels that lie 1 and 11 micrometres off the one that is touched."""
     tip = fingertip()
     scene, points = at.Scene(PAPER_AIR, [at.sound_hard(at.Surface(tip.vertices, tip.triangles))]), far_points(30)
@@ -88,7 +88,7 @@ def test_contact_where_panels_stand_off_each_other_is_heard_as_by_finite_element
 
 
 @pytest.mark.slow
-def test_contact_on_a_capsule_is_heard_as_by_boundary_elements():
+def test_contact_on_a_capsule_agrees_with_boundary_elements():
     case = Case(capsule())
     sources, points = one_each(case.scene.obstacles[0].surface.vertices[::40][:3]), far_points(30)
     found = case.ready.radiate(case.scene, sources).at(points)
@@ -96,7 +96,7 @@ def test_contact_on_a_capsule_is_heard_as_by_boundary_elements():
     assert relative(found, other).max() < 0.01
 
 
-def test_a_heard_at_b_is_b_heard_at_a(case):
+def test_source_and_receiver_may_change_places(case):
     here, there = directions(3, 4) * (case.reach + 0.01), directions(4, 2) * (case.reach + 0.05)
     forth = case.ready.radiate(case.scene, one_each(here)).at(there)
     back = case.ready.radiate(case.scene, one_each(there)).at(here).T
@@ -118,13 +118,13 @@ def power_through(field: at.RadiatedField, radius: float) -> tuple[float, float]
     return float(area @ crossing), float(area @ np.abs(crossing))
 
 
-def test_a_hard_body_neither_makes_nor_swallows_power(case):
+def test_a_hard_body_neither_emits_nor_absorbs_power(case):
     field = case.ready.radiate(case.scene, one_each(np.array([[0.0, 0.004, case.reach + 0.02]])))
     left, crossed = power_through(field, case.reach + 0.006)
     assert abs(left) < 5e-3 * crossed
 
 
-def test_sounds_add_up_and_none_is_heard_inside(case):
+def test_excitations_add_up_and_there_is_none_inside(case):
     strengths = np.array([[1, 0.5], [2j, 0], [0, -1]])
     sources = case.sources[[0, 2, 4]]
     together = case.ready.radiate(case.scene, at.Monopoles(sources, strengths))
@@ -138,7 +138,7 @@ def test_sounds_add_up_and_none_is_heard_inside(case):
 
 
 @pytest.mark.slow
-def test_a_body_turned_and_moved_sounds_the_same(case):
+def test_a_body_turned_and_moved_scatters_the_same(case):
     """The mesh is another one: what is left is what meshes make."""
     pose = at.Pose.turn(np.array([1.0, 2.0, -1.0]), 0.7, translation=(0.02, -0.01, 0.005))
     moved = at.Scene(PAPER_AIR, [at.sound_hard(case.scene.obstacles[0].surface.moved(pose))])
@@ -148,7 +148,7 @@ def test_a_body_turned_and_moved_sounds_the_same(case):
 
 
 @pytest.mark.parametrize("kind", [pytest.param("water", marks=pytest.mark.slow), "impedance"])
-def test_water_keeps_power_and_an_impedance_swallows_it(kind):
+def test_water_keeps_power_and_an_impedance_absorbs_it(kind):
     obstacle = at.filled(capsule(), WATER) if kind == "water" else at.impedance(capsule(), 1.5 + 0.5j)
     scene = at.Scene(PAPER_AIR, [obstacle])
     ready = at.FiniteElement(order=4, symmetry=()).factorised(scene)

@@ -1,5 +1,6 @@
-"""A field computed elsewhere: nodes and complex pressures from a CSV or VTU file, heard between its nodes."""
+"""A field computed elsewhere: nodes and complex pressures from a CSV or VTU file, interpolated between the nodes."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,19 +13,20 @@ from scipy.spatial import Delaunay, KDTree, QhullError
 from airtact.conventions import InvalidInput, about
 from airtact.printing import in_short
 from airtact.scene.scene import Scene, check_sources
-from airtact.scene.sources import Monopoles
+from airtact.scene.sources import STANDS_ON, Monopoles, nearest_source
+from airtact.solvers.monopoles import monopole_pressure
 from airtact.solvers.problem import RadiatedField, SolveReport, SurfaceField, receivers
 from airtact.solvers.tetrahedra import Tetrahedra
 from airtact.text_table import read_text_table
-from airtact.validation import check_finite, in_mm, points_of, positive
+from airtact.validation import check_finite, file_fault, in_mm, points_of, positive
 
 TimeSign = Literal["e^{-iωt}", "e^{+jωt}"]
 
 NEARBY, FEWEST = 3.0, 1000
-"""Nodes within this many wavelengths of a source, and at least so many, tell the sign of time and what lengths are."""
+"""At least so many nodes, within this many wavelengths of a source, show the sign of time and the unit of length."""
 
 LOOKED_AT = 20_000
-"""About so many of the nodes are looked at for that."""
+"""About so many of the nodes are used for that."""
 
 CLEAR, LEAST = 1.5, 0.4
 """How many times better another sign or length must fit than the stated one, and how well, to be believed."""
@@ -40,15 +42,15 @@ REPEATED = 1e-9
 class SampledField(RadiatedField):
     """A pressure known at nodes, interpolated between them.
 
-    Before it interpolates linearly in the tetrahedron that contains a point, it divides the pressure by that which the
-    sources make in open air, whose phase turns far faster than what is left.
+    Before it interpolates linearly in the tetrahedron that contains a point, it divides the pressure by e^{ikr}/r of
+    the nearest source, whose phase varies far faster than the rest.
 
     Attributes
     ----------
     scene : what the field was computed for.
-    sources : the monopoles that speak in it.
+    sources : the monopoles that emit it.
     nodes : (N, 3) [m].
-    pressures : (N, S) for each of the S sounds of the sources, as e^{-iωt}; (N,) is one sound [Pa].
+    pressures : (N, S) for each of the S excitations of the sources, as e^{-iωt}; (N,) is one excitation [Pa].
     tetrahedra : (T, 4) nodes of each cell; None to join the nodes by Delaunay's tetrahedra.
 
     Raises
@@ -60,7 +62,7 @@ class SampledField(RadiatedField):
     scene: Scene
     sources: Monopoles
     nodes: Real[np.ndarray, "nodes 3"]
-    pressures: Num[np.ndarray, "nodes sounds"] | Num[np.ndarray, "nodes"]
+    pressures: Num[np.ndarray, "nodes excitations"] | Num[np.ndarray, "nodes"]
     tetrahedra: Int64[np.ndarray, "tetrahedra 4"] | None = None
     report: SolveReport = field(init=False)
 
@@ -72,19 +74,20 @@ class SampledField(RadiatedField):
         nodes = points_of(self.nodes, "nodes")
         pressures = np.asarray(self.pressures, dtype=np.complex128)
         pressures = pressures[:, None] if pressures.ndim == 1 else pressures
-        sounds = self.sources.strengths.shape[1]
-        if pressures.shape != (len(nodes), sounds):
+        excitations = self.sources.strengths.shape[1]
+        if pressures.shape != (len(nodes), excitations):
             raise InvalidInput(
-                f"the pressures have shape {pressures.shape}, but {len(nodes)} nodes and sources of {sounds} sounds "
-                f"ask for ({len(nodes)}, {sounds})."
+                f"the pressures have shape {pressures.shape}, but {len(nodes)} nodes and sources of {excitations} "
+                f"excitations ask for ({len(nodes)}, {excitations}).",
+                code="wrong_shape",
             )
         check_finite(pressures, "pressures")
         _check_repeated(nodes)
         object.__setattr__(self, "nodes", nodes)
         object.__setattr__(self, "pressures", pressures)
-        object.__setattr__(self, "report", self._made())
+        object.__setattr__(self, "report", self._first_report())
 
-    def _made(self) -> SolveReport:
+    def _first_report(self) -> SolveReport:
         cells = "Delaunay" if self.tetrahedra is None else "mesh"
         return SolveReport(
             solver="SampledField",
@@ -102,8 +105,10 @@ class SampledField(RadiatedField):
         cells = self.tetrahedra
         if cells is None:
             if len(self.nodes) < 4:
-                raise InvalidInput(f"there are {len(self.nodes)} nodes, but a tetrahedron has 4; give more.")
-            cells = _joined(np.asarray(self.nodes, dtype=np.float64))
+                raise InvalidInput(
+                    f"there are {len(self.nodes)} nodes, but a tetrahedron has 4; give more.", code="too_few"
+                )
+            cells = _delaunay(np.asarray(self.nodes, dtype=np.float64))
         four = self.nodes[cells]
         edges = four[:, 1:] - four[:, :1]
         size = np.linalg.norm(edges, axis=2).max(axis=1)
@@ -120,11 +125,11 @@ class SampledField(RadiatedField):
         return SurfaceField.empty(self.sources)
 
     def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
-        """Whether points (P, 3) [m] lie in a cell: nothing is told beyond the samples."""
-        return self._held(points_of(points, "points", least=0))[0] >= 0
+        """Whether points (P, 3) [m] lie in a cell: nothing is known beyond the samples."""
+        return self._holding(points_of(points, "points", least=0))[0] >= 0
 
-    def at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
-        """Total pressure [Pa] at points (P, 3) [m] for each of the S sounds; NaN where ``valid`` is False.
+    def at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points excitations"]:
+        """Total pressure [Pa] at points (P, 3) [m] for each of the S excitations; NaN where ``valid`` is False.
 
         Raises
         ------
@@ -132,33 +137,70 @@ class SampledField(RadiatedField):
             A point is NaN or infinite, or stands on a source.
         """
         points = receivers(points, self.sources)
-        found = np.full((len(points), self.sources.strengths.shape[1]), np.nan, dtype=np.complex128)
-        number, weights = self._held(points)
-        inside = np.flatnonzero(number >= 0)
-        for sound in range(found.shape[1]):
-            found[inside, sound] = self._between(points[inside], number[inside], weights[inside], sound)
+        return self._interpolated(points, np.asarray(self.pressures), self._emitting)
+
+    def scattered_at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points excitations"]:
+        """Scattered pressure [Pa] at points (P, 3) [m] for each of the S excitations; NaN where ``valid`` is False.
+
+        The open-air pressure is subtracted at the nodes, and what remains is interpolated after division by e^{ikr}/r
+        of the nearest body's middle. It is finite at the sources' own positions, but NaN at a source that touches a
+        body.
+
+        Raises
+        ------
+        InvalidInput
+            A point is NaN or infinite.
+        """
+        points = points_of(points, "points", least=0)
+        found = self._interpolated(points, self._scattered, [self._middles] * self.sources.strengths.shape[1])
+        distance, source = nearest_source(points, self.sources, STANDS_ON)
+        on = np.flatnonzero(distance < STANDS_ON)
+        found[on[self.scene.depth(self.sources.positions[source[on]]) > -STANDS_ON]] = np.nan
         return found
 
-    def _between(
-        self,
-        points: Real[np.ndarray, "points 3"],
-        number: Int64[np.ndarray, "points"],
-        weights: Float64[np.ndarray, "points 4"],
-        sound: int,
-    ) -> Complex128[np.ndarray, "points"]:
-        """Interpolate one sound, the wave of the source nearest to each cell divided out."""
-        speaking = self.sources.positions[self.sources.strengths[:, sound] != 0]
-        corners = self._cells[number]
-        pressures, nodes = np.asarray(self.pressures)[corners, sound], np.asarray(self.nodes)[corners]
-        if not len(speaking) or not len(points):
-            return np.einsum("pc,pc->p", weights, pressures).astype(np.complex128)
-        source = speaking[KDTree(speaking).query(nodes.mean(axis=1))[1]]
-        at_nodes = np.linalg.norm(nodes - source[:, None], axis=2)
-        at_point = np.linalg.norm(points - source, axis=1)
-        turned = pressures * at_nodes * np.exp(1j * self.scene.wavenumber * (at_point[:, None] - at_nodes))
-        return np.einsum("pc,pc->p", weights, turned) / at_point
+    @cached_property
+    def _emitting(self) -> list[Float64[np.ndarray, "sources 3"]]:
+        """Positions of the sources of each excitation [m]."""
+        return [self.sources.positions[strength != 0] for strength in self.sources.strengths.T]
 
-    def _held(
+    @cached_property
+    def _middles(self) -> Float64[np.ndarray, "bodies 3"]:
+        """Middles of the bodies that sound does not enter [m]."""
+        hollow = [one.surface.vertices.mean(axis=0) for one in self.scene.obstacles if one.boundary != "filled"]
+        return np.array(hollow).reshape(-1, 3)
+
+    @cached_property
+    def _scattered(self) -> Complex128[np.ndarray, "nodes excitations"]:
+        """Scattered pressure at the nodes [Pa]; not finite at a node that stands on a source."""
+        positions, strengths = self.sources.positions, self.sources.strengths
+        return np.asarray(self.pressures) - monopole_pressure(
+            np.asarray(self.nodes), positions, strengths, self.scene.wavenumber, "float64"
+        )
+
+    def _interpolated(
+        self,
+        points: Float64[np.ndarray, "points 3"],
+        values: Complex128[np.ndarray, "nodes excitations"],
+        centres: Sequence[Float64[np.ndarray, "_ 3"]],
+    ) -> Complex128[np.ndarray, "points excitations"]:
+        """Interpolate each excitation after division by e^{ikr}/r of the centre nearest to its cell, if any."""
+        number, weights = self._holding(points)
+        inside = np.flatnonzero(number >= 0)
+        corners, weights = self._cells[number[inside]], weights[inside]
+        nodes, found = np.asarray(self.nodes)[corners], np.full((len(points), values.shape[1]), np.nan + 0j)
+        for column, around in enumerate(centres):
+            pressures = values[corners, column]
+            if not len(around) or not len(inside):
+                found[inside, column] = np.einsum("pc,pc->p", weights, pressures)
+                continue
+            centre = around[KDTree(around).query(nodes.mean(axis=1))[1]]
+            at_nodes = np.linalg.norm(nodes - centre[:, None], axis=2)
+            at_point = np.linalg.norm(points[inside] - centre, axis=1)
+            divided = pressures * at_nodes * np.exp(1j * self.scene.wavenumber * (at_point[:, None] - at_nodes))
+            found[inside, column] = np.einsum("pc,pc->p", weights, divided) / at_point
+        return found
+
+    def _holding(
         self, points: Real[np.ndarray, "points 3"]
     ) -> tuple[Int64[np.ndarray, "points"], Float64[np.ndarray, "points 4"]]:
         number, weights = self._search.holding(points)
@@ -166,15 +208,16 @@ class SampledField(RadiatedField):
         return np.where(beyond, -1, number), weights
 
 
-def _joined(nodes: Float64[np.ndarray, "nodes 3"]) -> Int64[np.ndarray, "tetrahedra 4"]:
-    """Delaunay's tetrahedra."""
+def _delaunay(nodes: Float64[np.ndarray, "nodes 3"]) -> Int64[np.ndarray, "tetrahedra 4"]:
+    """Join nodes by Delaunay's tetrahedra."""
     try:
         return Delaunay(nodes).simplices.astype(np.int64)
     except QhullError:
         thin = np.linalg.svd(nodes - nodes.mean(axis=0), compute_uv=False)[-1] / np.sqrt(len(nodes))
         raise InvalidInput(
             f"the {len(nodes)} nodes lie in one plane, to {1e3 * thin:.2g} mm, and hold no tetrahedron; give nodes "
-            "that fill a space."
+            "that fill a space.",
+            code="nodes_in_plane",
         ) from None
 
 
@@ -183,7 +226,7 @@ def load_samples(
 ) -> SampledField:
     """Load a field that another program computed.
 
-    A CSV file has the columns x, y, z, and for each sound a column of complex numbers such as ``0.5-1.2i``, or two
+    A CSV file has the columns x, y, z, and for each excitation a column of complex numbers such as ``0.5-1.2i``, or two
     named ``..._real`` and ``..._imag``; lines that begin with % or # are comments, the last of which may name the
     columns, as COMSOL writes them. A VTU file has point data of the same kind, and its tetrahedra are used.
 
@@ -191,7 +234,7 @@ def load_samples(
     ----------
     path : the file.
     scene : what was computed.
-    sources : the monopoles that spoke, one sound for each pressure column.
+    sources : the monopoles that emit it, one excitation for each pressure column.
     time_sign : "e^{-iωt}" as here, or "e^{+jωt}" as COMSOL, whose pressures are conjugated.
     scale : metres per unit of the file's lengths.
 
@@ -199,16 +242,19 @@ def load_samples(
     ------
     InvalidInput
         The file cannot be read, columns are missing, nodes repeated or in one plane, numbers NaN or pressures all 0, or
-        the pressures beside the sources run the other way round than ``time_sign`` says.
+        the phases beside the sources contradict ``time_sign`` or ``scale``.
     """
     path = Path(path)
     if time_sign not in ("e^{-iωt}", "e^{+jωt}"):
-        raise InvalidInput(f"time_sign is {time_sign!r}, but it must be 'e^{{-iωt}}', or 'e^{{+jωt}}' as in COMSOL.")
+        raise InvalidInput(
+            f"time_sign is {time_sign!r}, but it must be 'e^{{-iωt}}', or 'e^{{+jωt}}' as in COMSOL.",
+            code="unknown_setting",
+        )
     scale = positive(scale, "the scale of the samples", "metres per unit")
     nodes, pressures, cells = _read_vtu(path) if path.suffix.lower() == ".vtu" else _read_csv(path)
     with about(path.name):
         if not pressures.any():
-            raise InvalidInput(f"all {pressures.size} pressures are 0; export a field that sounds.")
+            raise InvalidInput(f"all {pressures.size} pressures are 0; export a field that is not.", code="all_zero")
         pressures = np.conj(pressures) if time_sign == "e^{+jωt}" else pressures
         sampled = SampledField(scene, sources, scale * nodes, pressures, cells)
         warning = _check_contradiction(sampled, time_sign, scale)
@@ -217,15 +263,16 @@ def load_samples(
 
 
 def _check_contradiction(sampled: SampledField, time_sign: str, scale: float) -> tuple[str, ...]:
-    """Refuse pressures whose phase falls away from the sources, or turns too fast or slowly; say if it does not tell.
+    """Check that the phase grows away from the sources, and as fast as it must; warn where neither can be seen.
 
-    Round a source in open air all fits are 1 or near 0; round sources on bodies 0.57 to 1 and up to 0.16.
+    Around a source in open air all fits are 1 or near 0; around sources on bodies 0.57 to 1 and up to 0.16.
     """
     stated, other = _fits(sampled, 1.0)
     if other > max(CLEAR * stated, LEAST):
         raise InvalidInput(
             f"time_sign is {time_sign}, but round the sources the pressures fit the other one {other / stated:.2g} "
-            "times better; state the other sign, or check where the sources stand and what a unit of length is."
+            "times better; state the other sign, or check where the sources stand and what a unit of length is.",
+            code="other_time_sign",
         )
     if stated > LEAST:
         return ()
@@ -234,32 +281,30 @@ def _check_contradiction(sampled: SampledField, time_sign: str, scale: float) ->
     best = int(fits.argmax())
     if fits[best] > max(CLEAR * stated, LEAST):
         raise InvalidInput(
-            f"the scale is {scale:.4g} metres per unit, but round the sources the pressures turn as if it were "
+            f"the scale is {scale:.4g} metres per unit, but round the sources the phases vary as if it were "
             f"{lengths[best]:.3g} (a fit of {fits[best]:.2f} instead of {stated:.2f}); state that scale, or check the "
-            "frequency, the medium and where the sources stand."
+            "frequency, the medium and where the sources stand.",
+            code="other_scale",
         )
     return (
-        f"the samples do not tell the sign of time (a fit of {stated:.2g} against {other:.2g}); {time_sign} was stated",
+        f"the samples do not show the sign of time (a fit of {stated:.2g} against {other:.2g}); {time_sign} was stated",
     )
 
 
 def _fits(sampled: SampledField, longer: float) -> Float64[np.ndarray, "2"]:
-    """How well the phases round the sources are those of waves that leave and of waves that arrive, from 0 to 1.
+    """How well the phases around the sources fit waves that leave and waves that arrive, from 0 to 1.
 
-    Parameters
-    ----------
-    sampled : the field.
-    longer : what the lengths of the nodes are multiplied by.
+    The positions of the nodes are multiplied by ``longer``.
     """
     some = slice(None, None, len(sampled.nodes) // LOOKED_AT + 1)
     nodes, pressures = longer * sampled.nodes[some], np.asarray(sampled.pressures)[some]
     fits, most = np.zeros(2), 0.0
-    for sound in range(sampled.sources.strengths.shape[1]):
-        for source in np.flatnonzero(sampled.sources.strengths[:, sound]):
+    for column in range(sampled.sources.strengths.shape[1]):
+        for source in np.flatnonzero(sampled.sources.strengths[:, column]):
             away = np.linalg.norm(nodes - sampled.sources.positions[source], axis=1)
             reach = max(NEARBY * sampled.scene.wavelength, np.sort(away)[: min(FEWEST, len(away))][-1])
             near = (away <= reach) & (away > REPEATED)
-            level = pressures[near, sound] * away[near]
+            level = pressures[near, column] * away[near]
             phase = np.exp(1j * sampled.scene.wavenumber.real * away[near])
             fits += np.abs([np.vdot(phase, level), np.vdot(phase.conj(), level)])
             most += np.abs(level).sum()
@@ -271,27 +316,30 @@ def _check_repeated(nodes: Float64[np.ndarray, "nodes 3"]) -> None:
     if len(pairs):
         one, other = pairs[0]
         raise InvalidInput(
-            f"{len(pairs)} pairs of nodes stand on the same place, nodes {one} and {other} at {in_mm(nodes[one])}; "
+            f"{len(pairs)} pairs of nodes have the same position, nodes {one} and {other} at {in_mm(nodes[one])}; "
             "keep one of each, or check the scale.",
             nodes[one],
+            code="repeated",
         )
 
 
 def _read_csv(
     path: Path,
-) -> tuple[Float64[np.ndarray, "nodes 3"], Complex128[np.ndarray, "nodes sounds"], None]:
+) -> tuple[Float64[np.ndarray, "nodes 3"], Complex128[np.ndarray, "nodes excitations"], None]:
     table = read_text_table(path)
     table.require(*"xyz")
-    places = np.stack([table.numbers(name) for name in "xyz"], axis=1)
+    positions = np.stack([table.numbers(name) for name in "xyz"], axis=1)
     columns = {name: table.complex_numbers(name) for name in table.names if name not in ("x", "y", "z")}
     with about(path.name):
-        return places, _sounds(columns), None
+        return positions, _excitations(columns), None
 
 
 def _read_vtu(
     path: Path,
 ) -> tuple[
-    Float64[np.ndarray, "nodes 3"], Complex128[np.ndarray, "nodes sounds"], Int64[np.ndarray, "tetrahedra 4"] | None
+    Float64[np.ndarray, "nodes 3"],
+    Complex128[np.ndarray, "nodes excitations"],
+    Int64[np.ndarray, "tetrahedra 4"] | None,
 ]:
     try:
         import meshio  # an extra: few fields come as VTU files
@@ -301,24 +349,24 @@ def _read_vtu(
     try:
         mesh = meshio.vtu.read(path)
     except OSError as fault:
-        raise InvalidInput(f"cannot read {path.name}: {fault.strerror}.") from None
-    except Exception as fault:  # whatever meshio and its parser stumble over
-        raise InvalidInput(f"{path.name} is not a VTU file (0 nodes): {fault!r}.") from None
+        raise file_fault(path, fault) from None
+    except Exception as fault:  # whatever meshio and its parser raise
+        raise InvalidInput(f"{path.name} is not a VTU file (0 nodes): {fault!r}.", code="file_unreadable") from None
     found = [np.asarray(block.data)[:, :4] for block in mesh.cells if block.type in ("tetra", "tetra10")]
     cells = np.concatenate(found).astype(np.int64) if found else None
     points, data = np.asarray(mesh.points, dtype=np.float64), dict(mesh.point_data)
     columns = {name.lower(): np.asarray(values, dtype=np.complex128) for name, values in data.items()}
     with about(path.name):
-        pressures = _sounds({name: values for name, values in columns.items() if values.ndim == 1})
+        pressures = _excitations({name: values for name, values in columns.items() if values.ndim == 1})
     if cells is not None:  # the middles of quadratic cells are no corners
         used, cells = np.unique(cells, return_inverse=True)
         points, pressures, cells = points[used], pressures[used], cells.reshape(-1, 4).astype(np.int64)
     return points, pressures, cells
 
 
-def _sounds(columns: dict[str, Complex128[np.ndarray, "nodes"]]) -> Complex128[np.ndarray, "nodes sounds"]:
+def _excitations(columns: dict[str, Complex128[np.ndarray, "nodes"]]) -> Complex128[np.ndarray, "nodes excitations"]:
     """Join real and imaginary columns; the others are complex by themselves."""
-    sounds = []
+    found = []
     for name, values in columns.items():
         stem, _, part = name.rpartition("_")
         if part == "imag" and f"{stem}_real" in columns:
@@ -326,10 +374,13 @@ def _sounds(columns: dict[str, Complex128[np.ndarray, "nodes"]]) -> Complex128[n
         if part in ("real", "imag"):
             other = f"{stem}_{'imag' if part == 'real' else 'real'}"
             if other not in columns:
-                raise InvalidInput(f"it has 1 column {name} without its other half, {other}.")
-            sounds.append(np.real(values) + 1j * np.real(columns[other]))
+                raise InvalidInput(f"it has 1 column {name} without its other half, {other}.", code="column_missing")
+            found.append(np.real(values) + 1j * np.real(columns[other]))
         else:
-            sounds.append(values)
-    if not sounds:
-        raise InvalidInput("it has 0 columns of pressure; name them pressure, or pressure_real and pressure_imag.")
-    return np.stack(sounds, axis=1)
+            found.append(values)
+    if not found:
+        raise InvalidInput(
+            "it has 0 columns of pressure; name them pressure, or pressure_real and pressure_imag.",
+            code="column_missing",
+        )
+    return np.stack(found, axis=1)

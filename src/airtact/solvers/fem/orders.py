@@ -1,7 +1,7 @@
 """Polynomial orders by size: long edges, faces and tetrahedra get higher ones, short ones lower.
 
 Netgen's tetrahedra are up to three times larger and smaller than asked. With one order everywhere the largest make the
-error and the smallest the cost; with an order of its own, each makes its share of both.
+error and the smallest the cost; with an order of its own, each contributes equally to both.
 """
 
 from math import factorial

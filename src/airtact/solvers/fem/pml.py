@@ -46,5 +46,5 @@ def _stretches(box: Box, wavelength: float) -> list[Any]:
     for mirror in box.mirrors:
         low[mirror.axis] = -NEVER
     along = zip((ngsolve.x, ngsolve.y, ngsolve.z), low.tolist(), high.tolist(), strict=True)
-    beyond = [ngsolve.IfPos(place - top, 1, ngsolve.IfPos(bottom - place, 1, 0)) for place, bottom, top in along]
+    beyond = [ngsolve.IfPos(x - top, 1, ngsolve.IfPos(bottom - x, 1, 0)) for x, bottom, top in along]
     return [1 + 1j * STRETCH * one for one in beyond]

@@ -150,8 +150,8 @@ def solve(system: System, outer: PointSources, inner: PointSources) -> Solution:
     Parameters
     ----------
     system : the assembled equation.
-    outer : monopoles whose scattered pressure is sought.
-    inner : monopoles in the box whose total pressure is sought, as point loads.
+    outer : monopoles to solve for by the pressure that they scatter.
+    inner : monopoles in the box to solve for as point loads, by their total pressure.
     """
     ways = parities(system.mirrors)
     right = np.zeros((len(ways), system.unknowns, outer.strengths.shape[1]), dtype=np.complex128)

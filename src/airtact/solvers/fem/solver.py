@@ -171,7 +171,7 @@ class FiniteElement(Solver):
         Parameters
         ----------
         scene : the bodies.
-        refined : (P, 3) points near which sources will stand; the surface is meshed finer there [m].
+        refined : (P, 3) points near which sources will stand; the triangles on the surface are smaller there [m].
 
         Raises
         ------
@@ -180,7 +180,7 @@ class FiniteElement(Solver):
         """
         of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
         if not scene.obstacles:
-            raise InvalidInput("the scene has 0 obstacles; use FreeField for open air.", code="no_obstacles")
+            raise InvalidInput("the scene has 0 obstacles; use FreeField for open air.", code="no_bodies")
         fine = np.empty((0, 3)) if refined is None else points_of(refined, "points to refine", least=0)
         method, clock = chosen_method(self.factorisation), Clock(self.progress)
         mirrors = mirrors_of(scene, None if self.symmetry == "found" else tuple(self.symmetry))
@@ -279,7 +279,7 @@ class FactorisedScene(Solver):
             raise InvalidInput(
                 f"this was factorised for another scene of {counted(len(self.scene.obstacles), 'body', 'bodies')} than "
                 f"the given one of {counted(len(scene.obstacles), 'body', 'bodies')}; factorise that one too.",
-                code="another_scene",
+                code="not_factorised",
             )
         check_sources(scene, sources)
         if self.workspace:

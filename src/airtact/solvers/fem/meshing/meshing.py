@@ -35,7 +35,7 @@ def meshed(
     scene : the bodies.
     box : what is meshed.
     elements_per_wavelength : wavelength over the edge wanted.
-    refined : points near which the surface is meshed finer [m].
+    refined : points near which the triangles on the surface are smaller [m].
 
     Returns
     -------
