@@ -1,4 +1,4 @@
-"""The laws of acoustics for finite elements, on a capsule and fingers of a hand; boundary elements are the other solver."""
+"""Laws of acoustics for finite elements, on a capsule and fingers of a hand; boundary elements are the other solver."""
 
 import numpy as np
 import pytest
