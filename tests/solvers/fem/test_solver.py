@@ -219,7 +219,7 @@ def test_pardiso_is_found_and_recommended_where_it_is_missing(monkeypatch):
     scene, sources = ball_scene(BODIES["hard"]), one_each(np.array([[0.0, 0, 0.02]]))
     assert at.FiniteElement(order=2).radiate(scene, sources).report.settings["factorisation"] == "pardiso"
     monkeypatch.setattr(factorisation, "pardiso_library", lambda: None)
-    with raises_code("package_missing", "0 files", "airtact[mkl]"):
+    with raises_code("extra_not_installed", "0 files", "airtact[mkl]"):
         at.FiniteElement(order=2, factorisation="pardiso").radiate(scene, sources)
     monkeypatch.setattr(solver, "MANY", 100)
     steps: list[str] = []

@@ -275,7 +275,7 @@ def chosen_method(asked: str) -> str:
         raise InvalidInput(
             "the factorisation 'pardiso' was asked for, but the package mkl is not installed (0 files found); "
             "pip install 'airtact[mkl]', or take 'sparsecholesky'.",
-            code="package_missing",
+            code="extra_not_installed",
         )
     return asked
 
