@@ -38,10 +38,6 @@ def verification_solver(setup: Setup) -> Solver:
     """Choose a solver of higher accuracy than the one that makes the drive, to verify the drive.
 
     Sound-hard bodies get boundary elements, other bodies finite elements of the next order, open air the closed form.
-
-    Parameters
-    ----------
-    setup : the scene.
     """
     if not setup.scene.obstacles:
         return FreeField()

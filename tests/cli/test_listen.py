@@ -1,4 +1,4 @@
-"""The commands for hands that move: what they write and say, and what they refuse."""
+"""The commands for hands that move: what they write and report, and what they reject."""
 
 import json
 import re
@@ -17,6 +17,7 @@ import airtact as at
 from airtact.cli import main
 from airtact.tracking.messages import to_json
 from airtact.tracking.pads import pads_over_time
+from faults import raises_code
 from paths import ROOT
 from tracking.motions import Pinching, still
 
@@ -50,7 +51,7 @@ def test_a_recording_gives_skins_and_a_picture(capsys, tmp_path):
     assert imread(tmp_path / "skin.png").shape[1] > 600
 
 
-def test_faulty_recordings_are_refused_or_counted(capsys, recording, tmp_path):
+def test_faulty_recordings_are_rejected_or_counted(capsys, recording, tmp_path):
     code, _, said = output(capsys, "hand", recording, "--out", tmp_path / "skin.ply")
     assert code == 2
     assert "hand.jsonl: line 5: the landmarks are said to be of a right hand" in said
@@ -61,21 +62,19 @@ def test_faulty_recordings_are_refused_or_counted(capsys, recording, tmp_path):
     assert "9 received, 8 used, 1 mirrored, 2 skipped" in said
 
 
-def test_what_cannot_be_shown_is_refused(capsys, recording, tmp_path):
+def test_what_cannot_be_shown_is_rejected(capsys, recording, tmp_path):
     out = tmp_path / "skin.ply"
     pose = ROOT / "examples/hands/pinch.json"
-    for arguments, sentence in (
-        (
-            [recording, "--leave-out", "--frame", 7777],
-            "there is no frame 7777 with landmarks; those there are lie in 0 to 9",
-        ),
-        ([recording, "--gap", 0.01], "a gap of 0.01 m is for 1 pose"),
-        ([pose, "--frame", 3], "pinch.json is 1 pose, no recording"),
-        ([tmp_path / "none.jsonl"], "none.jsonl: the recording cannot be read: No such file"),
+    for arguments, *numbers, fault in (
+        ([recording, "--leave-out", "--frame", 7777], "frame 7777", "0 to 9", "unknown_frame"),
+        ([recording, "--gap", 0.01], "0.01 m", "options_clash"),
+        ([pose, "--frame", 3], "pinch.json is 1 pose", "options_clash"),
+        ([tmp_path / "none.jsonl"], "none.jsonl", "file_missing"),
     ):
         code, _, said = output(capsys, "hand", *arguments, "--out", out)
         assert code == 2
-        assert sentence in said
+        assert said.endswith(f" [{fault}]\n")
+        assert [number for number in numbers if number not in said] == []
 
 
 def test_clouds_alone_have_no_pads(capsys, tmp_path):
@@ -88,37 +87,39 @@ def test_clouds_alone_have_no_pads(capsys, tmp_path):
 
 def test_what_trackers_send_is_recorded_and_kept_on_ctrl_c(tmp_path):
     command = [sys.executable, "-m", "airtact.cli", "listen", "--seconds", "600", "--websocket", "0", "--osc", "0"]
-    file = tmp_path / "heard.jsonl"
+    file = tmp_path / "recorded.jsonl"
     with subprocess.Popen(
         [*command, "--out", file], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as heard:
-        assert heard.stdout is not None
-        assert heard.stderr is not None
-        address = re.search(r"(ws://[\d.:]+), OSC at 127\.0\.0\.1:\d+", heard.stderr.readline())
+    ) as listening:
+        assert listening.stdout is not None
+        assert listening.stderr is not None
+        address = re.search(r"(ws://[\d.:]+), OSC at 127\.0\.0\.1:\d+", listening.stderr.readline())
         assert address
         with connect(address[1]) as tracker:
             for index in range(3):
                 tracker.send(to_json(still(index)))
             tracker.send("rubbish")
         time.sleep(1.0)  # for the last message to be read
-        heard.send_signal(signal.SIGINT)
-        said = heard.stdout.read()
-        assert heard.wait() == 0
+        listening.send_signal(signal.SIGINT)
+        said = listening.stdout.read()
+        assert listening.wait() == 0
     assert "Messages: 4 received, 3 used" in said
     assert [frame.sequence for frame in at.load_recording(file).frames] == [0, 1, 2]
 
 
-def test_listening_to_nobody_is_said(capsys, tmp_path):
+def test_a_silent_tracker_is_reported(capsys, tmp_path):
     arguments = ["listen", "--websocket", 0, "--out", tmp_path / "none.npz"]
     code, _, said = output(capsys, *arguments, "--seconds", 0.01)
     assert code == 2
-    assert "0 frames were received in" in said
+    assert said.endswith(" [no_frames]\n")
     code, _, said = output(capsys, *arguments, "--seconds", -1)
     assert code == 2
-    assert "the time to listen is -1 s" in said
+    assert "-1 s" in said
+    assert said.endswith(" [not_positive]\n")
     code, _, said = output(capsys, "listen", "--seconds", 1, "--out", tmp_path / "none.csv")
     assert code == 2
-    assert "the ending '.csv' is not 1 of those" in said
+    assert "'.csv'" in said
+    assert said.endswith(" [unknown_ending]\n")
 
 
 @pytest.mark.parametrize("command", ["hand", "listen"])
@@ -148,7 +149,7 @@ def test_pads_over_time_are_those_of_each_hand():
     ways = np.linalg.norm(np.diff(track.pads[:5], axis=0), axis=2)
     assert track.fastest == pytest.approx(ways.max() / 0.1)
     assert track.longest_gap == pytest.approx(0.1)
-    with pytest.raises(at.InvalidInput, match="0 frames are of a right hand"):
+    with raises_code("no_frames", "0 frames", "right"):
         pads_over_time(frames, "right")
 
 

@@ -1,4 +1,4 @@
-"""All methods on one scene are made, judged and shown, and the series for a sphere agrees with the judging."""
+"""All methods on one scene are made, verified and shown, and the series for a sphere agrees with them."""
 
 import csv
 
@@ -35,7 +35,7 @@ def test_every_method_and_the_control_are_there(compared):
     assert written == sorted(name.replace(" ", "_") for name in names)
 
 
-def test_the_series_hears_what_was_judged(compared):
+def test_the_series_agrees_with_the_verification(compared):
     contest, setup = compared[1], read_scene(BALL)
     sources = drive_sources(setup.array, [one.emitted for one in contest.contenders])
     true = np.abs(SphereSeries().radiate(setup.scene, sources).at(setup.target.points)).T
@@ -87,11 +87,11 @@ def test_the_page_needs_nothing_else_and_names_every_method(compared):
         assert one.name in page
 
 
-def test_a_method_that_refuses_is_told_and_the_others_stand(tmp_path, capsys, monkeypatch):
-    def refuse(transfer, target):
+def test_a_method_that_raises_is_reported_and_the_others_stand(tmp_path, capsys, monkeypatch):
+    def reject(transfer, target):
         raise InvalidInput("2 foci are 0.1 mm apart; part them.")
 
-    monkeypatch.setitem(METHODS, "inverse_filter", refuse)
+    monkeypatch.setitem(METHODS, "inverse_filter", reject)
     assert main(["compare", str(BALL), "--out", str(tmp_path)]) == 0
     said = capsys.readouterr()
     assert "inverse filter made no drive: 2 foci are 0.1 mm apart; part them." in said.out
@@ -99,12 +99,14 @@ def test_a_method_that_refuses_is_told_and_the_others_stand(tmp_path, capsys, mo
     assert "2 foci are 0.1 mm apart" in (tmp_path / "methods.html").read_text(encoding="utf-8")
 
 
-def test_when_all_check_nothing_is_written_but_the_folder(tmp_path, capsys, monkeypatch):
-    def refuse(transfer, target):
+def test_when_all_raise_nothing_is_written_but_the_folder(tmp_path, capsys, monkeypatch):
+    def reject(transfer, target):
         raise InvalidInput("2 foci are 0.1 mm apart; part them.")
 
     for name in METHODS:
-        monkeypatch.setitem(METHODS, name, refuse)
+        monkeypatch.setitem(METHODS, name, reject)
     assert main(["compare", str(BALL), "--out", str(tmp_path)]) == 2
-    assert f"0 of {len(METHODS)} methods make a drive" in capsys.readouterr().err
+    errors = capsys.readouterr().err
+    assert f"0 of {len(METHODS)} methods" in errors
+    assert errors.endswith(" [no_drive]\n")
     assert list((tmp_path / "drives").iterdir()) == []

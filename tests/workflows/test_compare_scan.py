@@ -75,7 +75,7 @@ def test_a_ball_somewhere_else_does_not_fit(scan_file, tmp_path):
     assert compare_scan(scan_file, moved, tmp_path / "out", Microphone()).overlay.error > 0.3
 
 
-def test_the_command_tells_error_scale_and_what_was_left_out(scan_file, tmp_path, capsys):
+def test_the_command_reports_error_scale_and_what_was_left_out(scan_file, tmp_path, capsys):
     assert main(["compare-scan", str(scan_file), str(BALL), "--out", str(tmp_path), "--axis", "0", "0", "-1"]) == 0
     said = capsys.readouterr().out
     assert "relative error" in said

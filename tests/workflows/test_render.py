@@ -8,13 +8,13 @@ import h5py
 import numpy as np
 import pytest
 
-from airtact.conventions import InvalidInput
 from airtact.drive_file import read_drive_file
 from airtact.evaluation.field import drive_sources
 from airtact.solvers.spherical.sphere_series import SphereSeries
 from airtact.transducers.levels import Levels
 from airtact.transfer import focus_by_distance
 from airtact.workflows.render import CONSIDERED, FILES, IGNORED, render
+from faults import raises_code
 from paths import SCENES
 
 BALL = SCENES / "ball.toml"
@@ -22,7 +22,7 @@ BALL = SCENES / "ball.toml"
 
 @pytest.fixture(scope="module")
 def rendered(tmp_path_factory):
-    """One run of the small scene: its folder, what it returned and the steps it told."""
+    """One run of the small scene: its folder, what it returned and the steps it reported."""
     folder, steps = tmp_path_factory.mktemp("run") / "new", []
     run = render(BALL, folder, steps.append)
     return folder, run, steps
@@ -54,7 +54,7 @@ def test_a_run_writes_its_files_and_nothing_else(rendered):
 def test_the_worst_focus_gets_what_it_asked_by_the_series(rendered, exact):
     run = rendered[1]
     got = np.abs(exact(run.target.points))
-    # The scene asks for an accuracy of 5 %; the judging solution is at least three times better.
+    # The scene asks for an accuracy of 5 %; the verification solve is at least three times better.
     np.testing.assert_allclose(np.min(got / run.target.pressures), 1.0, atol=0.05)
     np.testing.assert_allclose(run.reached, got, rtol=0.02)
 
@@ -69,7 +69,7 @@ def test_the_comparison_is_that_of_the_series(rendered):
     np.testing.assert_allclose(run.comparison.ratios("equal energy")[1], ratio, rtol=0.03)
 
 
-def test_the_judging_solution_is_finer_than_the_drives(rendered):
+def test_the_verification_is_more_accurate_than_the_drive(rendered):
     run = rendered[1]
     assert run.comparison.report.settings["accuracy"] <= 0.05 / 3
     assert run.comparison.report.nodes > run.beacons.nodes
@@ -159,10 +159,10 @@ def test_markup_in_names_stays_words(tmp_path):
     assert "&lt;i&gt;&amp;" in page
 
 
-def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_solved(tmp_path):
+def test_a_folder_that_cannot_be_written_is_rejected_before_anything_is_solved(tmp_path):
     (tmp_path / "file").touch()
     steps = []
-    with pytest.raises(InvalidInput, match="cannot write into the output folder"):
+    with raises_code("folder_not_writable", "out"):
         render(BALL, tmp_path / "file" / "out", steps.append)
     assert steps == ["reading ball.toml"]
 

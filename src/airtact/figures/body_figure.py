@@ -81,12 +81,7 @@ def draw_bodies(
 
 
 def sharp_edges(body: Surface) -> Bool[np.ndarray, "triangles 3"]:
-    """Find the edges 01, 12, 20 of the triangles of a surface that stay sharp when it is curved.
-
-    Parameters
-    ----------
-    body : the surface; primitives have none.
-    """
+    """Find the edges 01, 12, 20 of triangles that stay sharp when a surface is curved; primitives have none."""
     if not isinstance(body.shape, MeshShape):
         return np.zeros((len(body.triangles), 3), dtype=bool)
     return body.shape.mesh.sharp

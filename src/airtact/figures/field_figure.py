@@ -49,11 +49,6 @@ class Cut:
 def cut_bodies(window: Window, bodies: Sequence[Surface]) -> list[Float64[np.ndarray, "_ 3"]]:
     """Cut bodies with the window's plane.
 
-    Parameters
-    ----------
-    window : in the plane.
-    bodies : closed surfaces.
-
     Returns
     -------
     Closed lines (N, 3) around the inside [m].

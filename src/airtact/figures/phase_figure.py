@@ -34,11 +34,6 @@ class Face:
 def unfold(positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"]) -> list[Face]:
     """Split an array into its flat faces and lay each one flat.
 
-    Parameters
-    ----------
-    positions : (E, 3) [m].
-    normals : (E, 3) unit vectors.
-
     Returns
     -------
     The faces, those around an upright axis in the order in which a viewer inside who turns to the right sees them.
@@ -82,14 +77,7 @@ def draw_phases(
     normals: Real[np.ndarray, "elements 3"],
     amplitudes: Complex[np.ndarray, "elements"],
 ) -> Figure:
-    """Draw phase and amplitude of every transducer as discs at their true positions.
-
-    Parameters
-    ----------
-    positions : (E, 3) [m].
-    normals : (E, 3) unit vectors.
-    amplitudes : (E,) the drive; 1 is full scale.
-    """
+    """Draw phase and amplitude of every transducer as discs at their true positions [m]."""
     faces = unfold(positions, normals)
     spans = np.array([np.ptp(face.seen, axis=0) + 0.02 for face in faces])
     beside = len(faces) == 1
@@ -123,12 +111,7 @@ def draw_phases(
 
 
 def spacing(positions: Real[np.ndarray, "elements 3"]) -> float:
-    """Distance of the two closest elements [m], 10 mm for one alone.
-
-    Parameters
-    ----------
-    positions : (E, 3) [m].
-    """
+    """Distance of the two closest elements [m], 10 mm for one alone."""
     from scipy.spatial import KDTree
 
     if len(positions) < 2:

@@ -15,12 +15,7 @@ PIXELS = 1.35
 
 
 def pixels_of(figure: Figure) -> UInt8[np.ndarray, "rows columns 4"]:
-    """Draw a figure and cut off its empty margins, which are wide around a view in space.
-
-    Parameters
-    ----------
-    figure : what to draw.
-    """
+    """Draw a figure and cut off its empty margins, which are wide around a view in space."""
     figure.set_dpi(96 * PIXELS)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
@@ -34,12 +29,6 @@ def pixels_of(figure: Figure) -> UInt8[np.ndarray, "rows columns 4"]:
 
 
 def write_picture(path: Path, figure: Figure) -> None:
-    """Draw a figure into a PNG file.
-
-    Parameters
-    ----------
-    path : the file to write; it appears only once it is complete.
-    figure : what to draw.
-    """
+    """Draw a figure into a PNG file, which appears only once it is complete."""
     with whole_file(path) as partial:
         imsave(partial, pixels_of(figure), format="png")

@@ -50,11 +50,6 @@ def draw_tracks(tracks: Sequence[PadTrack], title: str = "") -> Figure:
     """Draw where the pads of hands were, coordinate by coordinate, and the gap between thumb and index finger.
 
     Times at which a hand was lost are grey.
-
-    Parameters
-    ----------
-    tracks : one for each hand.
-    title : a line over all, such as the counted faults.
     """
     figure = Figure(figsize=(5.0 + 3.5 * len(tracks), 7.0), layout="constrained")
     rows = figure.subplots(4, len(tracks), sharex="col", squeeze=False)
@@ -105,10 +100,6 @@ def draw_overlay(overlay: Overlay) -> Figure:
     """Draw what was measured, what was predicted and how they differ, in the plane that the positions lie in.
 
     Positions on a line are drawn as two curves.
-
-    Parameters
-    ----------
-    overlay : the scan and its prediction.
     """
     used = overlay.used
     measured = overlay.scan.pressures[used]

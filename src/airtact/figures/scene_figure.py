@@ -26,14 +26,6 @@ def draw_scene(
     """Draw the transducers as discs coloured by phase, the bodies shaded in grey and the foci as dots.
 
     Discs that turn their back to the viewer are faint rings below the rest, so that near walls hide nothing.
-
-    Parameters
-    ----------
-    positions : (E, 3) [m].
-    normals : (E, 3) unit vectors.
-    amplitudes : (E,) the drive.
-    bodies : the obstacles.
-    foci : (F, 3) [m].
     """
     figure = Figure(figsize=(10.4, 8.0), layout="constrained")
     view = _view_of(normals)

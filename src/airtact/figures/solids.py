@@ -44,12 +44,7 @@ class Lines:
     breadth: float = 0.0
 
     def seen(self, view: View) -> Float64[np.ndarray, "seen 4 3"]:
-        """Find the narrow rectangles, as broad as the lines, to draw for those on the near side.
-
-        Parameters
-        ----------
-        view : from where they are seen.
-        """
+        """Find the narrow rectangles, as broad as the lines, to draw for those on the near side."""
         facing = self.outward @ view.towards_viewer > 0
         segments = self.segments[facing] + self.ahead[facing, None, None] * view.towards_viewer
         across = np.cross(segments[:, 1] - segments[:, 0], view.towards_viewer)
@@ -60,12 +55,7 @@ class Lines:
 
 
 def unit_normals(corners: Float64[np.ndarray, "triangles 3 3"]) -> Float64[np.ndarray, "triangles 3"]:
-    """Find the directions in which triangles look; zero for those without an area.
-
-    Parameters
-    ----------
-    corners : (T, 3, 3).
-    """
+    """Find the directions in which triangles look; zero for those without an area."""
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     return normals / np.where(length > 0, length, 1.0)
@@ -74,14 +64,7 @@ def unit_normals(corners: Float64[np.ndarray, "triangles 3 3"]) -> Float64[np.nd
 def lit(
     colours: Float64[np.ndarray, "triangles 4"], normals: Float64[np.ndarray, "triangles 3"], view: View
 ) -> Float64[np.ndarray, "triangles 4"]:
-    """Shade colours by a lamp over the viewer's shoulder; the backs of triangles are ``INSIDE``.
-
-    Parameters
-    ----------
-    colours : (T, 4) red, green, blue, opaqueness.
-    normals : (T, 3) in which the triangles look.
-    view : from where they are seen.
-    """
+    """Shade colours by a lamp over the viewer's shoulder; the backs of triangles are ``INSIDE``."""
     behind = normals @ view.towards_viewer < 0
     shaded = np.where(behind[:, None], INSIDE, colours)
     shaded[:, :3] *= 0.65 + 0.35 * np.clip(np.where(behind, -1.0, 1.0) * (normals @ view.lamp), 0, 1)[:, None]
@@ -95,15 +78,9 @@ def polygons_of(
     view: View,
     closed: bool = True,
 ) -> tuple[list[Float64[np.ndarray, "_ 3"]], Float64[np.ndarray, "polygons 4"]]:
-    """Find the polygons to draw for triangles and the lines on them, and their colours.
+    """Find the polygons [mm] to draw for triangles and the lines on them, and their colours.
 
-    Parameters
-    ----------
-    corners : (T, 3, 3) [mm].
-    colours : (T, 4) red, green, blue, opaqueness.
-    lines : what is drawn on them.
-    view : from where they are seen.
-    closed : leave out the triangles that look away from the viewer.
+    Triangles that face away from the viewer are left out where they close a body.
     """
     normals = unit_normals(corners)
     seen = normals @ view.towards_viewer > 0 if closed else np.ones(len(corners), dtype=bool)
@@ -123,24 +100,14 @@ def solid(
     view: View,
     closed: bool = True,
 ) -> Poly3DCollection:
-    """Put triangles and lines into one collection, which matplotlib draws from the back to the front.
-
-    Parameters
-    ----------
-    corners, colours, lines, view, closed : see ``polygons_of``.
-    """
+    """Put triangles and lines into one collection, which matplotlib draws from the back to the front."""
     polygons, painted = polygons_of(corners, colours, lines, view, closed)
     # matplotlib sorts the colours with the polygons but not the line widths, so all have the same
     return Poly3DCollection(polygons, facecolors=painted, edgecolors=painted, linewidths=line_width(len(polygons)))
 
 
 def line_width(count: int) -> float:
-    """Width of the lines round polygons [points], which hides the seams between them.
-
-    Parameters
-    ----------
-    count : how many polygons there are.
-    """
+    """Width of the lines round polygons [points], which hides the seams between them."""
     return float(np.clip(40.0 / np.sqrt(count + 1), 0.35, 0.8))
 
 

@@ -66,45 +66,23 @@ class View:
 
 
 def broad_view(points: Real[np.ndarray, "points 3"]) -> View:
-    """Look at the broad side of something, a little from aside.
-
-    Parameters
-    ----------
-    points : (P, 3) of it.
-    """
+    """Look at the broad side of points, at a small angle."""
     thinnest = int(np.ptp(points, axis=0).argmin())
     return (View(-32.0, 24.0), View(-58.0, 24.0), View(-58.0, 48.0))[thinnest]
 
 
 def space_axes(figure: Figure, view: View) -> Axes3D:
-    """Add axes to a figure that it fills.
-
-    Parameters
-    ----------
-    figure : what they are added to.
-    view : from where they are seen.
-    """
+    """Add axes to a figure that it fills."""
     return _plain_axes(figure, view, (1, 1, 1))
 
 
 def wide_figure(height: float) -> Figure:
-    """Begin a figure for ``two_sides``, with room at its sides for labels in space.
-
-    Parameters
-    ----------
-    height : [inches].
-    """
+    """Begin a figure of a height [inches] for ``two_sides``, with room at its sides for labels in space."""
     return Figure(figsize=(13.0, height), layout=ConstrainedLayoutEngine(w_pad=0.35, h_pad=0.12))
 
 
 def two_sides(figure: Figure, view: View) -> list[tuple[View, Axes3D]]:
-    """Add two axes side by side without perspective: seen from somewhere, and from the other side.
-
-    Parameters
-    ----------
-    figure : what they are added to.
-    view : from where the left one is seen.
-    """
+    """Add two axes side by side without perspective: seen from somewhere, and from the other side."""
     sides = [(side, _plain_axes(figure, side, (1, 2, 1 + column))) for column, side in enumerate((view, view.opposite))]
     for _, axes in sides:
         axes.set_proj_type("ortho")
@@ -121,13 +99,7 @@ def _plain_axes(figure: Figure, view: View, position: tuple[int, int, int]) -> A
 
 
 def frame(axes: Axes3D, parts: Sequence[Real[np.ndarray, "_ 3"]]) -> None:
-    """Fit the axes round all parts, equal lengths equally long.
-
-    Parameters
-    ----------
-    axes : made by ``space_axes``.
-    parts : points (P, 3) [mm].
-    """
+    """Fit the axes round all parts [mm], equal lengths equally long."""
     everything = np.concatenate(parts)
     lowest, highest = everything.min(axis=0), everything.max(axis=0)
     sides = highest - lowest

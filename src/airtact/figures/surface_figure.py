@@ -44,12 +44,7 @@ PARTS = 3
 
 
 def draw_panels(quadratic_triangles: QuadraticTriangles) -> Figure:
-    """Draw curved panels with their edges, coloured by their smallest angle.
-
-    Parameters
-    ----------
-    quadratic_triangles : (T, 6, 3) the panels [m].
-    """
+    """Draw curved panels with their edges, coloured by their smallest angle."""
     triangles = 1e3 * quadratic_triangles
     parts = int(np.clip(np.sqrt(PIECES / len(triangles)), 1, 6))
     pieces, parents = cut(triangles, np.full(len(triangles), parts))

@@ -102,13 +102,7 @@ class Contest:
 
 
 def write_methods_page(path: Path, contest: Contest) -> None:
-    """Write the comparison as one HTML file that needs nothing else.
-
-    Parameters
-    ----------
-    path : the file to write; it appears only once it is complete.
-    contest : what to show.
-    """
+    """Write the comparison as one HTML file that needs nothing else; it appears only once it is complete."""
     values = {**_summary(contest), **_tables(contest), **_pictures(contest)}
     title = f"airtact: methods for {contest.title}"
     with whole_file(path) as partial:

@@ -27,13 +27,7 @@ def _templates() -> Environment:
 
 
 def page_from(template: str, **values: Any) -> str:
-    """Fill a template with values; text among them is escaped.
-
-    Parameters
-    ----------
-    template : name of the file, such as "report.html.j2".
-    values : what the template names.
-    """
+    """Fill a template with values; text among them is escaped."""
     return _templates().get_template(template).render(values)
 
 
@@ -48,14 +42,7 @@ def document(title: str, pieces: Iterable[str]) -> str:
 
 
 def picture(figure: Figure, caption: str, alternative: str) -> Markup:
-    """Embed a figure as PNG.
-
-    Parameters
-    ----------
-    figure : what to show.
-    caption : what stands below it.
-    alternative : what it shows, for those who cannot see it.
-    """
+    """Embed a figure as PNG."""
     buffer = io.BytesIO()
     pixels = pixels_of(figure)
     imsave(buffer, pixels, format="png")

@@ -78,13 +78,7 @@ class Run:
 
 
 def write_page(path: Path, run: Run) -> None:
-    """Write the run as one HTML file that needs nothing else.
-
-    Parameters
-    ----------
-    path : the file to write; it appears only once it is complete.
-    run : what to show.
-    """
+    """Write the run as one HTML file that needs nothing else; it appears only once it is complete."""
     values = {**_summary(run), **_pictures(run), **_foci(run), **_how(run)}
     with whole_file(path) as partial:
         partial.write_text(page_from("report.html.j2", title=f"airtact: {run.title}", run=run, **values), "utf-8")

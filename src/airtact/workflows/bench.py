@@ -16,14 +16,6 @@ def bench(
 ) -> tuple[Path, tuple[str, ...]]:
     """Measure times and errors, beside other packages where their interpreters are given, and write a page.
 
-    Parameters
-    ----------
-    folder : where the results go; made if it is not there.
-    acoustools, bempp : interpreters of environments with these packages, or None.
-    hand : pose of an open hand, .json, or None.
-    quick : whether to do less of everything.
-    report_step : called with each step as it begins.
-
     Returns
     -------
     The page, and what was left out and why.

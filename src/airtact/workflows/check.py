@@ -109,12 +109,7 @@ def check_surface_file(
 
 
 def unknowns_by_accuracy(scene: Scene) -> dict[float, int]:
-    """Count the unknowns that solving a scene takes with no focus near its bodies, at 1 % and at 3 %.
-
-    Parameters
-    ----------
-    scene : the bodies.
-    """
+    """Count the unknowns that solving a scene takes with no focus near its bodies, at 1 % and at 3 %."""
     lowest = np.min([obstacle.surface.vertices.min(axis=0) for obstacle in scene.obstacles], axis=0)
     far = Monopoles((lowest - 1.0)[None], np.ones(1))
     return {accuracy: BoundaryElement(accuracy=accuracy).unknowns(scene, far) for accuracy in (0.01, 0.03)}

@@ -9,13 +9,6 @@ from airtact.workflows.emit import Plan
 def export(path: Path, board: str, file: Path, cap: float = 100.0) -> tuple[Plan, str]:
     """Read a drive or a sequence and write it as the frames of a kind of board.
 
-    Parameters
-    ----------
-    path : the drive.h5.
-    board : name of the kind of board.
-    file : where the frames go: .npz, .csv, .h5, or .bin, the very bytes that the board is sent.
-    cap : largest amplitude of an element, in per cent of full scale.
-
     Returns
     -------
     What the frames were made from, and in words how many were written.

@@ -11,14 +11,7 @@ PAPERS = {"inoue2014": inoue2014.reproduce}
 
 
 def reproduce(paper: str, folder: Path, quick: bool = False, report_step: Progress = no_progress) -> Reproduced:
-    """Compute a paper's experiment again and write a page about it.
-
-    Parameters
-    ----------
-    paper : one of ``PAPERS``.
-    folder : where the page and its numbers go; made if it is not there.
-    quick : whether to do less of everything.
-    report_step : called with each step as it begins.
+    """Compute the experiment of one of ``PAPERS`` again and write a page about it into a folder.
 
     Raises
     ------
