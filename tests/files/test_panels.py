@@ -7,12 +7,12 @@ import trimesh
 import vtk
 from vtk.util import numpy_support
 
-from airtact.conventions import InvalidInput
 from airtact.files.panels import FLAT, write_panels
 from airtact.mesh.quadratic_triangles import enclosed_volume, panel_areas, smallest_angles
 from airtact.surfaces.files import load_surface
 from airtact.surfaces.panels import panels_of
 from airtact.surfaces.primitives import capsule, sphere
+from faults import raises_code
 
 BALL = sphere(0.01, 3e-3, (0.03, 0.0, 0.0))
 ROD = capsule((0, 0, 0), (0, 0, 0.02), 5e-3, 2e-3)
@@ -58,8 +58,8 @@ def test_flat_triangles_are_read_back_in_metres(tmp_path, ending):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_an_ending_that_is_not_written_is_refused(tmp_path):
-    with pytest.raises(InvalidInput, match=r"panels.obj ends in '.obj', but panels are written to .vtkhdf, .stl"):
+def test_an_ending_that_is_not_written_is_rejected(tmp_path):
+    with raises_code("unknown_ending", "panels.obj", ".vtkhdf, .stl"):
         write_panels(tmp_path / "panels.obj", PANELS)
     assert list(tmp_path.iterdir()) == []
 

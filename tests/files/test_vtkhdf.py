@@ -6,10 +6,10 @@ import pytest
 import vtk
 from vtk.util import numpy_support
 
-from airtact.conventions import InvalidInput
 from airtact.evaluation.windows import Box
 from airtact.files.vtkhdf import write_field
 from airtact.surfaces.primitives import sphere
+from faults import raises_code
 
 BOX = Box(np.array([-0.01, 0.0, 0.02]), 1e-3, (4, 3, 2))
 
@@ -51,8 +51,8 @@ def test_the_file_is_a_collection_of_image_and_polygons(written):
         assert isinstance(root["Assembly/field"].get("field", getlink=True), h5py.SoftLink)
 
 
-def test_a_field_that_does_not_fit_is_refused(tmp_path):
-    with pytest.raises(InvalidInput, match="23 pressures do not fit a box of 24 points"):
+def test_a_field_that_does_not_fit_is_rejected(tmp_path):
+    with raises_code("sizes_differ", "23 pressures", "24 points"):
         write_field(tmp_path / "field.vtkhdf", BOX, np.zeros(23, complex), [])
     assert list(tmp_path.iterdir()) == []
 

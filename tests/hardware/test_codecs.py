@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airtact.conventions import InvalidInput
 from airtact.hardware.codecs import codec_of
 from airtact.scene.target import Target
 from airtact.synthesis.quantise import Frame, quantise, rounding_error
@@ -15,6 +14,7 @@ from airtact.transducers.boards import BOARDS, board_named
 from airtact.transducers.layout import surrounding_box
 from airtact.transducers.levels import Levels
 from airtact.transfer import Drive, TransferMatrix
+from faults import raises_code
 from hardware.receivers import Nano16, OpenMPD, SonicSurface, TwoSonicSurfaces, first_harmonic
 
 RECEIVERS = {"sonicsurface": SonicSurface, "nano16": Nano16, "openmpd": OpenMPD}
@@ -130,20 +130,25 @@ def test_rounding_costs_what_it_may() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "spoil", "sentence"),
+    ("name", "spoil", "code", "shown"),
     [
-        ("autd3", lambda message: message[:-1], "a message of 497 bytes is not made of boards of 498 bytes"),
-        ("sonicsurface", lambda message: b"\xc1" + message[1:], "259 bytes lacks the marks of a SonicSurface frame"),
-        ("sonicsurface", lambda message: message[:5] + b"\x21" + message[6:], "is 0 to 32, but one is 33"),
-        ("sonicsurface", lambda message: b"", "a message of 0 bytes"),
-        ("nano16", lambda message: message[:-1] + b"\x01", "66 bytes lacks the marks of a Nano16 frame"),
-        ("nano16", lambda message: message[:1] + 32 * b"\xf1\x01" + message[-1:], "high in 8 slots that follow on"),
-        ("openmpd", lambda message: b"\x01" + message[1:], "lacks the mark of an OpenMPD frame"),
-        ("openmpd", lambda message: message[:-1] + b"\x41", "0 to 64, but one is 65"),
+        ("autd3", lambda message: message[:-1], "message_damaged", "497 bytes is not made of boards of 498"),
+        ("sonicsurface", lambda message: b"\xc1" + message[1:], "message_damaged", "259 bytes"),
+        (
+            "sonicsurface",
+            lambda message: message[:5] + b"\x21" + message[6:],
+            "message_damaged",
+            "to 32, but one is 33",
+        ),
+        ("sonicsurface", lambda message: b"", "message_damaged", "0 bytes"),
+        ("nano16", lambda message: message[:-1] + b"\x01", "message_damaged", "66 bytes"),
+        ("nano16", lambda message: message[:1] + 32 * b"\xf1\x01" + message[-1:], "message_damaged", "8"),
+        ("openmpd", lambda message: b"\x01" + message[1:], "message_damaged", "512 bytes"),
+        ("openmpd", lambda message: message[:-1] + b"\x41", "message_damaged", "0 to 64, but one is 65"),
     ],
 )
-def test_bytes_that_are_no_message_are_refused(name, spoil, sentence) -> None:
-    with pytest.raises(InvalidInput, match=sentence):
+def test_bytes_that_are_no_message_are_rejected(name, spoil, code, shown) -> None:
+    with raises_code(code, shown):
         codec_of(name).decode(spoil(codec_of(name).encode(random_frame(name, 1, 2))))
 
 
@@ -151,23 +156,24 @@ NANO, ONES = codec_of("nano16").levels, np.ones(3, dtype=np.uint8)
 
 
 @pytest.mark.parametrize(
-    ("make", "sentence"),
+    ("make", "code", "shown"),
     [
-        (lambda: Levels(np.array([0.0]), 32), r"2 to 256 shares, not of shape \(1,\)"),
-        (lambda: Levels(np.array([0.0, 0.5]), 32), "rise from 0 to 1, not from 0 to 0.5"),
-        (lambda: Levels(np.array([0.0, 1.0]), 300), "2 to 256 levels of phase, not 300"),
-        (lambda: Levels(np.array([0.0, 1.0]), 4.5), "2 to 256 levels of phase, not 4.5"),
-        (lambda: rounding_error(*focus(), 3), "what is played is 3, but it must be a Frame"),
-        (lambda: Frame(2 * ONES, 0 * ONES, NANO), "below 2, .* is 2"),
+        (lambda: Levels(np.array([0.0]), 32), "level_count", "(1,)"),
+        (lambda: Levels(np.array([0.0, 0.5]), 32), "levels_not_rising", "0 to 0.5"),
+        (lambda: Levels(np.array([0.0, 1.0]), 300), "level_count", "2 to 256 levels of phase, not 300"),
+        (lambda: Levels(np.array([0.0, 1.0]), 4.5), "level_count", "4.5"),
+        (lambda: rounding_error(*focus(), 3), "wrong_kind", "a Frame"),
+        (lambda: Frame(2 * ONES, 0 * ONES, NANO), "out_of_range", "below 2"),
         (
             lambda: Frame(ONES, 16 * ONES, NANO),
-            "below 16, .* is 16",
+            "out_of_range",
+            "below 16",
         ),
-        (lambda: rounding_error(*focus(), quantise(Drive(np.zeros(996, complex)))), "all 996 elements of the frame"),
-        (lambda: quantise(Drive(np.ones(3, complex)), 32), "the levels of a frame is 32|the levels of a frame are"),
+        (lambda: rounding_error(*focus(), quantise(Drive(np.zeros(996, complex)))), "drive_silent", "996"),
+        (lambda: quantise(Drive(np.ones(3, complex)), 32), "wrong_kind", "32"),
     ],
 )
-def test_levels_that_cannot_be_are_refused(make, sentence: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_levels_that_cannot_be_are_rejected(make, code: str, shown: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
-    with pytest.raises(InvalidInput, match=sentence):
+    with raises_code(code, shown):
         make()

@@ -6,7 +6,6 @@ import jaxtyping
 import numpy as np
 import pytest
 
-from airtact.conventions import InvalidInput
 from airtact.hardware.amplitudes import faded
 from airtact.hardware.autd3_link import AUTD3Link
 from airtact.hardware.codecs import codec_of
@@ -15,6 +14,7 @@ from airtact.hardware.link import RecordingLink
 from airtact.pose import Pose
 from airtact.synthesis.sequence import Sequence, amplitude_modulation
 from airtact.transfer import Drive
+from faults import raises_code
 from hardware.sounds import moving, tone
 
 
@@ -102,37 +102,40 @@ def test_a_swing_that_begins_in_silence_rises_too() -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "sentence"),
+    ("make", "code", "shown"),
     [
-        (lambda link: Emission(link, cap=0.0), "the cap is 0 per cent of full scale"),
-        (lambda link: Emission(link, cap=120.0), "the cap is 120 per cent"),
-        (lambda link: Emission(link, cap=np.nan), "the cap is nan per cent"),
-        (lambda link: Emission(link, ramp=-1.0), "the ramp is -1 s"),
-        (lambda link: Emission(link, patience=0.0), "the patience of the watchdog is 0 s"),
-        (lambda link: Emission("autd3"), "the link is 'autd3', but it must be a Link: give one such as AUTD3Link"),
+        (lambda link: Emission(link, cap=0.0), "out_of_range", "0 per cent"),
+        (lambda link: Emission(link, cap=120.0), "out_of_range", "120 per cent"),
+        (lambda link: Emission(link, cap=np.nan), "out_of_range", "nan per cent"),
+        (lambda link: Emission(link, ramp=-1.0), "out_of_range", "-1 s"),
+        (lambda link: Emission(link, patience=0.0), "not_positive", "0 s"),
+        (lambda link: Emission("autd3"), "wrong_kind", "'autd3'"),
     ],
 )
-def test_settings_that_cannot_be_are_refused(make, sentence: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_settings_that_cannot_be_are_rejected(make, code: str, shown: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
-    with pytest.raises(InvalidInput, match=sentence):
+    with raises_code(code, shown):
         make(RecordingLink())
 
 
 @pytest.mark.parametrize(
-    ("work", "sentence"),
+    ("work", "code", "shown"),
     [
-        (lambda emission: emission.send(tone(996)), "a drive for 996 elements does not fit 1 autd3 board of 249"),
-        (lambda emission: emission.send(None), "what is emitted is a NoneType"),
+        (lambda emission: emission.send(tone(996)), "element_count", "996 elements does not fit 1 autd3 board of 249"),
+        (lambda emission: emission.send(None), "wrong_kind", "NoneType"),
         (
             lambda emission: emission.play(Sequence(moving(3, 12), 10.0), 1),
-            "a drive for 12 elements does not fit 1 autd3 board",
+            "element_count",
+            "12 elements",
         ),
-        (lambda emission: emission.play(moving(3), 1), "what is played is an array|what is played is a"),
+        (lambda emission: emission.play(moving(3), 1), "wrong_kind", "array"),
     ],
 )
-def test_what_cannot_be_emitted_is_refused_and_silent(work, sentence: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_emitted_is_rejected_and_silent(
+    work, code: str, shown: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
     link = RecordingLink()
-    with Emission(link) as emission, pytest.raises(InvalidInput, match=sentence):
+    with Emission(link) as emission, raises_code(code, shown):
         work(emission)
     assert all(frame.silent for frame in link.frames)

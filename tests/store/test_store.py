@@ -252,6 +252,8 @@ KILLED = """
 import os, random, signal, sys, time
 from pathlib import Path
 import numpy as np
+
+from faults import raises_code
 import airtact as at
 from airtact.store.entry import read, save, written
 folder = Path(sys.argv[1])
@@ -366,17 +368,17 @@ def test_a_solver_without_settings_to_compare_is_not_stored(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "code", "shown"),
     [
-        ((SOLVER, "kept", 0), "most_bytes is 0"),
-        ((SOLVER, "kept", float("nan")), "most_bytes is nan"),
-        ((SOLVER, 3), "the folder of a store is 3"),
-        ((at.BoundaryElement, "kept"), "the class BoundaryElement"),
+        ((SOLVER, "kept", 0), "out_of_range", "most_bytes is 0"),
+        ((SOLVER, "kept", float("nan")), "out_of_range", "most_bytes is nan"),
+        ((SOLVER, 3), "wrong_kind", "is 3"),
+        ((at.BoundaryElement, "kept"), "wrong_kind", "the class BoundaryElement"),
     ],
 )
-def test_what_a_store_refuses(arguments: tuple, says: str) -> None:
+def test_what_a_store_refuses(arguments: tuple, code: str, shown: str) -> None:
     unchecked = inspect.unwrap(at.Stored.__init__)  # the tests' type checker would refuse wrong kinds first
-    with pytest.raises(at.InvalidInput, match=says):
+    with raises_code(code, shown):
         unchecked(object.__new__(at.Stored), *arguments)
 
 

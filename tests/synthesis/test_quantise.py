@@ -4,12 +4,12 @@ import jaxtyping
 import numpy as np
 import pytest
 
-from airtact.conventions import InvalidInput
 from airtact.scene.target import Target
 from airtact.synthesis.quantise import Frame, quantise
 from airtact.synthesis.time_reversal import time_reversal
 from airtact.transducers.layout import surrounding_box
 from airtact.transfer import Drive, TransferMatrix
+from faults import raises_code
 
 
 def test_every_pair_of_levels_survives_the_way_to_a_drive_and_back() -> None:
@@ -72,15 +72,15 @@ LEVELS = np.zeros(3, dtype=np.uint8)
 
 
 @pytest.mark.parametrize(
-    ("amplitude", "phase", "number"),
+    ("amplitude", "phase", "code", "shown"),
     [
-        (LEVELS, LEVELS[:2], "frame of 3 amplitudes has 2 phases"),
-        (LEVELS, LEVELS.astype(np.int64) + 300, "phase of a frame .* not int64"),
-        (LEVELS[:0], LEVELS[:0], r"shape \(0,\)"),
-        (LEVELS[None], LEVELS[None], r"shape \(1, 3\)"),
+        (LEVELS, LEVELS[:2], "element_count", "3 amplitudes has 2 phases"),
+        (LEVELS, LEVELS.astype(np.int64) + 300, "wrong_shape", "int64"),
+        (LEVELS[:0], LEVELS[:0], "wrong_shape", "(0,)"),
+        (LEVELS[None], LEVELS[None], "wrong_shape", "(1, 3)"),
     ],
 )
-def test_bad_frames_are_refused(amplitude, phase, number, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bad_frames_are_rejected(amplitude, phase, code, shown, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
-    with pytest.raises(InvalidInput, match=number):
+    with raises_code(code, shown):
         Frame(amplitude, phase)

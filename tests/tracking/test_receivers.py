@@ -13,10 +13,10 @@ from pythonosc.udp_client import UDPClient
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-import airtact as at
 from airtact.tracking.messages import to_json, to_osc
 from airtact.tracking.receivers import LARGEST_MESSAGE, OscReceiver, WebSocketReceiver
 from airtact.tracking.stream import HandStream
+from faults import raises_code
 from tracking.motions import still
 
 PATIENCE = 20.0
@@ -148,8 +148,8 @@ def test_closing_ends_all_connections_and_threads():
 
 
 @pytest.mark.parametrize("kind", [WebSocketReceiver, OscReceiver])
-def test_a_port_that_is_taken_is_refused(kind):
-    with kind() as first, pytest.raises(at.InvalidInput, match=f"nobody can listen at 127.0.0.1, port {first.port}"):
+def test_a_port_that_is_taken_is_rejected(kind):
+    with kind() as first, raises_code("port_taken", f"127.0.0.1, port {first.port}"):
         kind(port=first.port)
-    with pytest.raises(at.InvalidInput, match="port 70000 does not exist"):
+    with raises_code("out_of_range", "70000"):
         kind(port=70000)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 import airtact as at
 from airtact.tracking.messages import to_json
 from airtact.tracking.recordings import load_recording, replay, save_recording
+from faults import raises_code
 from hand.hand_poses import example
 from tracking.motions import still
 
@@ -53,26 +54,26 @@ def scaled(line, factor):
 
 
 BAD = {
-    "unreadable": ("rubbish", "line 3: this is not 1 frame as JSON"),
-    "not_metres": (scaled(LINES[2], 1000), r"line 3: the landmarks span 156\.4 m: are they in millimetres"),
+    "unreadable": ("rubbish", "line 3"),
+    "not_metres": (scaled(LINES[2], 1000), "line 3: the landmarks span 156.4 m"),
     "mirrored": (
         scaled(LINES[2], [-1, 1, 1]),
-        r"line 3: the landmarks are said to be of a left hand, but .* right one",
+        "line 3: the landmarks are said to be of a left hand",
     ),
-    "half_lost": (scaled(LINES[2], np.nan), "line 3: 25 landmarks are NaN"),
-    "unknown_count": (changed(LINES[2], landmarks=[[0.0, 0.0, 0.0]] * 22), "line 3: 22 landmarks are given"),
-    "backwards": (changed(LINES[2], time=0.01), r"line 3: time goes back from 0\.0333333 to 0\.01 s"),
+    "half_lost": (scaled(LINES[2], np.nan), "line 3: 25 landmarks"),
+    "unknown_count": (changed(LINES[2], landmarks=[[0.0, 0.0, 0.0]] * 22), "line 3: 22 landmarks"),
+    "backwards": (changed(LINES[2], time=0.01), "line 3: time goes back from 0.0333333 to 0.01 s"),
     "repeated": (LINES[1], "line 3: frame 1 of the left hand had come before"),
     "out_of_order": (changed(LINES[2], sequence=1, time=0.01), "line 3: frame 1 of the left hand comes after frame 1"),
 }
 
 
 @pytest.mark.parametrize("fault", BAD)
-def test_a_fault_is_refused_with_its_line_or_left_out_and_counted(tmp_path, fault):
-    line, sentence = BAD[fault]
+def test_a_fault_is_rejected_with_its_line_or_left_out_and_counted(tmp_path, fault):
+    line, shown = BAD[fault]
     path = tmp_path / "hand.jsonl"
     path.write_text("\n".join([*LINES[:2], line, LINES[3]]) + "\n\n")
-    with pytest.raises(at.InvalidInput, match=rf"hand\.jsonl: {sentence}"):
+    with raises_code(fault, f"hand.jsonl: {shown}"):
         load_recording(path)
     recording = load_recording(path, leave_out=True)
     assert [frame.sequence for frame in recording.frames] == [0, 1, 3]
@@ -81,51 +82,51 @@ def test_a_fault_is_refused_with_its_line_or_left_out_and_counted(tmp_path, faul
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "sentence"),
+    ("name", "content", "code", "shown"),
     [
-        ("hand.jsonl", b"", "there are 0 frames"),
-        ("hand.npz", b"", "bytes are no whole .npz file"),
-        ("hand.npz", b"rubbish", "bytes are no whole .npz file"),
-        ("hand.csv", b"1,2", "the ending '.csv' is not 1 of those"),
+        ("hand.jsonl", b"", "no_frames", "0 frames"),
+        ("hand.npz", b"", "file_unreadable", "bytes"),
+        ("hand.npz", b"rubbish", "file_unreadable", "bytes"),
+        ("hand.csv", b"1,2", "unknown_ending", "'.csv'"),
     ],
 )
 @pytest.mark.parametrize("leave_out", [True, False])
-def test_files_that_are_no_recording_are_refused(tmp_path, name, content, sentence, leave_out):
+def test_files_that_are_no_recording_are_rejected(tmp_path, name, content, code, shown, leave_out):
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(at.InvalidInput, match=f"^{name}: .*{sentence}"):
+    with raises_code(code, f"{name}: ", shown):
         load_recording(tmp_path / name, leave_out)
 
 
 @pytest.mark.parametrize("name", ["none.jsonl", "none.npz"])
-def test_files_that_are_not_there_are_refused(tmp_path, name):
-    with pytest.raises(at.InvalidInput, match=f"{name}: the recording cannot be read: No such file"):
+def test_files_that_are_not_there_are_rejected(tmp_path, name):
+    with raises_code("file_unreadable", f"{name}: ", "No such file"):
         load_recording(tmp_path / name)
 
 
 @pytest.mark.parametrize(
-    ("broken", "sentence"),
+    ("broken", "code", "shown"),
     [
-        ({"clouds": None}, "1 array is missing, the first is clouds"),
-        ({"landmarks": np.zeros((3, 3))}, r"landmarks has shape \(3, 3\) .* but 4 frames need \(100, 3\)"),
-        ({"sequence": np.zeros(3, dtype=int)}, r"sequence has shape \(3,\)"),
-        ({"sequence": np.zeros(4)}, r"sequence has shape \(4,\) and type float64"),
-        ({"landmark_counts": np.array([-25, 50, 50, 25])}, "landmark_counts holds a count of -25"),
-        ({"time": np.array([{}] * 4)}, "bytes are no whole .npz file"),
+        ({"clouds": None}, "dataset_missing", "clouds"),
+        ({"landmarks": np.zeros((3, 3))}, "wrong_shape", "(100, 3)"),
+        ({"sequence": np.zeros(3, dtype=int)}, "wrong_shape", "(3,)"),
+        ({"sequence": np.zeros(4)}, "wrong_shape", "float64"),
+        ({"landmark_counts": np.array([-25, 50, 50, 25])}, "out_of_range", "-25"),
+        ({"time": np.array([{}] * 4)}, "file_unreadable", "bytes"),
     ],
 )
-def test_arrays_that_do_not_fit_are_refused(tmp_path, broken, sentence):
+def test_arrays_that_do_not_fit_are_rejected(tmp_path, broken, code, shown):
     path = tmp_path / "hand.npz"
     save_recording(path, [still(index) for index in range(4)])
     arrays = {**np.load(path)} | broken
     np.savez(path, **{name: one for name, one in arrays.items() if one is not None})
-    with pytest.raises(at.InvalidInput, match=sentence):
+    with raises_code(code, shown):
         load_recording(path)
 
 
-def test_nothing_to_write_is_refused(tmp_path):
-    with pytest.raises(at.InvalidInput, match=r"0 frames cannot be written to hand\.npz"):
+def test_nothing_to_write_is_rejected(tmp_path):
+    with raises_code("not_writable", "0 frames", "hand.npz"):
         save_recording(tmp_path / "hand.npz", [])
-    with pytest.raises(at.InvalidInput, match=r"1 frame cannot be written to hand\.txt"):
+    with raises_code("not_writable", "1 frame", "hand.txt"):
         save_recording(tmp_path / "hand.txt", [still(0)])
 
 
@@ -150,6 +151,6 @@ def test_replay_gives_no_frame_before_its_time(speed, lasts):
     assert all(when >= index / 3 * lasts for index, when in given)
 
 
-def test_a_replay_of_no_speed_is_refused():
-    with pytest.raises(at.InvalidInput, match="the speed of a replay is 0 times"):
+def test_a_replay_of_no_speed_is_rejected():
+    with raises_code("not_positive", "0 times"):
         next(replay([still(0)], 0.0))

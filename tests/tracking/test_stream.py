@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import airtact as at
 from airtact.tracking.frame import HandFrame
 from airtact.tracking.messages import to_json, to_osc
 from airtact.tracking.stream import FARTHEST, RESTART, HandStream
+from faults import raises_code
 from hand.hand_poses import example
 from tracking.motions import still
 
@@ -171,15 +171,15 @@ def test_a_slow_reader_gets_the_latest_of_each_hand():
     assert given[2] is None
 
 
-def test_who_listens_hears_every_frame_that_is_used():
-    heard = []
-    fed([still(0), still(1), still(1), still(2)], on_frame=heard.append)
-    assert [frame.sequence for frame in heard] == [0, 1, 2]
+def test_the_callback_gets_every_frame_that_is_used():
+    got = []
+    fed([still(0), still(1), still(1), still(2)], on_frame=got.append)
+    assert [frame.sequence for frame in got] == [0, 1, 2]
 
 
 @pytest.mark.parametrize("setting", ["patience", "silence"])
 def test_waits_must_be_above_zero(setting):
-    with pytest.raises(at.InvalidInput, match=f"{setting} is -0.1 s"):
+    with raises_code("not_positive", f"{setting} is -0.1 s"):
         HandStream(**{setting: -0.1})
 
 

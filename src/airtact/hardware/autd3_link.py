@@ -109,7 +109,7 @@ class AUTD3Link(Link):
             raise InvalidInput(
                 f"an AUTD3 board keeps {SHORTEST} to {LONGEST} frames, not {frames}: the nearest that it plays is "
                 f"{nearest}.",
-                code="too_many_frames",
+                code="frame_count",
             )
         divide = min(max(round(PERIODS / rate), 1), LARGEST_DIVIDE)
         if abs(PERIODS / divide - rate) > 1e-6 * rate:
