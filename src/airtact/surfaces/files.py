@@ -54,7 +54,7 @@ def load_surface(
         whole = repaired(vertices * scale, triangles, largest_hole)
         mesh = QuadraticMesh(fixed(whole.vertices), whole.triangles, sharp_degrees=sharp_degrees)
         shape = MeshShape(mesh, Pose.identity())
-        return Surface(mesh.vertices, mesh.triangles, None, None, sharp_degrees, whole.notes, known_shape=shape)
+        return Surface(mesh.vertices, mesh.triangles, None, None, sharp_degrees, whole.notes, _known_shape=shape)
 
 
 def _joined(path: Path) -> tuple[Float[np.ndarray, "vertices 3"], Int[np.ndarray, "triangles 3"]]:

@@ -178,7 +178,7 @@ class Capsule(Shape):
         midpoints = Capsule(self.radius, self.length, Pose.identity()).project(middles).reshape(-1, 3, 3)
         triangles.flags.writeable = False
         placed = fixed(self.pose.apply(vertices)), triangles, fixed(self.pose.apply(midpoints))
-        return Surface(*placed, primitive=self, known_shape=self)
+        return Surface(*placed, primitive=self, _known_shape=self)
 
 
 def sphere(radius: float, edge: float, centre: Vector = (0, 0, 0)) -> Surface:

@@ -40,8 +40,6 @@ class Surface:
     primitive : the exact shape that the triangles follow, or None.
     sharp_degrees : edges whose triangles turn by more than this stay sharp; 0 leaves all triangles flat.
     repairs : what was repaired before it became a surface, a sentence each.
-    known_shape : the shape of triangles that are known to be sound, those of a moved surface or a repaired file: with
-        it no triangles are checked. It is no attribute.
     shape : the true surface: the exact shape, or the curved triangles.
 
     Raises
@@ -65,20 +63,20 @@ class Surface:
     primitive: Shape | None = None
     sharp_degrees: float = SHARP_DEGREES
     repairs: tuple[str, ...] = ()
-    known_shape: InitVar[Shape | None] = None
+    _known_shape: InitVar[Shape | None] = None  # of sound triangles, moved or repaired: with it they are not checked
     shape: Shape = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self, known_shape: Shape | None) -> None:
+    def __post_init__(self, _known_shape: Shape | None) -> None:
         """Check everything that is quick to check and keep read-only copies."""
         if not 0.0 <= number(self.sharp_degrees, "sharp_degrees", "degrees") <= 180.0:
             raise InvalidInput(
                 f"sharp_degrees is {self.sharp_degrees:g}, but edges turn by 0 to 180 degrees.", code="out_of_range"
             )
-        if known_shape is None:
+        if _known_shape is None:
             self._check()
             mesh = QuadraticMesh(self.vertices, self.triangles, self.midpoints, self.sharp_degrees)
-            known_shape = self.primitive or MeshShape(mesh, Pose.identity())
-        object.__setattr__(self, "shape", known_shape)
+            _known_shape = self.primitive or MeshShape(mesh, Pose.identity())
+        object.__setattr__(self, "shape", _known_shape)
 
     def _check(self) -> None:
         vertices = points_of(self.vertices, "surface vertices")
@@ -182,7 +180,7 @@ class Surface:
             vertices=fixed(pose.apply(self.vertices)),
             midpoints=None if self.midpoints is None else fixed(pose.apply(self.midpoints)),
             primitive=None if self.primitive is None else shape,
-            known_shape=shape,  # a rigid motion keeps all that was checked
+            _known_shape=shape,  # a rigid motion keeps all that was checked
         )
 
 
