@@ -9,7 +9,7 @@ def use_variant(name: str) -> None: ...
 lanes: int
 sharing: int
 
-def dual_tiles_bfloat16(
+def dual_blocks_bfloat16(
     points: np.ndarray,
     shifted: np.ndarray,
     normals: np.ndarray,
@@ -24,7 +24,7 @@ def dual_tiles_bfloat16(
     whole_column: np.ndarray,
     out: np.ndarray,
 ) -> None: ...
-def dual_crosses_bfloat16(
+def dual_low_rank_bfloat16(
     points: np.ndarray,
     shifted: np.ndarray,
     normals: np.ndarray,
@@ -50,11 +50,11 @@ def dual_product_bfloat16(
     out: np.ndarray,
 ) -> None: ...
 
-dual_tiles_float32 = dual_tiles_bfloat16
-dual_crosses_float32 = dual_crosses_bfloat16
+dual_blocks_float32 = dual_blocks_bfloat16
+dual_low_rank_float32 = dual_low_rank_bfloat16
 dual_product_float32 = dual_product_bfloat16
-dual_tiles_float64 = dual_tiles_bfloat16
-dual_crosses_float64 = dual_crosses_bfloat16
+dual_blocks_float64 = dual_blocks_bfloat16
+dual_low_rank_float64 = dual_low_rank_bfloat16
 dual_product_float64 = dual_product_bfloat16
 
 def double_layer_matrix_float32(

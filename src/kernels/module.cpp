@@ -433,12 +433,12 @@ NB_MODULE(_kernels, m) {
     m.def("use_variant", &use);
     m.attr("lanes") = lanes;
     m.attr("sharing") = sharing;
-    m.def("dual_tiles_bfloat16", &dual_blocks<std::uint32_t>);
-    m.def("dual_crosses_bfloat16", &dual_low_rank<std::uint32_t>);
-    m.def("dual_tiles_float32", &dual_blocks<float>);
-    m.def("dual_crosses_float32", &dual_low_rank<float>);
-    m.def("dual_tiles_float64", &dual_blocks<double>);
-    m.def("dual_crosses_float64", &dual_low_rank<double>);
+    m.def("dual_blocks_bfloat16", &dual_blocks<std::uint32_t>);
+    m.def("dual_low_rank_bfloat16", &dual_low_rank<std::uint32_t>);
+    m.def("dual_blocks_float32", &dual_blocks<float>);
+    m.def("dual_low_rank_float32", &dual_low_rank<float>);
+    m.def("dual_blocks_float64", &dual_blocks<double>);
+    m.def("dual_low_rank_float64", &dual_low_rank<double>);
     m.def("dual_product_bfloat16", &product<std::uint32_t>);
     m.def("dual_product_float32", &product<float>);
     m.def("dual_product_float64", &product<double>);

@@ -107,7 +107,7 @@ def test_the_dual_surface_matrix_and_its_products_equal_numpy(store, kind, toler
     exact = -first - added(near, count) + 1j * inside + 0.5 * np.eye(count)
     whole, nothing = all_pairs(count), (np.zeros(3, int), np.zeros(0, int))
     tiles = blank((4, lanes, 2, lanes), store)
-    fill, multiply = getattr(_kernels, f"dual_tiles_{store}"), getattr(_kernels, f"dual_product_{store}")
+    fill, multiply = getattr(_kernels, f"dual_blocks_{store}"), getattr(_kernels, f"dual_product_{store}")
     fill(points, shifted, normals, wavenumber, *near, *near_shifted, *whole, tiles)
     found = np.block([[numbers(tiles[2 * row + column], store) for column in (0, 1)] for row in (0, 1)])
     assert not found[:count, count:].any()
@@ -137,7 +137,7 @@ def test_crosses_stand_for_tiles_as_well_as_is_asked(store, kind, tolerance, wav
     )
     exact = -first + 1j * np.repeat(second, 3, axis=0)
     far = np.array([0, 1, 1]), np.array([1])
-    cross, multiply = getattr(_kernels, f"dual_crosses_{store}"), getattr(_kernels, f"dual_product_{store}")
+    cross, multiply = getattr(_kernels, f"dual_low_rank_{store}"), getattr(_kernels, f"dual_product_{store}")
     found, size = [], np.linalg.norm(exact)
     for asked in (0.1, 0.01):
         crosses, begin, rows = np.zeros(1, int), np.zeros(1, int), blank((2 * lanes, 2, lanes), store)
@@ -201,7 +201,7 @@ def fill_one_tile(points, rows, whole=None) -> None:
     whole = whole or all_pairs(len(points))
     none = np.zeros(len(points) // 3 + 1, int), *NO_NEAR
     tiles = blank((len(whole[1]), _kernels.lanes, 2, _kernels.lanes), "float32")
-    _kernels.dual_tiles_float32(points, points[: len(points) // 3], points, 700.0 + 0j, *rows, *none, *whole, tiles)
+    _kernels.dual_blocks_float32(points, points[: len(points) // 3], points, 700.0 + 0j, *rows, *none, *whole, tiles)
 
 
 @pytest.mark.parametrize("wavenumber", WAVENUMBERS)

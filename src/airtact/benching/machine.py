@@ -59,7 +59,7 @@ def _kernel_row(
     positions = nodes.points, shifted, nodes.weighted_normals, wavenumber
     near = first, *none, first_shifted, *none
     whole = matrix.whole.first, matrix.whole.column
-    fill = partial(_kernels.dual_tiles_bfloat16, *positions, *near, *whole, matrix.blocks)
+    fill = partial(_kernels.dual_blocks_bfloat16, *positions, *near, *whole, matrix.blocks)
     fill()  # the pages are touched before the clock starts
     left = np.random.default_rng(0).normal(size=(PRODUCT, PRODUCT)).astype(np.float32)
     products, fills = [], []

@@ -212,7 +212,7 @@ def assemble(surface: DualSurface, store: Store, error: float | None = None) -> 
         whole = np.any([near_blocks(len(nodes.centres), *one) for one in met], axis=0)
     matrix = _with_low_rank(surface, store, whole, error or 0.0)
     of_rows = [part for rows in near for part in (rows.first, rows.panel, rows.excess)]
-    fill = loop("dual_tiles", store)
+    fill = loop("dual_blocks", store)
     fill(*_geometry(surface), *of_rows, matrix.whole.first, matrix.whole.column, matrix.blocks)
     return matrix
 
@@ -231,7 +231,7 @@ def _with_low_rank(
         if not room:
             return matrix
         far, terms = (matrix.far.first, matrix.far.column), (matrix.ranks, matrix.begin, matrix.factors)
-        needed = loop("dual_crosses", store)(*_geometry(surface), *far, tolerance, *terms)
+        needed = loop("dual_low_rank", store)(*_geometry(surface), *far, tolerance, *terms)
         if needed <= room:
             return matrix
 
