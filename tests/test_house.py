@@ -224,6 +224,20 @@ def test_a_folder_fits_a_glance(folder) -> None:
     assert len([path for path in folder.iterdir() if path.is_file()]) <= 16
 
 
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_every_fault_has_a_code(path) -> None:
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if (
+            isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Name)
+            and node.func.id in ("InvalidInput", "NotConverged")
+        ):
+            code = next((word.value for word in node.keywords if word.arg == "code"), None)
+            assert code is not None, f"line {node.lineno} has no code"
+            if isinstance(code, ast.Constant):
+                assert re.fullmatch("[a-z]+(_[a-z0-9]+)*", str(code.value)), f"line {node.lineno}: {code.value}"
+
+
 def test_no_module_has_a_name_that_says_nothing() -> None:
     nothing = {"utils", "core", "common", "helpers", "manager", "base", "misc"}
     assert {path.stem for path in MODULES} & nothing == set()

@@ -3,7 +3,7 @@
 The way through: a ``Scene`` (what is in the air) and a ``Target`` (what a person feels); one solve with beacons, the
 virtual sources at the foci; the transfer matrix to a ``PhasedArray`` by reciprocity; a ``Drive``; its evaluation with
 another solver. The main path is at the top; the rest is in the public modules ``synthesis``, ``targets``, ``boards``,
-``emission``, ``tracking``, ``hands``, ``evaluation``, ``solvers``, ``scene`` and ``surfaces``.
+``emission``, ``tracking``, ``hands``, ``evaluation``, ``solvers``, ``scene``, ``scene_file`` and ``surfaces``.
 """
 
 import importlib
@@ -26,6 +26,7 @@ from airtact.scene.medium import Medium, air
 from airtact.scene.scene import Scene, filled, impedance, sound_hard
 from airtact.scene.sources import Monopoles
 from airtact.scene.target import Target
+from airtact.scene_file.building import read_scene
 from airtact.solvers.bem.solver import BoundaryElement
 from airtact.solvers.fem.solver import FiniteElement
 from airtact.solvers.free_field import FreeField
@@ -51,6 +52,7 @@ from airtact import (  # isort: skip
     evaluation,
     hands,
     scene,
+    scene_file,
     solvers,
     surfaces,
     synthesis,
@@ -106,7 +108,9 @@ __all__ = [
     "pinch",
     "piston",
     "quantise",
+    "read_scene",
     "scene",
+    "scene_file",
     "solvers",
     "sound_hard",
     "sphere",

@@ -30,9 +30,7 @@ class InvalidInput(ValueError):  # noqa: N818 (reads as what it is in a tracebac
     code : a short name of the kind of fault, such as "focus_inside_body", which stays when the sentence changes.
     """
 
-    def __init__(
-        self, sentence: str, position: Real[np.ndarray, "3"] | None = None, *, code: str = "invalid_input"
-    ) -> None:
+    def __init__(self, sentence: str, position: Real[np.ndarray, "3"] | None = None, *, code: str) -> None:
         super().__init__(sentence)
         self.position = position
         self.code = code
@@ -64,6 +62,6 @@ class NotConverged(RuntimeError):  # noqa: N818
     code : a short name of the kind of fault, such as "gmres_stalled", which stays when the sentence changes.
     """
 
-    def __init__(self, sentence: str, *, code: str = "not_converged") -> None:
+    def __init__(self, sentence: str, *, code: str) -> None:
         super().__init__(sentence)
         self.code = code

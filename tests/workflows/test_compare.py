@@ -89,7 +89,7 @@ def test_the_page_needs_nothing_else_and_names_every_method(compared):
 
 def test_a_method_that_raises_is_reported_and_the_others_stand(tmp_path, capsys, monkeypatch):
     def reject(transfer, target):
-        raise InvalidInput("2 foci are 0.1 mm apart; part them.")
+        raise InvalidInput("2 foci are 0.1 mm apart; part them.", code="foci_too_close")
 
     monkeypatch.setitem(METHODS, "inverse_filter", reject)
     assert main(["compare", str(BALL), "--out", str(tmp_path)]) == 0
@@ -101,7 +101,7 @@ def test_a_method_that_raises_is_reported_and_the_others_stand(tmp_path, capsys,
 
 def test_when_all_raise_nothing_is_written_but_the_folder(tmp_path, capsys, monkeypatch):
     def reject(transfer, target):
-        raise InvalidInput("2 foci are 0.1 mm apart; part them.")
+        raise InvalidInput("2 foci are 0.1 mm apart; part them.", code="foci_too_close")
 
     for name in METHODS:
         monkeypatch.setitem(METHODS, name, reject)
