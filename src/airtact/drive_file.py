@@ -72,7 +72,7 @@ UNITS = {
 
 @dataclass(frozen=True, eq=False)
 class DriveFile:
-    """What a file holds of a drive or a sequence; what it does not tell is None.
+    """What a file holds of a drive or a sequence; what it does not hold is None.
 
     Attributes
     ----------

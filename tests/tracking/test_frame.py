@@ -28,7 +28,7 @@ FAULTS = {
     "impossible": ({"landmarks": LONG}, "mm"),
     "mirrored": (
         {"side": "right"},
-        "of a right hand, but the fingers bend and the thumb points as those of a left one",
+        "a right hand's, but the fingers bend and the thumb points as those of a left one",
     ),
 }
 

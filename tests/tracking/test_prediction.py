@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from airtact.tracking.constant_velocity import first_seen, measured, transition, wander
+from airtact.tracking.constant_velocity import first_seen, measured, process_noise, transition
 from airtact.tracking.frame import HandFrame
 from airtact.tracking.prediction import Predictor
 from faults import raises_code
@@ -49,7 +49,7 @@ def test_two_measurements_give_the_covariance_of_their_line():
 def test_the_covariance_settles_at_the_solution_of_the_riccati_equation(rate, noise, agility):
     step = 1 / rate
     forward, hears = transition(step), np.array([[1.0, 0.0]])
-    steady = solve_discrete_are(forward.T, hears.T, wander(step, agility), np.array([[noise**2]]))
+    steady = solve_discrete_are(forward.T, hears.T, process_noise(step, agility), np.array([[noise**2]]))
     predictor = Predictor(step, noise, agility)
     for index in range(60):
         predictor.take(still(index, index * step))
@@ -60,8 +60,10 @@ def test_errors_are_as_large_as_the_riccati_equation_says():
     """Points pushed by white noise of acceleration and measured with noise: the model itself, 1,000 times three."""
     random = np.random.default_rng(5)
     step, noise, agility = 1 / 60, 1e-3, 0.3
-    forward, push = transition(step), np.linalg.cholesky(wander(step, agility))
-    steady = solve_discrete_are(forward.T, np.array([[1.0], [0.0]]), wander(step, agility), np.array([[noise**2]]))
+    forward, push = transition(step), np.linalg.cholesky(process_noise(step, agility))
+    steady = solve_discrete_are(
+        forward.T, np.array([[1.0], [0.0]]), process_noise(step, agility), np.array([[noise**2]])
+    )
     state = np.zeros((2, 1000, 3))
     motion = first_seen(0.0, state[0] + noise * random.normal(size=(1000, 3)), noise)
     errors = []

@@ -455,4 +455,4 @@ def test_a_cable_cut_while_emitting_ends_with_1(capsys, tmp_path) -> None:
     assert code == 1
     last = errors.splitlines()[-1]
     assert "the serial link failed while silencing" in last
-    assert "the boards may still sound: cut their power" in last
+    assert "the boards may still emit: cut their power" in last

@@ -1,7 +1,8 @@
-"""Curved panels as one mesh of flat triangles, for programs that know no curved ones.
+"""Curved panels as one mesh of flat triangles, for programs that read no curved ones.
 
-Each panel is levelled on the skin on its own, so that neighbours part by micrometres, and one that was cut in four
-meets a whole one with nodes that this does not have. Both are closed here as far as they can be told from gaps.
+Each panel is projected onto the surface on its own, so that neighbours are micrometres apart, and a panel that was cut
+in four has nodes on the edge of an uncut neighbour that this does not have. Both are joined here, as far as they are
+distinguishable from gaps.
 """
 
 import numpy as np

@@ -28,32 +28,12 @@ FINEST, COARSEST = 0.8e-3, 20e-3
 
 
 def checked_edge(edge: float) -> float:
-    """Return the edge of the triangles of a hand's skin [m], or refuse it.
-
-    Parameters
-    ----------
-    edge : [m].
-
-    Raises
-    ------
-    InvalidInput
-        It is not from 0.8 to 20 mm.
-    """
+    """Return the edge of the triangles of a hand's skin [m] if it is 0.8 to 20 mm."""
     return within(edge, FINEST, COARSEST, "edge", "m", "is it in millimetres? Give metres.")
 
 
 def check_ending(path: Path) -> None:
-    """Refuse a file name that does not say which format to write.
-
-    Parameters
-    ----------
-    path : the file that shall be written.
-
-    Raises
-    ------
-    InvalidInput
-        With the ending and those that are written.
-    """
+    """Check that the ending of a file's name is a format that is written."""
     if path.suffix.lower() not in (CURVED, *FLAT):
         raise InvalidInput(
             f"{path.name} ends in {path.suffix!r}, but panels are written to {', '.join((CURVED, *FLAT))}.",
@@ -75,7 +55,7 @@ def write_panels(path: Path, panels: Panels) -> int:
 def write_triangles(
     path: Path, quadratic_triangles: QuadraticTriangles, cells: Mapping[str, Real[np.ndarray, "panels"]] | None = None
 ) -> int:
-    """Write quadratic triangles in the format that the ending of the file's name says.
+    """Write quadratic triangles in the format of the file's ending.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How loud: caps and fades of drives, and what is heard around an array, where a head may be."""
+"""Amplitudes of drives under a cap and in a fade, and the pressure around an array, where a head may be."""
 
 import numpy as np
 from jaxtyping import Complex, Float64, Real
@@ -13,35 +13,36 @@ GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 """Multiples of the golden ratio's fraction spread evenly over 0 to 1, however many are taken."""
 
 COARSE, BEAMS, FINE = 2000, 12, 100
-"""Directions that are looked at, the loudest of them that are looked at closely, and how many around each."""
+"""Number of directions evaluated first, of those with the largest pressure that are refined, and of directions
+around each of these."""
 
 
 def faded(drive: Drive, levels: Levels, share: float) -> Frame:
-    """Quantise a drive at a share of its loudness.
+    """Quantise a drive at a share of its amplitude.
 
-    Boards that play amplitudes play every element that much quieter. Boards that cannot play that share of their
-    elements, spread evenly over the order of the elements: the pressure at a focus goes with their number.
+    Boards with levels of amplitude reduce every element. Boards without switch on that share of their elements, spread
+    evenly over the order of the elements: the pressure at a focus is proportional to their number.
 
     Parameters
     ----------
     drive : what every element emits.
-    levels : what the board can play.
+    levels : what the board can emit.
     share : 0 to 1.
     """
     if not levels.phase_only:
         return quantise(Drive(share * drive.amplitudes), levels)
-    turns = (np.arange(len(drive)) + 0.5) * GOLDEN % 1.0
-    return quantise(Drive(np.where(turns < share, drive.amplitudes, 0.0)), levels)
+    order = (np.arange(len(drive)) + 0.5) * GOLDEN % 1.0
+    return quantise(Drive(np.where(order < share, drive.amplitudes, 0.0)), levels)
 
 
 def share_under_cap(drives: Complex[np.ndarray, "frames elements"], levels: Levels, cap: float) -> float:
-    """Return what drives must be turned down to, all alike, so that none is louder than a cap.
+    """Return the factor that brings the largest amplitude of some drives under a cap.
 
     Parameters
     ----------
     drives : (N, E) what every element emits in each frame.
-    levels : what the board can play; where it cannot play amplitudes, the cap is the share of elements that speak.
-    cap : loudest that an element may be, in per cent of full scale.
+    levels : what the board can emit; without levels of amplitude, the cap is the share of elements that are on.
+    cap : largest amplitude of an element, in per cent of full scale.
 
     Raises
     ------
@@ -65,15 +66,15 @@ def largest_pressure_around(
     wavenumber: float,
     distance: float = 0.5,
 ) -> float:
-    """Find the loudest pressure on a sphere around an array, in open air, its elements radiating alike to all sides.
+    """Find the largest pressure on a sphere around an array in open air, with elements that radiate to all sides alike.
 
-    Bodies in the sound throw it elsewhere, and a real transducer radiates less to its back: this is a number to be
-    warned by, not one that was measured.
+    Bodies scatter the sound elsewhere, and a real transducer radiates less to its back: the number serves as a warning
+    and is no measurement.
 
     Parameters
     ----------
     positions : (E, 3) of the elements [m].
-    drives : (N, E) what they emit; the loudest frame counts.
+    drives : (N, E) what they emit; the frame with the largest pressure counts.
     sensitivity : peak pressure of an element at full scale, 1 m away [Pa·m].
     wavenumber : 2πf/c [rad/m].
     distance : how far beyond the outermost element the sphere is [m].
@@ -90,13 +91,13 @@ def largest_pressure_around(
         return np.abs((np.exp(1j * wavenumber * apart) / apart) @ drives.T).max(axis=1)
 
     directions = _directions(COARSE)
-    heard = np.concatenate([pressures(part) for part in np.array_split(directions, 20)])
-    # A beam may be narrower than what is between two directions: look closely around the loudest ones.
+    found = np.concatenate([pressures(part) for part in np.array_split(directions, 20)])
+    # A beam may be narrower than the step between two directions: refine around the largest pressures.
     near = _directions(FINE)[None] * np.sqrt(4.0 * np.pi / COARSE) * np.linspace(0.2, 1.0, FINE)[None, :, None]
-    around = (directions[np.argsort(heard)[-BEAMS:], None] + near).reshape(-1, 3)
+    around = (directions[np.argsort(found)[-BEAMS:], None] + near).reshape(-1, 3)
     around /= np.linalg.norm(around, axis=1, keepdims=True)
-    loudest = max(float(heard.max()), *(float(pressures(part).max()) for part in np.array_split(around, 10)))
-    return sensitivity * loudest
+    largest = max(float(found.max()), *(float(pressures(part).max()) for part in np.array_split(around, 10)))
+    return sensitivity * largest
 
 
 def _directions(count: int) -> Float64[np.ndarray, "directions 3"]:

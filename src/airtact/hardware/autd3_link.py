@@ -40,9 +40,9 @@ INTENSITY_FADE, PHASE_FADE = 250, 1000
 class AUTD3Link(Link):
     """AUTD3 boards, in the order in which they are chained.
 
-    The board's silencer spreads changes of intensity over 0.25 ms and of phase over 1 ms, so that they are not heard;
-    a sequence with shorter frames shortens that to a frame. Our drives already hold all phases, so pyautd3's speed of
-    sound is not used in what is sent; it is set for simulators that show a field of their own.
+    The board's silencer spreads changes of intensity over 0.25 ms and of phase over 1 ms, so that they make no audible
+    noise; a sequence with shorter frames shortens that to a frame. Drives already hold all phases, so what
+    is sent does not depend on pyautd3's speed of sound; it is set for simulators that show a field of their own.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class AUTD3Link(Link):
         return True
 
     def check_sequence(self, frames: int, rate: float) -> None:
-        """Refuse a sequence that the boards cannot keep or whose rate does not divide 40 kHz, with the nearest.
+        """Check that the boards can hold a sequence and that its rate divides 40 kHz.
 
         Raises
         ------
@@ -145,7 +145,7 @@ class AUTD3Link(Link):
         return Frame(intensity, phase, EIGHT_BITS)
 
     def cut(self) -> None:
-        """Cut the cable of an "audit" link, to try what happens; opening it anew mends it.
+        """Cut the cable of an "audit" link, to test what follows; opening the link again restores it.
 
         Raises
         ------
@@ -161,16 +161,17 @@ class AUTD3Link(Link):
 
     def _begin(self) -> None:
         pyautd3 = _library()
-        turns = [np.array(Rotation.from_matrix(pose.rotation).as_quat(scalar_first=True)) for pose in self.poses]
+        rotations = [np.array(Rotation.from_matrix(pose.rotation).as_quat(scalar_first=True)) for pose in self.poses]
         devices = [
-            pyautd3.AUTD3(pos=1e3 * pose.translation, rot=turn) for pose, turn in zip(self.poses, turns, strict=True)
+            pyautd3.AUTD3(pos=1e3 * pose.translation, rot=rotation)
+            for pose, rotation in zip(self.poses, rotations, strict=True)
         ]
         self._lost = None
         self._controller = pyautd3.Controller.open(devices, self._way())
         if self.sound_speed is not None:
             self._controller.environment.sound_speed = 1e3 * self.sound_speed
         self._check_other_firmware(pyautd3)
-        # A table of one's own in Python is asked once an element: threads of pyautd3 would fight for the interpreter.
+        # pyautd3 calls our Python table once for each element, and its threads would contend for the interpreter.
         option = pyautd3.SenderOption(parallel=pyautd3.ParallelMode.Off)
         self._sender = self._controller.sender(option, pyautd3.FixedSchedule())
         self._silence()
@@ -184,7 +185,7 @@ class AUTD3Link(Link):
             if text.count(latest) < 2:
                 self._controller.close()
                 raise InvalidInput(
-                    f"board {index} has the firmware {text}, and pyautd3 {pyautd3.__version__} speaks to {latest}: "
+                    f"board {index} has the firmware {text}, and pyautd3 {pyautd3.__version__} needs {latest}: "
                     "update the board's firmware.",
                     code="firmware_version",
                 )
@@ -203,7 +204,7 @@ class AUTD3Link(Link):
         return (remote.Remote if self.name == "remote" else simulator.Simulator)(str(self.address))
 
     def _note(self, board: int, status: object) -> None:
-        """Keep what EtherCAT says of a board until the next frame; it calls from a thread of its own."""
+        """Remember what EtherCAT reports of a board until the next frame; it calls from its own thread."""
         self._lost = f"board {board}: {status}"
 
     def _transmit(self, frame: Frame) -> None:
@@ -249,9 +250,9 @@ class AUTD3Link(Link):
         return (frame.phase.astype(np.uint16) | frame.amplitude.astype(np.uint16) << 8).reshape(self.boards, -1)
 
     @contextmanager
-    def _talking(self, doing: str) -> Iterator[None]:
+    def _reporting(self, doing: str) -> Iterator[None]:
         try:
-            with super()._talking(doing):
+            with super()._reporting(doing):
                 yield
         except (InvalidInput, LinkFailed):
             raise
@@ -268,7 +269,7 @@ class AUTD3Link(Link):
 
 
 def _library() -> Any:
-    """Import pyautd3 if it is there in a version that is known to do what is asked here.
+    """Import pyautd3 if a version is installed that the tests run with.
 
     Raises
     ------
@@ -283,7 +284,7 @@ def _library() -> Any:
     version = importlib.metadata.version("pyautd3")
     if version not in KNOWN_VERSIONS:
         raise InvalidInput(
-            f"pyautd3 {version} is not one that is known here ({', '.join(KNOWN_VERSIONS)}): {how}.",
+            f"pyautd3 {version} is not one that the tests run with ({', '.join(KNOWN_VERSIONS)}): {how}.",
             code="package_version",
         )
     return pyautd3
@@ -292,9 +293,9 @@ def _library() -> Any:
 def _gain_of(words: UInt16[np.ndarray, "boards elements"]) -> Any:
     """Return a gain of pyautd3 that plays a table.
 
-    pyautd3's own ``Custom`` builds a device and a transducer for each of 996 questions, 0.3 s a frame. This one gives
-    the same entry of its library a function that only looks up, 0.6 ms; where that entry is not as it was, ``Custom``
-    does it.
+    pyautd3's own ``Custom`` builds a device and a transducer for each of 996 calls, 0.3 s a frame. This gain gives the
+    same entry of the library a function that only looks up a table, 0.6 ms. If the entry has changed, ``Custom`` is
+    used.
 
     Parameters
     ----------
@@ -312,7 +313,7 @@ def _table_gain(words: UInt16[np.ndarray, "boards elements"]) -> Any:
     from pyautd3.native_methods.autd3capi import NativeMethods
     from pyautd3.native_methods.autd3capi_driver import ConstPtr, GeometryPtr
 
-    ask: Any = NativeMethods().gain_custom
+    entry_point: Any = NativeMethods().gain_custom
     table = words.tolist()
 
     word = ctypes.POINTER(ctypes.c_uint16)
@@ -326,10 +327,10 @@ def _table_gain(words: UInt16[np.ndarray, "boards elements"]) -> Any:
         """A gain that looks up."""
 
         def __init__(self) -> None:
-            self.kept, self.function = ours, ctypes.cast(ours, theirs)
+            self.table, self.function = ours, ctypes.cast(ours, theirs)
 
         def _gain_ptr(self, geometry: Any) -> Any:
-            return ask(self.function, None, geometry._geometry_ptr)
+            return entry_point(self.function, None, geometry._geometry_ptr)
 
     return TableGain()
 
@@ -346,10 +347,10 @@ def _custom_gain(words: UInt16[np.ndarray, "boards elements"]) -> Any:
 
     table = words.tolist()
 
-    def ask(_device: Any) -> Any:
+    def of_device(_device: Any) -> Any:
         return lambda one: _drive(table[one.dev_idx()][one.idx()])
 
     def _drive(word: int) -> Any:
         return Drive(phase=Phase(word & 0xFF), intensity=Intensity(word >> 8))
 
-    return Custom(ask)
+    return Custom(of_device)

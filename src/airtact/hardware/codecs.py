@@ -3,8 +3,8 @@
 Every board here starts the pulse of an element later when its phase number is larger, which is our own sense: a drive
 d in Re[d e^{−iωt}] has phase arg(d), and a larger one delays the wave. So no codec conjugates. AUTD3: proven in the
 time domain with its emulator (tests). SonicSurface: ``PhaseLine.vhd`` starts the pulse when a rising counter reaches
-the number. Nano16: ``ArduinoNano.java`` puts the first high slot at the number, and ``DriverNano16.ino`` plays the
-slots in order. OpenMPD: its driver adds half of what a pulse is shorter to the number, which keeps the middle of a
+the number. Nano16: ``ArduinoNano.java`` puts the first high step at the number, and ``DriverNano16.ino`` plays the
+steps in order. OpenMPD: its driver adds half of what a pulse is shorter to the number, which keeps the middle of a
 pulse that starts there in place.
 """
 
@@ -23,12 +23,12 @@ from airtact.transducers.levels import EIGHT_BITS, Levels
 
 @dataclass(frozen=True, eq=False)
 class Codec(ABC):
-    """How one kind of board is spoken to.
+    """The messages of one kind of board.
 
     Attributes
     ----------
     board : the board.
-    levels : what it can play.
+    levels : what it can emit.
     baud : speed of its serial line [bit/s]; None where it has none.
     echo : what it sends back for a frame; nothing where it is silent.
     """
@@ -57,16 +57,16 @@ class Codec(ABC):
             If the message has another length or other marks than ``encode`` makes.
         """
 
-    def _parts(self, levels: UInt8[np.ndarray, "elements"]) -> Sequence[UInt8[np.ndarray, "slots"]]:
-        """Bring one number per element into the slots of each board's message."""
+    def _parts(self, levels: UInt8[np.ndarray, "elements"]) -> Sequence[UInt8[np.ndarray, "positions"]]:
+        """Bring one number per element to its position in each board's message."""
         parts = []
         for one in np.split(levels, len(levels) // len(self.board)):
-            slots = np.zeros(self.board.message_length, dtype=np.uint8)
-            slots[self.board.channels] = one
-            parts.append(slots)
+            part = np.zeros(self.board.message_length, dtype=np.uint8)
+            part[self.board.channels] = one
+            parts.append(part)
         return parts
 
-    def _elements(self, parts: Sequence[UInt8[np.ndarray, "slots"]]) -> UInt8[np.ndarray, "elements"]:
+    def _elements(self, parts: Sequence[UInt8[np.ndarray, "positions"]]) -> UInt8[np.ndarray, "elements"]:
         return np.concatenate([part[self.board.channels] for part in parts])
 
 
@@ -123,19 +123,19 @@ class SonicSurfaceCodec(Codec):
 
 
 class Nano16Codec(Codec):
-    """10 resets, then 16 slots of a period, two ports each, as nibbles marked by 1, and 00 swaps.
+    """10 resets, then 16 steps of a period, two ports each, as nibbles marked by 1, and 00 swaps.
 
-    An element is high in the 8 slots that begin at its phase. The reset is what makes the board forget a frame that was
-    cut off; its own software leaves it out.
+    An element is high in the 8 steps that begin at its phase. The reset makes the board discard an incomplete
+    frame; its own software does not send it.
     """
 
     RESET, SWAP, MARK = 0x10, 0x00, 0x01
 
     def encode(self, frame: Frame) -> bytes:
-        """Return the nibbles of both ports in every slot."""
+        """Return the nibbles of both ports in every step."""
         on, start = self._parts(frame.amplitude)[0], self._parts(frame.phase)[0]
-        slots = np.arange(16)[:, None]
-        high = ((slots - start.astype(np.int64)) % 16 < 8) & (on > 0)
+        steps = np.arange(16)[:, None]
+        high = ((steps - start.astype(np.int64)) % 16 < 8) & (on > 0)
         ports = np.packbits(high, axis=1, bitorder="little")
         nibbles = np.stack([ports & 0xF0, (ports & 0x0F) << 4], axis=-1) | self.MARK
         return bytes([self.RESET]) + nibbles.tobytes() + bytes([self.SWAP])
@@ -155,7 +155,7 @@ class Nano16Codec(Codec):
         rises = high & ~np.roll(high, 1, axis=0)
         if np.any(rises.sum(axis=0) != on) or np.any(high.sum(axis=0) != 8 * on):
             raise InvalidInput(
-                f"an element of a Nano16 is high in 8 slots that follow on, not {high.sum(axis=0)}.",
+                f"an element of a Nano16 is high in 8 consecutive steps, not {high.sum(axis=0)}.",
                 code="message_damaged",
             )
         amplitude, phase = on.astype(np.uint8), np.argmax(rises, axis=0).astype(np.uint8)

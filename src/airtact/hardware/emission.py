@@ -26,10 +26,10 @@ STEP = 0.025
 """How long one step of the ramp lasts [s]."""
 
 PATIENCE = 0.5
-"""How long boards sound without being fed before they are silenced [s]."""
+"""How long boards emit without a call before they are silenced [s]."""
 
 LOOK = 0.1
-"""How often a link is asked whether its boards are still there while they play on [s]."""
+"""Time between two checks that the boards are still connected [s]."""
 
 SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Signals that end an emission with silence."""
@@ -40,7 +40,7 @@ NOHUP = getattr(signal, "SIGHUP", None)
 
 @dataclass(frozen=True)
 class Played:
-    """What became of a sequence.
+    """What was played of a sequence.
 
     Attributes
     ----------
@@ -59,19 +59,19 @@ class Emission:
 
     Use it as ``with Emission(link) as emission:``. Sound begins with a ramp. It ends with a frame of zeros, which the
     link sees confirmed, when the block is left, in order or by an exception, at SIGINT, SIGTERM or SIGHUP (which then
-    raise ``KeyboardInterrupt`` or ``SystemExit``), and when for half a second nobody called ``send``, ``hold``,
-    ``play`` or ``beat``. Nothing can be sent after that. A signal that comes while a frame is being sent waits until it
-    is out; outside the main thread Python delivers none.
+    raise ``KeyboardInterrupt`` or ``SystemExit``), and when for half a second no ``send``, ``hold``,
+    ``play`` or ``beat`` is called. Nothing can be sent after that. A signal that comes while a frame is being sent
+    waits until it is sent; outside the main thread Python delivers none.
 
-    A process that is killed, or a computer that stops, sends nothing any more: what the boards do then is told in their
-    how-tos.
+    A process that is killed, or a computer that stops, sends nothing any more: the how-to of each board describes what
+    the boards do then.
 
     Parameters
     ----------
     link : the way to the boards; it is opened and closed here.
-    cap : loudest that an element may be, in per cent of full scale: louder drives are turned down as a whole.
+    cap : largest amplitude of an element, in per cent of full scale; drives above it are reduced as a whole.
     ramp : how long the amplitude rises [s].
-    patience : how long boards sound without being fed [s].
+    patience : how long boards emit without a call [s].
 
     Raises
     ------
@@ -130,7 +130,7 @@ class Emission:
                 self._failure = None
                 self._silence()
         finally:
-            # What the link says of closing adds nothing: silence was confirmed, or its failure is raised from here.
+            # An error on closing adds nothing: silence was confirmed, or its failure is raised from here.
             with suppress(LinkFailed):
                 self.link.close()
             self._unlisten()
@@ -164,7 +164,7 @@ class Emission:
         return self._transmit(faded(drive, self.link.levels, share))
 
     def beat(self) -> None:
-        """Tell the watchdog that the caller is alive and means what the boards play.
+        """Keep the watchdog from silencing the boards.
 
         Raises
         ------
@@ -271,7 +271,7 @@ class Emission:
         return frame
 
     def _do(self, work: Callable[[], None], emitting: bool = True) -> None:
-        """Talk to the boards while no signal can come between."""
+        """Call the link while no signal can interrupt it."""
         self._shield(1)
         try:
             with self._lock:
@@ -287,7 +287,7 @@ class Emission:
         self._obey()
 
     def _shield(self, step: int) -> None:
-        """Count how deep the main thread, the one that signals come to, is in talking to the boards."""
+        """Count the nested calls of the link in the main thread, which receives the signals."""
         if threading.current_thread() is threading.main_thread():
             self._inside += step
 
@@ -302,7 +302,7 @@ class Emission:
             )
 
     def _finish(self, why: str) -> None:
-        """Silence the boards once, whoever asks first; remember why, and whether it failed."""
+        """Silence the boards once; remember why, and whether it failed."""
         self._shield(1)
         try:
             with self._lock:
@@ -321,7 +321,7 @@ class Emission:
             except LinkFailed as error:
                 if last_try:
                     self._failure = LinkFailed(
-                        f"{str(error).rstrip('.')}; the boards may still sound: cut their power.", before, sent
+                        f"{str(error).rstrip('.')}; the boards may still emit: cut their power.", before, sent
                     )
                     raise self._failure from error
             else:
@@ -329,23 +329,23 @@ class Emission:
                 return
 
     def _watch(self) -> None:
-        """Silence the boards when nobody feeds them."""
+        """Silence the boards when no call came for the patience."""
         while not self._done.wait(self._patience / 10.0):
             if not self._emitting or time.monotonic() - self._fed < self._patience:
                 continue
             with self._lock:
                 if time.monotonic() - self._fed < self._patience or self._over is not None:
                     continue
-                self._over = f"nobody fed it for {self._patience:g} s"
+                self._over = f"no call came for {self._patience:g} s"
                 try:
                     self._silence()
                 except LinkFailed:
-                    return  # kept in _failure: the next call and the end of the block raise it
+                    return  # stored in _failure: the next call and the end of the block raise it
                 return
 
     def _listen(self) -> None:
         if threading.current_thread() is threading.main_thread():
-            # A process that was begun with nohup shall outlive its terminal.
+            # A process that was started with nohup outlives its terminal.
             kept = [kind for kind in SIGNALS if (kind != NOHUP or signal.getsignal(kind) != signal.SIG_IGN)]
             self._handlers = {kind: signal.signal(kind, self._on_signal) for kind in kept}
 
@@ -360,7 +360,7 @@ class Emission:
             self._obey()
 
     def _obey(self) -> None:
-        """Do what a signal asked for, now that nothing is being sent; only the main thread can be ended by one."""
+        """Act on a signal, now that nothing is being sent; a signal ends the main thread only."""
         if self._signal is None or threading.current_thread() is not threading.main_thread():
             return
         kind, self._signal = self._signal, None

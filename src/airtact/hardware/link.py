@@ -1,4 +1,4 @@
-"""What every link to boards can do, and the one that only remembers."""
+"""What every link to boards does, and the link that only records."""
 
 import time
 from abc import ABC, abstractmethod
@@ -15,7 +15,7 @@ from airtact.validation import counted, of_kind, positive
 
 
 class LinkFailed(RuntimeError):  # noqa: N818 (reads as what it is in a traceback)
-    """A link failed while it was open; the sentence says what was sent last.
+    """A link failed while it was open; the sentence names what was sent last.
 
     Attributes
     ----------
@@ -32,12 +32,12 @@ class LinkFailed(RuntimeError):  # noqa: N818 (reads as what it is in a tracebac
 class Link(ABC):
     """A way to boards of one kind: open it, send frames or play a sequence, stop, close.
 
-    A link does what it is told. ``Emission`` is what makes it safe: use that.
+    A link sends what it is given. Use ``Emission``, which makes it safe: ramp, cap, watchdog and silence at the end.
 
     Attributes
     ----------
     codec : the messages of its boards.
-    boards, elements : how many boards it speaks to, and elements on them.
+    boards, elements : number of boards, and of elements on all of them.
     last : the frame that was sent last, or None.
     sent : how many frames were sent since it was opened.
     """
@@ -52,7 +52,7 @@ class Link(ABC):
         self.codec = codec_of(board)
         if not isinstance(boards, int | np.integer) or not 1 <= boards <= self.codec.board.most:
             raise InvalidInput(
-                f"one link speaks to 1 to {self.codec.board.most} {board} boards, not {boards}.", code="board_count"
+                f"one link drives 1 to {self.codec.board.most} {board} boards, not {boards}.", code="board_count"
             )
         self.elements = boards * len(self.codec.board)
         self.boards = boards
@@ -101,7 +101,7 @@ class Link(ABC):
             If the boards do not answer.
         """
         self.last, self.sent = None, 0
-        with self._talking("opening"):
+        with self._reporting("opening"):
             self._begin()
         self._open = True
 
@@ -116,7 +116,7 @@ class Link(ABC):
             If the link fails.
         """
         self._check(frame)
-        with self._talking("sending"):
+        with self._reporting("sending"):
             self._transmit(frame)
         self.last = frame
         self.sent += 1
@@ -143,13 +143,13 @@ class Link(ABC):
         for frame in frames:
             self._check(frame)
         self.check_sequence(len(frames), rate)
-        with self._talking("sending"):
+        with self._reporting("sending"):
             self._upload(frames, rate)
         self.last = frames[-1]
         self.sent += len(frames)
 
     def check_sequence(self, frames: int, rate: float) -> None:
-        """Refuse a sequence that the boards or the link cannot play, with the nearest that they can.
+        """Check that the boards and the link can play a sequence; the sentence names the nearest that they can.
 
         Parameters
         ----------
@@ -171,22 +171,22 @@ class Link(ABC):
             )
 
     def stop(self) -> None:
-        """Silence the boards and see it confirmed as far as they can.
+        """Silence the boards; those that can confirm it.
 
         Raises
         ------
         LinkFailed
-            If that cannot be done: the boards may still sound.
+            If that fails: the boards may still emit.
         """
         if not self._open:
             return
-        with self._talking("silencing"):
+        with self._reporting("silencing"):
             self._silence()
         self.last = self.zero()
         self.sent += 1
 
     def probe(self) -> None:
-        """See whether the boards are still there, where the link can tell, while they go on playing.
+        """Check that the boards are still connected, where the link can, while they go on emitting.
 
         Raises
         ------
@@ -194,18 +194,18 @@ class Link(ABC):
             If they are not.
         """
         if self._open:
-            with self._talking("looking for the boards"):
+            with self._reporting("looking for the boards"):
                 self._look()
 
     def close(self) -> None:
-        """Let go of the boards; they keep what they play, so stop first."""
+        """Close the connection; boards go on emitting, so call ``stop`` before."""
         if self._open:
             self._open = False
-            with self._talking("closing"):
+            with self._reporting("closing"):
                 self._end()
 
     def zero(self) -> Frame:
-        """Return the frame in which nobody speaks."""
+        """Return the frame in which all elements are off."""
         nothing = np.zeros(self.elements, dtype=np.uint8)
         return Frame(nothing, nothing, self.levels)
 
@@ -221,8 +221,8 @@ class Link(ABC):
     def _silence(self) -> None:
         self._transmit(self.zero())
 
-    def _look(self) -> None:  # noqa: B027 (links that cannot tell do nothing)
-        """Raise what ``_talking`` understands where the boards are gone; links that cannot tell do nothing."""
+    def _look(self) -> None:  # noqa: B027 (links that cannot check do nothing)
+        """Raise what ``_reporting`` understands if the boards are gone; links that cannot check do nothing."""
 
     @abstractmethod
     def _end(self) -> None: ...
@@ -248,26 +248,26 @@ class Link(ABC):
             )
 
     @contextmanager
-    def _talking(self, doing: str) -> Iterator[None]:
+    def _reporting(self, doing: str) -> Iterator[None]:
         try:
             yield
         except OSError as error:
             raise self._failed(doing, error.strerror or str(error)) from error
 
     def _failed(self, doing: str, why: str) -> LinkFailed:
-        """Say that the link failed, and what was sent last."""
+        """Build the error that the link failed, with what was sent last."""
         if self.last is None:
             done = "nothing was sent before"
         elif self.last.silent:
             done = f"the last of {self.sent} frames sent was silence"
         else:
-            loud = int(np.count_nonzero(self.last.amplitude))
-            done = f"the last of {self.sent} frames sent had {loud} of {self.elements} elements speaking"
+            on = int(np.count_nonzero(self.last.amplitude))
+            done = f"the last of {self.sent} frames sent had {on} of {self.elements} elements on"
         return LinkFailed(f"the {self.name} link failed while {doing}: {why}; {done}.", self.last, self.sent)
 
 
 class RecordingLink(Link):
-    """Remembers what it was sent, for tests and for trying out.
+    """Records what it is sent, for tests and trials.
 
     Attributes
     ----------

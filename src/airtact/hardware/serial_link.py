@@ -34,7 +34,7 @@ class SerialLink(Link):
 
     A Nano16 echoes the reset and the swap of a frame, so that every frame is confirmed and sent again where the echo
     stays away. A SonicSurface never answers: there a frame counts as sent when the port has let all of it out. Both
-    keep two buffers, and the swap that makes one play turns the other to the back; silence is therefore sent twice.
+    keep two buffers, and the swap that makes one play brings the other to the back; silence is therefore sent twice.
 
     Parameters
     ----------
@@ -97,9 +97,9 @@ class SerialLink(Link):
         self._line.close()
 
     @contextmanager
-    def _talking(self, doing: str) -> Iterator[None]:
+    def _reporting(self, doing: str) -> Iterator[None]:
         try:
-            with super()._talking(doing):
+            with super()._reporting(doing):
                 yield
         except Exception as error:
             # A terminal that is gone raises an error of its own, which is no OSError and not there on every system.
@@ -150,7 +150,7 @@ def _library() -> Any:
 
 
 def _cannot_open(port: str, error: Exception) -> str:
-    """Say why a port cannot be opened, and which there are."""
+    """Write why a port cannot be opened, and which ports exist."""
     number = getattr(error, "errno", None)
     there = ", ".join(serial_ports()) or "none"
     if number in (11, 16) or "lock" in str(error):

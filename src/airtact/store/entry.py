@@ -1,7 +1,7 @@
 """A field as one file: an HDF5 file whose first 512 bytes hold a checksum of the others.
 
-The field's dataclasses become a tree in JSON, its arrays datasets; scene and sources are not stored, for who looks for
-the field has them.
+The field's dataclasses become a tree in JSON, its arrays datasets; scene and sources are not stored, because who looks
+for the field has them.
 """
 
 import hashlib
@@ -36,7 +36,7 @@ class DamagedError(Exception):
 
 
 def written(field: RadiatedField, key: str) -> bytes:
-    """Write a field down.
+    """Return the bytes of a field's file.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def written(field: RadiatedField, key: str) -> bytes:
 
 
 def read(whole: bytes, key: str, scene: Scene, sources: Monopoles) -> RadiatedField:
-    """Make the field again.
+    """Restore the field from the bytes of its file.
 
     Parameters
     ----------
@@ -93,12 +93,12 @@ def read(whole: bytes, key: str, scene: Scene, sources: Monopoles) -> RadiatedFi
 
 
 def save(path: Path, whole: bytes) -> None:
-    """Let a file appear with all its bytes on the disk, whoever else writes it or whatever ends this process.
+    """Write a file that appears with all its bytes on the disk, even if others write it or the process is killed.
 
     Parameters
     ----------
     path : of the file; its folder is there.
-    whole : what it shall hold.
+    whole : its content.
 
     Raises
     ------

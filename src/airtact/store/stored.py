@@ -31,11 +31,11 @@ ABANDONED = 600.0
 class Stored(Solver):
     """A solver that keeps what it solved, in memory and in a folder, and answers from there.
 
-    A field is found again only by all that determines it, to the last bit: every vertex and mid-edge point, boundary,
+    A field is found again by everything that determines it, to the last bit: every vertex and mid-edge point, boundary,
     medium, frequency, source, setting of the solver, and airtact itself. Entries appear whole or not at all, whoever
     writes at the same time or is killed; damaged ones are noticed by their checksum and solved again. The oldest-used
-    go when the folder holds too much. A field that cannot be kept is solved all the same, and its report's warnings
-    say why it is not kept. Finite elements' fields are kept in memory only.
+    go when the folder holds too much. A field that cannot be stored is solved all the same, and its report's
+    warnings give the reason. Finite elements' fields stay in memory only.
 
     Parameters
     ----------
@@ -83,12 +83,12 @@ class Stored(Solver):
 
         Parameters
         ----------
-        scene, sources : as for the solver itself, which also says what it refuses.
+        scene, sources : as for the solver itself, which also checks them.
         """
         try:
             key = fingerprint(self.solver, scene, sources)
         except InvalidInput as unknown:
-            return _saying(self.solver.radiate(scene, sources), f"this field is not stored: {unknown}")
+            return _with_warning(self.solver.radiate(scene, sources), f"this field is not stored: {unknown}")
         if key in self._memory:
             self._memory.move_to_end(key)
             return self._memory[key]
@@ -96,7 +96,7 @@ class Stored(Solver):
         if field is None:
             field = self.solver.radiate(scene, sources)
             for sentence in self._into_folder(key, field):
-                field = _saying(field, sentence)
+                field = _with_warning(field, sentence)
         self._memory[key] = field
         while len(self._memory) > MOST_IN_MEMORY:
             self._memory.popitem(last=False)
@@ -151,7 +151,7 @@ class Stored(Solver):
             held -= size
 
 
-def _saying(field: RadiatedField, sentence: str) -> RadiatedField:
+def _with_warning(field: RadiatedField, sentence: str) -> RadiatedField:
     """Add a warning to a field's report."""
     return _with_report(field, replace(field.report, warnings=(*field.report.warnings, sentence)))
 

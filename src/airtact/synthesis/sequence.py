@@ -1,8 +1,8 @@
-"""Drives that follow each other: what modulation makes of sound that is too fast to be felt by itself.
+"""Sequences of drives: modulation makes ultrasound perceptible, which is too fast to be felt by itself.
 
-Skin feels changes of a few to a few hundred hertz. They are made by swinging the amplitude (amplitude modulation), by
+Skin feels changes of a few to a few hundred hertz. They come from varying the amplitude (amplitude modulation), from
 moving a focus to and fro (lateral modulation; R. Takahashi, K. Hasegawa, H. Shinoda, IEEE Trans. Haptics 13, 334, 2020)
-or by leading it along a path (spatiotemporal modulation; W. Frier et al., EuroHaptics 2018).
+or from leading it along a path (spatiotemporal modulation; W. Frier et al., EuroHaptics 2018).
 """
 
 from collections.abc import Callable, Mapping
@@ -57,10 +57,10 @@ class Sequence:
         if drives.ndim != 2 or drives.size == 0:
             raise InvalidInput(f"a sequence has the shape (frames, elements), not {drives.shape}.", code="wrong_shape")
         check_finite(drives, "the drives of a sequence (frame, element)")
-        loudest = np.abs(drives).max(axis=1)
-        if loudest.max() > FULL_SCALE:
+        largest = np.abs(drives).max(axis=1)
+        if largest.max() > FULL_SCALE:
             raise InvalidInput(
-                f"frame {int(loudest.argmax())} of a sequence drives an element at {loudest.max():.4g} of full scale; "
+                f"frame {int(largest.argmax())} of a sequence drives an element at {largest.max():.4g} of full scale; "
                 "divide the sequence by that.",
                 code="over_full_scale",
             )
@@ -144,13 +144,13 @@ class Sequence:
     def slew(self) -> Float64[np.ndarray, "frames"]:
         """(N,) largest change |Δd| of an element from each frame to the next, the last to the first: 0 to 2.
 
-        Steps of the amplitude are heard as noise, and boards that smooth their output lag behind large ones.
+        Steps of the amplitude make audible noise, and boards that smooth their output lag behind large ones.
         """
         return np.abs(np.roll(self.drives, -1, axis=0) - self.drives).max(axis=1)
 
 
 def check_playable(sequence: Sequence, *, clock: float, most: int, slowest: int = 65535) -> None:
-    """Refuse a sequence that a board cannot play.
+    """Check that a board can play a sequence.
 
     Parameters
     ----------
@@ -179,17 +179,17 @@ def check_playable(sequence: Sequence, *, clock: float, most: int, slowest: int 
 
 
 def amplitude_modulation(drive: Drive, frequency: float = 200.0, rate: float = 4000.0, depth: float = 1.0) -> Sequence:
-    """Swing the loudness of a drive so that the force on the skin follows a cosine.
+    """Vary the amplitude of a drive so that the force on the skin follows a cosine.
 
     Radiation force goes with the square of the pressure, so the amplitude of frame t is the drive's times
-    √(1 − depth (1 − cos 2πft)/2): the force swings between 1 and 1 − depth with no overtone.
+    √(1 − depth (1 − cos 2πft)/2): the force varies between 1 and 1 − depth with no overtone.
 
     Parameters
     ----------
-    drive : at its loudest.
-    frequency : of the swing [Hz]; fingers feel 200 Hz best.
+    drive : at its largest amplitude.
+    frequency : of the modulation [Hz]; fingers feel 200 Hz best.
     rate : frames a second, a whole number of times the frequency.
-    depth : of the swing of the force, above 0 to 1.
+    depth : of the modulation of the force, above 0 to 1.
 
     Raises
     ------
@@ -199,8 +199,8 @@ def amplitude_modulation(drive: Drive, frequency: float = 200.0, rate: float = 4
 
     Examples
     --------
-    >>> swing = amplitude_modulation(Drive(np.ones(2, dtype=complex)), frequency=200.0, rate=800.0)
-    >>> (np.abs(swing.drives[:, 0]) ** 2).round(12).tolist()
+    >>> modulated = amplitude_modulation(Drive(np.ones(2, dtype=complex)), frequency=200.0, rate=800.0)
+    >>> (np.abs(modulated.drives[:, 0]) ** 2).round(12).tolist()
     [1.0, 0.5, 0.0, 0.5]
     """
     check_drive(drive, "the drive")
@@ -208,8 +208,8 @@ def amplitude_modulation(drive: Drive, frequency: float = 200.0, rate: float = 4
         raise InvalidInput(
             f"the depth of the modulation is {depth:g}, but it must be above 0 and at most 1.", code="out_of_range"
         )
-    turn = 2.0 * np.pi * np.arange(_frames(frequency, rate)) / _frames(frequency, rate)
-    envelope = np.sqrt(np.maximum(1.0 - depth * (1.0 - np.cos(turn)) / 2.0, 0.0))
+    angle = 2.0 * np.pi * np.arange(_frames(frequency, rate)) / _frames(frequency, rate)
+    envelope = np.sqrt(np.maximum(1.0 - depth * (1.0 - np.cos(angle)) / 2.0, 0.0))
     return Sequence(envelope[:, None] * drive.amplitudes, rate)
 
 
@@ -255,7 +255,7 @@ def spatiotemporal_modulation(
     ----------
     transfer : of all the points.
     target : points of a path in their order, such as ``circle`` gives, one focus at a time.
-    frequency : of the turns [Hz].
+    frequency : of the rounds [Hz].
     rate : frames a second, a whole number of times the frequency.
     method : makes the drive of each point from its row of the matrix.
 
@@ -297,7 +297,7 @@ def _led(
 
 
 def _frames(frequency: float, rate: float, least: int = FEWEST) -> int:
-    """Count the frames of a period, or refuse a rate that does not fit the frequency."""
+    """Count the frames of a period, and check that the rate fits the frequency."""
     frequency = positive(frequency, "the frequency of the modulation", "Hz")
     rate = positive(rate, "the rate of a sequence", "frames/s")
     least = max(least, FEWEST)

@@ -1,4 +1,4 @@
-"""A Kalman filter that takes every coordinate to keep its velocity, which changes by chance: by white acceleration.
+"""A Kalman filter in which every coordinate keeps its velocity up to white noise of the acceleration.
 
 All coordinates are equally noisy and equally agile, so they share one covariance (2, 2) of position and velocity, and
 with it one gain.
@@ -21,7 +21,7 @@ USUAL = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Where points are and how they move, as far as measurements tell.
+    """Positions and velocities of points, as estimated from measurements.
 
     Attributes
     ----------
@@ -49,23 +49,18 @@ class Motion:
         agility : spectral density of the acceleration [m²/s³].
         """
         step = time - self.time
-        forward, chance = transition(step), wander(step, agility)
+        forward, chance = transition(step), process_noise(step, agility)
         positions = self.positions + step * self.velocities
         return replace(self, time=time, positions=positions, covariance=forward @ self.covariance @ forward.T + chance)
 
 
 def transition(step: float) -> Float64[np.ndarray, "2 2"]:
-    """Say what a step of time makes of position and velocity.
-
-    Parameters
-    ----------
-    step : [s].
-    """
+    """Return the matrix that advances position and velocity by a step of time [s]."""
     return np.array([[1.0, step], [0.0, 1.0]])
 
 
-def wander(step: float, agility: float) -> Float64[np.ndarray, "2 2"]:
-    """Say how far position and velocity may wander in a step of time, as their covariance.
+def process_noise(step: float, agility: float) -> Float64[np.ndarray, "2 2"]:
+    """Return the covariance that random acceleration adds to position and velocity in a step of time.
 
     Parameters
     ----------
@@ -77,7 +72,7 @@ def wander(step: float, agility: float) -> Float64[np.ndarray, "2 2"]:
 
 
 def first_seen(time: float, positions: Real[np.ndarray, "points 3"], noise: float) -> Motion:
-    """Begin with one measurement: the points stand still, as far as it tells.
+    """Start from one measurement, with the points at rest.
 
     Parameters
     ----------
@@ -92,7 +87,7 @@ def first_seen(time: float, positions: Real[np.ndarray, "points 3"], noise: floa
 def measured(
     motion: Motion, time: float, positions: Real[np.ndarray, "points 3"], noise: float, agility: float
 ) -> Motion:
-    """Take a measurement into account.
+    """Update the estimate with a measurement.
 
     Parameters
     ----------

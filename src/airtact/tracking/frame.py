@@ -1,6 +1,6 @@
 """One frame of a hand as any tracker gives it: when, which hand, and where its joints or the points of its skin are.
 
-The time is that of the tracker's own clock at which the picture was taken, as far as the tracker tells; only
+The time is that of the tracker's own clock at which the picture was taken, as far as the tracker knows it; only
 differences count. Landmarks and cloud are in the tracker's frame, in metres: ``moved`` brings them into that of the
 scene.
 """
@@ -29,7 +29,7 @@ Fault = Literal[
     "out_of_order",
     "backwards",
 ]
-"""What can be wrong with a frame so that it is left out; ``StreamHealth`` says what each means."""
+"""What can be wrong with a frame so that it is left out; ``StreamHealth`` describes each."""
 
 LARGEST_CLOUD = 20.0
 """Points of a cloud farther apart than this cannot be metres [m]."""
@@ -68,7 +68,7 @@ class HandFrame:
     ------
     InvalidInput
         When time, side or sequence number are none, or the landmarks are not those of such a hand: NaN, millimetres, an
-        unknown number, impossible bones, those of the other hand. It is a ``FaultyFrame`` whose ``fault`` says which.
+        unknown number, impossible bones, those of the other hand. It is a ``FaultyFrame`` with the kind of ``fault``.
     """
 
     time: float
@@ -162,7 +162,7 @@ def _checked_landmarks(given: Real[np.ndarray, "landmarks 3"], side: str) -> Flo
     if side_of(joints) not in (side, "unknown"):
         raise FaultyFrame(
             "mirrored",
-            f"the landmarks are said to be of a {side} hand, but the fingers bend and the thumb points as those of a "
+            f"the landmarks are labelled as a {side} hand's, but the fingers bend and the thumb points as those of a "
             f"{side_of(joints)} one ({evidence_of(joints):+.2f}, above 0 being right): are they mirrored?",
         )
     return landmarks

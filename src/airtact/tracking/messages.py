@@ -1,8 +1,8 @@
 """Frames as messages: JSON, for websockets and recordings, and OSC, for programs of sound and light.
 
 JSON: one object, such as ``{"time": 1.5, "side": "left", "sequence": 45, "landmarks": [[x, y, z], ...]}``, with a
-``cloud`` of points where there is one. Neither landmarks nor cloud, or null for both, says that the hand is lost; null
-for a coordinate or a landmark says that this one is.
+``cloud`` of points where there is one. Neither landmarks nor cloud, or null for both, means that the hand is lost; null
+for a coordinate or a landmark means that this one is.
 
 OSC: address ``/airtact/hand``, arguments time (double), side (string), sequence (integer), then x, y, z of every
 landmark (floats; none where the hand is lost), and where there is a cloud a blob of big-endian floats, x, y, z of every
@@ -67,7 +67,7 @@ def from_json(text: bytes | str) -> HandFrame:
     Raises
     ------
     InvalidInput
-        It is not such JSON, or the frame is refused: a ``FaultyFrame`` that says what is wrong.
+        It is not such JSON, or the frame is faulty: a ``FaultyFrame`` with the kind of fault.
     """
     try:
         message = _message_in(text)
@@ -108,7 +108,7 @@ def from_osc(packet: bytes) -> list[HandFrame]:
     Raises
     ------
     InvalidInput
-        It is not OSC, or the arguments are not those of a frame, or the frame is refused.
+        It is not OSC, the arguments are not those of a frame, or the frame is faulty.
     """
     from pythonosc.osc_packet import OscPacket
 

@@ -22,15 +22,15 @@ TRACKED_CHAINS = tuple(tuple(range(start, start + 4)) for start in (1, 5, 9, 13,
 """Landmarks of each finger, from the wrist to the tip, where there are 21."""
 
 LONGEST_LATENCY = 1.0
-"""Nobody can tell where a hand is after longer [s]."""
+"""Longest latency over which a prediction makes sense [s]."""
 
 
 class Predictor:
-    """Says where the landmarks of one hand will be, by a Kalman filter of constant velocity.
+    """Predicts where the landmarks of one hand will be, by a Kalman filter of constant velocity.
 
     Parameters
     ----------
-    latency : from the moment that a frame's time says to the moment at which the sound made of it is in the air [s].
+    latency : from the time of a frame to the moment at which the sound computed from it is in the air [s].
     noise : standard deviation of each coordinate of the tracker's landmarks [m].
     agility : how suddenly landmarks change their velocity, as spectral density of the acceleration [m²/s³].
     patience : a hand that was not seen for longer is lost, and begins anew when it is back [s].
@@ -86,7 +86,7 @@ class Predictor:
         self._newest = frame
 
     def at(self, time: float) -> HandFrame:
-        """Say where the hand will be a latency after a time.
+        """Predict the hand a latency after a time.
 
         Parameters
         ----------
@@ -95,8 +95,8 @@ class Predictor:
         Returns
         -------
         The frame of that later time, with the newest one's number; a lost one where the hand was not seen for longer
-        than the patience. Where the landmarks carried on are no hand any more, bones keep their lengths; where that is
-        none either, they are the newest ones.
+        than the patience. Where the predicted landmarks are no possible hand, bones keep their lengths; where that is
+        impossible too, the newest landmarks are returned.
 
         Raises
         ------
@@ -105,9 +105,7 @@ class Predictor:
         """
         last, motion = self._newest, self._motion
         if last is None or motion is None:
-            raise InvalidInput(
-                "0 frames with landmarks were taken; take one before asking where the hand will be.", code="no_frames"
-            )
+            raise InvalidInput("0 frames with landmarks were taken; take one before a prediction.", code="no_frames")
         then = number(time, "time", "s") + self.latency
         if time - motion.time > self._patience:
             return HandFrame(then, last.side, last.sequence)
@@ -120,7 +118,7 @@ class Predictor:
         return HandFrame(then, last.side, last.sequence, last.landmarks)
 
     def spread(self, time: float) -> float:
-        """Say how uncertain each coordinate is a latency after a time, as its standard deviation [m].
+        """Return the standard deviation of each coordinate a latency after a time [m].
 
         Parameters
         ----------
@@ -132,9 +130,7 @@ class Predictor:
             When no frame was taken yet.
         """
         if self._motion is None:
-            raise InvalidInput(
-                "0 frames with landmarks were taken; take one before asking how sure it is.", code="no_frames"
-            )
+            raise InvalidInput("0 frames with landmarks were taken; take one before a prediction.", code="no_frames")
         return float(np.sqrt(self._motion.at(time + self.latency, self._agility).covariance[0, 0]))
 
 

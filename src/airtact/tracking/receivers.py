@@ -1,7 +1,7 @@
 """Sockets that trackers send their frames to; each listens in threads of its own and feeds a ``HandStream``.
 
-They are for trackers on this computer: they listen at 127.0.0.1 unless told otherwise, and pages of other sites that a
-browser shows cannot speak to them.
+They are for trackers on this computer: they listen at 127.0.0.1 unless another host is given, and pages of other sites
+in a browser cannot connect to them.
 """
 
 import re
@@ -54,13 +54,13 @@ class WebSocketReceiver(_Listening):
     Parameters
     ----------
     stream : what is fed; a new one unless given.
-    port : to listen at; 0 takes a free one, which ``port`` tells.
+    port : to listen at; 0 takes a free one, which the attribute ``port`` holds.
     host : the address to listen at.
 
     Raises
     ------
     InvalidInput
-        When nobody can listen there: another program does.
+        The port is taken by another program, or does not exist.
     """
 
     def __init__(self, stream: HandStream | None = None, port: int = 0, host: str = "127.0.0.1") -> None:
@@ -72,7 +72,7 @@ class WebSocketReceiver(_Listening):
         bound = _bound(socket.SOCK_STREAM, port, host)
         self.port = bound.getsockname()[1]
         self._server = serve(
-            self._hear,
+            self._receive,
             sock=bound,
             origins=[None, OWN_PAGES],
             max_size=LARGEST_MESSAGE,
@@ -92,7 +92,7 @@ class WebSocketReceiver(_Listening):
             connection.close()
         self._thread.join()
 
-    def _hear(self, connection: "ServerConnection") -> None:
+    def _receive(self, connection: "ServerConnection") -> None:
         from websockets.exceptions import ConnectionClosed
 
         with self._lock:
@@ -117,13 +117,13 @@ class OscReceiver(_Listening):
     Parameters
     ----------
     stream : what is fed; a new one unless given.
-    port : to listen at; 0 takes a free one, which ``port`` tells.
+    port : to listen at; 0 takes a free one, which the attribute ``port`` holds.
     host : the address to listen at.
 
     Raises
     ------
     InvalidInput
-        When nobody can listen there: another program does.
+        The port is taken by another program, or does not exist.
     """
 
     def __init__(self, stream: HandStream | None = None, port: int = 0, host: str = "127.0.0.1") -> None:
@@ -168,6 +168,7 @@ def _bound(kind: socket.SocketKind, port: int, host: str) -> socket.socket:
     except OSError as error:
         made.close()
         raise InvalidInput(
-            f"nobody can listen at {host}, port {port}: {error.strerror}; take another port.", code="port_taken"
+            f"the receiver cannot listen at {host}, port {port}: {error.strerror}; take another port.",
+            code="port_taken",
         ) from None
     return made

@@ -35,7 +35,7 @@ class Recording:
     Attributes
     ----------
     frames : in the order of the file.
-    health : what was in the file, and what was wrong with it; nobody can tell lateness there.
+    health : what was in the file, and what was wrong with it; lateness is not known from a file.
     """
 
     frames: tuple[HandFrame, ...]
@@ -50,8 +50,8 @@ def load_recording(path: Path, leave_out: bool = False) -> Recording:
     Parameters
     ----------
     path : a file of JSON lines, ``.jsonl``, or of NumPy, ``.npz``.
-    leave_out : whether frames that cannot be used are left out and counted, as a stream does, instead of refusing the
-        file because of the first.
+    leave_out : whether faulty frames are left out and counted, as a stream does, instead of rejecting the file at the
+        first.
 
     Raises
     ------

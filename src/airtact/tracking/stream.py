@@ -24,7 +24,7 @@ FARTHEST = 1000
 """A sequence number may jump so far; farther is a new count."""
 
 REMEMBERED = 256
-"""So many frames are remembered to tell a repeated frame from one out of order."""
+"""Number of frames remembered, to distinguish a repeated frame from one out of order."""
 
 DRIFT = 1e-3
 """Clocks of trackers may run faster or slower than ours by this share."""
@@ -38,20 +38,20 @@ class StreamHealth:
     ----------
     received : frames and other messages that came.
     used : frames that were handed on, those of lost hands included.
-    lost : times that a hand was lost, said by the tracker or told by its silence.
+    lost : times that a hand was lost, reported by the tracker or concluded from its silence.
     unreadable : messages that are no frame.
     half_lost : frames with NaN, infinite or missing coordinates; left out.
     unknown_count : frames with neither 25 nor 21 landmarks; left out.
     not_metres : frames that span more than a metre, as millimetres do; left out.
     impossible : frames with bones longer or shorter than any; left out.
-    mirrored : frames of the other hand than they say; left out.
+    mirrored : frames labelled as the other hand; left out.
     repeated : frames that had come before; left out.
     out_of_order : frames older than one that had come before; left out.
     backwards : frames with a later number but no later time; left out.
     late : frames that came later than others after their time, but were used.
     skipped : frames missing between those that came.
     restarted : times that a tracker began anew.
-    interrupted : connections that ended without a farewell, as those of a tracker that is killed do.
+    interrupted : connections that ended without being closed, as with a tracker that is killed.
     """
 
     received: int = 0
@@ -72,9 +72,9 @@ class StreamHealth:
     interrupted: int = 0
 
     def __str__(self) -> str:
-        """Say all counts that are not zero."""
-        said = [(one.name.replace("_", " "), getattr(self, one.name)) for one in fields(self)]
-        return ", ".join(f"{count:,} {name}" for name, count in said if count or name == "received")
+        """List all counts that are not zero."""
+        counts = [(one.name.replace("_", " "), getattr(self, one.name)) for one in fields(self)]
+        return ", ".join(f"{count:,} {name}" for name, count in counts if count or name == "received")
 
 
 @dataclass(eq=False)
@@ -179,7 +179,7 @@ class HandStream:
                 self._counts[frame.fault] += 1
                 return frame
             seen, now = self._hands[frame.side], self._clock()
-            fault = self._misplaced(frame, seen)
+            fault = self._fault_in_order(frame, seen)
             if fault is not None:
                 self._counts[fault.fault] += 1
                 return fault
@@ -189,7 +189,7 @@ class HandStream:
             return None
 
     def interrupt(self) -> None:
-        """Count a connection that ended without a farewell; the hands it brought are lost when nothing more comes."""
+        """Count a connection that ended without being closed; the hands it brought are lost when nothing more comes."""
         with self._changed:
             self._counts["interrupted"] += 1
 
@@ -229,8 +229,8 @@ class HandStream:
                     return None
                 self._changed.wait(min(left, self._silence / 4))  # silence makes no noise: look again
 
-    def _misplaced(self, frame: HandFrame, seen: _Seen) -> FaultyFrame | None:
-        """Tell what is wrong with the place of a frame among those before, and notice a tracker that began anew."""
+    def _fault_in_order(self, frame: HandFrame, seen: _Seen) -> FaultyFrame | None:
+        """Return what is wrong with the order of a frame among those before, and notice a tracker that restarted."""
         last = seen.newest
         if last is None:
             return None
@@ -242,7 +242,7 @@ class HandStream:
         which = f"frame {frame.sequence} of the {frame.side} hand"
         if (frame.sequence, frame.time) in seen.places:
             return FaultyFrame("repeated", f"{which} had come before; leave it out.")
-        if seen.silent or self._began_anew(frame, seen):
+        if seen.silent or self._restarted(frame, seen):
             self._counts["restarted"] += 1
             seen.places.clear()
             self._quickest = None
@@ -253,7 +253,7 @@ class HandStream:
         back = f"time goes back from {last.time:g} to {frame.time:g} s"
         return FaultyFrame("backwards", f"{back} at {which}; give each frame a later time than the one before.")
 
-    def _began_anew(self, frame: HandFrame, seen: _Seen) -> bool:
+    def _restarted(self, frame: HandFrame, seen: _Seen) -> bool:
         before = seen.outlier
         follows = before is not None and frame.sequence > before.sequence and frame.time > before.time
         seen.outliers = seen.outliers + 1 if follows else 1

@@ -29,7 +29,7 @@ FREQUENCY = 40e3
 """What all boards here play [Hz]."""
 
 MOST_LOOKED_AT = 32
-"""Of a sequence so many frames, the most powerful, are looked at for what rounding costs and how loud it is."""
+"""Number of frames of a sequence, the most powerful ones, that rounding and the level at a head are computed for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +42,9 @@ class Plan:
     board : the kind of board.
     poses : where each stands.
     rounding : (F,) relative change of the pressure at each focus that the board's levels make, the worst over the
-        most powerful frames; None where the file does not tell how the foci hear the elements.
-    head : loudest level half a metre off the array [dB].
-    cap : loudest that an element may be, in per cent of full scale.
+        most powerful frames; None without a transfer matrix in the file.
+    head : largest level half a metre off the array [dB].
+    cap : largest amplitude of an element, in per cent of full scale.
     """
 
     stored: DriveFile
@@ -56,13 +56,13 @@ class Plan:
 
 
 def plan(path: Path, board: str, cap: float = 100.0) -> Plan:
-    """Read a drive and see whether boards can play it, what rounding costs, and how loud it would be.
+    """Read a drive, check that boards can play it, and find what rounding costs and the level at a head.
 
     Parameters
     ----------
     path : the drive.h5.
     board : name of the kind of board.
-    cap : loudest that an element may be, in per cent of full scale.
+    cap : largest amplitude of an element, in per cent of full scale.
 
     Raises
     ------
@@ -88,30 +88,30 @@ def plan(path: Path, board: str, cap: float = 100.0) -> Plan:
         poses = tuple(poses_of_boards(kind, stored.positions, stored.normals))
     levels = codec_of(kind).levels
     share = share_under_cap(stored.drives, levels, cap)
-    loud = _most_powerful(stored.drives)
-    played = np.stack([faded(Drive(row), levels, share).drive().amplitudes for row in loud])
+    strongest = _most_powerful(stored.drives)
+    played = np.stack([faded(Drive(row), levels, share).drive().amplitudes for row in strongest])
     sensitivity = DEFAULT_SENSITIVITY if stored.sensitivity is None else stored.sensitivity
     around = largest_pressure_around(stored.positions, played, sensitivity, 2 * np.pi * FREQUENCY / speed)
     head = float(sound_pressure_level(np.array([around]))[0])
-    return Plan(stored, kind, poses, _rounding(stored, loud, kind), head, cap)
+    return Plan(stored, kind, poses, _rounding(stored, strongest, kind), head, cap)
 
 
-def _most_powerful(drives: Complex128[np.ndarray, "frames elements"]) -> Complex128[np.ndarray, "loud elements"]:
+def _most_powerful(drives: Complex128[np.ndarray, "frames elements"]) -> Complex128[np.ndarray, "strongest elements"]:
     return drives[np.argsort(-np.linalg.norm(drives, axis=1), kind="stable")[:MOST_LOOKED_AT]]
 
 
 def _rounding(
-    stored: DriveFile, loud: Complex128[np.ndarray, "loud elements"], board: Board
+    stored: DriveFile, drives: Complex128[np.ndarray, "frames elements"], board: Board
 ) -> Float64[np.ndarray, "foci"] | None:
     levels = codec_of(board).levels
-    if stored.matrix is None or stored.matrix.shape[1] != loud.shape[1]:
+    if stored.matrix is None or stored.matrix.shape[1] != drives.shape[1]:
         return None
     transfer = TransferMatrix(stored.matrix, np.nan, stored.foci)
-    pairs = [(drive, quantise(drive, levels)) for drive in (Drive(row) for row in loud)]
-    heard = [rounding_error(transfer, drive, frame) for drive, frame in pairs if not frame.silent]
-    if not heard:
+    pairs = [(drive, quantise(drive, levels)) for drive in (Drive(row) for row in drives)]
+    found = [rounding_error(transfer, drive, frame) for drive, frame in pairs if not frame.silent]
+    if not found:
         return None
-    changes = np.array(heard)
+    changes = np.array(found)
     return changes[np.abs(changes).argmax(axis=0), np.arange(changes.shape[1])]
 
 
@@ -156,7 +156,7 @@ def emit(
     made : the plan.
     link : see ``link_for``.
     seconds : how long.
-    tell : is told each step as it begins.
+    report_step : called with each step as it begins.
 
     Returns
     -------
@@ -165,7 +165,7 @@ def emit(
     Raises
     ------
     InvalidInput
-        If the link cannot be opened, or the boards refuse the sequence; nothing was emitted then.
+        If the link cannot be opened, or the boards cannot play the sequence; nothing was emitted then.
     LinkFailed
         If the link fails, with what was sent last.
     """

@@ -6,7 +6,7 @@ only::
     python leap.py --to ws://127.0.0.1:8765
 
 Landmarks are the 25 joints of WebXR in the frame of the controller: origin at the middle of its top, x to its right
-along its long side, y up from it, z towards the user, in metres (the service tells millimetres). Time is the
+along its long side, y up from it, z towards the user, in metres (the service gives millimetres). Time is the
 controller's own.
 
 Source: *WebSocket Communication*, Leap Motion developer documentation 2.3: frames, hands, pointables and units.
@@ -33,7 +33,7 @@ class Frame(TypedDict):
 
 
 def main() -> None:
-    """Hear the service, send the frames, until one of both ends."""
+    """Receive from the service and send the frames, until one of both ends."""
     from websockets.exceptions import ConnectionClosed
     from websockets.sync.client import connect
 
@@ -60,7 +60,7 @@ def hands_in(messages: Iterator[str]) -> Iterator[Frame]:
     Yields
     ------
     Frames as airtact takes them: of each hand, and one that is lost where a hand is no longer tracked. Joints that the
-    service does not tell are null.
+    service does not give are null.
     """
     seen: set[str] = set()
     for message in messages:

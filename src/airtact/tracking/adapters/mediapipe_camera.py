@@ -8,10 +8,10 @@ its own::
     camera/bin/python mediapipe_camera.py --to ws://127.0.0.1:8765
 
 Landmarks are the 21 of MediaPipe in the camera's frame: origin at its lens, x to the right and y down in its picture,
-z away from it, in metres. MediaPipe tells the shape of the hand twice, each time with errors of its own: as *world
+z away from it, in metres. MediaPipe gives the shape of the hand twice, each time with errors of its own: as *world
 landmarks*, metres round the middle of the hand, and as landmarks in the picture with a depth; the mirror image is
 looked at as well, unless ``--once``. The mean of all is moved and turned until it is seen in its place, by ``solvePnP``
-with the focal length. How large the hand is cannot be told from a picture: MediaPipe guesses, unless ``--hand-length``
+with the focal length. The size of the hand cannot be known from a picture: MediaPipe guesses, unless ``--hand-length``
 is given, and distance grows with size. Time is this computer's, when the picture was there.
 """
 
@@ -126,7 +126,7 @@ def _placed(looks: list[tuple[Any, Any]], shape: tuple[int, ...], options: argpa
     pixels = np.mean(flats, axis=0)[:, :2].copy()
     focal = options.focal or 0.5 * columns / math.tan(math.radians(0.5 * VIEW))
     lens = np.array([[focal, 0.0, columns / 2], [0.0, focal, rows / 2], [0.0, 0.0, 1.0]])
-    # Begin with the shape as it is, so far off that it looks as large: it needs a small turn only.
+    # Begin with the shape as it is, so far off that it looks as large: it needs a small rotation only.
     size = np.ptp(pixels, axis=0).max() / np.ptp(body[:, :2], axis=0).max()
     away = focal / size
     middle = (pixels.mean(axis=0) - lens[:2, 2]) / focal * away

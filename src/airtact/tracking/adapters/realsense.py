@@ -65,7 +65,7 @@ def _clouds_in(depths: Iterator[Any], options: argparse.Namespace) -> Iterator[d
 
 
 def _library() -> ModuleType:
-    """Load pyrealsense2, which says nothing of what is in it."""
+    """Load pyrealsense2, which has no type stubs."""
     return importlib.import_module("pyrealsense2")
 
 
