@@ -17,21 +17,24 @@ struct Waves {
     double real[block], imag[block], slope_real[block], slope_imag[block];
 
     void fill(const double *x, const double *others, std::int64_t size, Wavenumber k) {
-        double distance[block];
+        double distance[block], inverse[block], level[block];
 #pragma omp simd
         for (std::int64_t j = 0; j < size; j++) {
             const double a = others[3 * j] - x[0], b = others[3 * j + 1] - x[1], c = others[3 * j + 2] - x[2];
             distance[j] = std::sqrt(a * a + b * b + c * c);
-            slope_real[j] = std::exp(-k.imag * distance[j]) / distance[j];
+            level[j] = inverse[j] = 1 / distance[j];
         }
+        if (k.imag != 0)
+#pragma omp simd
+            for (std::int64_t j = 0; j < size; j++) level[j] *= std::exp(-k.imag * distance[j]);
         // Apart, since compilers vectorise neither of a sine and a cosine that stand together.
 #pragma omp simd
-        for (std::int64_t j = 0; j < size; j++) real[j] = slope_real[j] * std::cos(k.real * distance[j]);
+        for (std::int64_t j = 0; j < size; j++) real[j] = level[j] * std::cos(k.real * distance[j]);
 #pragma omp simd
-        for (std::int64_t j = 0; j < size; j++) imag[j] = slope_real[j] * std::sin(k.real * distance[j]);
+        for (std::int64_t j = 0; j < size; j++) imag[j] = level[j] * std::sin(k.real * distance[j]);
 #pragma omp simd
         for (std::int64_t j = 0; j < size; j++) {
-            const double p = -(k.imag + 1 / distance[j]) / distance[j], q = k.real / distance[j];  // (ik - 1/r)/r
+            const double p = -(k.imag + inverse[j]) * inverse[j], q = k.real * inverse[j];  // (ik - 1/r)/r
             slope_real[j] = p * real[j] - q * imag[j];
             slope_imag[j] = p * imag[j] + q * real[j];
         }
