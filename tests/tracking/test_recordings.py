@@ -106,6 +106,7 @@ def test_files_that_are_not_there_are_rejected(tmp_path, name):
 @pytest.mark.parametrize(
     ("broken", "code", "shown"),
     [
+        ({"format_version": np.int64(2)}, "unknown_version", "version 2"),
         ({"clouds": None}, "dataset_missing", "clouds"),
         ({"landmarks": np.zeros((3, 3))}, "wrong_shape", "(100, 3)"),
         ({"sequence": np.zeros(3, dtype=int)}, "wrong_shape", "(3,)"),
@@ -121,6 +122,15 @@ def test_arrays_that_do_not_fit_are_rejected(tmp_path, broken, code, shown):
     np.savez(path, **{name: one for name, one in arrays.items() if one is not None})
     with raises_code(code, shown):
         load_recording(path)
+
+
+def test_a_recording_without_a_version_is_read(tmp_path):
+    path = tmp_path / "hand.npz"
+    save_recording(path, [still(index) for index in range(4)])
+    arrays = {**np.load(path)}
+    assert arrays.pop("format_version") == 1
+    np.savez(path, **arrays)
+    assert len(load_recording(path).frames) == 4
 
 
 def test_nothing_to_write_is_rejected(tmp_path):

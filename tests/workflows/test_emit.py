@@ -255,111 +255,94 @@ def two_dimensional() -> dict[str, np.ndarray]:
     return {"amplitude": np.zeros((3, 996)), "phase": np.zeros((3, 996))}
 
 
-REFUSALS = {
-    "no answer": (
-        lambda path: path,
-        AUDIT[:-1],
-        r"not a terminal, .* 0 frames were sent: give --yes .* \[not_confirmed\]$",
-    ),
-    "no file": (lambda path: path.with_name("none.h5"), AUDIT, r"cannot read .*none\.h5: there is no such file"),
-    "no HDF5": (lambda path: path.parent / "text.h5", AUDIT, r"text\.h5: it is no HDF5 file"),
-    "no drive": (
-        lambda path: change(path, phase=None),
-        AUDIT,
-        r"drive\.h5: 1 of the 2 datasets of a drive are missing: phase",
-    ),
-    "words": (
-        lambda path: change(path, amplitude="loud"),
-        AUDIT,
-        r"drive\.h5: amplitude are .* give real numbers",
-    ),
+FAULTS = {
+    "no answer": (lambda path: path, AUDIT[:-1], "not_confirmed", "0 frames"),
+    "no file": (lambda path: path.with_name("none.h5"), AUDIT, "file_missing", "none.h5"),
+    "no HDF5": (lambda path: path.parent / "text.h5", AUDIT, "file_unreadable", "text.h5"),
+    "no drive": (lambda path: change(path, phase=None), AUDIT, "dataset_missing", "drive.h5: 1 of the 2 datasets"),
+    "words": (lambda path: change(path, amplitude="loud"), AUDIT, "not_a_number", "drive.h5: amplitude"),
     "one number": (
         lambda path: change(path, amplitude=1.0),
         AUDIT,
-        r"amplitude of shape \(\) and phase of shape \(996,\)",
+        "wrong_shape",
+        "amplitude of shape () and phase of shape (996,)",
     ),
     "a later version": (
         lambda path: change(path, format_version=9),
         AUDIT,
-        r"drive\.h5: the file is of version 9, and versions 0 to 1 are read: update airtact",
+        "unknown_version",
+        "version 9, and versions 0 to 1",
     ),
     "no positions": (
         lambda path: change(path, positions=None, normals=None),
         AUDIT,
-        r"drive\.h5: the file holds 0 positions of transducers: save the drive with its array",
+        "positions_missing",
+        "drive.h5: the file holds 0 positions",
     ),
     "an old one without its scene": (
         lambda path: change(path, format_version=None, scene="no TOML"),
         AUDIT,
-        r"drive\.h5: this is version 0, .* cannot be read",
+        "file_unreadable",
+        "drive.h5: this is version 0",
     ),
-    "too loud": (
-        full_scale,
-        AUDIT,
-        r"an amplitude must be 0 to 1, but \d+ are not, the first 1\.\d+ of element",
-    ),
-    "NaN": (with_nan, AUDIT, r"drive\.h5: phase hold 1 NaN or infinite value, the first at index \[0, 7\]"),
-    "bent": (
-        bent,
-        AUDIT,
-        r"498 to 746 are not laid out like board 2 of autd3: element 500 stands 1\.98 mm",
-    ),
+    "over full scale": (full_scale, AUDIT, "out_of_range", "the first 1."),
+    "NaN": (with_nan, AUDIT, "not_finite", "the first at index [0, 7]"),
+    "bent": (bent, AUDIT, "not_a_board", "498 to 746"),
     "996 to nano": (
         lambda path: path,
         ("--board", "nano16", "--link", "serial", "--port", "x", "--yes"),
-        r"996 elements are 83 nano16 boards, and one link speaks to at most 1: make a drive",
+        "too_many_boards",
+        "996 elements are 83 nano16 boards",
     ),
     "996 to sonicsurface": (
         lambda path: path,
         ("--board", "sonicsurface", "--link", "serial", "--port", "x", "--yes"),
-        r"996 elements do not fill whole sonicsurface boards of 256: give a drive for 512 elements",
+        "element_count",
+        "boards of 256: give a drive for 512",
     ),
     "wrong link": (
         lambda path: path,
         ("--board", "autd3", "--link", "serial", "--port", "x", "--yes"),
-        r"autd3 has no 'serial' link, it has 6: audit",
+        "unknown_link",
+        "it has 6",
     ),
-    "no out": (
-        lambda path: path,
-        ("--board", "autd3", "--link", "file", "--yes"),
-        r"the file link needs --out, such as frames.npz; 0 are given",
-    ),
-    "stray port": (lambda path: path, (*AUDIT, "--port", "x"), r"--port x does not go with the audit link"),
-    "cap": (lambda path: path, (*AUDIT, "--cap", "0"), r"the cap is 0 per cent"),
-    "seconds": (lambda path: path, (*AUDIT, "--seconds", "-1"), r"how long to emit is -1 s"),
+    "no out": (lambda path: path, ("--board", "autd3", "--link", "file", "--yes"), "setting_missing", "--out"),
+    "another port": (lambda path: path, (*AUDIT, "--port", "x"), "setting_not_taken", "--port x"),
+    "cap": (lambda path: path, (*AUDIT, "--cap", "0"), "out_of_range", "0 per cent"),
+    "seconds": (lambda path: path, (*AUDIT, "--seconds", "-1"), "not_positive", "-1 s"),
     "remote": (
         lambda path: path,
         ("--board", "autd3", "--link", "remote", "--address", "127.0.0.1:9", "--yes"),
-        r"4 AUTD3 boards cannot be opened through remote",
+        "link_not_opened",
+        "4 AUTD3",
     ),
-    "another frequency": (
-        lambda path: change(path, frequency=25e3),
-        AUDIT,
-        r"drive\.h5: the drive is for 25000 Hz, and boards emit 40000 Hz",
-    ),
+    "another frequency": (lambda path: change(path, frequency=25e3), AUDIT, "wrong_frequency", "25000 Hz"),
     "sequence without rate": (
         lambda path: change(path, amplitude_level=None, phase_level=None, **two_dimensional()),
         AUDIT,
-        r"3 frames need a rate, in frames/s",
+        "rate_missing",
+        "3 frames",
     ),
     "shapes": (
         lambda path: change(path, amplitude=np.zeros(3)),
         AUDIT,
-        r"amplitude of shape \(3,\) and phase of shape \(996,\) do not fit 996 elements",
+        "wrong_shape",
+        "(3,) and phase of shape (996,) do not fit 996",
     ),
 }
 
 
-@pytest.mark.parametrize("name", REFUSALS)
-def test_what_cannot_be_emitted_is_refused(capsys, drive, name, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("name", FAULTS)
+def test_what_cannot_be_emitted_is_rejected(capsys, drive, name, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
     (drive.parent / "text.h5").write_text("not HDF5")
-    spoil, arguments, sentence = REFUSALS[name]
+    spoil, arguments, fault, shown = FAULTS[name]
     code, _, errors = output(capsys, "emit", spoil(drive), *arguments)
     last = errors.splitlines()[-1]
     assert code == 2
-    assert re.search(sentence, last), last
+    assert shown in last
     assert last.startswith("airtact: ")
+    assert last.endswith(f"[{fault}]")
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,9 @@ ARRAYS = ("time", "right", "sequence", "landmark_counts", "landmarks", "cloud_co
 """What .npz holds: for each frame its time [s], whether it is a right hand, its number, how many landmarks and how many
 points of a cloud it has; and all landmarks and all points, one after the other (number, 3) [m]."""
 
+VERSION = 1
+"""Version of the .npz format, in its array ``format_version``; files of version 0 have none."""
+
 LONGEST_LINE = 2**26
 """Lines of a recording are no longer [bytes]."""
 
@@ -177,6 +180,7 @@ def _arrays_in(path: Path) -> Mapping[str, Real[np.ndarray, "..."]]:
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: np.asarray(file[name]) for name in ARRAYS if name in file}
+            version = file["format_version"].tolist() if "format_version" in file else 0
     except OSError as error:
         raise InvalidInput(
             f"the recording cannot be read: {error.strerror or 'it is not of NumPy'}.", code="file_unreadable"
@@ -185,6 +189,11 @@ def _arrays_in(path: Path) -> Mapping[str, Real[np.ndarray, "..."]]:
         raise InvalidInput(
             f"these {path.stat().st_size} bytes are no whole .npz file of NumPy: record anew.", code="file_unreadable"
         ) from None
+    if version not in range(VERSION + 1):
+        raise InvalidInput(
+            f"the recording is of version {version}, and versions 0 to {VERSION} are read: update airtact.",
+            code="unknown_version",
+        )
     missing = [name for name in ARRAYS if name not in arrays]
     if missing:
         raise InvalidInput(
@@ -216,6 +225,7 @@ def _arrays(frames: tuple[HandFrame, ...]) -> dict[str, Float64[np.ndarray, "...
     landmarks = [np.empty((0, 3)) if frame.landmarks is None else frame.landmarks for frame in frames]
     clouds = [np.empty((0, 3)) if frame.cloud is None else frame.cloud for frame in frames]
     return {
+        "format_version": np.array(VERSION),
         "time": np.array([frame.time for frame in frames], dtype=np.float64),
         "right": np.array([frame.side == "right" for frame in frames], dtype=np.int64),
         "sequence": np.array([frame.sequence for frame in frames], dtype=np.int64),
