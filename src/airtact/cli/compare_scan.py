@@ -1,7 +1,7 @@
 """``airtact compare-scan``: a measured scan beside the prediction."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -25,9 +25,7 @@ if TYPE_CHECKING:
 @click.option("--diameter", type=float, help="Of the microphone's face in metres; 6.35e-3, a quarter inch, by default.")
 @click.option("--axis", type=float, nargs=3, metavar="X Y Z", help="Direction of its face; 0 0 -1 by default, down.")
 @click.option("--housing", type=float, help="Length of its housing behind the face in metres; 0.05 by default.")
-def compare_scan(
-    scan: Path, scene: Path, folder: Path, **microphone: float | tuple[float, float, float] | None
-) -> None:
+def compare_scan(scan: Path, scene: Path, folder: Path, **microphone: Any) -> None:
     """Predict what a microphone reads in SCENE and compare SCAN, a measured one, with it.
 
     SCAN is a .csv file with the columns x, y, z (metres, in the obstacles' frame), pressure (any unit) and, if it was

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
 import click
 from rich.box import SIMPLE
@@ -12,13 +11,12 @@ from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-if TYPE_CHECKING:
-    from airtact.surfaces.surface import Surface
-    from airtact.timing import Progress as Callback
+from airtact.surfaces.surface import Surface
+from airtact.timing import Progress as Callback
 
 
 @contextmanager
-def progress() -> "Iterator[Callback]":
+def progress() -> Iterator[Callback]:
     """Show steps as they begin: live with the time each takes in a terminal, else one line each."""
     console = Console(stderr=True)
     if not console.is_terminal:
@@ -59,7 +57,7 @@ def plain_table(*columns: str) -> Table:
     return table
 
 
-def repairs_table(surface: "Surface", name: str = "") -> Table:
+def repairs_table(surface: Surface, name: str = "") -> Table:
     """Tabulate what was repaired in a surface."""
     table = plain_table()
     for index, note in enumerate(surface.repairs or ("nothing",)):
@@ -67,7 +65,7 @@ def repairs_table(surface: "Surface", name: str = "") -> Table:
     return table
 
 
-def sharp_edges_in_words(surface: "Surface") -> str:
+def sharp_edges_in_words(surface: Surface) -> str:
     """Count the edges that stay sharp when a surface is curved, and add up their lengths."""
     from airtact.figures.body_figure import sharp_edges
 

@@ -2,18 +2,15 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
+from rich.table import Table
 
 from airtact.cli.console import plain_table, progress, show
 from airtact.cli.options import FILE, Names, drive_settings
 from airtact.conventions import InvalidInput
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from airtact.workflows.emit import Plan
+from airtact.workflows import emit as workflow
 
 
 @click.command(
@@ -35,7 +32,6 @@ def emit(drive: Path, board: str, link: str, cap: float, seconds: float, yes: bo
     """
     from airtact.evaluation.thresholds import NO_SAFETY_ASSESSMENT
     from airtact.validation import counted, positive
-    from airtact.workflows import emit as workflow
 
     positive(seconds, "how long to emit", "s")
     plan = workflow.plan(drive, board, cap)
@@ -58,7 +54,7 @@ def emit(drive: Path, board: str, link: str, cap: float, seconds: float, yes: bo
         )
 
 
-def plan_table(plan: "Plan", link: str) -> "Table":
+def plan_table(plan: workflow.Plan, link: str) -> Table:
     """Tabulate what would be emitted."""
     import numpy as np
 

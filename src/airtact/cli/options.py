@@ -3,11 +3,12 @@
 import pkgutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import click
 
 Command = TypeVar("Command", bound=Callable[..., None])
+Setting = TypeVar("Setting")
 
 FILE = click.Path(path_type=Path)
 """A file or folder."""
@@ -30,11 +31,11 @@ class Names(click.ParamType):
     def _choice(self) -> click.Choice[str]:
         return click.Choice([getattr(one, "name", one) for one in pkgutil.resolve_name(self._registry)])
 
-    def get_metavar(self, *arguments: Any, **named: Any) -> str | None:
+    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str | None:
         """Show all names in the help."""
-        return self._choice.get_metavar(*arguments, **named)
+        return self._choice.get_metavar(param, ctx)
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """Return a name that is in the registry, or fail with all that are."""
         return self._choice.convert(value, param, ctx)
 
@@ -57,7 +58,7 @@ def surface_settings(command: Command) -> Command:
     return command
 
 
-def given(**settings: Any) -> dict[str, Any]:
+def given(**settings: Setting | None) -> dict[str, Setting]:
     """Return the options that were given."""
     return {name: value for name, value in settings.items() if value is not None}
 

@@ -5,7 +5,7 @@ import io
 from collections.abc import Iterable, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
@@ -13,6 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.image import imsave
 
 from airtact.figures.picture_file import PIXELS, pixels_of
+
+Value = TypeVar("Value")
+"""What a template shows: text, numbers, tables, pieces."""
 
 
 @cache
@@ -26,12 +29,12 @@ def _templates() -> Environment:
     )
 
 
-def page_from(template: str, **values: Any) -> str:
+def page_from(template: str, **values: Value) -> str:
     """Fill a template with values; text among them is escaped."""
     return _templates().get_template(template).render(values)
 
 
-def _piece(name: str, *values: Any) -> Markup:
+def _piece(name: str, *values: object) -> Markup:
     """Fill a macro of ``pieces.html.j2``."""
     return getattr(_templates().get_template("pieces.html.j2").module, name)(*values)
 

@@ -38,10 +38,6 @@ def compare(path: Path, folder: Path, report_step: Progress = no_progress, store
     report_step : called with each step as it begins.
     store : folder where solved fields are stored and found again; None to solve all anew.
 
-    Returns
-    -------
-    What the page shows.
-
     Raises
     ------
     InvalidInput
