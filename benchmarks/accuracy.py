@@ -45,7 +45,9 @@ def one_each(positions: np.ndarray) -> at.Monopoles:
     return at.Monopoles(positions, np.eye(len(positions)))
 
 
-def sphere_error(radius: float, gap: float, frequency: float = FREQUENCY, solver: at.Solver | None = None) -> float:
+def sphere_error(
+    radius: float, gap: float, frequency: float = FREQUENCY, solver: at.solvers.Solver | None = None
+) -> float:
     """Worst error at 60 to 100 mm of 8 sources ``gap`` off a sphere."""
     scene, points = ball(radius, frequency), far_points()
     sources = one_each(directions(8, 0) * (radius + gap))
@@ -53,7 +55,7 @@ def sphere_error(radius: float, gap: float, frequency: float = FREQUENCY, solver
     return float(relative(found, at.SphereSeries().radiate(scene, sources).at(points)).max())
 
 
-def surface_error(radius: float, height: float, solver: at.Solver | None = None) -> float:
+def surface_error(radius: float, height: float, solver: at.solvers.Solver | None = None) -> float:
     """Worst error over the surface of a sphere, ``height`` off it, of 8 sources 100 mm away."""
     scene, sources = ball(radius), one_each(directions(8, 0) * 0.1)
     points = directions(60, 5) * (radius + height)
@@ -92,7 +94,7 @@ def outer_points(scene: at.Scene, count: int = 40, seed: int = 11) -> np.ndarray
 
 
 def finger_error(
-    radius: float, tilt: float, gap: float, offset: float = 0.5e-3, solver: at.Solver | None = None
+    radius: float, tilt: float, gap: float, offset: float = 0.5e-3, solver: at.solvers.Solver | None = None
 ) -> tuple[float, float]:
     """Worst error of 8 sources near two fingers, and the reference's own error."""
     scene = two_fingers(radius, tilt, gap)

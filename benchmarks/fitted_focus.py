@@ -36,7 +36,7 @@ def pressures(transfer: np.ndarray, reference: np.ndarray) -> np.ndarray:
     return np.abs(reference @ (drive / np.linalg.norm(drive)))
 
 
-def fits(build: str, view: int, palm: bool) -> tuple[Rigged, list[at.FittedHand]]:
+def fits(build: str, view: int, palm: bool) -> tuple[Rigged, list[at.hands.FittedHand]]:
     """Find the true hand, and the ones fitted to one frame and to a sequence that ends with it."""
     before = None
     for frame in range(LEARNED + 1):
@@ -52,7 +52,7 @@ def shares(build: str, view: int, palm: bool) -> list[float]:
     true, fitted = fits(build, view, palm)
     skin = at.Surface(true.vertices, true.triangles)
     pads = [[hand.place(name) for name in ("thumb.pad", "index.pad")] for hand in fitted]
-    foci = at.onto_surface(np.array([point for pair in pads for point, _ in pair]), skin, offset=OFF)
+    foci = at.targets.onto_surface(np.array([point for pair in pads for point, _ in pair]), skin, offset=OFF)
     box = at.surrounding_box()
     middle = 0.5 * (true.vertices.min(axis=0) + true.vertices.max(axis=0))
     array = at.PhasedArray(WIDER * box.positions + middle, box.normals, box.element)

@@ -24,7 +24,7 @@ def transfer_and_drive() -> tuple[at.TransferMatrix, at.Drive, at.PhasedArray]:
 
 def frames_a_second(drive: at.Drive, array: at.PhasedArray) -> dict[str, float]:
     """Send until the time is over: the link alone, and with rounding and the watchdog of an emission."""
-    link = at.AUTD3Link(at.poses_of_boards(at.board_named("autd3"), array.positions, array.normals))
+    link = at.AUTD3Link(at.boards.poses_of_boards(at.boards.board_named("autd3"), array.positions, array.normals))
     rates = {}
     with at.Emission(link, ramp=0.0) as emission:
         frame = emission.send(drive)
@@ -48,14 +48,14 @@ def main() -> None:
     print(f"| drives a second, with rounding and watchdog | {rates['drives']:.0f} |")
     for name in ("autd3", "openmpd", "sonicsurface", "nano16"):
         levels = codec_of(name).levels
-        worst = np.abs(at.rounding_error(transfer, drive, at.quantise(drive, levels))).max()
+        worst = np.abs(at.synthesis.rounding_error(transfer, drive, at.quantise(drive, levels))).max()
         held = ", equal energy" if levels.phase_only else ""
         words = f"{len(levels.amplitudes)} amplitudes, {levels.phases} phases ({name}{held})"
         print(f"| focus of the pinch rounded to {words} | {worst:.3%} |")
     every = drive.phase_only()
     for phases in (32, 16):
-        levels = at.Levels(np.array([0.0, 1.0]), phases=phases)
-        worst = np.abs(at.rounding_error(transfer, every, at.quantise(every, levels))).max()
+        levels = at.synthesis.Levels(np.array([0.0, 1.0]), phases=phases)
+        worst = np.abs(at.synthesis.rounding_error(transfer, every, at.quantise(every, levels))).max()
         print(f"| focus of its phases alone, rounded to {phases} | {worst:.3%} |")
 
 

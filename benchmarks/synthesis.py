@@ -117,7 +117,7 @@ def single_focus() -> None:
         most = float(np.abs(transfer.matrix).sum())
         reversal = at.time_reversal(transfer, target)
         energy = float(np.linalg.norm(reversal.amplitudes) * np.linalg.norm(transfer.matrix))
-        worst = max(worst, abs(smallest(transfer, at.phase_conjugate(transfer, target)) / most - 1.0))
+        worst = max(worst, abs(smallest(transfer, at.synthesis.phase_conjugate(transfer, target)) / most - 1.0))
         worst = max(worst, abs(smallest(transfer, reversal) / energy - 1.0))
     row("one focus against the analytic optimum, 40 foci", "1e-6", f"{worst:.1e}")
 
@@ -156,8 +156,8 @@ def certificate() -> None:
 def iterated() -> None:
     worst = 0.0
     for transfer, target in sets(2, 10, 40, apart=2.0):
-        inverse = at.inverse_filter(transfer, target, weight=0.0).amplitudes
-        passes = at.iterated_time_reversal(transfer, target, passes=5).amplitudes
+        inverse = at.synthesis.inverse_filter(transfer, target, weight=0.0).amplitudes
+        passes = at.synthesis.iterated_time_reversal(transfer, target, passes=5).amplitudes
         passes = passes * np.vdot(passes, inverse) / np.vdot(passes, passes)
         worst = max(worst, float(np.linalg.norm(passes - inverse) / np.linalg.norm(inverse)))
     row("iterated time reversal, 5 passes, against the inverse filter, 2 λ apart, 40 sets", "1 %", f"{worst:.2%}")
@@ -172,7 +172,13 @@ def another_solver() -> None:
     array = at.surrounding_box()
     transfer = at.transfer_matrix(at.BoundaryElement().radiate(scene, target.beacons()), array)
     worst = 0.0
-    for method in (at.time_reversal, at.inverse_filter, at.weighted_gerchberg_saxton, at.max_min, at.gradient):
+    for method in (
+        at.time_reversal,
+        at.synthesis.inverse_filter,
+        at.weighted_gerchberg_saxton,
+        at.max_min,
+        at.synthesis.gradient,
+    ):
         drive = method(transfer, target)
         verified = at.evaluate(scene, array, drive, target, solver=at.SphereSeries())
         worst = max(worst, float(np.max(np.abs(np.abs(transfer.pressure(drive)) / verified.magnitudes - 1.0))))
@@ -184,15 +190,15 @@ def speed() -> None:
         random = np.random.default_rng(1)
         transfer, target = part(whole, choose(whole, 16, random))
         bound = at.upper_bound(transfer, target)
-        for method in (at.gs_pat, at.weighted_gerchberg_saxton, at.max_min):
+        for method in (at.synthesis.gs_pat, at.weighted_gerchberg_saxton, at.max_min):
             took = seconds(functools.partial(method, transfer, target))
             share = bound.reached(transfer, target, method(transfer, target))
             measured = f"{1e3 * took:.2f} ms, {share:.1%} of the bound"
             row(f"{name}, 16 foci, one set: {method.__name__}", "1 ms", measured)
         many = np.array([choose(whole, 16, random) for _ in range(1000)])
-        took = seconds(functools.partial(at.weighted_gerchberg_saxton_sets, whole, many), 5)
+        took = seconds(functools.partial(at.synthesis.weighted_gerchberg_saxton_sets, whole, many), 5)
         shares = []
-        for rows, drive in zip(many[:40], at.weighted_gerchberg_saxton_sets(whole, many[:40]), strict=True):
+        for rows, drive in zip(many[:40], at.synthesis.weighted_gerchberg_saxton_sets(whole, many[:40]), strict=True):
             transfer, target = part(whole, rows)
             bound = float(relaxed_bound(transfer.matrix, 1e-3)[0].worst)
             shares.append(smallest(transfer, drive) / bound)
@@ -232,7 +238,7 @@ def against_acoustools(python: str | None) -> None:
         call = [python, "-W", "ignore", "-c", ACOUSTOOLS, str(shared), str(iterations)]
         answer = subprocess.run(call, capture_output=True, text=True, check=True).stdout
         theirs = {name: np.array(rows) for name, rows in json.loads(answer.splitlines()[-1]).items()}
-        for name, method in (("wgs", at.weighted_gerchberg_saxton), ("gspat", at.gs_pat)):
+        for name, method in (("wgs", at.weighted_gerchberg_saxton), ("gspat", at.synthesis.gs_pat)):
             jobs = [functools.partial(method, *one, iterations=iterations) for one in drawn]
             ours = np.array([(seconds(job, 5), smallest(one[0], job())) for job, one in zip(jobs, drawn, strict=True)])
             faster, worst = np.median(theirs[name][:, 0] / ours[:, 0]), ours[:, 1] / theirs[name][:, 1]

@@ -334,8 +334,8 @@ KINDS = {
         "millimetres",
     ),
     "half a board": (lambda: at.flat_boards(1.5, 1), "not_integers", "1.5"),
-    "joining one": (lambda: at.join(ARRAY), "wrong_kind", "a list of 1 or more arrays", "a PhasedArray"),
-    "joining others": (lambda: at.join([ARRAY, AIR]), "wrong_kind", "a Medium", "a PhasedArray"),
+    "joining one": (lambda: at.boards.join(ARRAY), "wrong_kind", "a list of 1 or more arrays", "a PhasedArray"),
+    "joining others": (lambda: at.boards.join([ARRAY, AIR]), "wrong_kind", "a Medium", "a PhasedArray"),
     "seen from a point": (lambda: ARRAY.seen_from(np.zeros(3)), "wrong_kind", "an array of shape (3,)", "a Pose"),
     "surface moved by a point": (
         lambda: at.sphere(0.01, 0.005).moved(np.zeros(3)),
@@ -370,7 +370,11 @@ KINDS = {
     "many boards": (lambda: at.flat_boards(10**6, 10**6), "too_wide", "1.92e+05 m", "10 m"),
     "depth at a point": (lambda: WATER_DROP.depth(np.zeros(3)), "wrong_shape", "3"),
     "depth nowhere": (lambda: at.Surface(*box_mesh()).depth(np.full((1, 3), np.nan)), "not_finite", "3 NaN", "[0, 0]"),
-    "boundary in a list": (lambda: at.Obstacle(at.sphere(0.01, 0.005), ["sound_hard"]), "unknown_name", "'sound_hard'"),
+    "boundary in a list": (
+        lambda: at.scene.Obstacle(at.sphere(0.01, 0.005), ["sound_hard"]),
+        "unknown_name",
+        "'sound_hard'",
+    ),
     "ragged triangles": (
         lambda: at.Surface(box_mesh()[0], [[0, 1], [0, 1, 2]]),
         "wrong_shape",

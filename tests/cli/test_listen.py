@@ -42,7 +42,7 @@ def recording(tmp_path):
 
 def test_a_recording_gives_skins_and_a_picture(capsys, tmp_path):
     path = tmp_path / "hand.npz"
-    at.save_recording(path, [still(0), still(1, landmarks=None), still(2), still(4)])
+    at.tracking.save_recording(path, [still(0), still(1, landmarks=None), still(2), still(4)])
     code, said, _ = output(capsys, "hand", path, "--frame", 2, "--edge", "0.012", "--out", tmp_path / "skin.stl")
     assert code == 0
     assert "4 received, 4 used, 1 lost, 1 skipped" in said
@@ -79,7 +79,7 @@ def test_what_cannot_be_shown_is_rejected(capsys, recording, tmp_path):
 
 def test_clouds_alone_have_no_pads(capsys, tmp_path):
     joints = still(0).landmarks
-    at.save_recording(tmp_path / "hand.npz", [still(0, landmarks=None, cloud=joints)])
+    at.tracking.save_recording(tmp_path / "hand.npz", [still(0, landmarks=None, cloud=joints)])
     code, _, said = output(capsys, "hand", tmp_path / "hand.npz", "--out", tmp_path / "skin.ply")
     assert code == 2
     assert "0 of 1 frames have landmarks" in said
@@ -104,7 +104,7 @@ def test_what_trackers_send_is_recorded_and_kept_on_ctrl_c(tmp_path):
         said = listening.stdout.read()
         assert listening.wait() == 0
     assert "Messages: 4 received, 3 used" in said
-    assert [frame.sequence for frame in at.load_recording(file).frames] == [0, 1, 2]
+    assert [frame.sequence for frame in at.tracking.load_recording(file).frames] == [0, 1, 2]
 
 
 def test_a_silent_tracker_is_reported(capsys, tmp_path):
@@ -130,7 +130,7 @@ def test_help_has_an_example(capsys, command):
 
 
 def test_the_example_is_what_it_is_said_to_be():
-    frames = at.load_recording(EXAMPLE).frames
+    frames = at.tracking.load_recording(EXAMPLE).frames
     motion = Pinching()
     assert len(frames) == 75
     for frame in frames[::25]:

@@ -11,7 +11,7 @@ from faults import raises_code
 AIR = at.Medium(sound_speed=343.1, density=1.293)
 
 
-def open_air_field(direction: np.ndarray, distance: float) -> at.RadiatedField:
+def open_air_field(direction: np.ndarray, distance: float) -> at.solvers.RadiatedField:
     source = at.Monopoles(distance * direction[None], np.array([distance + 0j]))
     return at.FreeField().radiate(at.Scene(AIR, [], frequency=40e3), source)
 

@@ -106,7 +106,7 @@ def test_source_and_receiver_may_change_places(case):
     assert np.abs(forth - back).max() < 2e-2 * np.abs(forth).mean()
 
 
-def power_through(field: at.RadiatedField, radius: float) -> tuple[float, float]:
+def power_through(field: at.solvers.RadiatedField, radius: float) -> tuple[float, float]:
     """Power that leaves a sphere, and the power that crosses it either way."""
     cosine, weight = roots_legendre(32)
     turn = 2 * np.pi * np.arange(64) / 64

@@ -75,7 +75,7 @@ def test_transducers_beyond_the_samples_are_rejected():
 
 def test_a_whole_way_through_with_a_field_from_a_file(tmp_path):
     path = as_csv(tmp_path / "ball.csv", NODES, EXACT.at(NODES).conj())
-    sampled = at.load_samples(path, SCENE, SOURCES, "e^{+jωt}", scale=1e-3)
+    sampled = at.solvers.load_samples(path, SCENE, SOURCES, "e^{+jωt}", scale=1e-3)
     array = at.PhasedArray(INNER[:12], np.tile([0.0, 0.0, -1.0], (12, 1)))
     found = at.transfer_matrix(sampled, array).matrix
     assert relative(found.T, at.transfer_matrix(EXACT, array).matrix.T).max() < 0.01
@@ -87,7 +87,7 @@ def test_a_mesh_file_is_read_with_its_cells(tmp_path):
     cells = Delaunay(NODES).simplices
     data = {f"p{sound}_{part}": getattr(pressures[:, sound], part) for sound in (0, 1) for part in ("real", "imag")}
     meshio.Mesh(NODES, [("tetra", cells)], point_data=data).write(tmp_path / "ball.vtu")
-    sampled = at.load_samples(tmp_path / "ball.vtu", SCENE, SOURCES, "e^{-iωt}")
+    sampled = at.solvers.load_samples(tmp_path / "ball.vtu", SCENE, SOURCES, "e^{-iωt}")
     assert sampled.report.settings["cells"] == "mesh"
     assert relative(sampled.at(INNER), EXACT.at(INNER)).max() < 0.01
 
@@ -96,14 +96,14 @@ def test_a_mesh_file_without_its_extra_names_it(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "meshio", None)  # as Python imports what is not installed
     (tmp_path / "ball.vtu").write_text("")
     with raises_code("extra_not_installed", "ball.vtu", "airtact[formats]"):
-        at.load_samples(tmp_path / "ball.vtu", SCENE, SOURCES, "e^{-iωt}")
+        at.solvers.load_samples(tmp_path / "ball.vtu", SCENE, SOURCES, "e^{-iωt}")
 
 
 def test_the_other_sign_of_time_is_rejected(tmp_path):
     near = nodes_about(0.003, reach=0.006, away=0.016)
     path = as_csv(tmp_path / "ball.csv", near, EXACT.at(near).conj())
     with raises_code("other_time_sign", "ball.csv", "e^{-iωt}"):
-        at.load_samples(path, SCENE, SOURCES, "e^{-iωt}", scale=1e-3)
+        at.solvers.load_samples(path, SCENE, SOURCES, "e^{-iωt}", scale=1e-3)
 
 
 @pytest.mark.parametrize("far", [False, True])
@@ -114,8 +114,8 @@ def test_a_wrong_unit_of_length_is_rejected(tmp_path, stated, far):
     nodes = nodes[SCENE.depth(nodes) < 0]
     path = as_csv(tmp_path / "ball.csv", nodes, EXACT.at(nodes))
     with raises_code("other_scale", f"the scale is {stated:.4g} metres", "0.001 (a fit of"):
-        at.load_samples(path, SCENE, SOURCES, "e^{-iωt}", scale=stated)
-    assert at.load_samples(path, SCENE, SOURCES, "e^{-iωt}", scale=1e-3).report.warnings == ()
+        at.solvers.load_samples(path, SCENE, SOURCES, "e^{-iωt}", scale=stated)
+    assert at.solvers.load_samples(path, SCENE, SOURCES, "e^{-iωt}", scale=1e-3).report.warnings == ()
 
 
 def test_samples_that_do_not_show_the_sign_are_warned_of(tmp_path):
@@ -123,7 +123,9 @@ def test_samples_that_do_not_show_the_sign_are_warned_of(tmp_path):
     near = nodes_about(0.004, away=0.016)
     chance = np.random.default_rng(4)
     noise = chance.normal(size=(len(near), 2)) + 1j * chance.normal(size=(len(near), 2))
-    sampled = at.load_samples(as_csv(tmp_path / "noise.csv", near, noise), SCENE, SOURCES, "e^{-iωt}", scale=1e-3)
+    sampled = at.solvers.load_samples(
+        as_csv(tmp_path / "noise.csv", near, noise), SCENE, SOURCES, "e^{-iωt}", scale=1e-3
+    )
     assert "do not show the sign of time (a fit of 0." in sampled.report.warnings[0]
 
 
@@ -160,18 +162,18 @@ def test_samples_that_do_not_fit_are_rejected():
 def test_files_that_cannot_be_read_are_rejected(tmp_path, text, code, number):
     (tmp_path / "field.csv").write_text(text)
     with raises_code(code, number):
-        at.load_samples(tmp_path / "field.csv", SCENE, SOURCES, "e^{-iωt}")
+        at.solvers.load_samples(tmp_path / "field.csv", SCENE, SOURCES, "e^{-iωt}")
 
 
 def test_other_faults_of_loading_are_rejected(tmp_path, monkeypatch):
     with raises_code("file_missing", "none.csv"):
-        at.load_samples(tmp_path / "none.csv", SCENE, SOURCES, "e^{-iωt}")
+        at.solvers.load_samples(tmp_path / "none.csv", SCENE, SOURCES, "e^{-iωt}")
     with raises_code("file_missing", "none.vtu"):
-        at.load_samples(tmp_path / "none.vtu", SCENE, SOURCES, "e^{-iωt}")
+        at.solvers.load_samples(tmp_path / "none.vtu", SCENE, SOURCES, "e^{-iωt}")
     for text in ("solid", "<VTKFile></VTKFile>"):
         (tmp_path / "bad.vtu").write_text(text)
         with raises_code("file_unreadable", "bad.vtu", "0 nodes"):
-            at.load_samples(tmp_path / "bad.vtu", SCENE, SOURCES, "e^{-iωt}")
+            at.solvers.load_samples(tmp_path / "bad.vtu", SCENE, SOURCES, "e^{-iωt}")
     monkeypatch.setattr("jaxtyping.config.jaxtyping_disable", True)  # so that the guard itself answers
     with raises_code("unknown_setting", "'plus'"):
-        at.load_samples(tmp_path / "none.csv", SCENE, SOURCES, "plus")
+        at.solvers.load_samples(tmp_path / "none.csv", SCENE, SOURCES, "plus")

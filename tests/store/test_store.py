@@ -37,7 +37,7 @@ def ball(frequency: float = 40e3, medium: at.Medium = AIR, radius: float = 3e-3)
 SCENE, SOURCE = ball(), at.Monopoles(AWAY, np.ones(1))
 
 
-def was_read(field: at.RadiatedField) -> bool:
+def was_read(field: at.solvers.RadiatedField) -> bool:
     return set(field.report.seconds) == READ
 
 
@@ -351,13 +351,13 @@ def test_finite_elements_are_kept_in_memory_only_and_it_is_said(tmp_path: Path) 
     assert entries(tmp_path) == []
 
 
-class Wrapped(at.Solver):
+class Wrapped(at.solvers.Solver):
     """A solver that is no dataclass, so that nothing says how it differs from another."""
 
-    def __init__(self, solver: at.Solver) -> None:
+    def __init__(self, solver: at.solvers.Solver) -> None:
         self.solver = solver
 
-    def radiate(self, scene: at.Scene, sources: at.Monopoles) -> at.RadiatedField:
+    def radiate(self, scene: at.Scene, sources: at.Monopoles) -> at.solvers.RadiatedField:
         return self.solver.radiate(scene, sources)
 
 

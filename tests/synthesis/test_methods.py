@@ -133,7 +133,7 @@ def test_the_eigenvectors_phases_let_foci_add_to_each_other():
     row = random_matrix(10, 1).matrix[0]
     other = random_matrix(11, 1).matrix[0]
     transfer = TransferMatrix(np.stack([row, -row + 0.2 * other]), 0.0)
-    pressure = transfer.pressure(at.eigenvector(transfer, Target(any_points(2))))
+    pressure = transfer.pressure(at.synthesis.eigenvector(transfer, Target(any_points(2))))
     assert np.cos(np.angle(pressure[0] / pressure[1])) < -0.95
     worse = inverse_filter(transfer, Target(any_points(2)), weight=0.0)
     assert np.abs(pressure).min() > 2.0 * worst(transfer, worse)
@@ -167,7 +167,7 @@ def test_many_sets_at_once_are_what_each_is_alone():
     sets = np.array([random.permutation(20)[:5] for _ in range(12)])
     weights = np.ones(sets.shape)
     weights[3, 2:] = 0.0
-    drives = at.weighted_gerchberg_saxton_sets(transfer, sets, weights, iterations=50)
+    drives = at.synthesis.weighted_gerchberg_saxton_sets(transfer, sets, weights, iterations=50)
     for rows, weight, drive in zip(sets, weights, drives, strict=True):
         alone = TransferMatrix(transfer.matrix[rows[weight > 0]], 0.0)
         target = Target(points[rows[weight > 0]])
@@ -178,11 +178,13 @@ def test_many_sets_at_once_are_what_each_is_alone():
 def test_bad_sets_raise():
     transfer = random_matrix(14, 3)
     with raises_code("out_of_range", "the row 3", "rows 0 to 2"):
-        at.weighted_gerchberg_saxton_sets(transfer, np.array([[0, 3]]))
+        at.synthesis.weighted_gerchberg_saxton_sets(transfer, np.array([[0, 3]]))
     with raises_code("nothing_asked", "set 1"):
-        at.weighted_gerchberg_saxton_sets(transfer, np.array([[0, 1], [1, 2]]), np.array([[1.0, 1.0], [0.0, 0.0]]))
+        at.synthesis.weighted_gerchberg_saxton_sets(
+            transfer, np.array([[0, 1], [1, 2]]), np.array([[1.0, 1.0], [0.0, 0.0]])
+        )
     with raises_code("weights_unusable", "-1 is there"):
-        at.weighted_gerchberg_saxton_sets(transfer, np.array([[0, 1]]), np.array([[1.0, -1.0]]))
+        at.synthesis.weighted_gerchberg_saxton_sets(transfer, np.array([[0, 1]]), np.array([[1.0, -1.0]]))
 
 
 # --- constraints ----------------------------------------------------------------------------------------------------

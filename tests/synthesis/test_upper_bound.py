@@ -27,7 +27,9 @@ def test_for_one_focus_the_bound_is_the_sum_of_magnitudes():
     transfer, target = random_matrix(1, 1), Target(any_points(1))
     bound = upper_bound(transfer, target)
     assert bound.worst == pytest.approx(np.abs(transfer.matrix).sum(), rel=1e-9)
-    assert bound.reached(transfer, target, at.phase_conjugate(transfer, target)) == pytest.approx(1.0, rel=1e-9)
+    assert bound.reached(transfer, target, at.synthesis.phase_conjugate(transfer, target)) == pytest.approx(
+        1.0, rel=1e-9
+    )
 
 
 def test_foci_with_elements_of_their_own_have_bounds_of_their_own():
@@ -75,7 +77,13 @@ def test_the_strongest_worst_focus_is_near_the_bound_and_beats_the_rest(seed):
     bound = upper_bound(transfer, target)
     reached = bound.reached(transfer, target, at.quantise(at.max_min(transfer, target)).drive())
     assert reached > 0.9
-    for method in (at.time_reversal, at.phase_conjugate, at.inverse_filter, at.gs_pat, at.weighted_gerchberg_saxton):
+    for method in (
+        at.time_reversal,
+        at.synthesis.phase_conjugate,
+        at.synthesis.inverse_filter,
+        at.synthesis.gs_pat,
+        at.weighted_gerchberg_saxton,
+    ):
         assert bound.reached(transfer, target, method(transfer, target)) < reached + 5e-3
 
 
@@ -94,7 +102,9 @@ def test_two_foci_against_every_phase_between_them():
 # --- bad input ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("method", [upper_bound, at.max_min, at.inverse_filter, at.eigenvector, at.gs_pat])
+@pytest.mark.parametrize(
+    "method", [upper_bound, at.max_min, at.synthesis.inverse_filter, at.synthesis.eigenvector, at.synthesis.gs_pat]
+)
 def test_foci_that_cannot_be_separated_raise(method):
     points = np.array([[0.0, 0, 0], [0.01, 0, 0], [0.0101, 0.0005, 0], [0, 0, 0.02]])
     with raises_code("foci_too_near", "foci 1 and 2 are 0.51 mm apart", "(10.00, 0.00, 0.00) mm") as raised:
@@ -141,7 +151,7 @@ def test_a_shadowed_focus_raises_with_its_pressure_and_that_of_the_others():
 # --- stalling -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("method", "foci"), [(at.max_min, 60), (at.gradient, 14)])
+@pytest.mark.parametrize(("method", "foci"), [(at.max_min, 60), (at.synthesis.gradient, 14)])
 def test_a_method_that_stalls_warns_and_returns_its_best(method, foci):
     points = scattered(6, foci)
     transfer, target = open_air(points), Target(points)
@@ -156,7 +166,14 @@ def test_a_method_that_stalls_warns_and_returns_its_best(method, foci):
 
 
 @pytest.mark.parametrize(
-    "method", [at.gerchberg_saxton, at.weighted_gerchberg_saxton, at.gs_pat, at.max_min, at.gradient]
+    "method",
+    [
+        at.synthesis.gerchberg_saxton,
+        at.weighted_gerchberg_saxton,
+        at.synthesis.gs_pat,
+        at.max_min,
+        at.synthesis.gradient,
+    ],
 )
 def test_no_iteration_raises(method):
     with raises_code("too_few", "0 iterations"):
@@ -171,4 +188,4 @@ def test_the_gradient_improves_where_iterations_do_not_converge():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", Stalled)
         projected = worst(transfer, at.max_min(transfer, target))
-    assert worst(transfer, at.gradient(transfer, target)) > 1.01 * projected
+    assert worst(transfer, at.synthesis.gradient(transfer, target)) > 1.01 * projected

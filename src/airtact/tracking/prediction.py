@@ -7,8 +7,8 @@ from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
 from airtact.hand.joints import CHAINS
-from airtact.tracking.constant_velocity import Motion, first_seen, measured
 from airtact.tracking.frame import FaultyFrame, HandFrame
+from airtact.tracking.kalman_filter import Motion, first_seen, measured
 from airtact.validation import number, positive
 
 NOISE = 1e-3

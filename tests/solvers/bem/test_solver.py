@@ -11,7 +11,7 @@ AIR = at.Medium(343.1, 1.293)
 SOURCE = at.Monopoles(np.array([[0.0, 0.0, 0.02]]), np.ones(1))
 
 
-def scene(*obstacles: at.Obstacle) -> at.Scene:
+def scene(*obstacles: at.scene.Obstacle) -> at.Scene:
     return at.Scene(AIR, list(obstacles) or [at.sound_hard(at.sphere(0.004, 0.002))])
 
 

@@ -68,7 +68,7 @@ def test_few_points_or_points_far_apart_have_no_cells(points):
 
 
 @pytest.fixture(scope="module")
-def pictured() -> tuple[at.RadiatedField, at.RadiatedField, np.ndarray]:
+def pictured() -> tuple[at.solvers.RadiatedField, at.solvers.RadiatedField, np.ndarray]:
     """A beacon beside a ball and one far from it, in closed form and by boundary elements, and points of a picture."""
     ball = at.sphere(6e-3, edge=2e-3, centre=(1e-3, 2e-3, -1e-3))
     scene = at.Scene(AIR, [at.sound_hard(ball)], frequency=40e3)

@@ -23,11 +23,11 @@ BALL = at.sphere(0.005, 0.0025)
 QUICK = at.FiniteElement(order=4, symmetry=())
 
 
-def ball_scene(obstacle: at.Obstacle, medium: at.Medium = PAPER_AIR) -> at.Scene:
+def ball_scene(obstacle: at.scene.Obstacle, medium: at.Medium = PAPER_AIR) -> at.Scene:
     return at.Scene(medium, [obstacle])
 
 
-def errors(solved_by: at.Solver, scene: at.Scene, sources: at.Monopoles, points: np.ndarray) -> float:
+def errors(solved_by: at.solvers.Solver, scene: at.Scene, sources: at.Monopoles, points: np.ndarray) -> float:
     found = solved_by.radiate(scene, sources).at(points)
     return float(relative(found, at.SphereSeries().radiate(scene, sources).at(points)).max())
 

@@ -21,7 +21,7 @@ def around(centre: np.ndarray, nearest: float, count: int = 60) -> np.ndarray:
     )
 
 
-def beside_a_ball(radius: float, medium: at.Medium = AIR, law=at.sound_hard) -> at.RadiatedField:
+def beside_a_ball(radius: float, medium: at.Medium = AIR, law=at.sound_hard) -> at.solvers.RadiatedField:
     """Half a millimetre off a ball, on it and far from it: three excitations in closed form."""
     centre = np.array([0.02, -0.01, 0.03])
     scene = at.Scene(medium, [law(at.sphere(radius, edge=radius / 4, centre=tuple(centre)))], frequency=40e3)

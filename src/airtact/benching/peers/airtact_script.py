@@ -22,7 +22,7 @@ def main(case_file: str, answer_file: str) -> None:
     medium = at.Medium(sound_speed=float(case["sound_speed"]), density=1.293)
     frequency, beacons = float(case["frequency"]), at.Target(case["foci"]).beacons()
 
-    def solve(solver: at.BoundaryElement) -> tuple[at.RadiatedField, np.ndarray, float]:
+    def solve(solver: at.BoundaryElement) -> tuple[at.solvers.RadiatedField, np.ndarray, float]:
         began = time.perf_counter()
         scene = at.Scene(medium, [at.sound_hard(surface) for surface in surfaces], frequency=frequency)
         field = solver.radiate(scene, beacons)
