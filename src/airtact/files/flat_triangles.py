@@ -36,10 +36,6 @@ def flat_triangles(
 ) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
     """Cut each panel into four flat triangles and join neighbours.
 
-    Parameters
-    ----------
-    quadratic_triangles : (T, 6, 3) the panels [m].
-
     Returns
     -------
     vertices : (V, 3) [m], where neighbours part the mean of their nodes.

@@ -42,13 +42,7 @@ def check_ending(path: Path) -> None:
 
 
 def write_panels(path: Path, panels: Panels) -> int:
-    """Write the panels of a scene's bodies, as ``write_triangles`` does; .vtkhdf holds body and deviation of each too.
-
-    Parameters
-    ----------
-    path : the file to write; it appears only once it is whole.
-    panels : what to write.
-    """
+    """Write the panels of bodies as ``write_triangles`` does; a .vtkhdf also holds body and deviation of each."""
     return write_triangles(path, panels.quadratic_triangles, {"deviation": panels.deviation, "body": panels.body})
 
 

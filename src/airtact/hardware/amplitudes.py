@@ -22,12 +22,6 @@ def faded(drive: Drive, levels: Levels, share: float) -> Frame:
 
     Boards with levels of amplitude reduce every element. Boards without switch on that share of their elements, spread
     evenly over the order of the elements: the pressure at a focus is proportional to their number.
-
-    Parameters
-    ----------
-    drive : what every element emits.
-    levels : what the board can emit.
-    share : 0 to 1.
     """
     if not levels.phase_only:
         return quantise(Drive(share * drive.amplitudes), levels)

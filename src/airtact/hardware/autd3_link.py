@@ -296,10 +296,6 @@ def _gain_of(words: UInt16[np.ndarray, "boards elements"]) -> Any:
     pyautd3's own ``Custom`` builds a device and a transducer for each of 996 calls, 0.3 s a frame. This gain gives the
     same entry of the library a function that only looks up a table, 0.6 ms. If the entry has changed, ``Custom`` is
     used.
-
-    Parameters
-    ----------
-    words : (boards, 249) phase in the low byte, intensity in the high one.
     """
     try:
         return _table_gain(words)
@@ -336,12 +332,7 @@ def _table_gain(words: UInt16[np.ndarray, "boards elements"]) -> Any:
 
 
 def _custom_gain(words: UInt16[np.ndarray, "boards elements"]) -> Any:
-    """Return the same gain through pyautd3's public ``Custom``, slow.
-
-    Parameters
-    ----------
-    words : (boards, 249) phase in the low byte, intensity in the high one.
-    """
+    """Return the same gain through pyautd3's public ``Custom``, slow."""
     from pyautd3 import Drive, Intensity, Phase
     from pyautd3.gain import Custom
 

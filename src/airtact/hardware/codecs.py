@@ -40,12 +40,7 @@ class Codec(ABC):
 
     @abstractmethod
     def encode(self, frame: Frame) -> bytes:
-        """Return the message that makes the boards play a frame, one board after the other.
-
-        Parameters
-        ----------
-        frame : levels of this board's kind, in our order of elements.
-        """
+        """Return the message that makes the boards play a frame, one board after the other."""
 
     @abstractmethod
     def decode(self, message: bytes) -> Frame:

@@ -38,11 +38,6 @@ class DamagedError(Exception):
 def written(field: RadiatedField, key: str) -> bytes:
     """Return the bytes of a field's file.
 
-    Parameters
-    ----------
-    field : a dataclass of numbers, arrays and other dataclasses of airtact.
-    key : what it is found by.
-
     Raises
     ------
     InvalidInput
@@ -66,12 +61,6 @@ def written(field: RadiatedField, key: str) -> bytes:
 def read(whole: bytes, key: str, scene: Scene, sources: Monopoles) -> RadiatedField:
     """Restore the field from the bytes of its file.
 
-    Parameters
-    ----------
-    whole : the file's bytes.
-    key : that it must have been written for.
-    scene, sources : that it was solved for.
-
     Raises
     ------
     DamagedError
@@ -94,11 +83,6 @@ def read(whole: bytes, key: str, scene: Scene, sources: Monopoles) -> RadiatedFi
 
 def save(path: Path, whole: bytes) -> None:
     """Write a file that appears with all its bytes on the disk, even if others write it or the process is killed.
-
-    Parameters
-    ----------
-    path : of the file; its folder is there.
-    whole : its content.
 
     Raises
     ------

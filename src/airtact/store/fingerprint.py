@@ -79,11 +79,6 @@ def program(modules: frozenset[str], package: Path = PACKAGE, kernels: Path = KE
 def code_files(modules: frozenset[str], package: Path = PACKAGE) -> dict[str, Path]:
     """Follow imports of modules of airtact, also those inside functions, to all files that they lead to.
 
-    Parameters
-    ----------
-    modules : names of the modules to start from.
-    package : folder of airtact.
-
     Returns
     -------
     The files by the names of their modules. A package on the way counts with its own file; what that imports is

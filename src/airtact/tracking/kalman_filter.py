@@ -3,6 +3,9 @@
 All coordinates are equally noisy and equally agile, so they share one covariance (2, 2) of position and velocity, and
 with it one gain.
 
+Times are in seconds, positions (P, 3) in metres; ``noise`` is the standard deviation of each measured coordinate [m],
+``agility`` the spectral density of the acceleration [m²/s³].
+
 Source: Y. Bar-Shalom, X. R. Li, T. Kirubarajan, *Estimation with Applications to Tracking and Navigation*, Wiley 2001:
 section 6.2.2, discretised continuous white noise acceleration (equations 6.2.2-4 and 6.2.2-9); section 5.5.3, starting
 from two measurements.
@@ -41,13 +44,7 @@ class Motion:
     __repr__ = in_short
 
     def at(self, time: float, agility: float) -> "Motion":
-        """Carry the points on at their velocities.
-
-        Parameters
-        ----------
-        time : when [s].
-        agility : spectral density of the acceleration [m²/s³].
-        """
+        """Carry the points on at their velocities."""
         step = time - self.time
         forward, chance = transition(step), process_noise(step, agility)
         positions = self.positions + step * self.velocities
@@ -60,26 +57,13 @@ def transition(step: float) -> Float64[np.ndarray, "2 2"]:
 
 
 def process_noise(step: float, agility: float) -> Float64[np.ndarray, "2 2"]:
-    """Return the covariance that random acceleration adds to position and velocity in a step of time.
-
-    Parameters
-    ----------
-    step : [s].
-    agility : spectral density of the acceleration [m²/s³].
-    """
+    """Return the covariance that random acceleration adds to position and velocity in a step of time."""
     size = abs(step)
     return agility * np.array([[size**3 / 3.0, step * size / 2.0], [step * size / 2.0, size]])
 
 
 def first_seen(time: float, positions: Real[np.ndarray, "points 3"], noise: float) -> Motion:
-    """Start from one measurement, with the points at rest.
-
-    Parameters
-    ----------
-    time : [s].
-    positions : (P, 3) [m].
-    noise : standard deviation of each coordinate [m].
-    """
+    """Start from one measurement, with the points at rest."""
     covariance = np.diag([noise**2, USUAL**2])
     return Motion(time, np.asarray(positions, dtype=np.float64), np.zeros(positions.shape), covariance, seen_once=True)
 
@@ -87,16 +71,7 @@ def first_seen(time: float, positions: Real[np.ndarray, "points 3"], noise: floa
 def measured(
     motion: Motion, time: float, positions: Real[np.ndarray, "points 3"], noise: float, agility: float
 ) -> Motion:
-    """Update the estimate with a measurement.
-
-    Parameters
-    ----------
-    motion : as known before.
-    time : of the measurement, later [s].
-    positions : (P, 3) [m].
-    noise : standard deviation of each coordinate [m].
-    agility : spectral density of the acceleration [m²/s³].
-    """
+    """Update the estimate with a measurement."""
     if motion.seen_once:
         return _from_two(motion, time, positions, noise, agility)
     expected = motion.at(time, agility)

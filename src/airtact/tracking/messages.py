@@ -46,12 +46,7 @@ _decoder = msgspec.json.Decoder(Message)
 
 
 def to_json(frame: HandFrame) -> bytes:
-    """Write a frame as a line of JSON, without the line's end; coordinates are rounded to micrometres.
-
-    Parameters
-    ----------
-    frame : any.
-    """
+    """Write a frame as a line of JSON, without the line's end; coordinates are rounded to micrometres."""
     landmarks = None if frame.landmarks is None else np.round(frame.landmarks, DIGITS).tolist()
     cloud = None if frame.cloud is None else np.round(frame.cloud, DIGITS).tolist()
     return msgspec.json.encode(Message(frame.time, frame.side, frame.sequence, landmarks, cloud))
@@ -59,10 +54,6 @@ def to_json(frame: HandFrame) -> bytes:
 
 def from_json(text: bytes | str) -> HandFrame:
     """Read a frame from JSON.
-
-    Parameters
-    ----------
-    text : one object.
 
     Raises
     ------
@@ -79,12 +70,7 @@ def from_json(text: bytes | str) -> HandFrame:
 
 
 def to_osc(frame: HandFrame) -> bytes:
-    """Write a frame as an OSC message, coordinates in single precision.
-
-    Parameters
-    ----------
-    frame : any.
-    """
+    """Write a frame as an OSC message, coordinates in single precision."""
     from pythonosc.osc_message_builder import OscMessageBuilder
 
     builder = OscMessageBuilder(ADDRESS)
@@ -100,10 +86,6 @@ def to_osc(frame: HandFrame) -> bytes:
 
 def from_osc(packet: bytes) -> list[HandFrame]:
     """Read the frames in an OSC packet: one message, or a bundle of several; other addresses are passed over.
-
-    Parameters
-    ----------
-    packet : as it came.
 
     Raises
     ------

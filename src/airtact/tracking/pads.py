@@ -49,11 +49,6 @@ class PadTrack:
 def pads_over_time(frames: Iterable[HandFrame], side: Side) -> PadTrack:
     """Find the pads of a hand in every frame; the radii of the skin are those of the first frame's hand.
 
-    Parameters
-    ----------
-    frames : of a recording; those of the other hand are passed over.
-    side : ``"left"`` or ``"right"``.
-
     Raises
     ------
     InvalidInput

@@ -130,14 +130,6 @@ def link_for(
 ) -> Link:
     """Choose the link to a plan's boards.
 
-    Parameters
-    ----------
-    made : the plan.
-    link : name of one of ``LINKS``.
-    address : interface, AMS net id or host:port, for AUTD3.
-    port : serial port.
-    out : file.
-
     Raises
     ------
     InvalidInput
