@@ -8,9 +8,9 @@ import h5py
 import numpy as np
 import pytest
 
-from airtact.drive_file import read_drive_file
 from airtact.evaluation.field import drive_sources
 from airtact.solvers.spherical.sphere_series import SphereSeries
+from airtact.transducers.drive_file import read_drive_file
 from airtact.transducers.levels import Levels
 from airtact.transfer import focus_by_distance
 from airtact.workflows.render import CONSIDERED, FILES, IGNORED, render

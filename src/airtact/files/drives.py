@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from airtact.conventions import about
-from airtact.drive_file import DriveFile, read_drive_file
 from airtact.hardware.file_link import read_messages
 from airtact.synthesis.sequence import Sequence
+from airtact.transducers.drive_file import DriveFile, read_drive_file
 from airtact.transfer import Drive
 from airtact.validation import of_kind
 

@@ -9,10 +9,10 @@ from jaxtyping import Complex128
 
 from airtact.atomic import whole_file
 from airtact.conventions import InvalidInput
-from airtact.drive_file import DriveFile, write_drive_file
 from airtact.hardware.codecs import codec_of
 from airtact.hardware.link import Link
 from airtact.synthesis.quantise import Frame
+from airtact.transducers.drive_file import DriveFile, write_drive_file
 from airtact.validation import of_kind
 
 SUFFIXES = (".npz", ".csv", ".h5", ".bin")

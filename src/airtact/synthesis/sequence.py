@@ -13,12 +13,12 @@ import numpy as np
 from jaxtyping import Complex128, Float64, Int64
 
 from airtact.conventions import InvalidInput
-from airtact.drive_file import save_drives
 from airtact.printing import in_short
 from airtact.scene.scene import Scene
 from airtact.scene.target import Target
 from airtact.synthesis.reach import foci_rows
 from airtact.synthesis.time_reversal import phase_conjugate
+from airtact.transducers.drive_file import save_drives
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import EIGHT_BITS, FULL_SCALE, Levels
 from airtact.transfer import Drive, TransferMatrix, check_drive

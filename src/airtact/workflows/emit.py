@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Complex128, Float64
 
 from airtact.conventions import InvalidInput, about
-from airtact.drive_file import DriveFile, read_drive_file
 from airtact.evaluation.thresholds import sound_pressure_level
 from airtact.hardware.amplitudes import faded, largest_pressure_around, share_under_cap
 from airtact.hardware.codecs import codec_of
@@ -21,6 +20,7 @@ from airtact.scene.medium import air
 from airtact.synthesis.quantise import quantise, rounding_error
 from airtact.synthesis.sequence import Sequence
 from airtact.transducers.boards import Board, board_named, boards_needed, poses_of_boards
+from airtact.transducers.drive_file import DriveFile, read_drive_file
 from airtact.transducers.element import DEFAULT_SENSITIVITY
 from airtact.transfer import Drive, TransferMatrix
 from airtact.validation import counted, positive

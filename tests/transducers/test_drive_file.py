@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.drive_file import COLUMNS, DriveFile, read_drive_file, write_drive_file
 from airtact.transducers.boards import board_named
+from airtact.transducers.drive_file import COLUMNS, DriveFile, read_drive_file, write_drive_file
 from airtact.transducers.layout import board_array
 from airtact.transducers.levels import Levels
 from faults import raises_code
 
-OLD = Path(__file__).parent / "files" / "old_drive.h5"
+OLD = Path(__file__).parents[1] / "files" / "old_drive.h5"
 ARRAY = at.autd3_board().moved(at.Pose.turn(np.array([0.0, 1.0, 0.0]), 0.3, translation=(0.1, 0.0, -0.2)))
 SCENE = at.Scene(at.Medium(343.1, 1.293, 0.14), [], frequency=39e3)
 MATRIX = at.TransferMatrix(np.arange(2 * 249).reshape(2, 249) * (1 + 2j), 0.01)
