@@ -19,18 +19,7 @@ _PAIRS_AT_ONCE = 1 << 20
 def unit_monopoles(
     points: Real[np.ndarray, "points 3"], positions: Real[np.ndarray, "sources 3"], wavenumber: complex
 ) -> Complex128[np.ndarray, "points sources"]:
-    """Pressure of monopoles of 1 Pa·m in open air, e^{ikr}/r.
-
-    Parameters
-    ----------
-    points : (P, 3) receivers [m].
-    positions : (N, 3) of the monopoles [m].
-    wavenumber : k [1/m], its imaginary part the absorption [Np/m].
-
-    Returns
-    -------
-    (P, N) pressure [Pa]; no point may be on a monopole, see ``check_off_sources``.
-    """
+    """Pressure e^{ikr}/r of monopoles of 1 Pa·m in open air [Pa]; no point may be on a monopole."""
     distance = np.sqrt(np.sum((points[:, None, :] - positions[None, :, :]) ** 2, axis=-1))
     return np.exp(1j * wavenumber * distance) / distance
 
@@ -116,12 +105,4 @@ class FreeField(Solver):
                 "take a solver that scatters, such as BoundaryElement.",
                 code="solver_unsuitable",
             )
-        report = SolveReport(
-            solver="FreeField",
-            residual=0.0,
-            iterations=0,
-            nodes=0,
-            nodes_per_square_wavelength=np.inf,
-            estimated_error=0.0,
-        )
-        return OpenAirField(scene, sources, report)
+        return OpenAirField(scene, sources, SolveReport(solver="FreeField"))

@@ -37,13 +37,9 @@ def gmres(
     tolerance: float,
     most_iterations: int = 120,
 ) -> GmresResult:
-    """Solve A x = b for several b.
+    """Solve A x = b for several b, in the precision of the right-hand sides (S, M).
 
-    Parameters
-    ----------
-    product : A v for each row v of (S, M).
-    right_sides : (S, M); its precision is the working precision.
-    tolerance : relative residual that all of them must reach.
+    ``product`` returns A v for each row v of (S, M); ``tolerance`` is the relative residual that all must reach.
 
     Raises
     ------

@@ -15,11 +15,7 @@ def monopole_pressure(
 ) -> Complex128[np.ndarray, "points sounds"]:
     """Open-air pressure Σ_j s_j e^{ikr}/r at points [Pa]; ``precision`` is float32 or float64."""
     out = np.empty((len(points), strengths.shape[1]), dtype=np.complex128)
-    loop("apply_monopoles", precision)(
-        np.ascontiguousarray(points, dtype=np.float64),
-        np.ascontiguousarray(positions, dtype=np.float64),
-        np.ascontiguousarray(strengths, dtype=np.complex128),
-        complex(wavenumber),
-        out,
-    )
+    points, positions = (np.ascontiguousarray(one, dtype=np.float64) for one in (points, positions))
+    strengths = np.ascontiguousarray(strengths, dtype=np.complex128)
+    loop("apply_monopoles", precision)(points, positions, strengths, complex(wavenumber), out)
     return out

@@ -39,11 +39,11 @@ class SolveReport:
     """
 
     solver: str
-    residual: float
-    iterations: int
-    nodes: int
-    nodes_per_square_wavelength: float
-    estimated_error: float
+    residual: float = 0.0
+    iterations: int = 0
+    nodes: int = 0
+    nodes_per_square_wavelength: float = float("inf")
+    estimated_error: float = 0.0
     seconds: Mapping[str, float] = field(default_factory=dict)
     settings: Mapping[str, str | float | int] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()

@@ -16,28 +16,14 @@ STENCIL = ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12))
 def velocity_of(
     gradient: Complex[np.ndarray, "points 3 sounds"], frequency: float, density: Real[np.ndarray, "points"] | float
 ) -> Complex128[np.ndarray, "points 3 sounds"]:
-    """Particle velocity [m/s] from the gradient of the pressure.
-
-    Parameters
-    ----------
-    gradient : (P, 3, S) ∇p [Pa/m].
-    frequency : [Hz].
-    density : (P,) of the medium at each point, or the same at all [kg/m³].
-    """
+    """Particle velocity [m/s] from ∇p (P, 3, S) [Pa/m], the frequency [Hz] and the density at each point [kg/m³]."""
     return gradient / (2j * np.pi * frequency * np.broadcast_to(density, len(gradient))[:, None, None])
 
 
 def open_air_gradient(
     points: Real[np.ndarray, "points 3"], sources: Monopoles, wavenumber: complex
 ) -> Complex128[np.ndarray, "points 3 sounds"]:
-    """∇p of monopoles in open air: Σ_j s_j (ik − 1/r) e^{ikr}/r · (x − x_j)/r.
-
-    Parameters
-    ----------
-    points : (P, 3) off the sources [m].
-    sources : the monopoles.
-    wavenumber : k [1/m].
-    """
+    """∇p [Pa/m] of monopoles in open air: Σ_j s_j (ik − 1/r) e^{ikr}/r · (x − x_j)/r."""
     gradient = np.empty((len(points), 3, sources.strengths.shape[1]), dtype=np.complex128)
     rows = max(1, PAIRS_AT_ONCE // len(sources.positions))
     for first in range(0, len(points), rows):
@@ -55,14 +41,7 @@ def differences(
     points: Real[np.ndarray, "points 3"],
     step: Float64[np.ndarray, "points"],
 ) -> Complex128[np.ndarray, "points 3 sounds"]:
-    """∇p by central differences along x, y and z [Pa/m].
-
-    Parameters
-    ----------
-    pressure : returns (P, S) pressures [Pa] at points (P, 3) [m].
-    points : (P, 3) [m]; the pressure must exist two steps away on all sides.
-    step : (P,) [m].
-    """
+    """∇p [Pa/m] by central differences along x, y and z; the pressure must exist two steps [m] away on all sides."""
     gradient = []
     for axis in np.eye(3):
         shifted = [pressure(points + count * step[:, None] * axis) * weight for count, weight in STENCIL]

@@ -81,12 +81,9 @@ def _rounded(parts: Float64[np.ndarray, "parts"]) -> Int64[np.ndarray, "parts"]:
 def near_blocks(
     panels: int, first: Int64[np.ndarray, "bounds"], near: Int64[np.ndarray, "pairs"]
 ) -> Bool[np.ndarray, "blocks blocks"]:
-    """Which blocks have panels near each other.
+    """Mark the pairs of blocks that have panels near each other.
 
-    Parameters
-    ----------
-    panels : how many there are.
-    first, near : where the panels near each point begin, and those panels; every panel has as many points.
+    ``near`` are the panels near each point, ``first`` where those of each point begin; all panels have as many points.
     """
     blocks, each = -(-panels // PANELS), (len(first) - 1) // panels
     met = np.zeros((blocks, blocks), dtype=bool)

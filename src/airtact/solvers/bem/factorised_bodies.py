@@ -1,6 +1,5 @@
 """Bodies factorised one by one, for foci that change and for bodies that move rigidly against each other."""
 
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -22,6 +21,7 @@ from airtact.solvers.gmres import GmresResult, gmres
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.surfaces.panels import LARGEST_TO_POINT, LONGEST_TO_EQUILATERAL
 from airtact.surfaces.surface import rigid_motion
+from airtact.timing import Clock
 from airtact.validation import counted
 
 MOVED = 1e-3
@@ -69,22 +69,23 @@ class FactorisedBodies(Solver):
             The iteration over the bodies did not settle.
         """
         check_sources(scene, sources)
-        began = time.perf_counter()
-        coupling = self._coupling(scene)
-        if coupling is None:
-            return self.whole.radiate(scene, sources)
-        placed = coupling.placed
-        sources, factors = _projected(scene, placed, sources)
-        strengths = factors[:, None] * sources.strengths
-        alone = np.ascontiguousarray(
-            np.concatenate([body.alone(sources.positions, strengths, factors > 1) for body in placed]).T
-        )
-        result = self._together(coupling, alone)
+        clock = Clock()
+        with clock.step("bodies"):
+            coupling = self._coupling(scene)
+            if coupling is None:
+                return self.whole.radiate(scene, sources)
+            placed = coupling.placed
+            sources, factors = _projected(scene, placed, sources)
+            strengths = factors[:, None] * sources.strengths
+            alone = np.ascontiguousarray(
+                np.concatenate([body.alone(sources.positions, strengths, factors > 1) for body in placed]).T
+            )
+            result = self._together(coupling, alone)
         report = replace(
             self.report,
             residual=float(result.residuals.max()),
             iterations=result.iterations,
-            seconds={"bodies": time.perf_counter() - began},
+            seconds=clock.seconds,
             warnings=(*self.report.warnings, *self._coarse(placed, sources)),
         )
         return FactorisedField(scene, sources, placed, result.solution.T.astype(np.complex128), factors, report)

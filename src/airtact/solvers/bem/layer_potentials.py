@@ -73,22 +73,10 @@ def near_rows(
     """
     first, panel = near_lists(nodes, points, near_rule.reach * nodes.radii)
     excess = np.empty((len(panel), 6), dtype=np.complex128)
-    loop("near_excess", precision)(
-        np.ascontiguousarray(points, dtype=np.float64),
-        first,
-        panel,
-        nodes.quadratic_triangles,
-        nodes.contact,
-        nodes.points,
-        nodes.weighted_normals,
-        NODAL,
-        complex(wavenumber),
-        least,
-        *gauss_rules(LARGEST_RULE),
-        LARGEST_RULE,
-        *near_rule.gauss_points,
-        excess,
-    )
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    panels = nodes.quadratic_triangles, nodes.contact, nodes.points, nodes.weighted_normals, NODAL
+    rules = *gauss_rules(LARGEST_RULE), LARGEST_RULE, *near_rule.gauss_points
+    loop("near_excess", precision)(points, first, panel, *panels, complex(wavenumber), least, *rules, excess)
     return NearRows(first, panel, excess)
 
 
@@ -113,15 +101,8 @@ def double_layer_pressure(
     if cells is None:
         least, precision = _least_distance(nodes, near_rule, precision)
         out = np.empty((len(points), pressure.shape[1]), dtype=np.complex128)
-        loop("apply_double_layer", precision)(
-            points,
-            nodes.points,
-            nodes.weighted_normals,
-            np.ascontiguousarray(pressure),
-            complex(wavenumber),
-            least,
-            out,
-        )
+        layer = nodes.points, nodes.weighted_normals, np.ascontiguousarray(pressure)
+        loop("apply_double_layer", precision)(points, *layer, complex(wavenumber), least, out)
     else:
         least = 0.05 * float(nodes.radii.min())
         out = cells.sums(nodes.points, nodes.weighted_normals, pressure, wavenumber, least)

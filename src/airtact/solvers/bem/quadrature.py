@@ -88,14 +88,7 @@ class Nodes:
 def place_nodes(
     quadratic_triangles: QuadraticTriangles, body: Int64[np.ndarray, "panels"], deviation: Float64[np.ndarray, "panels"]
 ) -> Nodes:
-    """Put the six nodes of the degree-4 rule on every panel.
-
-    Parameters
-    ----------
-    quadratic_triangles : (T, 6, 3) the panels [m].
-    body : (T,) the obstacle of each.
-    deviation : (T,) how far each lies from the true surface at most [m].
-    """
+    """Put the six nodes of the degree-4 rule on every panel, which deviates from the true surface by a length [m]."""
     shape = shape_functions(RULE_POINTS)
     along_u, along_v = shape_gradients(RULE_POINTS)
     points = shape @ quadratic_triangles
@@ -193,31 +186,16 @@ def integrate_near(
 ) -> NearPairs:
     """Integrate the double layer (or single layer) of e^{ikr}/(4πr) over panels near points, singular or not.
 
-    Parameters
-    ----------
-    points : (P, 3) targets [m], on the panels (nearer than their contact) or off them.
-    pairs : target and panel of each pair, as ``find_near`` gives them.
-    gauss_points : points along the angle and the radius before the stretching asks for more.
+    The points [m] are on the panels (nearer than their contact) or off them; ``pairs`` as ``find_near`` returns them.
+    ``gauss_points`` are along the angle and the radius, before the stretching adds more.
     """
     target, panel = pairs
-    rules = gauss_rules(LARGEST_RULE)
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    rules = *gauss_rules(LARGEST_RULE), LARGEST_RULE, *gauss_points
     moments = np.empty((len(target), 6), dtype=np.complex128)
     distance, reference = np.empty(len(target)), np.empty((len(target), 2))
-    _kernels.near_integrals(
-        single_layer,
-        np.ascontiguousarray(points, dtype=np.float64),
-        target,
-        panel,
-        nodes.quadratic_triangles,
-        nodes.contact,
-        complex(wavenumber),
-        *rules,
-        LARGEST_RULE,
-        *gauss_points,
-        moments,
-        distance,
-        reference,
-    )
+    panels, out = (nodes.quadratic_triangles, nodes.contact), (moments, distance, reference)
+    _kernels.near_integrals(single_layer, points, target, panel, *panels, complex(wavenumber), *rules, *out)
     return NearPairs(target, panel, moments @ NODAL, distance, reference)
 
 

@@ -90,14 +90,7 @@ class ReducedBody:
 
 
 def reduced_body(surface: DualSurface, reach: float, wanted: float) -> ReducedBody:
-    """Invert a body's own matrix and find its skeletons, larger ones until their error is small enough.
-
-    Parameters
-    ----------
-    surface : the dual-surface equation of the body alone.
-    reach : distance from which on the skeletons serve [m].
-    wanted : relative error that the skeletons may leave.
-    """
+    """Invert a body's own matrix and find its skeletons, for points beyond the reach [m], to the error wanted."""
     tree = KDTree(surface.nodes.points)
     proxies = _proxies(surface.nodes, tree, reach)
     matrix = assemble(surface, "float64" if surface.precision == "float64" else "float32").dense()

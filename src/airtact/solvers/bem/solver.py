@@ -154,19 +154,11 @@ class BoundaryElement(Solver):
                 right = direct_right_side(surface, sources.positions, sources.strengths)
                 solved.append(self._solved(matrix, right, transposed=False))
             release(matrix)
-        report = SolveReport(
-            solver="BoundaryElement",
+        report = replace(
+            self._report(scene, panels, [nodes], self._tolerance(), clock),
             residual=float(max(result.residuals.max() for result in solved)),
             iterations=max(result.iterations for result in solved),
-            nodes=len(nodes.points),
-            nodes_per_square_wavelength=len(nodes.points) * scene.wavelength**2 / float(nodes.weights.sum()),
-            estimated_error=float("nan"),
-            seconds=clock.seconds,
-            settings={"accuracy": self.accuracy, "precision": self.precision, "gmres_tolerance": self._tolerance()},
             citations=CITATIONS + ((LOW_RANK_SOURCE,) if matrix.far.column.size else ()),
-            warnings=tuple(_off_triangles(panels, scene.wavelength)),
-            farthest_off_triangles=float(panels.farthest.max()),
-            mean_off_triangles=float(panels.mean_distance.max()),
         )
         density, *pressure = (result.solution.astype(np.complex128).T for result in solved)
         field = BoundaryField(
@@ -206,32 +198,33 @@ class BoundaryElement(Solver):
         with clock.step("bodies"):
             panels = self._panels(scene, points)
             bodies = tuple(self._reduced(panels, body, scene) for body in range(len(scene.obstacles)))
-        nodes = [body.surface.nodes for body in bodies]
         tolerance = 0.1 * self.accuracy
-        count = sum(len(one.points) for one in nodes)
-        report = SolveReport(
+        report = self._report(scene, panels, [body.surface.nodes for body in bodies], tolerance, clock)
+        report = replace(
+            report,
             solver="BoundaryElement, factorised",
-            residual=0.0,
-            iterations=0,
+            settings={**report.settings, "skeleton_error": max(body.error for body in bodies)},
+            citations=(*CITATIONS, SKELETON_SOURCE),
+            warnings=(*_lost_by_skeletons(bodies, SKELETON_ERROR * self.accuracy), *report.warnings),
+        )
+        return FactorisedBodies(scene, bodies, self, tolerance, self._smallest(scene), report)
+
+    def _report(
+        self, scene: Scene, panels: Panels, nodes: Sequence[Nodes], tolerance: float, clock: Clock
+    ) -> SolveReport:
+        """Report what a solve and a factorisation have in common."""
+        count, area = sum(len(one.points) for one in nodes), float(sum(one.weights.sum() for one in nodes))
+        return SolveReport(
+            solver="BoundaryElement",
             nodes=count,
-            nodes_per_square_wavelength=count * scene.wavelength**2 / float(sum(one.weights.sum() for one in nodes)),
+            nodes_per_square_wavelength=count * scene.wavelength**2 / area,
             estimated_error=float("nan"),
             seconds=clock.seconds,
-            settings={
-                "accuracy": self.accuracy,
-                "precision": self.precision,
-                "gmres_tolerance": tolerance,
-                "skeleton_error": max(body.error for body in bodies),
-            },
-            citations=(*CITATIONS, SKELETON_SOURCE),
-            warnings=(
-                *_lost_by_skeletons(bodies, SKELETON_ERROR * self.accuracy),
-                *_off_triangles(panels, scene.wavelength),
-            ),
+            settings={"accuracy": self.accuracy, "precision": self.precision, "gmres_tolerance": tolerance},
+            warnings=tuple(_off_triangles(panels, scene.wavelength)),
             farthest_off_triangles=float(panels.farthest.max()),
             mean_off_triangles=float(panels.mean_distance.max()),
         )
-        return FactorisedBodies(scene, bodies, self, tolerance, self._smallest(scene), report)
 
     def _reduced(self, panels: Panels, body: int, scene: Scene) -> ReducedBody:
         """Factorise one body."""

@@ -39,13 +39,8 @@ def surface_gradient(
 ) -> Complex128[np.ndarray, "points 3 sounds"]:
     """Tangential gradient of the pressure [Pa/m], from a cubic through ten samples on the panel of each point.
 
-    The samples fill the panel's own triangle shrunk towards the point, so that none leaves the panel.
-
-    Parameters
-    ----------
-    nodes : of the panels.
-    panel, reference : (P,) and (P, 2) the panel of each point and its reference coordinates there.
-    pressure : returns the pressure [Pa] at points on the panels.
+    The points have reference coordinates on their panels. The samples fill the panel's own triangle shrunk towards the
+    point, so that none leaves the panel; ``pressure`` returns the pressure [Pa] there.
     """
     gradients = []
     for first in range(0, len(panel), POINTS_AT_ONCE):

@@ -85,25 +85,13 @@ class Cells:
         sounds, (_, b, c) = far.shape[1], (part.shape[1] for part in self.weights)
         cell = np.repeat(np.arange(len(self.centres)), np.diff(self.first))
         read = np.empty((len(self.points), sounds), dtype=np.complex128)
-        _kernels.interpolate(
-            far.astype(np.complex64).ravel(),
-            cell * (far.size // len(self.centres)),
-            np.array([b * c * sounds, c * sounds]),
-            *self.weights,
-            read,
-        )
+        first, steps = cell * (far.size // len(self.centres)), np.array([b * c * sounds, c * sounds])
+        _kernels.interpolate(far.astype(np.complex64).ravel(), first, steps, *self.weights, read)
         return read
 
 
 def cells_of(points: Real[np.ndarray, "points 3"], wavelength: float, error: float) -> Cells | None:
-    """Sort points (P, 3) [m] into cells, or give None where they are too few or too far apart for that to pay.
-
-    Parameters
-    ----------
-    points : (P, 3) [m].
-    wavelength : of the field to be summed [m].
-    error : relative error allowed; below the least of ``ORDERS`` there are no cells.
-    """
+    """Sort points (P, 3) [m] into cells for sums to a relative error, or return None where that does not pay."""
     order, beyond = min((choice for left, choice in ORDERS.items() if left <= error), default=(0, 0.0))
     if not order or len(points) < order**2 / PAYS:
         return None

@@ -35,12 +35,7 @@ def scattered_gradient(
 ) -> tuple[Complex128[np.ndarray, "points sources"], Complex128[np.ndarray, "points sources"]]:
     """Differentiate the scattered pressure of unit monopoles, or the total one inside a fluid sphere.
 
-    Parameters
-    ----------
-    modes : the sphere's boundary.
-    inside : whether the points lie in the sphere; all of them or none.
-    radii, source_radii : distances from the centre [m].
-    versine : 1 - cos γ of every point and source.
+    ``versine`` is 1 - cos γ of every point and source; the points are all ``inside`` the sphere or all outside.
 
     Returns
     -------

@@ -104,18 +104,10 @@ class SphereModes:
         versine: Float64[np.ndarray, "points sources"],
         scale: Float64[np.ndarray, "points sources"],
     ) -> Complex128[np.ndarray, "points sources"]:
-        """Scattered pressure of unit monopoles outside, or total pressure inside a fluid sphere.
+        """Scattered pressure of unit monopoles outside, or total pressure inside a fluid sphere: (P, N) [Pa].
 
-        Parameters
-        ----------
-        inside : whether the points lie in the sphere; all of them or none.
-        radii, source_radii : distances from the centre [m].
-        versine : 1 - cos γ of every point and source.
-        scale : the pressure [Pa] that ``ACCURACY`` is relative to.
-
-        Returns
-        -------
-        (P, N) pressure [Pa] of unit monopoles.
+        ``versine`` is 1 - cos γ of every point and source, ``scale`` the pressure [Pa] that ``ACCURACY`` is of.
+        The points are all ``inside`` the sphere or all outside.
 
         Raises
         ------

@@ -7,7 +7,6 @@ Fourier series by a kernel of few points (A. H. Barnett, J. Magland, L. af Klint
 C479), along 1/r by Chebyshev polynomials.
 """
 
-import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +24,7 @@ from airtact.solvers.memory import available_memory
 from airtact.solvers.monopoles import monopole_pressure
 from airtact.solvers.problem import RadiatedField, SolveReport, SurfaceField, receivers
 from airtact.solvers.spherical.radial_functions import outgoing_shapes
+from airtact.timing import Clock
 from airtact.validation import of_kind, points_of
 
 MARGIN = 1.0
@@ -197,23 +197,24 @@ def multipole_expansion(field: RadiatedField) -> RadiatedField:
         raise InvalidInput(
             "the scene of the field has 0 obstacles, so nothing is scattered; evaluate it as it is.", code="no_bodies"
         )
-    began = time.perf_counter()
-    centre, radius = ball_of(field.scene)
-    spheres = interpolation_spheres(
-        field, centre, radius + MARGIN * field.scene.wavelength, *_enough(radius * field.scene.wavenumber.real)
-    )
-    points = _around(spheres)
-    expanded = MultipoleField(
-        field.scene, field.sources, field, spheres, field.report, np.zeros(field.sources.strengths.shape[1])
-    )
-    found, exact = expanded.at(points), field.at(points)
-    size = np.linalg.norm(exact, axis=0)
-    own = np.linalg.norm(found - exact, axis=0) / np.where(size > 0, size, 1)
+    clock = Clock()
+    with clock.step("expansion"):
+        centre, radius = ball_of(field.scene)
+        spheres = interpolation_spheres(
+            field, centre, radius + MARGIN * field.scene.wavelength, *_enough(radius * field.scene.wavenumber.real)
+        )
+        points = _around(spheres)
+        expanded = MultipoleField(
+            field.scene, field.sources, field, spheres, field.report, np.zeros(field.sources.strengths.shape[1])
+        )
+        found, exact = expanded.at(points), field.at(points)
+        size = np.linalg.norm(exact, axis=0)
+        own = np.linalg.norm(found - exact, axis=0) / np.where(size > 0, size, 1)
     worst = float(own.max())
     warning = f"the multipole expansion is {100 * worst:.2g} % off, in addition to the error of the solution"
     report = replace(
         field.report,
-        seconds={**field.report.seconds, "expansion": time.perf_counter() - began},
+        seconds={**field.report.seconds, **clock.seconds},
         settings={**field.report.settings, "expansion_error": worst, "expansion_order": spheres.order},
         warnings=field.report.warnings + ((warning,) if worst > WARNED_ABOVE else ()),
     )
@@ -245,14 +246,7 @@ def _enough(reach: float) -> tuple[int, int]:
 def interpolation_spheres(
     field: RadiatedField, centre: Float64[np.ndarray, "3"], radius: float, order: int, count: int
 ) -> InterpolationSpheres:
-    """Expand the field that leaves a sphere, and tabulate it on ``count`` spheres from there to infinity.
-
-    Parameters
-    ----------
-    field : the solved field.
-    centre, radius : of a sphere that holds all bodies [m].
-    order : highest order of the expansion.
-    count : of the spheres.
+    """Expand the field that leaves a sphere around all bodies, and tabulate it on spheres from there to infinity.
 
     Raises
     ------

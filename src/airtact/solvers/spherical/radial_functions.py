@@ -26,17 +26,7 @@ def outgoing_quotients(argument: complex) -> Iterator[complex]:
 def outgoing_ratios(
     arguments: Complex[np.ndarray, "arguments"], reference: complex
 ) -> Iterator[Complex128[np.ndarray, "arguments"]]:
-    """Yield h_n(z)/h_n(z0) for n = 0, 1, 2 ...
-
-    Parameters
-    ----------
-    arguments : (M,) z = kr.
-    reference : z0 = ka; the ratios stay bounded for |z| >= |z0|.
-
-    Yields
-    ------
-    (M,) ratio of order n.
-    """
+    """Yield h_n(z)/h_n(z0) for n = 0, 1, 2 ..., which stay bounded for |z| >= |z0|."""
     carrier = reference / arguments * np.exp(1j * (arguments - reference))
     for shape in outgoing_shapes(arguments, reference):
         yield carrier * shape
@@ -57,16 +47,9 @@ def outgoing_shapes(
 def regular_quotients(
     arguments: Complex[np.ndarray, "arguments"], first: int, last: int
 ) -> Complex128[np.ndarray, "orders arguments"]:
-    """Quotients j_n(z)/j_(n-1)(z) for n = first ... last by downward recurrence.
+    """Quotients j_n(z)/j_(n-1)(z) for n = first ... last by downward recurrence: (last - first + 1, M).
 
-    Parameters
-    ----------
-    arguments : (M,) z, zero allowed.
-    first, last : orders wanted, 1 <= first <= last.
-
-    Returns
-    -------
-    (last - first + 1, M) quotients; where j_(n-1) vanishes the quotient is about 1e30 instead of infinite.
+    z may be zero; where j_(n-1) vanishes the quotient is about 1e30 instead of infinite.
     """
     largest = float(np.max(np.abs(arguments), initial=0.0))
     # Above the turning point |z| each step down shrinks the error of the start by (j_n/j_(n-1))² or more.
@@ -84,17 +67,7 @@ def regular_quotients(
 def regular_ratios(
     arguments: Complex[np.ndarray, "arguments"], reference: complex
 ) -> Iterator[Complex128[np.ndarray, "arguments"]]:
-    """Yield j_n(z)/j_n(z0) for n = 0, 1, 2 ...
-
-    Parameters
-    ----------
-    arguments : (M,) z, zero allowed.
-    reference : z0; the ratios stay bounded for |z| <= |z0|.
-
-    Yields
-    ------
-    (M,) ratio of order n.
-    """
+    """Yield j_n(z)/j_n(z0) for n = 0, 1, 2 ..., which stay bounded for |z| <= |z0|; z may be zero."""
     both = np.append(arguments, reference).astype(np.complex128)
     first = 1
     ratio = np.ones(0)
@@ -152,14 +125,7 @@ def image_sums(
 ) -> tuple[Float64[np.ndarray, "*shape"], Float64[np.ndarray, "*shape"]]:
     """Sum Σ x^n P_n(cos γ) and Σ x^n P_n(cos γ)/(n + 1) in closed form: a point and a line of images (DLMF 18.12.11).
 
-    Parameters
-    ----------
-    ratio : x in [0, 1].
-    versine : 1 - cos γ; not both x = 1 and γ = 0.
-
-    Returns
-    -------
-    The first sum, 1/√(1 - 2x cos γ + x²), and the second, its mean over [0, x].
+    They are 1/√(1 - 2x cos γ + x²) and its mean over [0, x], for x in [0, 1] but not both x = 1 and γ = 0.
     """
     cosine = 1.0 - versine
     distance = np.sqrt((1.0 - ratio) ** 2 + 2.0 * ratio * versine)

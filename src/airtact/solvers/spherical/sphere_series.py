@@ -1,10 +1,10 @@
 """One sphere in closed form: sound-hard, with an impedance, or filled with a fluid."""
 
-import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Complex128, Float64, Real
+from jaxtyping import Bool, Complex128, Float64, Int64, Real
 from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
@@ -18,9 +18,19 @@ from airtact.solvers.spherical.gradient import scattered_gradient
 from airtact.solvers.spherical.modes import ACCURACY, SphereModes
 from airtact.solvers.velocity import open_air_gradient, velocity_of
 from airtact.surfaces.primitives import Capsule
+from airtact.timing import Clock
 from airtact.validation import points_of
 
 _PAIRS_AT_ONCE = 1 << 14
+
+_PolarBlock = tuple[
+    Int64[np.ndarray, "points"],
+    Float64[np.ndarray, "points"],
+    Float64[np.ndarray, "sources"],
+    Float64[np.ndarray, "points 3"],
+    Float64[np.ndarray, "sources 3"],
+    Float64[np.ndarray, "points sources"],
+]
 
 _CITATIONS = (
     "J. J. Bowman, T. B. A. Senior, P. L. E. Uslenghi, Electromagnetic and Acoustic Scattering by Simple Shapes (1987)",
@@ -163,23 +173,15 @@ class SphereField(RadiatedField):
         which is finite at the source itself.
         """
         pressure = np.zeros((len(points), self.sources.strengths.shape[1]), dtype=np.complex128)
-        radii, directions = self._polar(points)
-        source_radii, source_directions = self._polar(self.sources.positions)
-        source_radii = np.maximum(source_radii, self.modes.radius)
-        if not inside:
-            radii = np.maximum(radii, self.modes.radius)
         nearest_first = np.argsort(KDTree(self.sources.positions).query(points)[0])
-        rows = max(1, _PAIRS_AT_ONCE // len(self.sources.positions))
-        for first in range(0, len(points), rows):
-            block = nearest_first[first : first + rows]
-            apart = directions[block, None, :] - source_directions
+        for block, radii, source_radii, _, _, versine in self._polar_blocks(points, inside, nearest_first):
             if alone:
-                heights = radii[block, None] + source_radii - 2.0 * self.modes.radius
+                heights = radii[:, None] + source_radii - 2.0 * self.modes.radius
                 distance = np.maximum(cdist(points[block], self.sources.positions), heights)
                 scale = np.exp(-self.scene.wavenumber.imag * distance) / distance
             else:
                 scale = np.abs(unit_monopoles(points[block], self.sources.positions, self.scene.wavenumber))
-            unit = self.modes.scattered(inside, radii[block], source_radii, 0.5 * np.sum(apart**2, axis=-1), scale)
+            unit = self.modes.scattered(inside, radii, source_radii, versine, scale)
             pressure[block] = unit @ self.sources.strengths
         return pressure
 
@@ -188,6 +190,21 @@ class SphereField(RadiatedField):
     ) -> Complex128[np.ndarray, "points 3 sounds"]:
         """Gradient of the series for points on one side of the surface [Pa/m]."""
         gradient = np.zeros((len(points), 3, self.sources.strengths.shape[1]), dtype=np.complex128)
+        for block, radii, source_radii, directions, source_directions, versine in self._polar_blocks(
+            points, inside, np.arange(len(points))
+        ):
+            outward, along = scattered_gradient(self.modes, inside, radii, source_radii, versine)
+            # cos γ grows by (source direction - cos γ · point direction)/r
+            for axis in range(3):
+                beside = source_directions[:, axis] - (1.0 - versine) * directions[:, None, axis]
+                unit = outward * directions[:, None, axis] + along * beside
+                gradient[block, axis] = unit @ self.sources.strengths
+        return gradient
+
+    def _polar_blocks(
+        self, points: Real[np.ndarray, "points 3"], inside: bool, order: Int64[np.ndarray, "points"]
+    ) -> Iterator[_PolarBlock]:
+        """Yield blocks of points: their indices, radii [m] and directions with those of the sources, and 1 - cos γ."""
         radii, directions = self._polar(points)
         source_radii, source_directions = self._polar(self.sources.positions)
         source_radii = np.maximum(source_radii, self.modes.radius)
@@ -195,16 +212,9 @@ class SphereField(RadiatedField):
             radii = np.maximum(radii, self.modes.radius)
         rows = max(1, _PAIRS_AT_ONCE // len(self.sources.positions))
         for first in range(0, len(points), rows):
-            block = slice(first, first + rows)
-            apart = directions[block, None, :] - source_directions
-            versine = 0.5 * np.sum(apart**2, axis=-1)
-            outward, along = scattered_gradient(self.modes, inside, radii[block], source_radii, versine)
-            # cos γ grows by (source direction - cos γ · point direction)/r
-            for axis in range(3):
-                beside = source_directions[:, axis] - (1.0 - versine) * directions[block, None, axis]
-                unit = outward * directions[block, None, axis] + along * beside
-                gradient[block, axis] = unit @ self.sources.strengths
-        return gradient
+            block = order[first : first + rows]
+            versine = 0.5 * np.sum((directions[block, None, :] - source_directions) ** 2, axis=-1)
+            yield block, radii[block], source_radii, directions[block], source_directions, versine
 
     def _polar(
         self, points: Real[np.ndarray, "points 3"]
@@ -235,17 +245,14 @@ class SphereSeries(Solver):
             If the scene is not one sphere, a source lies inside it, or one of the two is of another kind.
         """
         check_sources(scene, sources)
-        started = time.perf_counter()
-        obstacle, sphere = _only_sphere(scene)
-        modes = _modes(scene, obstacle, float(sphere.radius))
+        clock = Clock()
+        with clock.step("prepare"):
+            obstacle, sphere = _only_sphere(scene)
+            modes = _modes(scene, obstacle, float(sphere.radius))
         report = SolveReport(
             solver="SphereSeries",
-            residual=0.0,
-            iterations=0,
-            nodes=0,
-            nodes_per_square_wavelength=np.inf,
             estimated_error=ACCURACY,
-            seconds={"prepare": time.perf_counter() - started},
+            seconds=clock.seconds,
             settings={"accuracy": ACCURACY, "boundary": obstacle.boundary},
             citations=_CITATIONS,
         )
