@@ -145,7 +145,8 @@ def test_reading_statements_finds_what_reading_whole_files_finds() -> None:
             for one in node.names
         }
         modules = {found for found in whole if found and found.startswith("airtact.") and "_kernels" not in found}
-        assert modules <= set(_imports(file.read_text(), PACKAGE)) | {name.rpartition(".")[0]}, name
+        found = set(_imports(file.read_text(), PACKAGE))
+        assert modules <= found | {one.rpartition(".")[0] for one in found}, name
 
 
 def test_nothing_of_commands_and_pages_is_followed_from_a_solve() -> None:

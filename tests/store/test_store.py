@@ -21,6 +21,7 @@ from airtact.store.entry import DamagedError, read, written
 from airtact.store.fingerprint import fingerprint
 from airtact.store.stored import ABANDONED, SUFFIX
 from airtact.timing import Clock
+from faults import raises_code
 from paths import SCENES
 
 AIR = at.Medium(343.1, 1.293)
@@ -253,7 +254,6 @@ import os, random, signal, sys, time
 from pathlib import Path
 import numpy as np
 
-from faults import raises_code
 import airtact as at
 from airtact.store.entry import read, save, written
 folder = Path(sys.argv[1])
