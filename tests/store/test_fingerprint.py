@@ -112,19 +112,19 @@ def test_a_moved_module_is_followed_to_where_it_went(copied: Path) -> None:
 @pytest.mark.parametrize(
     "statement",
     [
-        "import airtact.text_table",
-        "import os, airtact.text_table",
+        "import airtact.file_access.text_table",
+        "import os, airtact.file_access.text_table",
         "from airtact import text_table",
-        "from airtact.text_table import text_table",
-        "from airtact.text_table import (\n    text_table,  # a table (of text)\n)",
-        "def late():\n    from airtact.text_table import text_table",
-        "if 1:\n    import airtact.text_table as table",
+        "from airtact.file_access.text_table import text_table",
+        "from airtact.file_access.text_table import (\n    text_table,  # a table (of text)\n)",
+        "def late():\n    from airtact.file_access.text_table import text_table",
+        "if 1:\n    import airtact.file_access.text_table as table",
     ],
 )
 def test_every_way_to_import_is_followed(copied: Path, statement: str) -> None:
-    assert "airtact.text_table" not in code_files(SOLVES, copied)
+    assert "airtact.file_access.text_table" not in code_files(SOLVES, copied)
     (copied / "solvers/gmres.py").write_text(statement + "\n")
-    assert "airtact.text_table" in code_files(SOLVES, copied)
+    assert "airtact.file_access.text_table" in code_files(SOLVES, copied)
 
 
 @pytest.mark.parametrize("statement", ["from airtact import nowhere", "from airtact.mesh import nowhere"])

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from airtact import _kernels
-from airtact.atomic import whole_file, writable_folder
+from airtact.file_access.atomic import whole_file, writable_folder
 from airtact.benching.contest import EDGES, Solved, ours, theirs
 from airtact.benching.fundamental_solutions import Reference, reference_pressure
 from airtact.benching.growth import BOARDS, by_elements, by_unknowns

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from airtact.atomic import whole_file, writable_folder
+from airtact.file_access.atomic import whole_file, writable_folder
 from airtact.conventions import InvalidInput, NotConverged
 from airtact.experiments.beacons import beacons
 from airtact.experiments.differences import differences

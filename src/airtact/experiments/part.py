@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
-from airtact.atomic import whole_file
+from airtact.file_access.atomic import whole_file
 from airtact.evaluation.windows import Window
 from airtact.figures.field_figure import BODY
 

@@ -8,7 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imsave
 
-from airtact.atomic import whole_file
+from airtact.file_access.atomic import whole_file
 
 PIXELS = 1.35
 """Pixels drawn per pixel of the page, for screens that have more."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.atomic import whole_file
+from airtact.file_access.atomic import whole_file
 from airtact.evaluation.comparison import HELD_EQUAL, Comparison
 from airtact.evaluation.metrics import NOT_MODELLED
 from airtact.figures.field_figure import Cut, draw_close_ups, draw_fields

@@ -34,7 +34,7 @@ from airtact.solvers.fem.solver import FiniteElement
 from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import Solver
 from airtact.synthesis.methods import METHODS
-from airtact.text_table import read_text_table
+from airtact.file_access.text_table import read_text_table
 from airtact.transducers.boards import poses_of_boards
 from airtact.transducers.calibration import load_calibration
 from airtact.transducers.element import Element, monopole, piston

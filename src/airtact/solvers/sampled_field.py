@@ -17,7 +17,7 @@ from airtact.scene.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.solvers.monopoles import monopole_pressure
 from airtact.solvers.problem import RadiatedField, SolveReport, SurfaceField, receivers
 from airtact.solvers.tetrahedra import Tetrahedra
-from airtact.text_table import read_text_table
+from airtact.file_access.text_table import read_text_table
 from airtact.validation import check_finite, file_fault, in_mm, points_of, positive
 
 TimeSign = Literal["e^{-iωt}", "e^{+jωt}"]

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64, Int64, Real
 
-from airtact.atomic import whole_file
+from airtact.file_access.atomic import whole_file
 from airtact.conventions import InvalidInput, about
 from airtact.printing import in_short
 from airtact.tracking.frame import FaultyFrame, HandFrame

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Complex128
 
 from airtact.conventions import InvalidInput, about
-from airtact.text_table import read_text_table
+from airtact.file_access.text_table import read_text_table
 from airtact.validation import counted, of_kind
 
 COLUMNS = ("element", "gain", "phase")

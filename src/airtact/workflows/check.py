@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from airtact.atomic import writable_folder
+from airtact.file_access.atomic import writable_folder
 from airtact.conventions import InvalidInput, about
 from airtact.figures.body_figure import draw_bodies, draw_fault
 from airtact.figures.picture_file import write_picture

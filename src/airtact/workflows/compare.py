@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from airtact.atomic import whole_file, writable_folder
+from airtact.file_access.atomic import whole_file, writable_folder
 from airtact.conventions import InvalidInput
 from airtact.evaluation.metrics import radiate_drives
 from airtact.evaluation.windows import plane_through

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from airtact.atomic import whole_file, writable_folder
+from airtact.file_access.atomic import whole_file, writable_folder
 from airtact.conventions import about
 from airtact.evaluation.field import drive_sources
 from airtact.evaluation.microphone import Microphone

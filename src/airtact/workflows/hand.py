@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 from matplotlib.figure import Figure
 
-from airtact.atomic import writable_folder
+from airtact.file_access.atomic import writable_folder
 from airtact.conventions import InvalidInput
 from airtact.figures.picture_file import write_picture
 from airtact.figures.surface_figure import draw_cloud, draw_panels

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from airtact.atomic import writable_folder
+from airtact.file_access.atomic import writable_folder
 from airtact.conventions import InvalidInput, about
 from airtact.figures.picture_file import write_picture
 from airtact.figures.plots import draw_tracks

@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from airtact.atomic import writable_folder
+from airtact.file_access.atomic import writable_folder
 from airtact.evaluation.comparison import Comparison, compare
 from airtact.evaluation.windows import Window, box_around, close_up, plane_through
 from airtact.figures.field_figure import Cut, cut_bodies

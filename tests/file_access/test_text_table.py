@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from airtact.text_table import read_text_table
+from airtact.file_access.text_table import read_text_table
 from faults import raises_code
 
 

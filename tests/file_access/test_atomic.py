@@ -2,7 +2,7 @@
 
 import pytest
 
-from airtact.atomic import whole_file, writable_folder
+from airtact.file_access.atomic import whole_file, writable_folder
 from airtact.conventions import InvalidInput
 
 

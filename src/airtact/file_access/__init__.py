@@ -1,0 +1,1 @@
+"""Reading and writing files: whole ones or none, and tables of text."""
