@@ -172,8 +172,8 @@ class TransferMatrix:
 def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
     """Build the (F, E) transfer matrix of F foci and E elements by reciprocity, from one solve with unit beacons.
 
-    A beacon is a virtual unit source at a focus. Its pressure at an element equals the pressure that the element,
-    emitting alike, makes at the focus (reciprocity, equation 3 of the paper). So
+    A beacon is a virtual unit source at a focus. Its pressure at an element equals the pressure that the element with
+    the same source strength makes at the focus (reciprocity, equation 3 of the paper). So
 
         H[f, e] = g_e · sensitivity · Σ_j w_j b_f(x_ej),
 
@@ -183,17 +183,18 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
 
     Parameters
     ----------
-    beacons : field of the unit beacons, each an excitation of its own: ``solver.radiate(scene, target.beacons())``.
+    beacons : field of the unit beacons, one excitation for each beacon: ``solver.radiate(scene, target.beacons())``.
     array : the transducers in the obstacles' frame, see ``PhasedArray.seen_from``.
 
     Returns
     -------
-    The matrix [Pa], with the largest error over the beacons that the solver estimates at the elements.
+    The matrix [Pa]. Its ``estimated_error`` is the relative error at the elements that the solver estimates for the
+    worst beacon.
 
     Raises
     ------
     InvalidInput
-        If the sources are not unit beacons, an element is inside a body, a focus or a body is behind the face of a
+        If the sources are not unit beacons, an element reaches into a body, a focus or a body is behind the face of a
         directional element, or the field is unknown at an element.
     """
     of_kind(beacons, RadiatedField, "the field of the beacons", "solver.radiate(scene, target.beacons())")

@@ -166,5 +166,8 @@ def test_what_cannot_be_verified_raises(beside_a_ball) -> None:
     inside = Target(TWO, suppression_points=np.array([[0.03, 0.0, 0.0]]))
     with raises_code("inside_body", "suppression point", "4 mm deep"):
         verify(scene, ARRAY, drive, inside, solver=SphereSeries())
+    other = in_open_air(Target(TWO[:1]))  # one focus would be broadcast over two
+    with raises_code("sizes_differ", "1 focus"):
+        verify(OPEN_AIR, ARRAY, drive, target, solver=FreeField(), transfer=other)
     with raises_code("out_of_range", "energy is -1"):
         attainable(in_open_air(target), energy=-1.0)

@@ -2,8 +2,8 @@
 
 import pytest
 
-from airtact.file_access.atomic import whole_file, writable_folder
 from airtact.conventions import InvalidInput
+from airtact.file_access.atomic import whole_file, writable_folder
 
 
 def test_a_finished_file_replaces_the_old_one(tmp_path):

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 
 from airtact import _kernels
-from airtact.file_access.atomic import whole_file, writable_folder
 from airtact.benching.contest import EDGES, Solved, ours, theirs
 from airtact.benching.fundamental_solutions import Reference, reference_pressure
 from airtact.benching.growth import BOARDS, by_elements, by_unknowns
@@ -21,6 +20,7 @@ from airtact.benching.performance_page import Bench, draw_contest, draw_growth, 
 from airtact.benching.real_time import OpenHand, RealTime, Row
 from airtact.benching.scenes import Bodies, two_fingers
 from airtact.conventions import InvalidInput
+from airtact.file_access.atomic import whole_file, writable_folder
 from airtact.hand.files import load_hand
 from airtact.transducers.layout import surrounding_box
 

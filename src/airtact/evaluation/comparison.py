@@ -134,14 +134,14 @@ class Comparison:
 def compare(
     scene: Scene, array: PhasedArray, drives: Mapping[str, Drive], target: Target, *, solver: Solver
 ) -> Comparison:
-    """Compare drives at the foci by one solve with two excitations per drive: as it is, and its phases alone.
+    """Compare drives at the foci by one solve with two excitations per drive: scaled to full scale, and phases alone.
 
     Parameters
     ----------
     scene : what is in the air.
-    array : the transducers in the scene's frame.
-    drives : by name; the first is the reference for the ratios. The scale of a drive plays no part.
-    target : the F foci; the pressures asked there play no part.
+    array : the transducers in the obstacles' frame, see ``PhasedArray.seen_from``.
+    drives : by name; the first is the reference for the ratios. The scale of a drive does not matter.
+    target : the F foci; the pressures asked there do not matter.
     solver : another one than made the drives, or a more accurate one.
 
     Returns

@@ -110,14 +110,14 @@ def evaluate(scene: Scene, array: PhasedArray, drive: Drive, target: Target, *, 
     Parameters
     ----------
     scene : what is in the air.
-    array : the transducers in the scene's frame.
+    array : the transducers in the obstacles' frame, see ``PhasedArray.seen_from``.
     drive : what they emit.
     target : the F foci and the pressures asked there.
-    solver : another one than made the drive, or a more accurate one, so that no solver verifies itself.
+    solver : a different or more accurate solver than the one that made the drive.
 
     Returns
     -------
-    The pressures at the foci.
+    The complex pressures (F,) at the foci [Pa], with the report of the solver.
 
     Raises
     ------

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Complex128, Float64
 
 from airtact.conventions import InvalidInput, about
-from airtact.printing import in_short
 from airtact.file_access.text_table import read_text_table
+from airtact.printing import in_short
 from airtact.validation import check_finite, complex_numbers, counted, in_mm, points_of
 
 POSITION, PRESSURE, PHASE = ("x", "y", "z"), "pressure", "phase"

@@ -15,6 +15,7 @@ from airtact.scene.scene import Scene
 from airtact.scene.target import Target
 from airtact.solvers.problem import RadiatedField, Solver
 from airtact.synthesis.quantise import quantise
+from airtact.synthesis.reach import check_foci
 from airtact.transducers.layout import PhasedArray
 from airtact.transfer import Drive, TransferMatrix, transfer_matrix
 from airtact.validation import in_mm, of_kind, points_of
@@ -272,6 +273,8 @@ def verify(
     """
     of_kind(target, Target, "the target", "Target(points, pressures)")
     ears = points_of(np.empty((0, 3)) if head is None else np.atleast_2d(head), "points of the head", least=0)
+    if transfer is not None:
+        check_foci(transfer, target)
     rounded = quantise(drive).drive()
     others = {"suppression point": target.suppression_points, "point of the head": ears}
     drives = [drive, rounded if rounded.amplitudes.any() else drive]

@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from airtact.file_access.atomic import whole_file, writable_folder
 from airtact.conventions import InvalidInput, NotConverged
 from airtact.experiments.beacons import beacons
 from airtact.experiments.differences import differences
@@ -17,6 +16,7 @@ from airtact.experiments.ratios import ratios
 from airtact.experiments.rigid_motion import rigid_motion
 from airtact.experiments.settings import FULL, QUICK, Settings
 from airtact.experiments.solved import solved
+from airtact.file_access.atomic import whole_file, writable_folder
 from airtact.pages.page import document, folded, heading, key_numbers, paragraph, section, table
 from airtact.timing import Clock
 

@@ -14,9 +14,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
-from airtact.file_access.atomic import whole_file
 from airtact.evaluation.windows import Window
 from airtact.figures.field_figure import BODY
+from airtact.file_access.atomic import whole_file
 
 BLANK = "0.9"
 """Grey of points without a value."""

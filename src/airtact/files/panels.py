@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Real
 
-from airtact.file_access.atomic import whole_file
 from airtact.conventions import InvalidInput
+from airtact.file_access.atomic import whole_file
 from airtact.files.flat_triangles import flat_triangles
 from airtact.files.vtkhdf import write_panels_vtkhdf
 from airtact.mesh.quadratic_triangles import QuadraticTriangles

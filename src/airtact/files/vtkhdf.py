@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Complex, Real
 
-from airtact.file_access.atomic import whole_file
 from airtact.conventions import InvalidInput
 from airtact.evaluation.windows import Box
+from airtact.file_access.atomic import whole_file
 from airtact.mesh.quadratic_triangles import QuadraticTriangles, panel_areas, smallest_angles
 from airtact.surfaces.surface import Surface
 

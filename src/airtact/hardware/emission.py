@@ -70,7 +70,7 @@ class Emission:
     ----------
     link : the way to the boards; it is opened and closed here.
     cap : largest amplitude of an element, in per cent of full scale; drives above it are reduced as a whole.
-    ramp : how long the amplitude rises [s].
+    ramp : duration of the ramp [s].
     patience : how long boards emit without a call [s].
 
     Raises

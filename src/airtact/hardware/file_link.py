@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Complex128
 
-from airtact.file_access.atomic import whole_file
 from airtact.conventions import InvalidInput
+from airtact.file_access.atomic import whole_file
 from airtact.hardware.codecs import codec_of
 from airtact.hardware.link import Link
 from airtact.synthesis.quantise import Frame

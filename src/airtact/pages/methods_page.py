@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.file_access.atomic import whole_file
 from airtact.evaluation.metrics import NOT_MODELLED
 from airtact.figures.field_figure import Cut, draw_fields
 from airtact.figures.plots import draw_bars
+from airtact.file_access.atomic import whole_file
 from airtact.pages.page import page_from, picture
 from airtact.scene.target import Target
 from airtact.solvers.problem import SolveReport

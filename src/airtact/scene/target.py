@@ -39,14 +39,15 @@ class Beacons(Monopoles):
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Foci that move with the hand, and points where the pressure is suppressed.
+    """Foci and suppression points, fixed in the obstacles' frame so that they move with the hand.
 
     Attributes
     ----------
     points : (F, 3) foci in the obstacles' frame [m].
-    pressures : (F,) peak pressures wanted [Pa], or None for as strong as possible.
-    shares : (F,) pressures wanted in proportion to each other, as strong as possible, or None for equal ones.
-    phases : (F,) phases wanted [rad] where complex numbers were given, or None to leave them to the method.
+    pressures : (F,) peak pressures asked for [Pa], or None to make the foci as strong as possible.
+    shares : (F,) relative pressures asked for, as strong as the array allows, or None. Without pressures and shares all
+        foci count equally.
+    phases : (F,) phases asked for [rad] if complex numbers are given, or None if the method chooses them.
     suppression_points : (Q, 3) points where the pressure is suppressed [m], none by default.
 
     Examples

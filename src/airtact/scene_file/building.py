@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from airtact.conventions import InvalidInput, about
+from airtact.file_access.text_table import read_text_table
 from airtact.pose import Pose
 from airtact.scene.medium import Medium, air
 from airtact.scene.scene import Scene, check_outside
@@ -34,7 +35,6 @@ from airtact.solvers.fem.solver import FiniteElement
 from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import Solver
 from airtact.synthesis.methods import METHODS
-from airtact.file_access.text_table import read_text_table
 from airtact.transducers.boards import poses_of_boards
 from airtact.transducers.calibration import load_calibration
 from airtact.transducers.element import Element, monopole, piston

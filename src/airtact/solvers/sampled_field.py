@@ -11,13 +11,13 @@ from jaxtyping import Bool, Complex128, Float64, Int64, Num, Real
 from scipy.spatial import Delaunay, KDTree, QhullError
 
 from airtact.conventions import InvalidInput, about
+from airtact.file_access.text_table import read_text_table
 from airtact.printing import in_short
 from airtact.scene.scene import Scene, check_sources
 from airtact.scene.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.solvers.monopoles import monopole_pressure
 from airtact.solvers.problem import RadiatedField, SolveReport, SurfaceField, receivers
 from airtact.solvers.tetrahedra import Tetrahedra
-from airtact.file_access.text_table import read_text_table
 from airtact.validation import check_finite, file_fault, in_mm, points_of, positive
 
 TimeSign = Literal["e^{-iωt}", "e^{+jωt}"]
@@ -40,7 +40,7 @@ REPEATED = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class SampledField(RadiatedField):
-    """A pressure known at nodes, interpolated between them.
+    """A field given by its pressure at nodes, interpolated between them; NaN outside the cells.
 
     Before it interpolates linearly in the tetrahedron that contains a point, it divides the pressure by e^{ikr}/r of
     the nearest source, whose phase varies far faster than the rest.

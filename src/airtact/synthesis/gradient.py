@@ -36,20 +36,21 @@ def gradient(
     iterations: int = 500,
     constraint: Constraint = AT_MOST_ONE,
 ) -> Drive:
-    """Improve the drive of ``max_min`` with amplitudes and phases free, and silence the suppression points.
+    """Improve the amplitudes and phases of the drive of ``max_min``, and silence the suppression points.
 
-    Without suppression points the method maximises a mean of the power −``SOFTNESS`` of the pressures over what the
-    foci ask, close to their smallest, and returns the better of start and end. With suppression points it minimises
-    their mean squared pressure while that smallest pressure may fall by ``loss``. The descent is L-BFGS-B (Byrd, Lu,
-    Nocedal and Zhu, SIAM J. Sci. Comput. 16 (1995) 1190) on amplitudes between 0 and 1 and phases, or on phases alone.
-    It ignores the phases that the target asks for.
+    Without suppression points the method divides each focus's pressure by what it asks, maximises the power mean of
+    exponent −``SOFTNESS``, which is close to the smallest, and returns the better of start and end. With suppression
+    points it minimises their mean squared pressure, with a penalty where the power mean falls below 1 − ``loss`` of its
+    start. The descent is L-BFGS-B (Byrd, Lu, Nocedal and Zhu, SIAM J. Sci. Comput. 16 (1995) 1190) on amplitudes
+    between 0 and 1 and phases, or on phases alone. It ignores the phases that the target asks for.
 
     Parameters
     ----------
     transfer : the transfer matrix of the foci, and of the suppression points where the target has some.
     target : the foci, the pressures asked there, and the suppression points.
-    loss : fraction of the pressure at the foci that may be given up for the suppression points, from 0 up to 1.
-    iterations : most steps of one descent.
+    loss : fraction of the starting pressure at the foci that may be lost to the suppression points, at least 0 and
+        below 1; the limit is soft.
+    iterations : largest number of steps of one descent.
     constraint : the amplitudes and phases that an element can emit; levels are rounded to at the end.
 
     Returns
@@ -59,9 +60,8 @@ def gradient(
     Raises
     ------
     InvalidInput
-        If the foci or suppression points of the target are not those of the matrix, there are more foci than elements,
-        two foci are too close together, a focus is shadowed, the loss is not from 0 up to 1, or there is less than one
-        iteration.
+        If the target does not fit the matrix, there are more foci than elements, two foci are too close together, a
+        focus is shadowed, the loss is negative or not below 1, or ``iterations`` is below 1.
 
     Warns
     -----
@@ -85,12 +85,8 @@ def gradient(
     if not len(suppressed) and smallest_pressure(matrix, found) < smallest_pressure(matrix, start):
         found = start
     if not done:
-        warn_stalled(
-            "gradient",
-            matrix,
-            smallest_pressure(matrix, found),
-            f"after {counted(iterations, 'step', 'steps')}, still improving",
-        )
+        steps = f"after {counted(iterations, 'step', 'steps')}, still improving"
+        warn_stalled("gradient", matrix, smallest_pressure(matrix, found), steps)
     return scaled_to_target(transfer, target, found, constraint)
 
 

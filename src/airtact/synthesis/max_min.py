@@ -29,21 +29,22 @@ def max_min(
 
     The method first solves the semidefinite relaxation of ``upper_bound`` (Inoue, Makino and Shinoda, IEEE World
     Haptics 2015), in which every element may emit several signals in turn. It then drops the weakest of them, a few at
-    a time with iterations in between, until one is left (our own scheme), and continues by weighted Gerchberg-Saxton
-    until nothing improves. It also starts from where ``weighted_gerchberg_saxton`` starts, and returns the best drive.
-    The result is deterministic. With many dozens of foci close to each other the iterations may not converge;
+    a time with iterations in between, until one is left (our own scheme), and runs ``iterations`` steps of weighted
+    Gerchberg-Saxton from there. It also starts from where ``weighted_gerchberg_saxton`` starts, and returns the best
+    drive. The result is deterministic. With many dozens of foci close to each other the iterations may not converge;
     ``gradient`` continues from there. Phases and suppression points of the target have no effect.
 
     Parameters
     ----------
     transfer : the (F, E) transfer matrix of F foci and E elements.
     target : the foci and the pressures asked there.
-    iterations : of weighted Gerchberg-Saxton at the end.
+    iterations : number of weighted Gerchberg-Saxton steps at the end.
     constraint : the amplitudes and phases that an element can emit.
 
     Returns
     -------
-    The drive, scaled as ``phase_conjugate`` scales it and rounded to the levels of the constraint.
+    The drive. All elements have the same amplitude: full scale, or less if the worst focus asks for less. It is rounded
+    to the levels of the constraint.
 
     Raises
     ------
@@ -54,7 +55,7 @@ def max_min(
     Warns
     -----
     Stalled
-        If the iterations were too few; the best drive is returned.
+        If the worst focus stays more than 3 % below what the same phases allow; the best drive is returned.
     """
     matrix, wanted = asked_rows(transfer, target)
     check_iterations(iterations)

@@ -80,8 +80,8 @@ def quantise(drive: Drive, levels: Levels = EIGHT_BITS) -> Frame:
     """Round every element to a level of amplitude and one of phase: 256 of each, as the paper has it (section 3.4).
 
     Amplitude byte round(255 |d|), phase byte round(256 arg(d) / 2π) modulo 256; other levels alike, by the nearest. An
-    element whose amplitude level is 0 is off and gets phase level 0, so ``quantise(frame.drive())`` is the frame again
-    for every frame made here. Where there are only two amplitudes every element above a thousandth of full scale is at
+    element whose amplitude level is 0 is off and gets phase level 0, so ``quantise(frame.drive(), frame.levels)``
+    returns the same frame. Where there are only two amplitudes every element above a thousandth of full scale is at
     full scale, as in ``drive.phase_only()``.
 
     Parameters

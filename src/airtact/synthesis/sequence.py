@@ -220,7 +220,7 @@ def lateral_modulation(
     rate: float = 1000.0,
     method: Method = phase_conjugate,
 ) -> Sequence:
-    """Move a focus to and fro along the points of a target, from the first to the last and back, once a period.
+    """Move a focus back and forth along the points of a target, from the first to the last and back, once a period.
 
     Parameters
     ----------

@@ -66,11 +66,12 @@ def upper_bound(transfer: TransferMatrix, target: Target, *, tolerance: float = 
     ----------
     transfer : the (F, E) transfer matrix of F foci and E elements.
     target : the foci and the pressures asked there.
-    tolerance : how far the bound may stay above what its relaxation reaches, relative.
+    tolerance : relative gap to the relaxation at which the iteration stops. It also stops after 1000 iterations; the
+        bound holds then too.
 
     Returns
     -------
-    The bound and its certificate.
+    The bound and its certificate: a fraction of the pressures asked for, or a pressure [Pa] if none are.
 
     Raises
     ------

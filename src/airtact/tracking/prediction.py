@@ -38,7 +38,7 @@ class Predictor:
     Raises
     ------
     InvalidInput
-        When a number is not above zero, or the latency is over a second.
+        If the latency is not from 0 to 1 s, or another number is not above zero.
     """
 
     def __init__(self, latency: float, noise: float = NOISE, agility: float = AGILITY, patience: float = 0.15) -> None:

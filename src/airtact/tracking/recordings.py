@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64, Int64, Real
 
-from airtact.file_access.atomic import whole_file
 from airtact.conventions import InvalidInput, about
+from airtact.file_access.atomic import whole_file
 from airtact.printing import in_short
 from airtact.tracking.frame import FaultyFrame, HandFrame
 from airtact.tracking.messages import from_json, to_json

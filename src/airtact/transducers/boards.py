@@ -116,8 +116,8 @@ def poses_of_boards(
 
     Returns
     -------
-    One pose a board, from the board's frame to the array's; the identity for boards that do not fix
-    the positions of their transducers.
+    One pose per board, from the board's frame to the array's; the identity for boards that do not fix the positions of
+    their transducers.
 
     Raises
     ------

@@ -27,8 +27,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Complex128, Float64, Num, Real, UInt8
 
-from airtact.file_access.atomic import whole_file
 from airtact.conventions import InvalidInput, about
+from airtact.file_access.atomic import whole_file
 from airtact.pose import Pose
 from airtact.scene.medium import Medium, air
 from airtact.scene.scene import Scene

@@ -117,15 +117,15 @@ class PhasedArray:
         return PhasedArray(self.positions, self.normals, self.element, self.tangents, gains)
 
     def seen_from(self, pose: Pose) -> "PhasedArray":
-        """Bring the array into the obstacles' frame.
+        """Return the array in the obstacles' frame.
 
         Parameters
         ----------
-        pose : pose of the hand, seen from the array: maps the obstacles' frame to the array's.
+        pose : pose of the hand in the array's frame. It maps the obstacles' frame to the array's frame.
 
         Returns
         -------
-        The array moved by the inverse of the pose: moving the hand one way is moving the array the other way.
+        A new array, moved by the inverse of the pose: a motion of the hand is the inverse motion of the array.
         """
         of_kind(pose, Pose, "where the hand is", "Pose(rotation, translation)")
         return self.moved(pose.inverse())

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from airtact.file_access.atomic import writable_folder
 from airtact.conventions import InvalidInput, about
 from airtact.figures.body_figure import draw_bodies, draw_fault
 from airtact.figures.picture_file import write_picture
+from airtact.file_access.atomic import writable_folder
 from airtact.scene.medium import air
 from airtact.scene.scene import Scene, sound_hard
 from airtact.scene.sources import Monopoles

@@ -6,11 +6,11 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from airtact.file_access.atomic import whole_file, writable_folder
 from airtact.conventions import InvalidInput
 from airtact.evaluation.metrics import radiate_drives
 from airtact.evaluation.windows import plane_through
 from airtact.figures.field_figure import Cut, cut_bodies
+from airtact.file_access.atomic import whole_file, writable_folder
 from airtact.pages.methods_page import Contender, Contest, write_methods_page
 from airtact.scene_file.building import Setup, read_scene
 from airtact.solvers.problem import RadiatedField, SolveReport

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from airtact.file_access.atomic import whole_file, writable_folder
 from airtact.conventions import about
 from airtact.evaluation.field import drive_sources
 from airtact.evaluation.microphone import Microphone
 from airtact.evaluation.scan import Overlay, load_scan, overlay_scan
 from airtact.figures.picture_file import write_picture
 from airtact.figures.plots import draw_overlay
+from airtact.file_access.atomic import whole_file, writable_folder
 from airtact.scene_file.building import read_scene
 from airtact.solvers.problem import SolveReport
 from airtact.steps import solve_foci, synthesise, verification_solver

@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Float64
 from matplotlib.figure import Figure
 
-from airtact.file_access.atomic import writable_folder
 from airtact.conventions import InvalidInput
 from airtact.figures.picture_file import write_picture
 from airtact.figures.surface_figure import draw_cloud, draw_panels
+from airtact.file_access.atomic import writable_folder
 from airtact.files.panels import EDGE, check_ending, checked_edge, write_triangles
 from airtact.hand.files import CLOUD_ENDINGS as CLOUDS
 from airtact.hand.files import load_cloud, load_hand, load_landmarks

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from airtact.file_access.atomic import writable_folder
 from airtact.conventions import InvalidInput, about
 from airtact.figures.picture_file import write_picture
 from airtact.figures.surface_figure import draw_panels
+from airtact.file_access.atomic import writable_folder
 from airtact.files.panels import check_ending, write_panels
 from airtact.mesh.quadratic_triangles import enclosed_volume, longest_edges, panel_areas, smallest_angles, with_middles
 from airtact.mesh.topology import cone_volumes

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from airtact.file_access.atomic import writable_folder
 from airtact.conventions import InvalidInput, about
 from airtact.figures.picture_file import write_picture
 from airtact.figures.plots import draw_tracks
+from airtact.file_access.atomic import writable_folder
 from airtact.files.panels import EDGE, check_ending, checked_edge, write_triangles
 from airtact.hand.hand import Side
 from airtact.timing import Progress, no_progress

@@ -6,10 +6,10 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from airtact.file_access.atomic import writable_folder
 from airtact.evaluation.comparison import Comparison, compare
 from airtact.evaluation.windows import Window, box_around, close_up, plane_through
 from airtact.figures.field_figure import Cut, cut_bodies
+from airtact.file_access.atomic import writable_folder
 from airtact.files.vtkhdf import write_field
 from airtact.pages.run_page import Run, write_page
 from airtact.scene.target_points import outward

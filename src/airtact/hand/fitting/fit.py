@@ -134,15 +134,14 @@ def fit_hand(
     side : ``"right"`` or ``"left"``; found from the landmarks unless given, where the fingers bend enough.
     camera : (3,) the position that all points were seen from [m]. Where it is given, points belong to skin that faces
         it, and the hand stays within the silhouette that it saw.
-    before : the frame before, whose pose is the start and whose anatomy is used.
-    anatomy : sizes of the person, from earlier; those of the population unless given.
+    before : the fit of the previous frame, whose pose is the start; its anatomy is used unless ``anatomy`` is given.
+    anatomy : sizes of the person from an earlier fit; those of the population if neither this nor ``before`` is given.
 
     Raises
     ------
     InvalidInput
-        Landmarks missing, NaN, in millimetres, swapped, of the other hand or with impossible bones; a cloud that is
-        tiny, in millimetres, far off, or holds another body; a camera among the points; a hand that does not explain
-        the points.
+        If landmarks are missing, NaN, in millimetres, swapped or impossible; the side is unclear; the cloud is tiny, in
+        millimetres, far off or holds another body; the camera is among the points; or the hand does not match them.
     """
     joints = joints_of(landmarks, SLACK)
     check_finger_order(joints, SLACK)

@@ -77,15 +77,17 @@ class BoundaryElement(Solver):
 
     Attributes
     ----------
-    accuracy : relative error wanted away from the surfaces; the size of the panels follows from it. 0.03 is a preview.
-    precision : "float32" or "float64", of the matrix and the iteration.
-    estimate : solve the direct equation as well. Without it a solve takes about half the time, and the field is known
-        away from the surfaces only: enough for a transfer matrix.
+    accuracy : relative error to aim at away from the surfaces (0.01 is 1 %). It sets the size of the panels; 0.03 suits
+        a preview.
+    precision : "float32" or "float64", of the iteration and the matrix; with "float32" and an accuracy of 0.003 or more
+        the matrix is stored in bfloat16.
+    estimate : whether to solve the direct equation too. Without it a solve takes about half the time, the field raises
+        ``InvalidInput`` on and near the surfaces, and the estimated error is NaN: enough for a transfer matrix.
 
     Raises
     ------
     InvalidInput
-        An accuracy outside 0.0001 to 0.3, or an unknown precision.
+        If the accuracy is not between 0.0001 and 0.3, or the precision is unknown.
 
     Examples
     --------

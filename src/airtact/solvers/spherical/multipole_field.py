@@ -164,14 +164,14 @@ class MultipoleField(RadiatedField):
 
 
 def multipole_expansion(field: RadiatedField) -> RadiatedField:
-    """Expand the scattered part of a field in outgoing spherical waves, for a hand that moves as a whole.
+    """Expand the scattered part of a field in outgoing spherical waves, for a hand that moves rigidly.
 
     Evaluation then takes the same short time whatever the number of unknowns: a transfer matrix of 996 elements after a
     rigid motion in about 2 ms. Points inside the ball around the bodies (plus a wavelength) are evaluated as before.
 
     Parameters
     ----------
-    field : of any solver, with bodies.
+    field : field of any solver, in a scene with bodies.
 
     Returns
     -------
