@@ -154,12 +154,12 @@ struct Body {
     double carve, reach;
     int count, some = 0;
     std::vector<double> least, level;
-    std::vector<Projection> feet;
+    std::vector<Projection> projections;
     std::vector<int> close, here;  // hulls near the point, and near the place
 
     Body(const std::vector<Hull> &all, const double *widths, const double *standing, double carved, double looked)
         : hulls(all), blend(widths), apart(standing), carve(carved), reach(looked), count(int(all.size())),
-          least(count), level(count), feet(count), close(count) {
+          least(count), level(count), projections(count), close(count) {
         for (int i = 0; i < count; i++) here.push_back(i);
     }
 
@@ -177,8 +177,8 @@ struct Body {
         double found = std::numeric_limits<double>::infinity();
         for (int c = 0; c < some; c++)
             if (blend[i * count + close[c]] > 0 && blend[j * count + close[c]] > 0)
-                found = std::min(found, feet[close[c]].distance);
-        return found - feet[j].distance;
+                found = std::min(found, projections[close[c]].distance);
+        return found - projections[j].distance;
     }
     int nearest_of(Vector x) {
         int first = here[0], winner;
@@ -186,13 +186,13 @@ struct Body {
             least[i] = hulls[i].least(x);
             if (least[i] < least[first]) first = i;
         }
-        feet[first] = hulls[first].at(x);
+        projections[first] = hulls[first].at(x);
         winner = first;
         some = 0;
         for (const int i : here) {
-            if (i != first && least[i] >= feet[winner].distance + reach) continue;
-            if (i != first) feet[i] = hulls[i].at(x);
-            if (feet[i].distance < feet[winner].distance) winner = i;
+            if (i != first && least[i] >= projections[winner].distance + reach) continue;
+            if (i != first) projections[i] = hulls[i].at(x);
+            if (projections[i].distance < projections[winner].distance) winner = i;
             close[some++] = i;
         }
         return winner;
@@ -200,12 +200,12 @@ struct Body {
     void carve_out() {
         for (int a = 0; a < some; a++) {
             const int i = close[a];
-            level[i] = feet[i].distance;
+            level[i] = projections[i].distance;
             for (int b = 0; b < some && carve > 0; b++) {
                 const int j = close[b];
-                if (apart[i * count + j] <= 0 || carve - feet[j].distance <= level[i]) continue;
+                if (apart[i * count + j] <= 0 || carve - projections[j].distance <= level[i]) continue;
                 const double wide = std::min(std::max(joint(i, j) / (0.4 * carve), 0.0), 1.0);
-                if (wide > 0) level[i] = std::max(level[i], wide * carve - feet[j].distance);
+                if (wide > 0) level[i] = std::max(level[i], wide * carve - projections[j].distance);
             }
         }
     }
@@ -216,29 +216,29 @@ struct Body {
                 const double full = blend[i * count + j], between = std::abs(level[i] - level[j]);
                 const double most = full - between, lowest = std::min(level[i], level[j]);
                 if (most <= 0 || lowest - most * most / (4 * full) >= found.distance) continue;
-                const double width = full * 0.5 * (1 - dot(feet[i].normal, feet[j].normal)), over = width - between;
+                const double width = full * 0.5 * (1 - dot(projections[i].normal, projections[j].normal)), over = width - between;
                 if (over <= 0) continue;
                 const double joined = lowest - over * over / (4 * width);
                 if (joined >= found.distance) continue;
                 const double share = over / (2 * width);
                 const bool lower = level[i] < level[j];
                 found.distance = joined;
-                found.gradient = (lower ? 1 - share : share) * feet[i].normal +
-                                 (lower ? share : 1 - share) * feet[j].normal;
+                found.gradient = (lower ? 1 - share : share) * projections[i].normal +
+                                 (lower ? share : 1 - share) * projections[j].normal;
                 found.bend = std::min(found.bend, 0.25 * full * full / width);
             }
     }
     Found look(Vector x) {
         const int winner = nearest_of(x);
         const double infinity = std::numeric_limits<double>::infinity();
-        Found found{infinity, feet[winner].radius, infinity, {0, 0, 0}, winner};
+        Found found{infinity, projections[winner].radius, infinity, {0, 0, 0}, winner};
         carve_out();
         for (int a = 0; a < some; a++) {
             const int i = close[a];
             if (level[i] < found.distance)
-                found.distance = level[i], found.gradient = feet[i].normal, found.bend = feet[i].radius;
-            if (apart[winner * count + i] > 0 && feet[i].distance < found.facing && joint(winner, i) > 0)
-                found.facing = feet[i].distance;
+                found.distance = level[i], found.gradient = projections[i].normal, found.bend = projections[i].radius;
+            if (apart[winner * count + i] > 0 && projections[i].distance < found.facing && joint(winner, i) > 0)
+                found.facing = projections[i].distance;
         }
         fill_edges(found);
         return found;

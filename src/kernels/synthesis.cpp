@@ -10,7 +10,7 @@ namespace airtact {
 namespace AIRTACT_VARIANT {
 namespace {
 
-constexpr std::int64_t tile = 256;
+constexpr std::int64_t chunk = 256;
 
 struct Set {  // the foci of one set: rows of the matrix, what they ask, their sources and pressures
     std::vector<const float *> real, imag;
@@ -103,8 +103,8 @@ inline float turn(Set &set, bool weighted) {
     // Where steps undo each other, as between two foci with like rows, shorter ones settle.
     float undone = 0.0f, before = 0.0f, most = 0.0f;
     for (std::size_t f = 0; f < n && weighted; f++) {
-        const float loud = std::hypot(set.pressure_real[f], set.pressure_imag[f]) / set.wanted[f];
-        const float step = std::log(mean / std::max(loud, 1e-3f * mean));
+        const float ratio = std::hypot(set.pressure_real[f], set.pressure_imag[f]) / set.wanted[f];
+        const float step = std::log(mean / std::max(ratio, 1e-3f * mean));
         undone -= step * set.step[f];
         before += set.step[f] * set.step[f];
         set.step[f] = step;
@@ -128,9 +128,9 @@ inline float turn(Set &set, bool weighted) {
 // Pressure at focus g for the conjugate row of focus f, H[g] . conj(H[f]), into row f of both planes; only for g up to f
 inline void gram_rows(const Set &set, std::int64_t elements, std::vector<float> &real, std::vector<float> &imag) {
     const std::size_t count = set.real.size();
-    float conjugate[tile];
-    for (std::int64_t e = 0; e < elements; e += tile) {
-        const std::int64_t n = std::min(tile, elements - e);
+    float conjugate[chunk];
+    for (std::int64_t e = 0; e < elements; e += chunk) {
+        const std::int64_t n = std::min(chunk, elements - e);
         for (std::size_t f = 0; f < count; f++) {
             for (std::int64_t j = 0; j < n; j++) conjugate[j] = -set.imag[f][e + j];
             forth(set, f + 1, e, n, set.real[f] + e, conjugate, real.data() + f * count, imag.data() + f * count);
@@ -197,13 +197,13 @@ void gerchberg_saxton(const float *real, const float *imag, std::int64_t element
             g++;
         }
         if (foci_iterations > 0) iterate_on_foci(set, elements, foci_iterations);
-        float re[tile], im[tile];
+        float re[chunk], im[chunk];
         worst[s] = -1.0f;
         for (std::int64_t t = 0; t < iterations; t++) {
             std::fill(set.pressure_real.begin(), set.pressure_real.end(), 0.0f);
             std::fill(set.pressure_imag.begin(), set.pressure_imag.end(), 0.0f);
-            for (std::int64_t e = 0; e < elements; e += tile) {
-                const std::int64_t n = std::min(tile, elements - e);
+            for (std::int64_t e = 0; e < elements; e += chunk) {
+                const std::int64_t n = std::min(chunk, elements - e);
                 back(set, e, n, re, im);
                 forth(set, set.real.size(), e, n, re, im, set.pressure_real.data(), set.pressure_imag.data());
             }
@@ -216,8 +216,8 @@ void gerchberg_saxton(const float *real, const float *imag, std::int64_t element
         }
         set.source_real = set.best_real;
         set.source_imag = set.best_imag;
-        for (std::int64_t e = 0; e < elements; e += tile) {
-            const std::int64_t n = std::min(tile, elements - e);
+        for (std::int64_t e = 0; e < elements; e += chunk) {
+            const std::int64_t n = std::min(chunk, elements - e);
             back(set, e, n, re, im);
             for (std::int64_t j = 0; j < n; j++) drives[s * elements + e + j] = {re[j], im[j]};
         }

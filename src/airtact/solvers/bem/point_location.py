@@ -60,7 +60,7 @@ def locate(scene: Scene, nodes: Nodes, points: Real[np.ndarray, "points 3"], nea
 
 
 def _unfilled(nodes: Nodes, points: Float64[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
-    """Whether points away from the skin are outside: there a panel's own area will do for its nodes."""
+    """Whether points away from the surface are outside; there each panel counts as one node."""
     whole = nodes.weighted_normals.reshape(-1, 6, 3).sum(axis=1)
     filled = np.empty((len(points), 1), dtype=np.complex128)
     ones = np.ones((len(whole), 1), dtype=np.complex128)
