@@ -7,7 +7,7 @@ NGSolve's own layer takes twice as long.
 
 from typing import Any
 
-from airtact.solvers.fem.meshing.netgen import ngsolve_library
+from airtact.solvers.fem.meshing.netgen import CurvedMesh, Expression, ngsolve_library
 from airtact.solvers.fem.meshing.volume import Box
 
 THICKNESS = 0.55
@@ -20,7 +20,9 @@ NEVER = 1e5
 """A position [λ] that no layer begins beyond."""
 
 
-def layer_form(box: Box, wavelength: float, squared: complex | float, trial: Any, test: Any, layer: Any) -> Any:
+def layer_form(
+    box: Box, wavelength: float, squared: complex | float, trial: Expression, test: Expression, mesh: CurvedMesh
+) -> Expression:
     """Weak form of the Helmholtz equation in the layer.
 
     Parameters
@@ -28,11 +30,11 @@ def layer_form(box: Box, wavelength: float, squared: complex | float, trial: Any
     box : the air inside the layer.
     wavelength : [m].
     squared : square of the wavenumber [1/λ²].
-    trial, test : NGSolve's trial and test function.
-    layer : NGSolve's volume element of the layer.
+    trial, test : trial and test function.
+    mesh : its material ``layer`` is the layer.
     """
     ngsolve = ngsolve_library()
-    stretch = _stretches(box, wavelength)
+    layer, stretch = ngsolve.dx(definedon=mesh.Materials("layer")), _stretches(box, wavelength)
     volume = stretch[0] * stretch[1] * stretch[2]
     pairs = zip(ngsolve.grad(trial), ngsolve.grad(test), stretch, strict=True)
     form = sum(volume / along**2 * one * other for one, other, along in pairs) * layer

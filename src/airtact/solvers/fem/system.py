@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Complex128, Float64, Int64, Real
+from jaxtyping import Bool, Complex128, Float64, Int64, Real, Shaped
 
 from airtact.conventions import InvalidInput
 from airtact.mesh.panel_tree import PanelTree, panel_tree
@@ -189,7 +189,9 @@ class System:
         held = self.mesh.MaterialCF(densities, default=self.scene.medium.density)(self.mesh_points(number, weights))
         return np.asarray(held, dtype=np.float64).ravel()
 
-    def mesh_points(self, number: Int64[np.ndarray, "points"], weights: Real[np.ndarray, "points 4"]) -> Any:
+    def mesh_points(
+        self, number: Int64[np.ndarray, "points"], weights: Real[np.ndarray, "points 4"]
+    ) -> Shaped[np.ndarray, "points"]:
         """Barycentric coordinates in tetrahedra as NGSolve's points."""
         points: Any = np.zeros(len(number), dtype=self._mesh_point.dtype)
         points[:] = self._mesh_point

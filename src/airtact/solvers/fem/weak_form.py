@@ -13,23 +13,21 @@ and by the symmetry of the form L_y(p) is also the scattered pressure, times 4π
 (Kirchhoff and Helmholtz): n points out of the body, w_d = 1 − w, w_s = ik/ratio, w_v = −w (k² − k_body²).
 """
 
-from typing import Any
-
 import numpy as np
 from jaxtyping import Complex128
 
 from airtact.scene.scene import Scene
-from airtact.solvers.fem.meshing.netgen import CurvedMesh, FiniteSpace, ngsolve_library
+from airtact.solvers.fem.meshing.netgen import CurvedMesh, Expression, FiniteSpace, ngsolve_library
 from airtact.solvers.fem.meshing.volume import Box
 from airtact.solvers.fem.pml import layer_form
 
 
-def weak_form(scene: Scene, box: Box, mesh: CurvedMesh, space: FiniteSpace) -> Any:
+def weak_form(scene: Scene, box: Box, mesh: CurvedMesh, space: FiniteSpace) -> Expression:
     """Left-hand side, as a symbolic form of NGSolve's."""
     ngsolve = ngsolve_library()
     trial, test = space.TnT()
     squared = _plain(complex(scene.wavenumber * scene.wavelength) ** 2)
-    inside, layer = (ngsolve.dx(definedon=mesh.Materials(name)) for name in ("air|body.*", "layer"))
+    inside = ngsolve.dx(definedon=mesh.Materials("air|body.*"))
     weights, squares = {}, {}
     for body, obstacle in enumerate(scene.obstacles):
         if obstacle.medium is not None:
@@ -37,7 +35,7 @@ def weak_form(scene: Scene, box: Box, mesh: CurvedMesh, space: FiniteSpace) -> A
             weights[f"body{body}"], squares[f"body{body}"] = ratio, _plain(ratio * inner)
     form = mesh.MaterialCF(weights, default=1.0) * ngsolve.grad(trial) * ngsolve.grad(test) * inside
     form -= mesh.MaterialCF(squares, default=squared) * trial * test * inside
-    form += layer_form(box, scene.wavelength, squared, trial, test, layer)
+    form += layer_form(box, scene.wavelength, squared, trial, test, mesh)
     for body, obstacle in enumerate(scene.obstacles):
         if obstacle.ratio is not None:
             factor = -1j * np.sqrt(complex(squared)) / obstacle.ratio

@@ -5,24 +5,83 @@ import signal
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import ModuleType
-from typing import Any, TypeAlias
+from typing import Protocol, runtime_checkable
 
 from airtact.solvers.threads import thread_count
 
-NetgenMesh: TypeAlias = Any
-"""Netgen's ``Mesh``; neither library has types."""
 
-CurvedMesh: TypeAlias = Any
-"""NGSolve's ``Mesh``."""
+@runtime_checkable
+class NetgenMesh(Protocol):
+    """What is used of Netgen's ``Mesh``; neither library has types."""
 
-FiniteSpace: TypeAlias = Any
-"""NGSolve's ``H1``."""
+    Coordinates: Callable
+    Elements3D: Callable
 
-AssembledForm: TypeAlias = Any
-"""NGSolve's ``BilinearForm``, assembled with its inner unknowns eliminated."""
+
+@runtime_checkable
+class CurvedMesh(Protocol):
+    """What is used of NGSolve's ``Mesh``."""
+
+    nv: int
+    nedge: int
+    vertices: Iterable
+    edges: Iterable
+    faces: Iterable
+    Elements: Callable
+    Boundaries: Callable
+    Materials: Callable
+    GetBoundaries: Callable
+    GetMaterials: Callable
+    BoundaryCF: Callable
+    MaterialCF: Callable
+    MapToAllElements: Callable
+    SetDeformation: Callable
+
+
+@runtime_checkable
+class FiniteSpace(Protocol):
+    """What is used of NGSolve's ``H1``."""
+
+    ndof: int
+    FreeDofs: Callable
+    GetDofNrs: Callable
+    GetDofs: Callable
+    GetFE: Callable
+    SetOrder: Callable
+    TestFunction: Callable
+    TnT: Callable
+    UpdateDofTables: Callable
+
+
+@runtime_checkable
+class Matrix(Protocol):
+    """What is used of NGSolve's matrices."""
+
+    CSR: Callable
+    CreateColVector: Callable
+    Inverse: Callable
+    __mul__: Callable
+
+
+@runtime_checkable
+class AssembledForm(Protocol):
+    """What is used of NGSolve's ``BilinearForm``, assembled with its inner unknowns eliminated."""
+
+    mat: Matrix
+    harmonic_extension: Matrix
+    harmonic_extension_trans: Matrix
+    inner_solve: Matrix
+
+
+@runtime_checkable
+class Expression(Protocol):
+    """What is used of NGSolve's symbolic expressions and integrals."""
+
+    __add__: Callable
+    __rmul__: Callable
 
 
 def ngsolve_library() -> ModuleType:
