@@ -242,7 +242,7 @@ def assembled(
         )
         form.Assemble()
         fine = quadrature(mesh, space, "surface", order + 2)
-        coarse = quadrature(mesh, space, "surface", max(order - 1, 2))
+        coarse = quadrature(mesh, space, "surface", max(order - 2, 3))
         interior = quadrature(mesh, space, "body", min(order + 1, LARGEST_RULE))
     panels = panel_tree(surface.quadratic_triangles / scene.wavelength)
     weights = boundary_weights(scene)
