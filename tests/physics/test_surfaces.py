@@ -51,11 +51,11 @@ def test_a_scanned_sphere_converges_at_third_order():
 
 def test_a_sharp_cube_and_a_thin_plate_against_finer_panels():
     beside = np.array([[0, 0, 9.5], [9.5, 9, 2], [20, 10, 3], [0, 0, 30]]) * 1e-3
-    error, volume, _ = surfaces.against_finer((0.015, 0.015, 0.015), beside)
+    error, volume, _ = surfaces.against_smaller_panels((0.015, 0.015, 0.015), beside)
     assert error < 0.03
     assert volume < 0.005
     before = np.array([[0, 0, 2], [10.5, 4, 1], [10, 0, 10], [0, 0, 30]]) * 1e-3
-    error, volume, _ = surfaces.against_finer((0.02, 0.02, 0.0006), before)
+    error, volume, _ = surfaces.against_smaller_panels((0.02, 0.02, 0.0006), before)
     assert error < 0.03
     assert volume < 0.005
 

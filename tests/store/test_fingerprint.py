@@ -114,7 +114,7 @@ def test_a_moved_module_is_followed_to_where_it_went(copied: Path) -> None:
     [
         "import airtact.file_access.text_table",
         "import os, airtact.file_access.text_table",
-        "from airtact import text_table",
+        "from airtact.file_access import text_table",
         "from airtact.file_access.text_table import text_table",
         "from airtact.file_access.text_table import (\n    text_table,  # a table (of text)\n)",
         "def late():\n    from airtact.file_access.text_table import text_table",
