@@ -51,8 +51,8 @@ class FiniteElement(Solver):
 
     Curved tetrahedra of high order fill a tight box round the bodies, a perfectly matched layer (PML) round it absorbs
     what leaves, and the pressure outside follows from that on the bodies by the surface integral of Kirchhoff and
-    Helmholtz. The paper's pinch without symmetry has 170,000 unknowns, whose factorisation takes 7 s with the package
-    ``mkl`` (``pip install 'airtact[mkl]'``, recommended) and 50 to 90 s without it, on two cores.
+    Helmholtz. The paper's pinch without symmetry has 170,000 unknowns; a solve takes 7 s with the package
+    ``mkl`` (``pip install 'airtact[mkl]'``, recommended) and 27 s without it, on two cores.
 
     Attributes
     ----------
