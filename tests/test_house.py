@@ -150,9 +150,6 @@ ANY_ARRAY = {
 }
 """Inner functions that take arrays of any shape and type, or a product that does."""
 
-UNTYPED = ("airtact.solvers.fem", "airtact.solvers.loops")
-"""Where ``Any`` stands for objects of NGSolve and Netgen and for compiled loops, none of which has types."""
-
 
 @pytest.mark.parametrize("module", [path for path in MODULES if path.name != "__init__.py"], ids=lambda path: path.stem)
 def test_inner_functions_and_classes_have_no_bare_array(module) -> None:
@@ -169,8 +166,7 @@ def test_inner_functions_and_classes_have_no_bare_array(module) -> None:
             methods = {member: plain_function(value) for member, value in members(cls).items()}
             hints |= {f"{name}.{word}.{key}": annotations_of(it) for key, it in methods.items() if callable(it)}
     faults = {where: [fault for hint in types.values() for fault in shapeless(hint)] for where, types in hints.items()}
-    allowed = {"no shape: typing.Any"} if name.startswith(UNTYPED) else set()
-    bare = {where for where, found in faults.items() if any(one.startswith("no shape") for one in set(found) - allowed)}
+    bare = {where for where, found in faults.items() if any(fault.startswith("no shape") for fault in found)}
     assert bare - ANY_ARRAY == set()
 
 

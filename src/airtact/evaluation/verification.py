@@ -273,12 +273,13 @@ def verify(
     """
     of_kind(target, Target, "the target", "Target(points, pressures)")
     ears = points_of(np.empty((0, 3)) if head is None else np.atleast_2d(head), "points of the head", least=0)
+    if transfer is not None:
+        check_foci(transfer, target)
     rounded = quantise(drive).drive()
     others = {"suppression point": target.suppression_points, "point of the head": ears}
     drives = [drive, rounded if rounded.amplitudes.any() else drive]
     field = radiate_drives(scene, array, drives, target, solver, others)
     transfer = transfer or transfer_matrix(solver.radiate(scene, target.beacons()), array)
-    check_foci(transfer, target)
     foci, suppressed = len(target.points), len(target.suppression_points)
     energy = float(np.sum(np.abs(drive.amplitudes) ** 2))
     pressure = field.at(np.concatenate([target.points, target.suppression_points, ears]))

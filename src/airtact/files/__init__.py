@@ -1,1 +1,1 @@
-"""Files, pictures and the page of a run."""
+"""Files of panels and fields for other programs, and drives read back."""
