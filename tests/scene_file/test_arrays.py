@@ -5,7 +5,7 @@ import pytest
 
 from airtact.pose import Pose
 from airtact.scene_file.building import read_scene
-from airtact.transducers.boards import BOARD_NAMES
+from airtact.transducers.boards import BOARDS
 from airtact.transducers.layout import board_array, surrounding_box
 from faults import raises_code
 
@@ -38,7 +38,7 @@ def test_a_box_of_real_boards(tmp_path) -> None:
     assert abs(array.positions[0, 0]) == pytest.approx(75.7e-3, abs=1e-12)
 
 
-@pytest.mark.parametrize("name", BOARD_NAMES)
+@pytest.mark.parametrize("name", BOARDS)
 def test_boards_of_any_kind(tmp_path, name: str) -> None:
     array = array_of(tmp_path, ONE_BOARD + f'board = "{name}"')
     expected = board_array(name, [Pose(np.eye(3), np.array([0.0, 0.0, -0.1]))])

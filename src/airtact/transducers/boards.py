@@ -237,9 +237,6 @@ def _openmpd() -> Board:
 BOARDS = {"autd3": _autd3, "sonicsurface": _sonicsurface, "nano16": _nano16, "openmpd": _openmpd}
 """The boards by name."""
 
-BOARD_NAMES = tuple(BOARDS)
-"""The names that commands and scene files take."""
-
 
 def known_boards() -> Sequence[Board]:
     """Return all boards, in the order in which they are listed."""
