@@ -182,8 +182,8 @@ SHAPE = np.r_[np.full(FREE, 1.0e-3), np.full(len(PARTS) - FREE, 2.5e-3)]
 """Distance of skin from hulls of balls at best, those of fingers and of the palm, by the example's GLB hand [m]."""
 
 SEEN, UNSEEN = 5, 2.5e-3
-"""A hull of a finger with fewer points than the first is as far off as a hull of the palm [m]: 11 such hulls of that hand
-in 20 views are 4.1 mm off (rms), 2.6 mm beyond what the covariance explains."""
+"""A hull of a finger with fewer points than the first is as far off as a hull of the palm [m]: 11 such hulls of that
+hand in 20 views are 4.1 mm off (rms), 2.6 mm beyond what the covariance explains."""
 
 
 def skin_spread(found: HandEstimate) -> Float64[np.ndarray, "hulls"]:
