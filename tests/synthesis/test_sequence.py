@@ -112,11 +112,7 @@ def test_what_a_board_plays_passes() -> None:
             "over_full_scale",
             "frame 1 of a sequence drives an element at 1.2",
         ),
-        (
-            lambda: Sequence(np.array([[0.5j], [np.nan]]), 1.0),
-            "not_finite",
-            "[1, 0]",
-        ),
+        (lambda: Sequence(np.array([[0.5j], [np.nan]]), 1.0), "not_finite", "[1, 0]"),
         (lambda: Sequence(np.ones((2, 2), complex), 0.0), "not_positive", "0 frames/s"),
         (lambda: amplitude_modulation(DRIVE).drive(20), "out_of_range", "frames 0 to 19"),
         (lambda: amplitude_modulation(DRIVE, 200.0, 600.0), "rate_not_possible", "3 frames a period of 200 Hz, and 4"),

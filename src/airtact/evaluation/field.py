@@ -51,8 +51,7 @@ def drive_sources(array: PhasedArray, drives: Sequence[Drive]) -> Monopoles:
             )
         if not (array.gains * drive.amplitudes).any():
             raise InvalidInput(
-                f"drive {index} is silent: all {len(drive)} amplitudes are 0 or of dead elements.",
-                code="drive_silent",
+                f"drive {index} is silent: all {len(drive)} amplitudes are 0 or of dead elements.", code="drive_silent"
             )
     amplitudes = array.gains[:, None] * np.stack([drive.amplitudes for drive in drives], axis=1)
     strengths = array.element.sensitivity * array.element.weights[None, :, None] * amplitudes[:, None, :]
@@ -60,12 +59,7 @@ def drive_sources(array: PhasedArray, drives: Sequence[Drive]) -> Monopoles:
 
 
 def field_map(
-    scene: Scene,
-    array: PhasedArray,
-    drive: Drive,
-    points: Real[np.ndarray, "points 3"],
-    *,
-    solver: Solver,
+    scene: Scene, array: PhasedArray, drive: Drive, points: Real[np.ndarray, "points 3"], *, solver: Solver
 ) -> Complex128[np.ndarray, "points"]:
     """Return the complex pressure that a drive makes at any points, scattering by all bodies included.
 

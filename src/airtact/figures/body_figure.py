@@ -42,9 +42,7 @@ AROUND = 120
 
 
 def draw_bodies(
-    bodies: Sequence[Surface],
-    names: Sequence[str],
-    foci: Real[np.ndarray, "foci 3"] | None = None,
+    bodies: Sequence[Surface], names: Sequence[str], foci: Real[np.ndarray, "foci 3"] | None = None
 ) -> Figure:
     """Draw bodies with their triangles.
 

@@ -162,11 +162,7 @@ def _scale(cuts: Sequence[Cut]) -> Normalize:
 
 
 def _draw_cut(
-    axes: Axes,
-    cut: Cut,
-    pressure: Complex[np.ndarray, "points"],
-    scale: Normalize,
-    centred: bool = False,
+    axes: Axes, cut: Cut, pressure: Complex[np.ndarray, "points"], scale: Normalize, centred: bool = False
 ) -> None:
     """Draw one pressure, with coordinates from the window's middle if ``centred``."""
     window = cut.window

@@ -116,9 +116,7 @@ def draw_overlay(overlay: Overlay) -> Figure:
     return _curves(projected[:, 0], axes[0], shown) if len(axes) == 1 else _maps(projected, axes, shown)
 
 
-def _seen(
-    points: Float64[np.ndarray, "points 3"],
-) -> tuple[Float64[np.ndarray, "points axes"], tuple[str, ...]]:
+def _seen(points: Float64[np.ndarray, "points 3"]) -> tuple[Float64[np.ndarray, "points axes"], tuple[str, ...]]:
     """Project points into their own line or plane [mm]; along the frame's axes where these lie in it."""
     centred = points - points.mean(axis=0)
     spans = np.ptp(points, axis=0)

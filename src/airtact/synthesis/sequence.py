@@ -166,8 +166,7 @@ def check_playable(sequence: Sequence, *, clock: float, most: int, slowest: int 
     """
     if len(sequence) > most:
         raise InvalidInput(
-            f"the sequence has {len(sequence)} frames, and the board keeps {most}; lower its rate.",
-            code="frame_count",
+            f"the sequence has {len(sequence)} frames, and the board keeps {most}; lower its rate.", code="frame_count"
         )
     divide = min(max(round(clock / sequence.rate), 1), slowest)
     if abs(clock / divide - sequence.rate) > 1e-6 * sequence.rate:
