@@ -8,8 +8,7 @@ from mpl_toolkits.mplot3d import Axes3D
 
 from airtact.figures.body_figure import MARK, draw_bodies, draw_fault, sharp_edges
 from airtact.figures.picture_file import write_picture
-from airtact.figures.solids import INSIDE, edge_lines, fine_pieces, polygons_of, unit_normals
-from airtact.figures.space_axes import View, broad_view
+from airtact.figures.solids import INSIDE, View, broad_view, edge_lines, fine_pieces, polygons_of, unit_normals
 from airtact.figures.surface_figure import draw_panels
 from airtact.pose import Pose
 from airtact.surfaces.primitives import sphere

@@ -11,8 +11,8 @@ from airtact.evaluation.windows import AXES, Window
 from airtact.experiments.part import Part, carried, coordinates, draw_planes, write_columns
 from airtact.experiments.settings import Settings
 from airtact.experiments.solved import CONSIDERED, Solved
+from airtact.figures.array_figures import draw_phases
 from airtact.figures.field_figure import cut_bodies
-from airtact.figures.phase_figure import draw_phases
 from airtact.figures.surface_figure import draw_panels
 from airtact.mesh.quadratic_triangles import QuadraticTriangles
 from airtact.pages.page import paragraph, picture

@@ -14,8 +14,20 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch
 from mpl_toolkits.mplot3d import Axes3D
 
-from airtact.figures.solids import INSIDE, edge_lines, fine_pieces, polygons_of, solid, unit_normals
-from airtact.figures.space_axes import View, broad_view, frame, two_sides, wide_figure
+from airtact.figures.solids import (
+    INSIDE,
+    Lines,
+    View,
+    broad_view,
+    edge_lines,
+    fine_pieces,
+    frame,
+    polygons_of,
+    solid,
+    two_sides,
+    unit_normals,
+    wide_figure,
+)
 from airtact.mesh.closest_point import closest_on_triangles
 from airtact.mesh.topology import edge_twins
 from airtact.surfaces.mesh_shape import MeshShape
@@ -44,14 +56,7 @@ AROUND = 120
 def draw_bodies(
     bodies: Sequence[Surface], names: Sequence[str], foci: Real[np.ndarray, "foci 3"] | None = None
 ) -> Figure:
-    """Draw bodies with their triangles.
-
-    Parameters
-    ----------
-    bodies : what is drawn.
-    names : of each.
-    foci : (F, 3) points drawn as dots [m], or none.
-    """
+    """Draw bodies with their triangles, and the foci, if any, as dots [m]."""
     figure = wide_figure(6.0)
     corners = 1e3 * np.concatenate([body.corners for body in bodies])
     tints = colormaps["Pastel2"](np.arange(len(bodies)) % 8)
@@ -68,7 +73,7 @@ def draw_bodies(
         axes.add_collection3d(solid(pieces, colours[parents], lines, view), autolim=False)
         xs, ys, zs = dots.T
         axes.scatter(xs, ys, zs, s=30, c=FOCUS, edgecolors="white", linewidths=0.8, depthshade=False, zorder=4)  # pyright: ignore
-        frame(axes, [everything])
+        frame(axes, everything)
     handles: list[Patch | Line2D] = [Patch(color=tint, label=name) for tint, name in zip(tints, names, strict=True)]
     if sharp.any():
         handles.append(Line2D([], [], color=SHARP, label="edges that stay sharp"))
@@ -91,17 +96,10 @@ def draw_fault(
     sentence: str,
     position: Real[np.ndarray, "3"] | None,
 ) -> Figure:
-    """Draw triangles that make no valid surface: all of them, and close up where the fault is.
+    """Draw triangles that make no valid surface: all of them, and close up where the fault is, if that is known [m].
 
     Backs of triangles and edges without a neighbour have colours of their own. Triangles that name vertices which are
-    not there, or are nowhere, are left out.
-
-    Parameters
-    ----------
-    vertices : (V, 3) [m].
-    triangles : (T, 3) vertex indices.
-    sentence : why it is rejected.
-    position : (3,) of the fault [m], or None to see all from two sides.
+    not there, or are nowhere, are left out. The sentence says why they are rejected.
     """
     figure = wide_figure(6.6)
     corners, lone = _drawable(vertices, triangles)
@@ -115,9 +113,16 @@ def draw_fault(
     _whole(sides, corners, lone, mark)
     words = sentence if position is not None else f"{sentence} (The fault has no single position.)"
     figure.suptitle(textwrap.fill(words, 130), fontsize=11)
-    figure.legend(
-        handles=_meanings(mark is not None, bool(lone.any())), loc="outside lower center", ncols=4, frameon=False
-    )
+    handles: list[Patch | Line2D] = [
+        Patch(color=tuple(OUTSIDE), label="outside of triangles"),
+        Patch(color=tuple(INSIDE), label="inside"),
+    ]
+    if lone.any():
+        handles.append(Line2D([], [], color=OPEN, linewidth=2.2, label="edge without a neighbour"))
+    if mark is not None:
+        ring = {"marker": "o", "linestyle": "none", "markersize": 12, "markerfacecolor": "none"}
+        handles.append(Line2D([], [], color=MARK, label="position of the fault", **ring))
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
     return figure
 
 
@@ -167,23 +172,15 @@ def _whole(
     lone: Bool[np.ndarray, "triangles 3"],
     mark: Float64[np.ndarray, "3"] | None,
 ) -> None:
-    step = FINENESS * float(np.ptp(corners.reshape(-1, 3), axis=0).max())
-    rims = replace(edge_lines(corners, lone, step), colour=OPEN, breadth=0.2 * step)
-    lines = [rims, edge_lines(corners, ~lone, step)] if len(corners) <= MOST_EDGES else [rims]
-    lines += [replace(some, outward=-some.outward) for some in lines]
-    pieces, _ = fine_pieces(corners, step)
+    points = corners.reshape(-1, 3)
+    step = FINENESS * float(np.ptp(points, axis=0).max())
+    pieces, colours, lines = _sheet(corners, lone, step, 0.2 * step)
     for view, axes in sides:
-        axes.add_collection3d(
-            solid(pieces, np.tile(OUTSIDE, (len(pieces), 1)), lines, view, closed=False), autolim=False
-        )
-        parts = [corners.reshape(-1, 3)]
+        axes.add_collection3d(solid(pieces, colours, lines, view, closed=False), autolim=False)
         if mark is not None:
-            x, y, z = mark.tolist()
-            axes.plot(
-                [x], [y], [z], "o", markersize=17, markerfacecolor="none", color=MARK, markeredgewidth=2, zorder=4
-            )
-            parts.append(mark[None])
-        frame(axes, parts)
+            ring = {"markersize": 17, "markerfacecolor": "none", "markeredgewidth": 2, "zorder": 4}
+            axes.plot(*mark[:, None], "o", color=MARK, **ring)
+        frame(axes, points if mark is None else np.vstack([points, mark]))
 
 
 def _close_up(
@@ -197,13 +194,9 @@ def _close_up(
     away = _distances(corners, mark)
     extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     reach = float(np.clip(np.sort(away)[: AROUND + 1][-1], 0.02 * extent, 0.6 * extent))
-    near, step = away < 1.5 * reach, FINENESS * 5 * reach
-    corners, lone = corners[near] - mark, lone[near]
-    lines = [edge_lines(corners, ~lone, step)]
-    lines += [replace(edge_lines(corners, lone, step), colour=OPEN, breadth=0.015 * reach)]
-    lines += [replace(some, outward=-some.outward) for some in lines]
-    pieces, _ = fine_pieces(corners, step)
-    polygons, painted = polygons_of(pieces, np.tile(OUTSIDE, (len(pieces), 1)), lines, view, closed=False)
+    near = away < 1.5 * reach
+    pieces, colours, lines = _sheet(corners[near] - mark, lone[near], FINENESS * 5 * reach, 0.015 * reach)
+    polygons, painted = polygons_of(pieces, colours, lines, view, closed=False)
     order = np.argsort([polygon.mean(axis=0) @ view.towards_viewer for polygon in polygons])
     flat = [polygons[index] @ view.plane for index in order]
     axes.add_collection(PolyCollection(flat, facecolors=painted[order], edgecolors=painted[order], linewidths=0.5))
@@ -213,14 +206,13 @@ def _close_up(
     axes.set(xlabel="across [mm]", ylabel="up [mm]", title=f"close up: the mark is at ({x:.2f}, {y:.2f}, {z:.2f}) mm")
 
 
-def _meanings(marked: bool, open_: bool) -> list[Patch | Line2D]:
-    handles: list[Patch | Line2D] = [
-        Patch(color=tuple(OUTSIDE), label="outside of triangles"),
-        Patch(color=tuple(INSIDE), label="inside"),
-    ]
-    if open_:
-        handles.append(Line2D([], [], color=OPEN, linewidth=2.2, label="edge without a neighbour"))
-    if marked:
-        ring = {"marker": "o", "linestyle": "none", "markersize": 12, "markerfacecolor": "none"}
-        handles.append(Line2D([], [], color=MARK, label="position of the fault", **ring))
-    return handles
+def _sheet(
+    corners: Float64[np.ndarray, "triangles 3 3"], lone: Bool[np.ndarray, "triangles 3"], step: float, breadth: float
+) -> tuple[Float64[np.ndarray, "pieces 3 3"], Float64[np.ndarray, "pieces 4"], list[Lines]]:
+    """Cut triangles that have two sides into pieces; lone edges are lines of a breadth on both sides."""
+    lines = [replace(edge_lines(corners, lone, step), colour=OPEN, breadth=breadth)]
+    if len(corners) <= MOST_EDGES:
+        lines.append(edge_lines(corners, ~lone, step))
+    lines += [replace(some, outward=-some.outward) for some in lines]
+    pieces, _ = fine_pieces(corners, step)
+    return pieces, np.tile(OUTSIDE, (len(pieces), 1)), lines

@@ -22,7 +22,6 @@ BODY = "0.72"
 COLOURS = "magma"
 """Colours of pressure magnitudes: perceptually uniform, black for silence."""
 
-
 MOST_COLUMNS = 4
 """More fields than two are drawn in so many columns, without the names of the foci."""
 
@@ -32,13 +31,9 @@ MOST_NAMES = 8
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """Pressure of several drives in one window.
+    """Pressure of several drives, by name, at the points of one window [Pa], NaN inside bodies.
 
-    Attributes
-    ----------
-    window : where.
-    pressures : by name of the drive, (P,) [Pa] at ``window.points``, NaN inside bodies.
-    outlines : closed lines (N, 3) in which the surfaces of bodies without a field inside meet the plane [m].
+    ``outlines`` are the closed lines in which the surfaces of bodies without a field inside meet the plane [m].
     """
 
     window: Window
@@ -47,12 +42,7 @@ class Cut:
 
 
 def cut_bodies(window: Window, bodies: Sequence[Surface]) -> list[Float64[np.ndarray, "_ 3"]]:
-    """Cut bodies with the window's plane.
-
-    Returns
-    -------
-    Closed lines (N, 3) around the inside [m].
-    """
+    """Cut bodies with the window's plane, into closed lines around the inside [m]."""
     return [loop for body in bodies for loop in _loops(window.height_of(body.vertices), body)]
 
 
@@ -87,12 +77,7 @@ def _loops(heights: Float64[np.ndarray, "vertices"], body: Surface) -> list[Floa
 def draw_fields(cut: Cut, foci: Real[np.ndarray, "foci 3"], names: Sequence[str], normalisation: str) -> Figure:
     """Draw the drives' pressure magnitudes side by side, in rows where there are more than two.
 
-    Parameters
-    ----------
-    cut : the pressures in the plane.
-    foci : (F, 3) [m]; those off the plane are drawn hollow and dashed.
-    names : what the foci are called.
-    normalisation : what is held equal between the drives, named at the colour bar.
+    Foci [m] off the plane are dashed. ``normalisation`` is what is held equal between the drives, named at the bar.
     """
     left, right, bottom, top = cut.window.extent
     wide, tall = right - left, top - bottom
@@ -115,24 +100,15 @@ def draw_fields(cut: Cut, foci: Real[np.ndarray, "foci 3"], names: Sequence[str]
         panel[last].tick_params(labelbottom=True)
         for empty in panel[last + 1 :]:
             empty.remove()
-    figure.colorbar(
-        ScalarMappable(scale, COLOURS),
-        ax=[panel for panel in axes.ravel() if panel.figure is not None],
-        label=f"peak pressure [Pa], {normalisation}",
-        pad=0.015,
-        aspect=28,
-    )
+    drawn, label = [panel for panel in axes.ravel() if panel.figure is not None], f"peak pressure [Pa], {normalisation}"
+    figure.colorbar(ScalarMappable(scale, COLOURS), ax=drawn, label=label, pad=0.015, aspect=28)
     return figure
 
 
 def draw_close_ups(cuts: Sequence[Cut], names: Sequence[str], normalisation: str) -> Figure:
-    """Draw one column per focus and one row per drive, all on one colour scale; the surface lies below the focus.
+    """Draw one column per focus, each with its cut and name, and one row per drive, all on one colour scale.
 
-    Parameters
-    ----------
-    cuts : one per focus, centred on it.
-    names : what the foci are called.
-    normalisation : what is held equal between the drives, named at the colour bar.
+    The surface lies below the focus. ``normalisation`` is what is held equal between the drives, named at the bar.
     """
     drives = list(cuts[0].pressures)
     figure = Figure(figsize=(1.75 * len(cuts) + 1.6, 1.85 * len(drives) + 0.6), layout="constrained")
@@ -148,17 +124,14 @@ def draw_close_ups(cuts: Sequence[Cut], names: Sequence[str], normalisation: str
     for row, drive in enumerate(drives):
         axes[row, 0].set_ylabel(f"{drive}\noff the focus [mm]", fontsize=9)
     figure.supxlabel("along the surface from the focus [mm]", fontsize=9)
-    figure.colorbar(
-        ScalarMappable(scale, COLOURS), ax=axes, label=f"peak pressure [Pa],\n{normalisation}", pad=0.01, aspect=28
-    )
+    label = f"peak pressure [Pa],\n{normalisation}"
+    figure.colorbar(ScalarMappable(scale, COLOURS), ax=axes, label=label, pad=0.01, aspect=28)
     return figure
 
 
 def _scale(cuts: Sequence[Cut]) -> Normalize:
     """One scale for all: from no pressure to the highest in any of them."""
-    return Normalize(
-        0.0, max(float(np.nanmax(np.abs(pressure))) for cut in cuts for pressure in cut.pressures.values())
-    )
+    return Normalize(0.0, max(float(np.nanmax(np.abs(some))) for cut in cuts for some in cut.pressures.values()))
 
 
 def _draw_cut(
@@ -171,14 +144,9 @@ def _draw_cut(
     (left, right), (bottom, top) = (left, right) - shift[0], (bottom, top) - shift[1]
     rows, columns = window.shape
     half = (right - left) / (columns - 1) / 2, (top - bottom) / (rows - 1) / 2
-    axes.imshow(
-        _past_the_surface(np.abs(pressure).reshape(rows, columns)),
-        origin="lower",
-        extent=(left - half[0], right + half[0], bottom - half[1], top + half[1]),
-        cmap=COLOURS,
-        norm=scale,
-        interpolation="bilinear",
-    )
+    edges = (left - half[0], right + half[0], bottom - half[1], top + half[1])
+    magnitude = _past_the_surface(np.abs(pressure).reshape(rows, columns))
+    axes.imshow(magnitude, origin="lower", extent=edges, cmap=COLOURS, norm=scale, interpolation="bilinear")
     axes.set_facecolor(BODY)
     loops = [Path(window.seen(np.concatenate([loop, loop[:1]])) - shift, closed=True) for loop in cut.outlines]
     if loops:
@@ -206,20 +174,10 @@ def _mark_foci(axes: Axes, window: Window, foci: Real[np.ndarray, "foci 3"], nam
     plate = {"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
     for position, is_off, away, name in zip(positions, off, outwards, names, strict=True):
         style = (0, (2, 1.5)) if is_off else "solid"
-        ring = axes.scatter(
-            *position, s=size, facecolors="none", edgecolors="white", linewidths=1.3, linestyles=[style]
-        )
+        line = {"edgecolors": "white", "linewidths": 1.3, "linestyles": [style]}
+        ring = axes.scatter(*position, s=size, facecolors="none", **line)
         ring.set_path_effects([withStroke(linewidth=2.4, foreground="black")])
-        if not name:
-            continue
-        side = -1 if away[0] < 0 else 1
-        axes.annotate(
-            name,
-            position,
-            xytext=(side * 10, 0),
-            textcoords="offset points",
-            ha="left" if side > 0 else "right",
-            va="center",
-            fontsize=8,
-            bbox=plate,
-        )
+        if name:
+            shift, side = ((-10, 0), "right") if away[0] < 0 else ((10, 0), "left")
+            beside = {"xytext": shift, "textcoords": "offset points", "ha": side, "va": "center"}
+            axes.annotate(name, position, fontsize=8, bbox=plate, **beside)

@@ -25,14 +25,9 @@ FLAT = 0.02
 
 
 def draw_bars(names: Sequence[str], heights: Float64[np.ndarray, "names"], bound: float, label: str) -> Figure:
-    """Draw one bar for each name, the longest on top, and a line at the bound.
+    """Draw one bar for each name, the longest on top, and a line at the bound, which none can pass.
 
-    Parameters
-    ----------
-    names : what the bars are called.
-    heights : (N,) how long they are, in the unit of the bound.
-    bound : what none can pass.
-    label : what is shown, with its unit.
+    The label says what is shown, with its unit.
     """
     order = np.argsort(heights)
     figure = Figure(figsize=(8.0, 0.34 * len(names) + 1.2), layout="constrained")
@@ -47,10 +42,7 @@ def draw_bars(names: Sequence[str], heights: Float64[np.ndarray, "names"], bound
 
 
 def draw_tracks(tracks: Sequence[PadTrack], title: str = "") -> Figure:
-    """Draw where the pads of hands were, coordinate by coordinate, and the gap between thumb and index finger.
-
-    Times at which a hand was lost are grey.
-    """
+    """Draw where the pads of hands were, and the gap between thumb and index finger; grey where a hand was lost."""
     figure = Figure(figsize=(5.0 + 3.5 * len(tracks), 7.0), layout="constrained")
     rows = figure.subplots(4, len(tracks), sharex="col", squeeze=False)
     start = min(float(track.times[0]) for track in tracks)
@@ -65,9 +57,7 @@ def draw_tracks(tracks: Sequence[PadTrack], title: str = "") -> Figure:
             axes.set_ylabel(f"{axis} [mm]")
         gap = 1e3 * np.linalg.norm(broken_pads[:, 0] - broken_pads[:, 1], axis=1)
         rows[3, column].plot(broken_times, gap, color="#444444", linewidth=1.2)
-        rows[3, column].set_ylabel("thumb to index\npad [mm]")
-        rows[3, column].set_ylim(bottom=0.0)
-        rows[3, column].set_xlabel("time [s]")
+        rows[3, column].set(xlabel="time [s]", ylabel="thumb to index\npad [mm]", ylim=(0.0, None))
         rows[0, column].set_title(f"{track.side} hand", fontsize=10)
         for axes in rows[:, column]:
             _shade(axes, times, np.isfinite(track.pads[:, 0, 0]))
@@ -97,13 +87,9 @@ def _shade(axes: Axes, times: Real[np.ndarray, "frames"], seen: Bool[np.ndarray,
 
 
 def draw_overlay(overlay: Overlay) -> Figure:
-    """Draw what was measured, what was predicted and how they differ, in the plane that the positions lie in.
-
-    Positions on a line are drawn as two curves.
-    """
+    """Draw what was measured, what was predicted and how they differ, in the plane or line of the positions."""
     used = overlay.used
-    measured = overlay.scan.pressures[used]
-    model = overlay.scale * overlay.predicted[used]
+    measured, model = overlay.scan.pressures[used], overlay.scale * overlay.predicted[used]
     if not overlay.scan.phased:
         measured, model = np.abs(measured), np.abs(model)
     projected, axes = _seen(overlay.scan.points[used])
@@ -156,7 +142,6 @@ def _maps(
         panel.set_title(name, fontsize=11)
         panel.set(xlabel=labels[0], aspect="equal", facecolor="0.85")
     axes[0].set_ylabel(labels[1])
-    figure.colorbar(
-        ScalarMappable(scale, COLOURS), ax=list(axes), label="pressure over the largest measured", aspect=28
-    )
+    label = "pressure over the largest measured"
+    figure.colorbar(ScalarMappable(scale, COLOURS), ax=list(axes), label=label, aspect=28)
     return figure

@@ -1,21 +1,18 @@
-"""Surfaces coloured by a quantity on them, seen from two sides: quality of panels, residuals of a fit, pressure."""
+"""Surfaces coloured by a quantity on them, seen from two sides: quality of panels, residuals of a fit."""
 
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float64, Real
+from jaxtyping import Float64
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize, PowerNorm
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d import Axes3D
 
-from airtact.evaluation.radiation import RadiationMap
-from airtact.figures.solids import Lines, solid
-from airtact.figures.space_axes import broad_view, frame, two_sides, wide_figure
+from airtact.figures.solids import Lines, broad_view, frame, solid, two_sides, wide_figure
 from airtact.hand.fitting.fit import FittedHand
 from airtact.mesh.quadratic_triangles import (
-    NODE_PLACES,
     QuadraticTriangles,
     cut,
     longest_edges,
@@ -23,7 +20,6 @@ from airtact.mesh.quadratic_triangles import (
     shape_functions,
     smallest_angles,
 )
-from airtact.solvers.bem.quadrature import NODAL, monomials
 
 ANGLES = 0.0, 60.0
 """Range of the colours of the smallest angle of a panel [degrees]: an equilateral panel has 60."""
@@ -31,16 +27,10 @@ ANGLES = 0.0, 60.0
 RESIDUALS = -5.0, 5.0
 """Range of the colours of the distance of points from a skin [mm]."""
 
-PRESSURES = "YlOrRd"
-"""Colours of radiation pressure, from pale to dark, so that the shape shows where there is none."""
-
-SKIN, OUTLIER, FOCUS = (0.82, 0.82, 0.80, 1.0), "#9775fa", "#1864ab"
+SKIN, OUTLIER = (0.82, 0.82, 0.80, 1.0), "#9775fa"
 
 PIECES = 4000
 """About as many flat pieces are drawn of few panels, so that they look curved."""
-
-PARTS = 3
-"""Each panel under sound is drawn as this number squared of flat pieces."""
 
 
 def draw_panels(quadratic_triangles: QuadraticTriangles) -> Figure:
@@ -50,20 +40,16 @@ def draw_panels(quadratic_triangles: QuadraticTriangles) -> Figure:
     pieces, parents = cut(triangles, np.full(len(triangles), parts))
     scale = ScalarMappable(Normalize(*ANGLES), "viridis")
     colours = scale.to_rgba(smallest_angles(triangles))[parents]
-    edges, label = [_edges(triangles, parts)], "smallest angle of the panel [degrees]"
+    label, edges = "smallest angle of the panel [degrees]", [_edges(triangles, parts)]
     return _two_sides(pieces[:, :3], colours, triangles.reshape(-1, 3), scale, label, edges)[0]
 
 
 def draw_cloud(
     quadratic_triangles: QuadraticTriangles, fitted: FittedHand, distances: Float64[np.ndarray, "points"]
 ) -> Figure:
-    """Draw points over the skin fitted to them: blue outside it, red inside, outliers as crosses.
+    """Draw points over the panels of the skin fitted to them: blue outside it, red inside, outliers as crosses.
 
-    Parameters
-    ----------
-    quadratic_triangles : (T, 6, 3) panels of the skin [m].
-    fitted : the hand and its points.
-    distances : (N,) of these from the skin, positive outside [m].
+    ``distances`` are those of the points from the skin, positive outside [m].
     """
     pieces, _ = cut(1e3 * quadratic_triangles, np.full(len(quadratic_triangles), 1))
     points, used = 1e3 * fitted.points, ~fitted.outliers
@@ -80,34 +66,6 @@ def draw_cloud(
     return figure
 
 
-def draw_radiation(
-    found: RadiationMap, foci: Real[np.ndarray, "foci 3"] | None = None, most: float | None = None
-) -> Figure:
-    """Draw the radiation pressure on the surfaces of bodies, and the foci as rings.
-
-    Parameters
-    ----------
-    found : the sound on the surfaces, as ``radiation_map`` gives it.
-    foci : (F, 3) [m], or none.
-    most : pressure of the darkest colour [Pa], to compare pictures; None for the largest pressure that there is.
-    """
-    pieces, _ = cut(1e3 * found.quadratic_triangles, np.full(len(found.quadratic_triangles), PARTS))
-    largest = float(found.radiation_pressure.max()) if most is None else most
-    # The square root is as even as the pressure of the sound is.
-    scale = ScalarMappable(PowerNorm(0.5, 0.0, max(largest, 1e-12)), PRESSURES)
-    colours = scale.to_rgba(np.maximum(_on_pieces(found), 0.0))
-    rings = np.empty((0, 3)) if foci is None else 1e3 * foci
-    points = pieces.reshape(-1, 3)
-    figure, sides = _two_sides(pieces[:, :3], colours, points, scale, "radiation pressure, inwards [Pa]", more=rings)
-    for axes in sides:
-        xs, ys, zs = rings.T
-        axes.scatter(xs, ys, zs, s=60, facecolors="none", edgecolors=FOCUS, linewidths=1.4, depthshade=False, zorder=4)  # pyright: ignore
-    if len(rings):
-        ring = Line2D([], [], color=FOCUS, marker="o", markersize=8, fillstyle="none", linestyle="none")
-        figure.legend([ring], ["foci, seen through bodies"], loc="outside lower center", frameon=False)
-    return figure
-
-
 def _two_sides(
     corners: Float64[np.ndarray, "pieces 3 3"],
     colours: Float64[np.ndarray, "pieces 4"],
@@ -115,15 +73,14 @@ def _two_sides(
     scale: ScalarMappable,
     label: str,
     lines: Sequence[Lines] = (),
-    more: Real[np.ndarray, "_ 3"] | None = None,
     extend: str = "neither",
 ) -> tuple[Figure, list[Axes3D]]:
-    """Draw flat pieces [mm] from two sides with a bar of their colours; ``points`` and ``more`` fit into the frame."""
+    """Draw flat pieces [mm] from two sides with a bar of their colours; ``points`` fit into the frame."""
     figure = wide_figure(6.4)
     sides = two_sides(figure, broad_view(points))
     for view, axes in sides:
         axes.add_collection3d(solid(corners, colours, lines, view), autolim=False)
-        frame(axes, [points] if more is None else [points, more])
+        frame(axes, points)
     both = [axes for _, axes in sides]
     figure.colorbar(scale, ax=both, label=label, shrink=0.6, aspect=28, extend=extend)
     return figure, both
@@ -142,11 +99,3 @@ def _edges(triangles: QuadraticTriangles, parts: int) -> Lines:
             normals.append(points_at(triangles, np.broadcast_to(middle, (len(triangles), 2)))[1])
     ahead = np.tile(longest_edges(triangles) / parts, 6 * parts)
     return Lines(np.concatenate(segments), np.concatenate(normals), ahead)
-
-
-def _on_pieces(found: RadiationMap) -> Float64[np.ndarray, "pieces"]:
-    """Radiation pressure in the middle of every piece, by the quadratic through the six points of its panel."""
-    flat = np.concatenate([NODE_PLACES, np.zeros((6, 1))], axis=1)[None]
-    middles = cut(flat, np.array([PARTS]))[0][:, :3].mean(axis=1)[:, :2]
-    values = found.radiation_pressure.reshape(-1, 6) @ (monomials(middles) @ NODAL).T
-    return values.ravel()

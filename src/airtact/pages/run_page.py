@@ -10,9 +10,8 @@ from jaxtyping import Float64
 
 from airtact.evaluation.comparison import HELD_EQUAL, Comparison
 from airtact.evaluation.metrics import NOT_MODELLED
+from airtact.figures.array_figures import draw_phases, draw_scene
 from airtact.figures.field_figure import Cut, draw_close_ups, draw_fields
-from airtact.figures.phase_figure import draw_phases
-from airtact.figures.scene_figure import draw_scene
 from airtact.file_access.atomic import whole_file
 from airtact.pages.page import page_from, picture
 from airtact.scene.scene import Obstacle, Scene

@@ -1,4 +1,4 @@
-"""An array is laid flat without tearing or mirroring, and its discs have the colours of their phases."""
+"""An array is laid flat without tearing or mirroring, its discs have the colours of their phases; all is in space."""
 
 from itertools import pairwise
 
@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from matplotlib import colormaps
 from matplotlib.collections import EllipseCollection
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from airtact.figures.phase_figure import draw_phases, spacing, unfold
+from airtact.figures.array_figures import draw_phases, draw_scene, spacing, unfold
+from airtact.hand.pinch import pinch
 from airtact.pose import Pose
 from airtact.transducers.layout import autd3_board, flat_boards, surrounding_box
 
@@ -84,3 +86,26 @@ def test_discs_have_the_colour_of_phase_and_amplitude():
 def test_spacing_is_the_pitch():
     assert spacing(autd3_board().positions) == pytest.approx(10.16e-3)
     assert spacing(np.zeros((1, 3))) == 10e-3
+
+
+@pytest.mark.parametrize("array", [surrounding_box(), flat_boards()], ids=["box", "flat"])
+def test_all_is_in_the_frame_and_axes_are_equally_long_for_equal_lengths(array):
+    fingers = pinch()
+    figure = draw_scene(array.positions, array.normals, np.exp(1j * np.arange(996.0)), fingers.surfaces, fingers.foci())
+    axes = figure.axes[0]
+    limits = np.array([axes.get_xlim3d(), axes.get_ylim3d(), axes.get_zlim3d()])
+    everything = 1e3 * np.concatenate([array.positions, *(surface.vertices for surface in fingers.surfaces)])
+    assert np.all(everything >= limits[:, 0] - 1e-9)
+    assert np.all(everything <= limits[:, 1] + 1e-9)
+    proportions = np.ptp(limits, axis=1) / np.asarray(axes._box_aspect)
+    np.testing.assert_allclose(proportions, proportions[0], rtol=1e-6)
+    assert [axes.get_xlabel(), axes.get_ylabel(), axes.get_zlabel()] == ["x [mm]", "y [mm]", "z [mm]"]
+
+
+def test_walls_that_turn_their_backs_to_the_viewer_are_rings():
+    array = surrounding_box()
+    figure = draw_scene(array.positions, array.normals, np.ones(996, complex), [], np.zeros((1, 3)))
+    discs = [part for part in figure.axes[0].collections if isinstance(part, Poly3DCollection)]
+    figure.draw_without_rendering()
+    filled = [len(part.get_facecolor()) for part in discs]
+    assert sorted(filled) == [0, 498]

@@ -1,5 +1,6 @@
-"""What each transducer emits, the array's faces unfolded side by side (the paper's Fig. 5)."""
+"""What each transducer emits: the array's faces side by side (the paper's Fig. 5), and all in space with bodies."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,21 +10,24 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import EllipseCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from airtact.evaluation.windows import AXES
+from airtact.figures.solids import View, frame, solid, space_axes
+from airtact.surfaces.surface import Surface
 
+GREY = 0.9, 0.873, 0.846, 1.0
+"""Colour of bodies."""
+
+PHASES = ScalarMappable(Normalize(-np.pi, np.pi), "twilight")
 PHASE_TICKS = {-np.pi: "−π", -np.pi / 2: "−π/2", 0.0: "0", np.pi / 2: "π/2", np.pi: "π"}
 
 
 @dataclass(frozen=True, eq=False)
 class Face:
-    """The elements of an array that lie in one plane and radiate the same way.
+    """The elements of an array that lie in one plane and radiate the same way, along ``normal``.
 
-    Attributes
-    ----------
-    elements : (N,) their indices.
-    seen : (N, 2) where they are as seen from the side they radiate to, upright [m].
-    normal : (3,) where they radiate to.
+    ``seen`` are their positions as seen from the side they radiate to, upright [m].
     """
 
     elements: Int[np.ndarray, "elements"]
@@ -32,12 +36,9 @@ class Face:
 
 
 def unfold(positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"]) -> list[Face]:
-    """Split an array into its flat faces and lay each one flat.
+    """Split an array into its flat faces and lay each one flat; more than eight are taken as one.
 
-    Returns
-    -------
-    The faces, those around an upright axis in the order in which a viewer inside who turns to the right sees them.
-    More than eight faces are taken as one, seen along the mean normal.
+    Those around an upright axis come in the order in which a viewer inside who turns to the right sees them.
     """
     keys = np.round(np.column_stack([normals, (positions * normals).sum(axis=1) / 1e-4]), 3)
     keys[:, 3] = np.round(keys[:, 3])
@@ -45,14 +46,10 @@ def unfold(positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, 
     groups = [np.flatnonzero(number == face) for face in range(number.max() + 1)]
     if len(groups) > 8:
         groups = [np.arange(len(positions))]
-    upright = _upright_axis(normals)
+    # The axis of the frame that lies most in all the faces, z before y before x where they tie.
+    upright = min((AXES[name] for name in "zyx"), key=lambda axis: round(float(np.abs(normals @ axis).max()), 6))
     faces = [_face(positions, normals, group, upright) for group in groups]
     return sorted(faces, key=lambda face: _bearing(face.normal, upright))
-
-
-def _upright_axis(normals: Real[np.ndarray, "elements 3"]) -> np.ndarray:
-    """Find the axis of the frame that lies most in all the faces, z before y before x where they tie."""
-    return min((AXES[name] for name in "zyx"), key=lambda axis: round(float(np.abs(normals @ axis).max()), 6))
 
 
 def _face(positions: np.ndarray, normals: np.ndarray, group: np.ndarray, upright: np.ndarray) -> Face:
@@ -84,22 +81,21 @@ def draw_phases(
     widths = [*spans[:, 0]] * (2 if beside else 1)
     heights = [spans[:, 1].max()] * (1 if beside else 2)
     inches = min(10.5 / sum(widths), 8.4 / sum(heights))
-    figure = Figure(
-        figsize=(sum(widths) * inches + (3.4 if beside else 2.0), sum(heights) * inches + 1.2), layout="constrained"
-    )
+    size = sum(widths) * inches + (3.4 if beside else 2.0), sum(heights) * inches + 1.2
+    figure = Figure(figsize=size, layout="constrained")
     axes = figure.subplots(len(heights), len(widths), squeeze=False, sharex="col", sharey="row", width_ratios=widths)
     rows = axes.T if beside else axes
-    size = min(spacing(positions[face.elements]) for face in faces) * 0.94
+    diameter = min(spacing(positions[face.elements]) for face in faces) * 0.94
     magnitudes = np.abs(amplitudes)
     emitted = (
-        (np.angle(amplitudes), ScalarMappable(Normalize(-np.pi, np.pi), "twilight"), "phase [rad]"),
+        (np.angle(amplitudes), PHASES, "phase [rad]"),
         (magnitudes, ScalarMappable(Normalize(0, magnitudes.max()), "viridis"), "amplitude [of full scale]"),
     )
     for row, (values, scale, label) in zip(rows, emitted, strict=True):
         for panel, face in zip(row, faces, strict=True):
-            _draw_discs(panel, 1e3 * face.seen, values[face.elements], 1e3 * size, scale)
+            _draw_discs(panel, 1e3 * face.seen, values[face.elements], 1e3 * diameter, scale)
         bar = figure.colorbar(scale, ax=list(row), label=label, pad=0.01, aspect=25)
-        if scale.get_cmap().name == "twilight":
+        if scale is PHASES:
             bar.set_ticks(list(PHASE_TICKS), labels=list(PHASE_TICKS.values()))
     for panel, face in zip(axes[0], faces * (2 if beside else 1), strict=True):
         panel.set_title(_where(face, positions), fontsize=10)
@@ -142,3 +138,59 @@ def _where(face: Face, positions: Real[np.ndarray, "elements 3"]) -> str:
             way = "+" if face.normal @ axis > 0 else "−"
             return f"at {name} = {middle @ axis:.0f} mm, facing {way}{name}".replace("-", "−")
     return "facing ({:.2f}, {:.2f}, {:.2f})".format(*face.normal).replace("-", "−")
+
+
+def draw_scene(
+    positions: Real[np.ndarray, "elements 3"],
+    normals: Real[np.ndarray, "elements 3"],
+    amplitudes: Complex[np.ndarray, "elements"],
+    bodies: Sequence[Surface],
+    foci: Real[np.ndarray, "foci 3"],
+) -> Figure:
+    """Draw the transducers as discs coloured by phase, the bodies shaded in grey and the foci as dots.
+
+    Discs that turn their back to the viewer are faint rings below the rest, so that near walls hide nothing.
+    """
+    figure = Figure(figsize=(10.4, 8.0), layout="constrained")
+    view = _view_of(normals)
+    axes, viewer = space_axes(figure, view), view.towards_viewer
+    turned_away = normals @ viewer < -1e-6
+    size = min(spacing(positions[face.elements]) for face in unfold(positions, normals))
+    discs = _discs(positions, normals, 0.47 * size)
+    colours = PHASES.to_rgba(np.angle(amplitudes))
+    shown = {"facecolors": colours[~turned_away], "edgecolors": "0.55", "linewidths": 0.25, "zorder": 1}
+    axes.add_collection3d(Poly3DCollection(discs[~turned_away], **shown))
+    for body in sorted(bodies, key=lambda body: float(body.vertices.mean(axis=0) @ viewer)):
+        axes.add_collection3d(solid(1e3 * body.corners, np.tile(GREY, (len(body.triangles), 1)), [], view)).set_zorder(
+            3
+        )
+    axes.scatter(*(1e3 * foci.T), s=34, c="#e8590c", edgecolors="white", linewidths=0.8, depthshade=False, zorder=4)
+    if turned_away.any():
+        faint = colours[turned_away] * [1, 1, 1, 0.18]
+        shown = {"facecolors": "none", "edgecolors": faint, "linewidths": 0.5, "zorder": 2}
+        axes.add_collection3d(Poly3DCollection(discs[turned_away], **shown))
+    frame(axes, np.concatenate([discs.reshape(-1, 3), *(1e3 * body.vertices for body in bodies), 1e3 * foci]))
+    bar = figure.colorbar(PHASES, ax=axes, label="phase of the transducers [rad]", shrink=0.62, pad=0.08, aspect=24)
+    bar.set_ticks(list(PHASE_TICKS), labels=list(PHASE_TICKS.values()))
+    return figure
+
+
+def _view_of(normals: Real[np.ndarray, "elements 3"]) -> View:
+    """Look into an array that surrounds, past the edge of one that looks one way."""
+    mean = normals.mean(axis=0)
+    if np.linalg.norm(mean) < 0.3:
+        return View(-58.0, 26.0)
+    if abs(mean[2]) > 0.9:
+        return View(-58.0, 22.0)
+    return View(float(np.degrees(np.arctan2(mean[1], mean[0])) - 52.0), 20.0)
+
+
+def _discs(positions: np.ndarray, normals: np.ndarray, radius: float) -> Float64[np.ndarray, "elements corners 3"]:
+    """Polygons of 14 corners instead of circles [mm]."""
+    helper = np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+    across = np.cross(normals, helper)
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    along = np.cross(normals, across)
+    angles = np.linspace(0, 2 * np.pi, 14, endpoint=False)
+    circle = np.cos(angles)[None, :, None] * across[:, None] + np.sin(angles)[None, :, None] * along[:, None]
+    return 1e3 * (positions[:, None] + radius * circle)
