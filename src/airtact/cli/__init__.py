@@ -8,20 +8,7 @@ from collections.abc import Sequence
 
 import click
 
-from airtact.cli import (
-    bench,
-    boards,
-    check,
-    compare,
-    compare_scan,
-    emit,
-    export,
-    hand,
-    listen,
-    mesh,
-    render,
-    reproduce,
-)
+from airtact.cli import bench, boards, check, compare, compare_scan, emit, export, hand, listen, mesh, render, reproduce
 from airtact.conventions import InvalidInput, NotConverged
 from airtact.hardware.link import LinkFailed
 

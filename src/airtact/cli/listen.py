@@ -9,8 +9,7 @@ from airtact.cli.options import FILE
 
 
 @click.command(
-    short_help="Record the hands that trackers send.",
-    epilog="Example: airtact listen --seconds 10 --out session.jsonl",
+    short_help="Record the hands that trackers send.", epilog="Example: airtact listen --seconds 10 --out session.jsonl"
 )
 @click.option("--seconds", type=float, required=True, help="How long to listen; Ctrl-C ends it early.")
 @click.option("--websocket", type=int, default=8765, show_default=True, help="Port for frames in JSON by websocket.")

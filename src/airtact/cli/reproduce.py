@@ -33,6 +33,5 @@ def reproduce(paper: str, folder: Path, quick: bool) -> None:
     if done.failed:
         title, why = next(iter(done.failed.items()))
         raise NotConverged(
-            f"{len(done.failed)} of the parts failed, the others are on the page; {title!r}: {why}",
-            code="part_failed",
+            f"{len(done.failed)} of the parts failed, the others are on the page; {title!r}: {why}", code="part_failed"
         )

@@ -82,13 +82,7 @@ LINKS = (
         "/dev/ttyUSB0",
         extra="serial",
     ),
-    LinkKind(
-        "file",
-        tuple(BOARDS),
-        lambda to: FileLink(to.out or "", to.board, len(to.poses)),
-        "out",
-        "frames.npz",
-    ),
+    LinkKind("file", tuple(BOARDS), lambda to: FileLink(to.out or "", to.board, len(to.poses)), "out", "frames.npz"),
 )
 """All links, in the order in which they are listed."""
 

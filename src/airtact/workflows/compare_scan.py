@@ -40,11 +40,7 @@ class Compared:
 
 
 def compare_scan(
-    scan_file: Path,
-    scene_file: Path,
-    folder: Path,
-    microphone: Microphone,
-    report_step: Progress = no_progress,
+    scan_file: Path, scene_file: Path, folder: Path, microphone: Microphone, report_step: Progress = no_progress
 ) -> Compared:
     """Predict what a microphone reads in a scene, and compare a measured scan with it after one complex scale.
 

@@ -99,11 +99,7 @@ class Fitted(Posed):
 
 
 def pose(
-    path: Path,
-    file: Path,
-    gap: float | None = None,
-    edge: float | None = None,
-    report_step: Progress = no_progress,
+    path: Path, file: Path, gap: float | None = None, edge: float | None = None, report_step: Progress = no_progress
 ) -> Posed:
     """Read a pose, make the skin of the hand and write it, with a picture of the same name beside it.
 
@@ -182,10 +178,7 @@ def fit(
 
 
 def _written(
-    triangles: QuadraticTriangles,
-    file: Path,
-    draw: Callable[[QuadraticTriangles], Figure],
-    report_step: Progress,
+    triangles: QuadraticTriangles, file: Path, draw: Callable[[QuadraticTriangles], Figure], report_step: Progress
 ) -> Path:
     """Write a skin, and its picture of the same name beside it."""
     report_step(f"writing {file.name}")

@@ -106,11 +106,7 @@ def usual_edge() -> float:
 
 
 def mesh(
-    path: Path,
-    file: Path,
-    edge: float | None = None,
-    report_step: Progress = no_progress,
-    **settings: float,
+    path: Path, file: Path, edge: float | None = None, report_step: Progress = no_progress, **settings: float
 ) -> Meshed:
     """Read a surface, cover it with curved panels and write them with a picture of the same name beside them.
 
