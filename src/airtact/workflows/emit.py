@@ -1,6 +1,5 @@
-"""From a drive file to boards: what it takes, what it costs, and playing it. Prints nothing."""
+"""From a drive file to boards or to the frames of boards in a file: what it takes and costs. Prints nothing."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,16 +11,18 @@ from airtact.evaluation.thresholds import sound_pressure_level
 from airtact.hardware.amplitudes import faded, largest_pressure_around, share_under_cap
 from airtact.hardware.codecs import codec_of
 from airtact.hardware.emission import Emission, Played
-from airtact.hardware.file_link import Frames, write_frames
+from airtact.hardware.file_link import write_frames
 from airtact.hardware.link import Link
-from airtact.hardware.links import Connection, link_to
+from airtact.hardware.links import link_to
 from airtact.pose import Pose
 from airtact.scene.medium import air
 from airtact.synthesis.quantise import quantise, rounding_error
 from airtact.synthesis.sequence import Sequence
+from airtact.timing import Progress, no_progress
 from airtact.transducers.boards import Board, board_named, boards_needed, poses_of_boards
 from airtact.transducers.drive_file import DriveFile, read_drive_file
 from airtact.transducers.element import DEFAULT_SENSITIVITY
+from airtact.transducers.levels import Levels
 from airtact.transfer import Drive, TransferMatrix
 from airtact.validation import counted, positive
 
@@ -56,13 +57,9 @@ class Plan:
 
 
 def plan(path: Path, board: str, cap: float = 100.0) -> Plan:
-    """Read a drive, check that boards can play it, and find what rounding costs and the level at a head.
+    """Read a drive, check that boards of a kind can play it, and find what rounding costs and the level at a head.
 
-    Parameters
-    ----------
-    path : the drive.h5.
-    board : name of the kind of board.
-    cap : largest amplitude of an element, in per cent of full scale.
+    ``cap`` is the largest amplitude of an element, in per cent of full scale.
 
     Raises
     ------
@@ -88,22 +85,17 @@ def plan(path: Path, board: str, cap: float = 100.0) -> Plan:
         poses = tuple(poses_of_boards(kind, stored.positions, stored.normals))
     levels = codec_of(kind).levels
     share = share_under_cap(stored.drives, levels, cap)
-    strongest = _most_powerful(stored.drives)
+    strongest = stored.drives[np.argsort(-np.linalg.norm(stored.drives, axis=1), kind="stable")[:MOST_LOOKED_AT]]
     played = np.stack([faded(Drive(row), levels, share).drive().amplitudes for row in strongest])
     sensitivity = DEFAULT_SENSITIVITY if stored.sensitivity is None else stored.sensitivity
     around = largest_pressure_around(stored.positions, played, sensitivity, 2 * np.pi * FREQUENCY / speed)
     head = float(sound_pressure_level(np.array([around]))[0])
-    return Plan(stored, kind, poses, _rounding(stored, strongest, kind), head, cap)
-
-
-def _most_powerful(drives: Complex128[np.ndarray, "frames elements"]) -> Complex128[np.ndarray, "strongest elements"]:
-    return drives[np.argsort(-np.linalg.norm(drives, axis=1), kind="stable")[:MOST_LOOKED_AT]]
+    return Plan(stored, kind, poses, _rounding(stored, strongest, levels), head, cap)
 
 
 def _rounding(
-    stored: DriveFile, drives: Complex128[np.ndarray, "frames elements"], board: Board
+    stored: DriveFile, drives: Complex128[np.ndarray, "frames elements"], levels: Levels
 ) -> Float64[np.ndarray, "foci"] | None:
-    levels = codec_of(board).levels
     if stored.matrix is None or stored.matrix.shape[1] != drives.shape[1]:
         return None
     transfer = TransferMatrix(stored.matrix, np.nan, stored.foci)
@@ -125,34 +117,13 @@ def _sound_speed(stored: DriveFile) -> float:
     return (stored.medium or air()).sound_speed
 
 
-def link_for(
-    made: Plan, link: str, address: str | None = None, port: str | None = None, out: Path | None = None
-) -> Link:
-    """Choose the link to a plan's boards.
-
-    Raises
-    ------
-    InvalidInput
-        As ``link_to``.
-    """
-    return link_to(link, Connection(made.board.name, made.poses, _sound_speed(made.stored), address, port, out))
+def link_for(made: Plan, link: str, **settings: str | Path | None) -> Link:
+    """Build the link to a plan's boards by its name; raise as ``link_to``."""
+    return link_to(link, made.board.name, made.poses, _sound_speed(made.stored), **settings)
 
 
-def emit(
-    made: Plan, link: Link, seconds: float, report_step: Callable[[str], None] = lambda step: None
-) -> Played | None:
-    """Play a plan for some time, then silence the boards.
-
-    Parameters
-    ----------
-    made : the plan.
-    link : see ``link_for``.
-    seconds : how long.
-    report_step : called with each step as it begins.
-
-    Returns
-    -------
-    What was played of a sequence; None for a single drive.
+def emit(made: Plan, link: Link, seconds: float, report_step: Progress = no_progress) -> Played | None:
+    """Play a plan for some time, then silence the boards; return what was played of a sequence, None for one drive.
 
     Raises
     ------
@@ -177,20 +148,21 @@ def emit(
     return played
 
 
-def export(made: Plan, out: Path) -> str:
-    """Write a plan's frames to a file, without ramp and silence.
-
-    Parameters
-    ----------
-    made : the plan.
-    out : the file, .npz, .csv, .h5 or .bin.
+def export(path: Path, board: str, file: Path, cap: float = 100.0) -> tuple[Plan, str]:
+    """Write a drive or a sequence as the frames of a kind of board, without ramp and silence.
 
     Returns
     -------
-    What was written, in words.
+    What the frames were made from, and in words how many were written.
+
+    Raises
+    ------
+    InvalidInput
+        As ``plan``, or the file cannot be written.
     """
+    made = plan(path, board, cap)
     levels = codec_of(made.board).levels
     share = share_under_cap(made.stored.drives, levels, made.cap)
     frames = tuple(faded(Drive(row), levels, share) for row in made.stored.drives)
-    write_frames(out, Frames(made.board.name, frames, made.stored.rate))
-    return f"{counted(len(frames), 'frame', 'frames')} for {counted(len(made.poses), 'board', 'boards')}"
+    write_frames(file, board, frames, made.stored.rate)
+    return made, f"{counted(len(frames), 'frame', 'frames')} for {counted(len(made.poses), 'board', 'boards')}"
