@@ -8,7 +8,7 @@ import pytest
 from airtact.files.drives import load_drive
 from airtact.hardware.codecs import codec_of
 from airtact.hardware.emission import Emission
-from airtact.hardware.file_link import FileLink, Frames, write_frames
+from airtact.hardware.file_link import FileLink, write_frames
 from airtact.hardware.link import RecordingLink
 from airtact.synthesis.quantise import quantise
 from airtact.synthesis.sequence import Sequence
@@ -53,7 +53,7 @@ def test_sequences_of_two_rates_do_not_go_into_one_file(tmp_path) -> None:
 
 def test_bytes_for_openmpd_are_what_its_receiver_takes(tmp_path) -> None:
     frame = random_frame("openmpd", 1, 7)
-    write_frames(tmp_path / "one.bin", Frames("openmpd", (frame,)))
+    write_frames(tmp_path / "one.bin", "openmpd", (frame,))
     board = OpenMPD()
     for byte in (tmp_path / "one.bin").read_bytes():
         board.hear(byte)
@@ -80,22 +80,22 @@ def test_a_recording_remembers_frames_and_times() -> None:
     assert link.seconds == sorted(link.seconds)
 
 
-ONE = Frames("nano16", (random_frame("nano16", 1, 1),))
+ONE = random_frame("nano16", 1, 1)
 OTHER = random_frame("sonicsurface", 1, 1)
 
 
 @pytest.mark.parametrize(
     ("make", "code", "shown"),
     [
-        (lambda folder: write_frames(folder / "a.txt", ONE), "unknown_ending", "a.txt"),
-        (lambda folder: write_frames(folder / "a.npz", Frames("nano16", ())), "empty", "not 0"),
+        (lambda folder: write_frames(folder / "a.txt", "nano16", (ONE,)), "unknown_ending", "a.txt"),
+        (lambda folder: write_frames(folder / "a.npz", "nano16", ()), "empty", "not 0"),
         (
-            lambda folder: write_frames(folder / "a.npz", Frames("nano16", (*ONE.frames, OTHER))),
+            lambda folder: write_frames(folder / "a.npz", "nano16", (ONE, OTHER)),
             "sizes_differ",
             "2 frames",
         ),
-        (lambda folder: write_frames(folder / "none" / "a.npz", ONE), "file_not_writable", "a.npz"),
-        (lambda folder: write_frames(folder / "none" / "a.bin", ONE), "file_not_writable", "a.bin"),
+        (lambda folder: write_frames(folder / "none" / "a.npz", "nano16", (ONE,)), "file_not_writable", "a.npz"),
+        (lambda folder: write_frames(folder / "none" / "a.bin", "nano16", (ONE,)), "file_not_writable", "a.bin"),
         (lambda folder: FileLink(folder / "none" / "a.npz").open(), "file_not_writable", "a.npz"),
     ],
 )

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from airtact.hardware.links import LINKS, Connection, link_to, links_of
+from airtact.hardware.links import LINKS, link_to, links_of
 from airtact.pose import Pose
 from faults import raises_code
 
@@ -29,7 +29,7 @@ def test_links_are_listed_by_board() -> None:
 @pytest.mark.parametrize(("link", "board"), [(link, board) for link in LINKS for board in link.boards])
 def test_every_link_is_built_under_its_own_name(link, board) -> None:
     setting = {link.takes: SETTINGS[link.takes]} if link.takes else {}
-    made = link_to(link.name, Connection(board, (Pose.identity(),), 343.0, **setting))
+    made = link_to(link.name, board, (Pose.identity(),), 343.0, **setting)
     assert (made.name, made.codec.board.name, made.boards) == (link.name, board, 1)
     assert link.example == "" or link.takes is not None
 
@@ -47,4 +47,4 @@ def test_every_link_is_built_under_its_own_name(link, board) -> None:
 )
 def test_a_link_that_cannot_be_is_rejected(name, board, setting, code, shown) -> None:
     with raises_code(code, shown):
-        link_to(name, Connection(board, (Pose.identity(),), 343.0, **setting))
+        link_to(name, board, (Pose.identity(),), 343.0, **setting)

@@ -54,6 +54,7 @@ class AUTD3Link(Link):
     sound_speed : of the medium [m/s], for simulators.
     """
 
+    plays_itself = True
     poses: list[Pose]
     address: str | None
     sound_speed: float | None
@@ -77,22 +78,10 @@ class AUTD3Link(Link):
             raise InvalidInput(
                 f"the {through} link needs 1 address, such as 127.0.0.1:8080; 0 given.", code="setting_missing"
             )
-        self._through = through
-        self.poses = list(poses)
-        self.address = address
-        self.sound_speed = sound_speed
+        self.name, self.poses = through, list(poses)
+        self.address, self.sound_speed = address, sound_speed
         self._lost: str | None = None
         self._controller: Any = None
-
-    @property
-    def name(self) -> str:
-        """What commands call it: the way to the boards."""
-        return self._through
-
-    @property
-    def plays_itself(self) -> bool:
-        """The boards repeat a sequence by themselves."""
-        return True
 
     def check_sequence(self, frames: int, rate: float) -> None:
         """Check that the boards can hold a sequence and that its rate divides 40 kHz.

@@ -1,78 +1,47 @@
 """A link that ends in a file, for boards that have no link here and to look at what would be sent."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Complex128
 
 from airtact.conventions import InvalidInput
-from airtact.file_access.atomic import whole_file
 from airtact.hardware.codecs import codec_of
 from airtact.hardware.link import Link
 from airtact.synthesis.quantise import Frame
-from airtact.transducers.drive_file import DriveFile, write_drive_file
+from airtact.transducers.drive_file import ENDINGS as DRIVE_ENDINGS
+from airtact.transducers.drive_file import DriveFile, checked_ending, write_drive_file, written
 from airtact.validation import of_kind
 
-SUFFIXES = (".npz", ".csv", ".h5", ".bin")
-"""Kinds of files: arrays of NumPy, a table, HDF5, and the very bytes that the boards are sent."""
+ENDINGS = (*DRIVE_ENDINGS, ".bin")
+"""Kinds of files: those of drives, and the very bytes that the boards are sent."""
 
 
-@dataclass(frozen=True, eq=False)
-class Frames:
-    """Frames for one kind of board.
+def write_frames(path: Path, board: str, frames: Sequence[Frame], rate: float | None = None) -> None:
+    """Write frames for a kind of board to a file of the kind that its name ends in; it appears once it is whole.
 
-    Attributes
-    ----------
-    board : name of the kind of board.
-    frames : in their order.
-    rate : frames a second; None for a single drive and for frames at no fixed rate.
-    """
-
-    board: str
-    frames: tuple[Frame, ...]
-    rate: float | None = None
-
-
-def check_suffix(path: Path) -> Path:
-    """Return the path of a file of a kind that frames can be written to."""
-    if path.suffix.lower() not in SUFFIXES:
-        raise InvalidInput(
-            f"{path.name} is none of the {len(SUFFIXES)} kinds of frame files: {', '.join(SUFFIXES)}.",
-            code="unknown_ending",
-        )
-    return path
-
-
-def write_frames(path: Path, written: Frames) -> None:
-    """Write frames to a file of the kind that its name ends in, see ``SUFFIXES``; it appears once it is whole.
+    The rate [frames/s] is None for a single drive and for frames at no fixed rate.
 
     Raises
     ------
     InvalidInput
-        If the name ends in something else, there is no frame, they are for different numbers of elements, or the file
-        cannot be written.
+        "unknown_ending" if not one of ``ENDINGS``, "empty", "sizes_differ", or "file_not_writable".
     """
-    frames = written.frames
     if not frames:
         raise InvalidInput(f"{path.name} needs at least 1 frame, not 0.", code="empty")
     if len({len(frame) for frame in frames}) > 1:
         raise InvalidInput(
             f"the {len(frames)} frames for {path.name} differ in their number of elements.", code="sizes_differ"
         )
-    if check_suffix(path).suffix.lower() != ".bin":
-        drives = np.stack([frame.drive().amplitudes for frame in frames])
-        levels = (np.stack([frame.amplitude for frame in frames]), np.stack([frame.phase for frame in frames]))
-        write_drive_file(path, DriveFile(drives, written.rate, *levels, frames[0].levels, board=written.board))
-        return
-    codec = codec_of(written.board)
-    try:
-        with whole_file(path) as partial:
+    if checked_ending(path, ENDINGS, "frame") == ".bin":
+        codec = codec_of(board)
+        with written(path) as partial:
             partial.write_bytes(b"".join(codec.encode(frame) for frame in frames))
-    except OSError as error:
-        reason = f"{error.strerror} (error {error.errno})"
-        raise InvalidInput(f"cannot write {path}: {reason}.", code="file_not_writable") from None
+        return
+    drives = np.stack([frame.drive().amplitudes for frame in frames])
+    levels = (np.stack([frame.amplitude for frame in frames]), np.stack([frame.phase for frame in frames]))
+    write_drive_file(path, DriveFile(drives, rate, *levels, frames[0].levels, board=board))
 
 
 def read_messages(path: Path, board: str | None, boards: int = 1) -> Complex128[np.ndarray, "frames elements"]:
@@ -104,7 +73,7 @@ def read_messages(path: Path, board: str | None, boards: int = 1) -> Complex128[
 
 
 class FileLink(Link):
-    """Writes every frame that it is sent to a file when it is closed, see ``write_frames``.
+    """Writes every frame that it is sent to a file when it is closed.
 
     It keeps no clock: a sequence is written whole with its rate, as fast as the disk takes it, and neither a ramp nor
     the silence at the end are added. ``load_drive`` reads the file.
@@ -116,28 +85,17 @@ class FileLink(Link):
     boards : how many.
     """
 
+    name = "file"
+    plays_itself = True
+    real_time = False
     path: Path
 
     def __init__(self, path: str | Path, board: str = "autd3", boards: int = 1) -> None:
         super().__init__(board, boards)
-        self.path = check_suffix(Path(of_kind(path, str | Path, "the file of frames", "its path")))
+        self.path = Path(of_kind(path, str | Path, "the file of frames", "its path"))
+        checked_ending(self.path, ENDINGS, "frame")
         self._frames: list[Frame] = []
         self._rate: float | None = None
-
-    @property
-    def name(self) -> str:
-        """What commands call it."""
-        return "file"
-
-    @property
-    def plays_itself(self) -> bool:
-        """A file takes whole sequences."""
-        return True
-
-    @property
-    def real_time(self) -> bool:
-        """A file takes frames at once."""
-        return False
 
     def stop(self) -> None:
         """Do nothing: a file emits nothing."""
@@ -165,4 +123,4 @@ class FileLink(Link):
 
     def _end(self) -> None:
         if self._frames:
-            write_frames(self.path, Frames(self.codec.board.name, tuple(self._frames), self._rate))
+            write_frames(self.path, self.codec.board.name, self._frames, self._rate)

@@ -37,11 +37,19 @@ class Link(ABC):
     Attributes
     ----------
     codec : the messages of its boards.
+    name : what commands call it.
     boards, elements : number of boards, and of elements on all of them.
+    plays_itself : whether boards repeat a sequence by themselves once it was sent, or need every frame in time.
+    real_time : whether a frame is emitted when it is sent, so that frames must be sent at their times.
+    fastest : frames a second that it can carry at most.
     last : the frame that was sent last, or None.
     sent : how many frames were sent since it was opened.
     """
 
+    name: str
+    plays_itself: bool = False
+    real_time: bool = True
+    fastest: float = np.inf
     codec: Codec
     boards: int
     elements: int
@@ -61,21 +69,6 @@ class Link(ABC):
         self._open = False
 
     @property
-    @abstractmethod
-    def name(self) -> str:
-        """What commands call it."""
-
-    @property
-    def plays_itself(self) -> bool:
-        """Whether boards repeat a sequence by themselves once it was sent, or every frame must be sent in time."""
-        return False
-
-    @property
-    def real_time(self) -> bool:
-        """Whether a frame sounds when it is sent, so that frames must be sent at their times."""
-        return True
-
-    @property
     def levels(self) -> Levels:
         """What its boards can play."""
         return self.codec.levels
@@ -84,11 +77,6 @@ class Link(ABC):
     def devices(self) -> str:
         """How many boards of what kind, in words."""
         return counted(self.boards, f"{self.codec.board.name} board", f"{self.codec.board.name} boards")
-
-    @property
-    def fastest(self) -> float:
-        """Frames a second that it can carry at most."""
-        return np.inf
 
     def open(self) -> None:
         """Open the link; the boards are silent when this returns.
@@ -275,17 +263,13 @@ class RecordingLink(Link):
     seconds : when, counted from opening.
     """
 
+    name = "recording"
     frames: list[Frame]
     seconds: list[float]
 
     def __init__(self, board: str = "autd3", boards: int = 1) -> None:
         super().__init__(board, boards)
         self.frames, self.seconds = [], []
-
-    @property
-    def name(self) -> str:
-        """What commands call it."""
-        return "recording"
 
     def _begin(self) -> None:
         self.frames, self.seconds, self._begun = [], [], time.monotonic()

@@ -44,6 +44,7 @@ class SerialLink(Link):
     boot : how long the first answer may take [s].
     """
 
+    name = "serial"
     port: str
     boot: float
 
@@ -54,19 +55,9 @@ class SerialLink(Link):
                 f"{board} has no serial line (0 baud): sonicsurface and nano16 have one.", code="unknown_link"
             )
         of_kind(port, str, "the port", 'the name of a device, such as "/dev/ttyUSB0"')
-        self.port = port
-        self.boot = boot
+        self.port, self.boot = port, boot
+        self.fastest = self.codec.baud / 10.0 / len(self.codec.encode(self.zero()))  # 10 bits a byte
         self._line: Any = None
-
-    @property
-    def name(self) -> str:
-        """What commands call it."""
-        return "serial"
-
-    @property
-    def fastest(self) -> float:
-        """Frames a second at 10 bits a byte."""
-        return (self.codec.baud or 0) / 10.0 / len(self.codec.encode(self.zero()))
 
     def _begin(self) -> None:
         serial = _library()

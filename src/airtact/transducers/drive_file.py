@@ -18,8 +18,8 @@ Files of version 0 have no ``format_version``; their frequency and medium stand 
 
 import csv
 import tomllib
-from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -182,29 +182,38 @@ def write_drive_file(path: Path, what: DriveFile) -> None:
     InvalidInput
         If the ending is another one, or the file cannot be written.
     """
-    kind = _checked_ending(path)
+    kind = checked_ending(path, ENDINGS, "drive")
+    with written(path) as partial:
+        if kind == ".csv":
+            with partial.open("w", newline="", encoding="utf-8") as file:
+                csv.writer(file).writerows(_table(what))
+        elif kind == ".npz":
+            with partial.open("wb") as file:
+                np.savez_compressed(file, allow_pickle=False, **dict(_columns(what)))
+        else:
+            _write_h5(partial, what)
+
+
+@contextmanager
+def written(path: Path) -> Iterator[Path]:
+    """Write a file as ``whole_file`` does; raise "file_not_writable" where that is impossible."""
     try:
         with whole_file(path) as partial:
-            if kind == ".csv":
-                with partial.open("w", newline="", encoding="utf-8") as file:
-                    csv.writer(file).writerows(_table(what))
-            elif kind == ".npz":
-                with partial.open("wb") as file:
-                    np.savez_compressed(file, allow_pickle=False, **dict(_columns(what)))
-            else:
-                _write_h5(partial, what)
+            yield partial
     except OSError as error:
         reason = error.strerror or str(error)
         raise InvalidInput(f"cannot write {path}: {reason} (error {error.errno}).", code="file_not_writable") from None
 
 
-def _checked_ending(path: Path) -> str:
-    if path.suffix.lower() not in ENDINGS:
+def checked_ending(path: Path, endings: Sequence[str], kind: str) -> str:
+    """Return the ending of a file of drives or frames in small letters; raise "unknown_ending" for another one."""
+    ending = path.suffix.lower()
+    if ending not in endings:
         raise InvalidInput(
-            f"{path.name} is none of the {len(ENDINGS)} kinds of drive files: {', '.join(ENDINGS)}.",
+            f"{path.name} is none of the {len(endings)} kinds of {kind} files: {', '.join(endings)}.",
             code="unknown_ending",
         )
-    return path.suffix.lower()
+    return ending
 
 
 def _write_h5(path: Path, what: DriveFile) -> None:
@@ -279,7 +288,7 @@ def read_drive_file(path: Path) -> DriveFile:
         If the file cannot be read, is of a later version, lacks a dataset, the shapes do not match, a number is not
         finite, or an amplitude is negative or above 1 (which frame and element).
     """
-    kind = _checked_ending(path)
+    kind = checked_ending(path, ENDINGS, "drive")
     if not path.is_file():
         raise InvalidInput(f"cannot read {path}: there is no such file.", code="file_missing")
     with about(path.name):
