@@ -1,7 +1,6 @@
 """The rules of the house: public names, shapes, docstrings, documents, and what importing does."""
 
 import ast
-import dataclasses
 import functools
 import importlib
 import inspect
@@ -73,8 +72,8 @@ def test_the_way_through_that_others_rely_on() -> None:
 
 
 def members(cls: type) -> dict[str, typing.Any]:
-    """Public methods and properties that a class defines itself."""
-    fields = {field.name for field in dataclasses.fields(cls)} if dataclasses.is_dataclass(cls) else set()
+    """Public methods and properties that a class defines itself; the types of its fields stand in the class."""
+    fields = typing.get_type_hints(cls)
     return {name: value for name, value in vars(cls).items() if not name.startswith("_") and name not in fields}
 
 
