@@ -53,10 +53,10 @@ def hand(path: Path, file: Path, **settings: Any) -> None:
 
 
 def _table(posed: "Posed", errors: "Mapping[str, float] | None" = None) -> "Table":
-    shape = posed.shape
+    shape, (area, volume) = posed.shape, posed.size
     table = plain_table()
     table.add_row("hand", f"{posed.hand.side}, {1e3 * shape.extent:.0f} mm across")
-    table.add_row("area, volume", f"{1e4 * posed.area:.0f} cm², {1e6 * posed.volume:.0f} cm³")
+    table.add_row("area, volume", f"{1e4 * area:.0f} cm², {1e6 * volume:.0f} cm³")
     table.add_row("panels", f"{len(posed.quadratic_triangles):,}, smallest angle {posed.smallest_angle:.0f}°")
     for name, point in posed.places.items():
         depth = float(shape.depth(point[None])[0])

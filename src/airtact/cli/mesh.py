@@ -40,11 +40,11 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None
 def _tables(meshed: "Meshed") -> "Iterator[Table]":
     """Tabulate panels beside the triangles that they were made from."""
     sizes = plain_table("", "given", "panels")
-    sizes.add_row(
-        "triangles, panels", f"{len(meshed.surface.triangles):,}", f"{len(meshed.panels.quadratic_triangles):,}"
-    )
-    sizes.add_row("area", f"{1e4 * meshed.given_area:.4g} cm²", f"{1e4 * meshed.area:.4g} cm²")
-    sizes.add_row("volume", f"{1e6 * meshed.given_volume:.4g} cm³", f"{1e6 * meshed.volume:.4g} cm³")
+    given, made = meshed.surface.triangles, meshed.panels.quadratic_triangles
+    sizes.add_row("triangles, panels", f"{len(given):,}", f"{len(made):,}")
+    (area, volume), (given_area, given_volume) = meshed.size, meshed.given_size
+    sizes.add_row("area", f"{1e4 * given_area:.4g} cm²", f"{1e4 * area:.4g} cm²")
+    sizes.add_row("volume", f"{1e6 * given_volume:.4g} cm³", f"{1e6 * volume:.4g} cm³")
     yield sizes
     worst, first = meshed.angles
     facts, panels = plain_table(), meshed.panels

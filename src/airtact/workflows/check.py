@@ -1,10 +1,11 @@
 """From a scene or a surface to what is in it, with a picture of its bodies or of its fault. Prints nothing."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput, about
 from airtact.figures.body_figure import draw_bodies, draw_fault
@@ -28,84 +29,54 @@ def check(
 ) -> Setup | Scene:
     """Read a scene file, or a surface file into a scene of its own, and build what it describes.
 
-    Parameters
-    ----------
-    path : a TOML file, or an STL, PLY, OBJ or GLB file.
-    folder, report_step : as in ``check_scene``.
-    settings : as in ``check_surface_file``, for a surface file only.
+    A picture of the bodies goes into the folder, if one is given; where the input is at fault one of the bodies and
+    the position of the fault. ``settings`` are those of ``load_surface``, for a surface file only.
 
     Raises
     ------
     InvalidInput
-        Settings of a surface are given for a scene file, or as ``check_scene`` or ``check_surface_file``.
+        "options_clash": settings of a surface are given for a scene file; or the file or the folder is at fault.
     """
+    report_step(f"reading {path.name}")
     if path.suffix.lower() in SUFFIXES:
-        return check_surface_file(path, folder, report_step, **settings)
+        return _check_surface_file(path, folder, report_step, **settings)
     if settings:
         key, value = next(iter(settings.items()))
         raise InvalidInput(
             f"{key} = {value:g} stands in a scene file, beside its surface, not on the command line.",
             code="options_clash",
         )
-    return check_scene(path, folder, report_step)
-
-
-def check_scene(path: Path, folder: Path | None = None, report_step: Progress = no_progress) -> Setup:
-    """Read a scene file and build what it describes.
-
-    Parameters
-    ----------
-    path : the TOML file.
-    folder : where the picture goes; none without it.
-    report_step : called with each step as it begins.
-
-    Raises
-    ------
-    InvalidInput
-        The file is at fault, or the folder; a picture of the bodies with the position of the fault is written first.
-    """
-    report_step(f"reading {path.name}")
     with _pictured(folder, lambda: drawable_bodies(path), report_step):
         setup = read_scene(path)
-    if folder is not None:
-        report_step(f"drawing {folder / BODIES}")
-        bodies = [obstacle.surface for obstacle in setup.scene.obstacles]
-        write_picture(folder / BODIES, draw_bodies(bodies, setup.bodies, setup.target.points))
+    _draw(folder, setup.scene, setup.bodies, setup.target.points, report_step)
     return setup
 
 
-def check_surface_file(
-    path: Path, folder: Path | None = None, report_step: Progress = no_progress, **settings: float
-) -> Scene:
-    """Read a surface file and put it into air as a sound-hard body, as a scene at 40 kHz would.
-
-    Parameters
-    ----------
-    path : an STL, PLY, OBJ or GLB file.
-    folder : where the picture goes; none without it.
-    report_step : called with each step as it begins.
-    settings : ``scale``, ``largest_hole`` and ``sharp_degrees`` of ``load_surface``.
-
-    Raises
-    ------
-    InvalidInput
-        The surface is at fault, or the folder; a picture of the triangles with the position of the fault is
-        written first.
-    """
+def _check_surface_file(path: Path, folder: Path | None, report_step: Progress, **settings: float) -> Scene:
+    """Put a surface into air as a sound-hard body, as a scene at 40 kHz would."""
 
     def triangles() -> list[Triangles]:
         bare = bare_triangles(path, settings.get("scale", 1.0))
         return [] if bare is None else [bare]
 
-    report_step(f"reading {path.name}")
     with _pictured(folder, triangles, report_step):
         surface = load_surface(path, **settings)
         with about(path.name):
             scene = Scene(air(), [sound_hard(surface)])
+    _draw(folder, scene, [path.name], None, report_step)
+    return scene
+
+
+def _draw(
+    folder: Path | None,
+    scene: Scene,
+    names: Sequence[str],
+    foci: Float64[np.ndarray, "foci 3"] | None,
+    report_step: Progress,
+) -> None:
     if folder is not None:
         report_step(f"drawing {folder / BODIES}")
-        write_picture(folder / BODIES, draw_bodies([surface], [path.name]))
-    return scene
+        write_picture(folder / BODIES, draw_bodies([one.surface for one in scene.obstacles], names, foci))
 
 
 def unknowns_by_accuracy(scene: Scene) -> dict[float, int]:

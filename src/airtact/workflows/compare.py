@@ -31,12 +31,8 @@ IGNORED = "hand ignored"
 def compare(path: Path, folder: Path, report_step: Progress = no_progress, store: Path | None = None) -> Contest:
     """Make the drive of a scene file by every method, verify all in one more accurate solve, and write a page.
 
-    Parameters
-    ----------
-    path : the scene file; the method that it names is not used.
-    folder : where `FILES` go and, below ``drives``, one HDF5 file for each method; made if it is not there.
-    report_step : called with each step as it begins.
-    store : folder where solved fields are stored and found again; None to solve all anew.
+    `FILES` go into the folder and, below ``drives``, one HDF5 file for each method. Solved fields are stored in the
+    folder ``store`` and found again, if one is given. The method that the scene file names is not used.
 
     Raises
     ------

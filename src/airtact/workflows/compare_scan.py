@@ -44,13 +44,8 @@ def compare_scan(
 ) -> Compared:
     """Predict what a microphone reads in a scene, and compare a measured scan with it after one complex scale.
 
-    Parameters
-    ----------
-    scan_file : a .csv file with the columns x, y, z [m] in the obstacles' frame, pressure and perhaps phase [rad].
-    scene_file : the scene file; its drive, rounded to its levels, is emitted.
-    folder : where `FILES` go; made if it is not there.
-    microphone : what the scan was measured with.
-    report_step : called with each step as it begins.
+    The scan has the columns x, y, z [m] in the obstacles' frame, pressure and perhaps phase [rad]. The drive of the
+    scene file, rounded to its levels, is emitted. `FILES` go into the folder, which is made if it is not there.
 
     Raises
     ------

@@ -56,14 +56,9 @@ class Posed:
         return float(smallest_angles(self.quadratic_triangles).min())
 
     @property
-    def area(self) -> float:
-        """Area of the triangles [m²]."""
-        return float(panel_areas(self.quadratic_triangles).sum())
-
-    @property
-    def volume(self) -> float:
-        """Volume that they enclose [m³]."""
-        return enclosed_volume(self.quadratic_triangles)
+    def size(self) -> tuple[float, float]:
+        """Area of the triangles [m²], and the volume that they enclose [m³]."""
+        return float(panel_areas(self.quadratic_triangles).sum()), enclosed_volume(self.quadratic_triangles)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,13 +98,7 @@ def pose(
 ) -> Posed:
     """Read a pose, make the skin of the hand and write it, with a picture of the same name beside it.
 
-    Parameters
-    ----------
-    path : a JSON file, see ``load_hand``.
-    file : where the skin goes; its ending sets the format, see ``write_triangles``.
-    gap : opens thumb and index finger until their last phalanges are so far apart [m]; None leaves the pose.
-    edge : of the triangles [m]; 4 mm unless given.
-    report_step : called with each step as it begins.
+    ``gap`` opens thumb and index finger to that distance of their last phalanges [m]; ``edge`` is of the triangles [m].
 
     Raises
     ------
@@ -141,16 +130,8 @@ def fit(
 ) -> Fitted:
     """Read a cloud and rough landmarks, fit a hand to them and write its skin, with a picture beside it.
 
-    The skin is the one that was brought to the points, ``FittedHand.surface``.
-
-    Parameters
-    ----------
-    cloud : see ``load_cloud``.
-    landmarks : see ``load_landmarks``.
-    file : where the skin goes; its ending sets the format, see ``write_triangles``.
-    camera : where all points were seen from [m]; None for from many sides.
-    edge : of the triangles [m]; that of ``FittedHand.surface`` unless given.
-    report_step : called with each step as it begins.
+    The skin is the one that was brought to the points, ``FittedHand.surface``, with its edges unless ``edge`` [m] is
+    given. ``camera`` is where all points were seen from [m]; None for from many sides.
 
     Raises
     ------
@@ -201,44 +182,31 @@ def hand(
     camera: tuple[float, float, float] | None = None,
     report_step: Progress = no_progress,
 ) -> Posed | Fitted | Replayed:
-    """Make the skin of a hand from a pose, a recording, or a cloud of points with rough landmarks, and write it.
-
-    Parameters
-    ----------
-    path : a pose, see ``load_hand``; a recording, see ``load_recording``; a cloud, see ``load_cloud``.
-    file, edge, report_step : as in ``pose``.
-    gap : as in ``pose``, for a pose only.
-    frames, leave_out : as in ``replay_recording``, for a recording only.
-    landmarks, camera : as in ``fit``, for a cloud only.
+    """Make the skin of a hand by ``pose``, ``replay_recording`` or ``fit``, which the settings are passed to.
 
     Raises
     ------
     InvalidInput
-        Settings do not go together, or as ``pose``, ``replay_recording`` or ``fit``.
+        "options_clash", "landmarks_missing", or as these.
     """
+    of_recordings = bool(frames) or leave_out
     if landmarks is not None:
-        if gap is not None or frames or leave_out:
-            raise InvalidInput(
-                f"{path.name} is 1 cloud; leave --gap, --frame and --leave-out out.", code="options_clash"
-            )
+        if gap is not None or of_recordings:
+            sentence = f"{path.name} is 1 cloud; leave --gap, --frame and --leave-out out."
+            raise InvalidInput(sentence, code="options_clash")
         return fit(path, landmarks, file, camera, edge, report_step)
     if camera is not None:
-        raise InvalidInput(
-            f"a camera is for a cloud with --landmarks, and {path.name} came with 0 of them.", code="options_clash"
-        )
+        sentence = f"a camera is for a cloud with --landmarks, and {path.name} came with 0 of them."
+        raise InvalidInput(sentence, code="options_clash")
     if path.suffix in RECORDINGS:
         if gap is not None:
-            raise InvalidInput(
-                f"a gap of {gap:g} m is for 1 pose, not for a recording; leave --gap out.", code="options_clash"
-            )
+            sentence = f"a gap of {gap:g} m is for 1 pose, not for a recording; leave --gap out."
+            raise InvalidInput(sentence, code="options_clash")
         return replay_recording(path, file, frames, leave_out, EDGE if edge is None else edge, report_step)
     if path.suffix.lower() in CLOUDS:
-        raise InvalidInput(
-            f"{path.name} is a cloud of points, and came with 0 landmarks; give rough --landmarks.",
-            code="landmarks_missing",
-        )
-    if frames or leave_out:
-        raise InvalidInput(
-            f"{path.name} is 1 pose, no recording; leave --frame and --leave-out out.", code="options_clash"
-        )
+        sentence = f"{path.name} is a cloud of points, and came with 0 landmarks; give rough --landmarks."
+        raise InvalidInput(sentence, code="landmarks_missing")
+    if of_recordings:
+        sentence = f"{path.name} is 1 pose, no recording; leave --frame and --leave-out out."
+        raise InvalidInput(sentence, code="options_clash")
     return pose(path, file, gap, edge, report_step)

@@ -18,17 +18,7 @@ def listen(
 ) -> StreamHealth:
     """Record the frames that trackers send, until the time is over or Ctrl-C ends it early.
 
-    Parameters
-    ----------
-    file : the recording, .jsonl or .npz.
-    seconds : how long to listen [s].
-    websocket : port for frames in JSON; 0 takes a free one.
-    osc : port for OSC over UDP; None listens to none.
-    report_step : called with each step as it begins; the first names the ports.
-
-    Returns
-    -------
-    How many messages came, and how many of them were used.
+    Port 0 takes a free one, and None for ``osc`` listens to none; the first step that is reported names the ports.
 
     Raises
     ------

@@ -53,24 +53,16 @@ class Meshed:
     open_edges: int
 
     @property
-    def area(self) -> float:
-        """Area of the panels [m²]."""
-        return float(panel_areas(self.panels.quadratic_triangles).sum())
+    def size(self) -> tuple[float, float]:
+        """Area of the panels [m²], and the volume inside them [m³]."""
+        triangles = self.panels.quadratic_triangles
+        return float(panel_areas(triangles).sum()), enclosed_volume(triangles)
 
     @property
-    def volume(self) -> float:
-        """Volume inside the panels [m³]."""
-        return enclosed_volume(self.panels.quadratic_triangles)
-
-    @property
-    def given_area(self) -> float:
-        """Area of the triangles given [m²]."""
-        return float(panel_areas(with_middles(self.surface.corners)).sum())
-
-    @property
-    def given_volume(self) -> float:
-        """Volume inside the triangles given [m³]."""
-        return float(cone_volumes(self.surface.corners).sum())
+    def given_size(self) -> tuple[float, float]:
+        """Area of the triangles given [m²], and the volume inside them [m³]."""
+        corners = self.surface.corners
+        return float(panel_areas(with_middles(corners)).sum()), float(cone_volumes(corners).sum())
 
     @property
     def angles(self) -> tuple[float, float]:
@@ -110,13 +102,8 @@ def mesh(
 ) -> Meshed:
     """Read a surface, cover it with curved panels and write them with a picture of the same name beside them.
 
-    Parameters
-    ----------
-    path : an STL, PLY, OBJ or GLB file.
-    file : where the panels go; its ending sets the format, see ``write_panels``.
-    edge : of the equilateral triangle as large as the panels wanted [m]; ``usual_edge`` unless given.
-    report_step : called with each step as it begins.
-    settings : ``scale``, ``largest_hole`` and ``sharp_degrees`` of ``load_surface``.
+    The panels are as large as the equilateral triangle of ``edge`` [m], ``usual_edge`` unless given; ``settings`` are
+    those of ``load_surface``.
 
     Raises
     ------

@@ -44,17 +44,11 @@ def replay_recording(
     edge: float = EDGE,
     report_step: Progress = no_progress,
 ) -> Replayed:
-    """Read a recording, draw the pads over time, and write the skins of chosen frames.
+    """Read a recording, draw the pads over time into a picture beside ``file``, and write the skins of chosen frames.
 
-    Parameters
-    ----------
-    path : of the recording, see ``load_recording``.
-    file : where the skin of a frame goes, see ``write_triangles``. With several frames, or two hands,
-        side and number of each stand in its name. The picture beside it has the same name.
-    chosen : sequence numbers of frames; the first that has landmarks unless given.
-    leave_out : whether faulty frames are left out and counted instead of raising.
-    edge : of the triangles [m].
-    report_step : called with each step as it begins.
+    Frames are chosen by their sequence numbers, the first that has landmarks unless given. With several frames, or two
+    hands, side and number of each stand in the name of its file. ``leave_out`` leaves faulty frames out and counts
+    them instead of raising; ``edge`` is of the triangles [m].
 
     Raises
     ------

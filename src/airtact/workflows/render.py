@@ -40,16 +40,7 @@ class _Made:
 def render(path: Path, folder: Path, report_step: Progress = no_progress, store: Path | None = None) -> Run:
     """Compute what a scene file asks for and write it into a folder, each file as soon as it is complete.
 
-    Parameters
-    ----------
-    path : the scene file.
-    folder : where `FILES` go; made if it is not there.
-    report_step : called with each step as it begins.
-    store : folder where solved fields are stored and found again; None to solve all anew.
-
-    Returns
-    -------
-    What the page shows.
+    These are `FILES`. Solved fields are stored in the folder ``store`` and found again, if one is given.
 
     Raises
     ------
