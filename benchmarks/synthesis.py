@@ -131,7 +131,7 @@ def against_bound() -> None:
         exact = smallest(transfer, at.max_min(transfer, target))
         starts = np.exp(2j * np.pi * random.uniform(size=(STARTS, count)))
         alike = np.tile(np.arange(count), (STARTS, 1))
-        best = alternating_projections(transfer.matrix, alike, np.ones((STARTS, count)), starts, 300).worst.max()
+        best = alternating_projections(transfer.matrix, alike, np.ones((STARTS, count)), starts, 300)[1].max()
         shares.append(smallest(transfer, drive) / bound.worst)
         others.append(exact / best)
         rounded.append(smallest(transfer, drive) / exact)

@@ -16,7 +16,7 @@ from airtact.solvers.fem.solver import FiniteElement
 from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import Solver, SolveReport
 from airtact.store.stored import Stored
-from airtact.synthesis.stalling import Stalled
+from airtact.synthesis.max_min import Stalled
 from airtact.timing import Clock
 from airtact.transfer import Drive, TransferMatrix, transfer_matrix
 from airtact.validation import counted

@@ -8,7 +8,7 @@ from airtact.scene.target import Target
 from airtact.synthesis.constraint import Constraint
 from airtact.synthesis.gerchberg_saxton import gerchberg_saxton, gs_pat, weighted_gerchberg_saxton
 from airtact.synthesis.gradient import gradient
-from airtact.synthesis.inverse_filter import inverse_filter, iterated_time_reversal
+from airtact.synthesis.least_squares import inverse_filter, iterated_time_reversal
 from airtact.synthesis.max_min import max_min
 from airtact.synthesis.methods import METHODS
 from airtact.synthesis.reach import achieved_fraction

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import airtact as at
 from airtact.scene.target import Target
-from airtact.synthesis.stalling import Stalled
+from airtact.synthesis.max_min import Stalled
 from airtact.synthesis.upper_bound import upper_bound
 from airtact.transfer import Drive, TransferMatrix
 from closed_form_transfers import WAVELENGTH, any_points, open_air, random_matrix, scattered, worst

@@ -1,7 +1,6 @@
 """What to emit: a transfer matrix and a target in, a drive or a sequence out."""
 
 from airtact.synthesis.constraint import Constraint
-from airtact.synthesis.eigenvector import eigenvector
 from airtact.synthesis.gerchberg_saxton import (
     gerchberg_saxton,
     gs_pat,
@@ -9,8 +8,8 @@ from airtact.synthesis.gerchberg_saxton import (
     weighted_gerchberg_saxton_sets,
 )
 from airtact.synthesis.gradient import gradient
-from airtact.synthesis.inverse_filter import inverse_filter, iterated_time_reversal
-from airtact.synthesis.max_min import max_min
+from airtact.synthesis.least_squares import eigenvector, inverse_filter, iterated_time_reversal
+from airtact.synthesis.max_min import Stalled, max_min
 from airtact.synthesis.methods import METHODS
 from airtact.synthesis.quantise import Frame, quantise, rounding_error
 from airtact.synthesis.reach import achieved_fraction
@@ -21,7 +20,6 @@ from airtact.synthesis.sequence import (
     lateral_modulation,
     spatiotemporal_modulation,
 )
-from airtact.synthesis.stalling import Stalled
 from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
 from airtact.synthesis.upper_bound import UpperBound, upper_bound
 from airtact.transducers.levels import Levels

@@ -3,8 +3,6 @@
 The methods choose the phases at the foci; phases and suppression points of the target have no effect.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Complex64, Complex128, Float32, Float64, Int64
 
@@ -26,22 +24,6 @@ FOCI_ITERATIONS = 50
 
 SINGLE = np.float32(1.0 - 2e-7)
 """Factor that brings magnitudes of 1 in single precision to at most 1."""
-
-
-@dataclass(frozen=True, eq=False)
-class Projections:
-    """The end of the alternating projections, for every set of foci.
-
-    Attributes
-    ----------
-    sources : (S, F) the sources at the foci of the best iteration; their magnitudes are the weights.
-    worst : (S,) smallest pressure over what was asked, the largest of which counts 1 [Pa].
-    drives : (S, E) phasors of every element, magnitude 1.
-    """
-
-    sources: Complex64[np.ndarray, "sets foci"]
-    worst: Float32[np.ndarray, "sets"]
-    drives: Complex64[np.ndarray, "sets elements"]
 
 
 def gerchberg_saxton(
@@ -97,10 +79,8 @@ def gs_pat(
     """
     matrix, wanted = asked_rows(transfer, target)
     check_iterations(iterations)
-    alike = np.arange(len(wanted))[None]
     start = wanted[None].astype(np.complex128)
-    found = alternating_projections(matrix, alike, wanted[None], start, WEIGHTED_ITERATIONS, foci_iterations=iterations)
-    sources = found.sources[0].astype(np.complex128)
+    sources = best_sources(matrix, wanted, start, WEIGHTED_ITERATIONS, foci_iterations=iterations)
     return scaled_to_target(transfer, target, phase(matrix.conj().T @ sources), constraint)
 
 
@@ -150,8 +130,8 @@ def weighted_gerchberg_saxton_sets(
             f"set {silent[0]} asks every focus for 0; ask at least one focus for more.", code="nothing_asked"
         )
     start = wanted.astype(np.complex128)
-    found = alternating_projections(transfer.matrix, sets, wanted, start, iterations, foci_iterations=FOCI_ITERATIONS)
-    return [Drive(phases) for phases in (SINGLE * found.drives).astype(np.complex128)]
+    *_, drives = alternating_projections(transfer.matrix, sets, wanted, start, iterations, True, FOCI_ITERATIONS)
+    return [Drive(phases) for phases in (SINGLE * drives).astype(np.complex128)]
 
 
 def alternating_projections(
@@ -162,12 +142,14 @@ def alternating_projections(
     iterations: int,
     weighted: bool = True,
     foci_iterations: int = 0,
-) -> Projections:
+) -> tuple[Complex64[np.ndarray, "sets foci"], Float32[np.ndarray, "sets"], Complex64[np.ndarray, "sets elements"]]:
     """Alternate between elements and foci with phases only, for many sets of foci at once, in single precision.
 
     ``sets`` has the rows of the matrix that are the foci of each set, ``wanted`` the pressures asked in proportion, and
     the magnitudes of ``sources``, to start from, are the weights. If ``weighted``, foci that lag get more weight, and
-    the best iteration is returned, else the last; ``foci_iterations`` of GS-PAT come first.
+    the best iteration is returned, else the last; ``foci_iterations`` of GS-PAT come first. Of each set are returned
+    the sources at the foci, the smallest pressure over what was asked (the largest of which counts 1) [Pa], and the
+    phasors of the elements.
     """
     single = matrix.astype(np.complex64)
     real, imag = np.ascontiguousarray(single.real), np.ascontiguousarray(single.imag)
@@ -177,7 +159,21 @@ def alternating_projections(
     _kernels.gerchberg_saxton(
         real, imag, np.ascontiguousarray(sets), asked, foci_iterations, iterations, weighted, found, worst, drives
     )
-    return Projections(found, worst, drives)
+    return found, worst, drives
+
+
+def best_sources(
+    matrix: Complex128[np.ndarray, "foci elements"],
+    wanted: Float64[np.ndarray, "foci"],
+    starts: Complex128[np.ndarray, "starts foci"],
+    iterations: int,
+    weighted: bool = True,
+    foci_iterations: int = 0,
+) -> Complex128[np.ndarray, "foci"]:
+    """Alternate on one set of foci from several starts, and return the sources with the strongest worst focus."""
+    sets, asked = (np.tile(some, (len(starts), 1)) for some in (np.arange(len(wanted)), wanted))
+    found, worst, _ = alternating_projections(matrix, sets, asked, starts, iterations, weighted, foci_iterations)
+    return found[worst.argmax()].astype(np.complex128)
 
 
 def starting_sources(
@@ -206,9 +202,7 @@ def _projected(
     if constraint.phase_bits is not None:
         amplitudes = quantised_projections(matrix, wanted, starts[-1], iterations, constraint, weighted)
         return scaled_to_target(transfer, target, amplitudes, constraint)
-    sets = np.tile(np.arange(len(wanted)), (len(starts), 1))
-    found = alternating_projections(matrix, sets, np.tile(wanted, (len(starts), 1)), starts, iterations, weighted)
-    sources = found.sources[found.worst.argmax()].astype(np.complex128)
+    sources = best_sources(matrix, wanted, starts, iterations, weighted)
     return scaled_to_target(transfer, target, phase(matrix.conj().T @ sources), constraint)
 
 

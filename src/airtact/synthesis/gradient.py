@@ -9,9 +9,8 @@ from airtact.conventions import InvalidInput
 from airtact.scene.target import Target
 from airtact.synthesis.constraint import AT_MOST_ONE, Constraint
 from airtact.synthesis.gerchberg_saxton import check_iterations, phase
-from airtact.synthesis.max_min import strongest_sources
+from airtact.synthesis.max_min import smallest_pressure, strongest_sources, warn_stalled
 from airtact.synthesis.reach import asked_rows, scaled_to_target, suppression_rows
-from airtact.synthesis.stalling import smallest_pressure, warn_stalled
 from airtact.transfer import Drive, TransferMatrix
 from airtact.validation import counted
 
@@ -60,8 +59,7 @@ def gradient(
     Raises
     ------
     InvalidInput
-        If the target does not fit the matrix, there are more foci than elements, two foci are too close together, a
-        focus is shadowed, the loss is negative or not below 1, or ``iterations`` is below 1.
+        As ``gerchberg_saxton``, the suppression points are not those of the matrix, or the loss is out of its range.
 
     Warns
     -----

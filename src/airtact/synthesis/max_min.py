@@ -1,4 +1,6 @@
-"""The strongest worst focus: from the optimum of the relaxation to one drive."""
+"""The strongest worst focus: from the relaxation to one drive; and the warning of a method that stalls."""
+
+import warnings
 
 import numpy as np
 from jaxtyping import Complex128
@@ -6,7 +8,7 @@ from jaxtyping import Complex128
 from airtact.scene.target import Target
 from airtact.synthesis.constraint import AT_MOST_ONE, Constraint
 from airtact.synthesis.gerchberg_saxton import (
-    alternating_projections,
+    best_sources,
     check_iterations,
     phase,
     quantised_projections,
@@ -14,12 +16,28 @@ from airtact.synthesis.gerchberg_saxton import (
 )
 from airtact.synthesis.reach import asked_rows, scaled_to_target
 from airtact.synthesis.relaxation import to_rank_one
-from airtact.synthesis.stalling import warn_if_stalled
 from airtact.synthesis.upper_bound import relaxed_bound
 from airtact.transfer import Drive, TransferMatrix
+from airtact.validation import counted
 
 RELAXED_TO = 1e-2
 """Relative gap to which the relaxation is solved before its rank is reduced; a smaller gap changes nothing."""
+
+STALLED_FROM = 0.03
+"""A method stalled where more iterations would still bring more than this part of the pressure."""
+
+
+class Stalled(UserWarning):
+    """A method stopped before it converged and returned its best drive; the sentence has the gap to the bound.
+
+    Attributes
+    ----------
+    reached : smallest pressure of the foci, over what they ask, as a part of the certified bound.
+    """
+
+    def __init__(self, sentence: str, reached: float) -> None:
+        super().__init__(sentence)
+        self.reached = reached
 
 
 def max_min(
@@ -49,8 +67,7 @@ def max_min(
     Raises
     ------
     InvalidInput
-        If the foci of the target are not those of the matrix, there are more foci than elements, two foci are too
-        close together, a focus is shadowed, or there is less than one iteration.
+        As ``gerchberg_saxton``.
 
     Warns
     -----
@@ -60,7 +77,7 @@ def max_min(
     matrix, wanted = asked_rows(transfer, target)
     check_iterations(iterations)
     sources = strongest_sources(matrix / wanted[:, None], iterations)
-    warn_if_stalled("max_min", matrix / wanted[:, None], sources, iterations)
+    _warn_if_stalled(matrix / wanted[:, None], sources, iterations)
     if constraint.phase_bits is None:
         amplitudes = phase(matrix.conj().T @ (sources / wanted))
     else:
@@ -75,6 +92,42 @@ def strongest_sources(
     alike = np.ones(len(matrix))
     reduced = to_rank_one(matrix, relaxed_bound(matrix, RELAXED_TO)[1])
     starts = np.concatenate([reduced[None], starting_sources(matrix, alike)])
-    sets = np.tile(np.arange(len(matrix)), (len(starts), 1))
-    found = alternating_projections(matrix, sets, np.tile(alike, (len(starts), 1)), starts, iterations)
-    return found.sources[found.worst.argmax()].astype(np.complex128)
+    return best_sources(matrix, alike, starts, iterations)
+
+
+def _warn_if_stalled(
+    matrix: Complex128[np.ndarray, "foci elements"], sources: Complex128[np.ndarray, "foci"], iterations: int
+) -> None:
+    """Warn with ``Stalled`` where more iterations with the same phases at the foci would bring over ``STALLED_FROM``.
+
+    With the phases c_f fixed the best drive is a convex problem, whose dual bounds what is left: no drive has
+    min_f Re(conj(c_f) h_f d) above Σ_e |Σ_f s_f conj(h_fe)| / Σ_f |s_f| for sources s_f of those phases. ``matrix`` has
+    rows over what each focus asks; the elements emit the phases of Hᴴ s.
+    """
+    sent = matrix.conj().T @ sources
+    magnitudes = np.abs(sent)
+    worst = smallest_pressure(matrix, sent / np.maximum(magnitudes, np.finfo(float).tiny))
+    left = 1.0 - worst * np.abs(sources).sum() / magnitudes.sum()
+    if left > STALLED_FROM:
+        after = counted(iterations, "iteration", "iterations")
+        warn_stalled("max_min", matrix, worst, f"after {after}, {left:.1%} of the pressure short of where they lead")
+
+
+def warn_stalled(method: str, matrix: Complex128[np.ndarray, "foci elements"], worst: float, where: str) -> None:
+    """Warn that a method stalled ``where``, its best drive giving ``worst``; rows and pressures over what is asked."""
+    reached = worst / relaxed_bound(matrix, 1e-2)[0].worst
+    warnings.warn(
+        Stalled(
+            f"{method} stalled {where}; its best drive gives the worst focus {reached:.1%} of the certified bound, a "
+            f"gap of {1.0 - reached:.1%}: allow more iterations, or continue with gradient.",
+            reached,
+        ),
+        stacklevel=4,
+    )
+
+
+def smallest_pressure(
+    matrix: Complex128[np.ndarray, "foci elements"], amplitudes: Complex128[np.ndarray, "elements"]
+) -> float:
+    """Smallest |h_f d| over the rows."""
+    return float(np.abs(matrix @ amplitudes).min())

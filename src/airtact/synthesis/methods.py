@@ -4,10 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from airtact.scene.target import Target
-from airtact.synthesis.eigenvector import eigenvector
 from airtact.synthesis.gerchberg_saxton import gerchberg_saxton, gs_pat, weighted_gerchberg_saxton
 from airtact.synthesis.gradient import gradient
-from airtact.synthesis.inverse_filter import inverse_filter, iterated_time_reversal
+from airtact.synthesis.least_squares import eigenvector, inverse_filter, iterated_time_reversal
 from airtact.synthesis.max_min import max_min
 from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
 from airtact.transfer import Drive, TransferMatrix

@@ -67,12 +67,8 @@ def asked_rows(
 def check_solvable(transfer: TransferMatrix, target: Target) -> None:
     """Check that a drive can separate and reach the foci; methods that balance them would diverge otherwise.
 
-    Raises
-    ------
-    InvalidInput
-        As ``check_foci``; or there are more foci than elements, two foci are nearer than λ/10 or, where the matrix does
-        not know λ, have parallel rows, or the most that a focus can get, over what it asks, is under ``SHADOWED`` of
-        that of the others.
+    It raises ``InvalidInput`` as ``check_foci``; or where there are more foci than elements, two foci are nearer than
+    λ/10 or, where the matrix does not know λ, have parallel rows, or a focus can get under ``SHADOWED`` of the others.
     """
     rows = foci_rows(transfer, target)
     if len(rows) > rows.shape[1]:
@@ -81,7 +77,7 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> None:
             "cannot serve them separately; ask for fewer.",
             code="too_many_foci",
         )
-    _check_near_foci(transfer, target)
+    _check_near_foci(transfer, target, rows)
     asked = target.weights > 0.0
     attainable = np.abs(rows).sum(axis=1)[asked]
     shares = attainable / target.weights[asked]
@@ -97,11 +93,10 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> None:
     )
 
 
-def _check_near_foci(transfer: TransferMatrix, target: Target) -> None:
+def _check_near_foci(transfer: TransferMatrix, target: Target, rows: Complex128[np.ndarray, "foci elements"]) -> None:
     count = len(target.points)
     apart = np.linalg.norm(target.points[:, None] - target.points, axis=2)
     if transfer.wavelength is None:
-        rows = foci_rows(transfer, target)
         norms = np.maximum(np.linalg.norm(rows, axis=1), np.finfo(float).tiny)
         near = np.abs(rows @ rows.conj().T) > ALIKE * norms[:, None] * norms
     else:
@@ -119,13 +114,7 @@ def _check_near_foci(transfer: TransferMatrix, target: Target) -> None:
 
 
 def suppression_rows(transfer: TransferMatrix, target: Target) -> Complex128[np.ndarray, "suppressed elements"]:
-    """Return the rows of the matrix at the suppression points.
-
-    Raises
-    ------
-    InvalidInput
-        As ``check_foci``, or the matrix has no rows for the suppression points of the target.
-    """
+    """Return the rows of the matrix at the suppression points, after ``check_foci``; raise where it has none."""
     check_foci(transfer, target)
     if len(transfer.matrix) == len(target.points) and len(target.suppression_points):
         raise InvalidInput(
@@ -175,18 +164,10 @@ def scaled_to_target(
     amplitudes: Complex[np.ndarray, "elements"],
     constraint: Constraint = AT_MOST_ONE,
 ) -> Drive:
-    """Scale amplitudes so that the worst focus gets what it asked, or all that full scale allows.
+    """Scale amplitudes so that the smallest ``achieved_fraction`` is 1, and round them to the constraint's levels.
 
-    Returns
-    -------
-    The amplitudes times one positive number: that with which the smallest ``achieved_fraction`` is 1, or if that takes
-    more than full scale or nothing is asked, that with which the largest amplitude is 1. They are then rounded to the
-    levels of the constraint; phases only means full scale.
-
-    Raises
-    ------
-    InvalidInput
-        If every amplitude is 0.
+    If that takes more than full scale, or nothing is asked, the largest amplitude is 1. It raises ``InvalidInput`` if
+    every amplitude is 0.
     """
     largest = np.abs(amplitudes).max()
     if not largest > 0.0:

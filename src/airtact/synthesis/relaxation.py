@@ -6,7 +6,7 @@ the root of its mean square. Alternating projections as in weighted Gerchberg-Sa
 converge to the optimum, and the weights on the way are those of its dual, which bounds every drive.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Complex128, Float64
@@ -25,12 +25,8 @@ ITERATIONS_EACH = 10
 class Relaxed:
     """The state of the alternating projections with vectors.
 
-    Attributes
-    ----------
-    directions : (F, R) unit vectors: amplitude and phase of each focus over the R time intervals.
-    weights : (F,) of the foci, adding up to F.
-    norms : (E,) length of Σ_f conj(H_fe) weight_f direction_f, before it was scaled to 1.
-    pressures : (F,) of each focus over what it asks.
+    Directions are unit vectors: amplitude and phase of each focus over the R time intervals. Weights add up to F. Norms
+    are lengths of Σ_f conj(H_fe) weight_f direction_f before scaling to 1. Pressures are over what each focus asks.
     """
 
     directions: Complex128[np.ndarray, "foci rank"]
@@ -52,8 +48,7 @@ def starting_point(matrix: Complex128[np.ndarray, "foci elements"]) -> Relaxed:
 def iterated(matrix: Complex128[np.ndarray, "foci elements"], start: Relaxed, iterations: int) -> Relaxed:
     """Alternate between elements and foci, giving foci that lag more weight."""
     back = np.ascontiguousarray(matrix.conj().T)
-    directions, weights = start.directions, start.weights
-    norms, pressures = start.norms, start.pressures
+    directions, weights, norms, pressures = start.directions, start.weights, start.norms, start.pressures
     for _ in range(iterations):
         sent = back @ (weights[:, None] * directions)
         norms = np.linalg.norm(sent, axis=1)
@@ -66,20 +61,14 @@ def iterated(matrix: Complex128[np.ndarray, "foci elements"], start: Relaxed, it
 
 
 def to_rank_one(matrix: Complex128[np.ndarray, "foci elements"], relaxed: Relaxed) -> Complex128[np.ndarray, "foci"]:
-    """Drop the weakest directions, a few at a time with iterations in between, until one is left.
-
-    Returns
-    -------
-    (F,) sources to start weighted Gerchberg-Saxton from.
-    """
+    """Drop the weakest directions, a few at a time with iterations in between; return sources of the one left."""
     rank = relaxed.directions.shape[1]
     while rank > 1:
         rank = max(1, min(rank - 1, int(rank * SHRINK)))
         # The principal directions over the foci, each counted by its weight.
         left, strengths, _ = np.linalg.svd(np.sqrt(relaxed.weights)[:, None] * relaxed.directions, full_matrices=False)
         strongest = _unit(left[:, :rank] * strengths[:rank])
-        start = Relaxed(strongest, relaxed.weights, relaxed.norms, relaxed.pressures)
-        relaxed = iterated(matrix, start, ITERATIONS_EACH)
+        relaxed = iterated(matrix, replace(relaxed, directions=strongest), ITERATIONS_EACH)
     return relaxed.weights * relaxed.directions[:, 0]
 
 

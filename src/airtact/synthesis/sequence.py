@@ -27,7 +27,7 @@ from airtact.validation import check_finite, complex_numbers, counted, of_kind, 
 FEWEST = 4
 """Frames that one period of a modulation takes at least."""
 
-Method = Callable[[TransferMatrix, Target], Drive]
+Make = Callable[[TransferMatrix, Target], Drive]
 """A way to make a drive, such as ``phase_conjugate``."""
 
 
@@ -127,15 +127,8 @@ class Sequence:
     ) -> None:
         """Write all frames to a file, which ``load_drive`` reads and ``airtact emit`` sends to boards.
 
-        Parameters
-        ----------
-        path, array, scene, transfer, target, levels, texts : as for ``Drive.save``; a .csv has one line for each
-            element in each frame, and its times give the rate where there are 2 frames or more.
-
-        Raises
-        ------
-        InvalidInput
-            As ``Drive.save``.
+        Parameters and errors are those of ``Drive.save``. A .csv has one line for each element in each frame, and its
+        times give the rate where there are 2 frames or more.
         """
         matrix = None if transfer is None else transfer.matrix
         save_drives(path, self.drives, self.rate, array, scene, matrix, target, levels, texts)
@@ -207,7 +200,8 @@ def amplitude_modulation(drive: Drive, frequency: float = 200.0, rate: float = 4
         raise InvalidInput(
             f"the depth of the modulation is {depth:g}, but it must be above 0 and at most 1.", code="out_of_range"
         )
-    angle = 2.0 * np.pi * np.arange(_frames(frequency, rate)) / _frames(frequency, rate)
+    count = _frames(frequency, rate)
+    angle = 2.0 * np.pi * np.arange(count) / count
     envelope = np.sqrt(np.maximum(1.0 - depth * (1.0 - np.cos(angle)) / 2.0, 0.0))
     return Sequence(envelope[:, None] * drive.amplitudes, rate)
 
@@ -217,7 +211,7 @@ def lateral_modulation(
     target: Target,
     frequency: float = 10.0,
     rate: float = 1000.0,
-    method: Method = phase_conjugate,
+    method: Make = phase_conjugate,
 ) -> Sequence:
     """Move a focus back and forth along the points of a target, from the first to the last and back, once a period.
 
@@ -246,22 +240,11 @@ def spatiotemporal_modulation(
     target: Target,
     frequency: float = 100.0,
     rate: float = 4000.0,
-    method: Method = phase_conjugate,
+    method: Make = phase_conjugate,
 ) -> Sequence:
-    """Lead a focus along the points of a closed path, once a period.
+    """Lead a focus along the points of a closed path, such as ``circle`` gives, once a period.
 
-    Parameters
-    ----------
-    transfer : of all the points.
-    target : points of a path in their order, such as ``circle`` gives, one focus at a time.
-    frequency : of the rounds [Hz].
-    rate : frames a second, a whole number of times the frequency.
-    method : makes the drive of each point from its row of the matrix.
-
-    Raises
-    ------
-    InvalidInput
-        As ``lateral_modulation``.
+    Parameters and errors are those of ``lateral_modulation``; the frequency is that of the rounds.
     """
     points = _line_of(target, "spatiotemporal modulation")
     count = _frames(frequency, rate, least=points)
@@ -279,7 +262,7 @@ def _line_of(target: Target, what: str) -> int:
 
 
 def _led(
-    transfer: TransferMatrix, target: Target, places: Int64[np.ndarray, "frames"], rate: float, method: Method
+    transfer: TransferMatrix, target: Target, places: Int64[np.ndarray, "frames"], rate: float, method: Make
 ) -> Sequence:
     """Focus on one point of a target after another."""
     matrix = foci_rows(transfer, target)

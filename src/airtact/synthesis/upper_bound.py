@@ -1,6 +1,6 @@
 """A pressure at the worst focus that no drive exceeds, with a certificate that anyone can check."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Complex128, Float64
@@ -76,15 +76,14 @@ def upper_bound(transfer: TransferMatrix, target: Target, *, tolerance: float = 
     Raises
     ------
     InvalidInput
-        If the foci of the target are not those of the matrix, there are more foci than elements, two foci are too
-        close together, a focus is shadowed, or the tolerance is not above zero.
+        As ``gerchberg_saxton``, or the tolerance is not above zero.
     """
     matrix, wanted = asked_rows(transfer, target)
     positive(tolerance, "the tolerance", "of the bound")
     bound, _ = relaxed_bound(matrix / wanted[:, None], tolerance)
     multipliers = np.zeros(len(target.points))
     multipliers[target.weights > 0.0] = bound.multipliers
-    return UpperBound(bound.worst, bound.relaxed, multipliers, bound.elements)
+    return replace(bound, multipliers=multipliers)
 
 
 def relaxed_bound(matrix: Complex128[np.ndarray, "foci elements"], tolerance: float) -> tuple[UpperBound, Relaxed]:
@@ -100,7 +99,7 @@ def relaxed_bound(matrix: Complex128[np.ndarray, "foci elements"], tolerance: fl
         if bound.worst <= (1.0 + tolerance) * reached:
             break
     assert bound is not None
-    return UpperBound(bound.worst, reached, bound.multipliers, bound.elements), relaxed
+    return replace(bound, relaxed=reached), relaxed
 
 
 def _certified(

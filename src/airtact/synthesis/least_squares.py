@@ -1,4 +1,4 @@
-"""The inverse filter: the drive whose pressures at the foci are those asked, phases included; direct and iterated."""
+"""Least squares: drives whose pressures at the foci are those asked, with phases as asked or that go well together."""
 
 import numpy as np
 from jaxtyping import Float64
@@ -7,7 +7,7 @@ from airtact.conventions import InvalidInput
 from airtact.scene.target import Target
 from airtact.synthesis.reach import check_solvable, foci_rows, scaled_to_target, suppression_rows
 from airtact.transfer import Drive, TransferMatrix
-from airtact.validation import positive
+from airtact.validation import number, positive
 
 
 def inverse_filter(transfer: TransferMatrix, target: Target, *, weight: float | None = None) -> Drive:
@@ -32,18 +32,16 @@ def inverse_filter(transfer: TransferMatrix, target: Target, *, weight: float | 
     Raises
     ------
     InvalidInput
-        If the foci or suppression points of the target are not those of the matrix, there are more foci than elements,
-        two foci are too close together, a focus is shadowed, or the weight is negative.
+        As ``gerchberg_saxton``, the suppression points are not those of the matrix, or the weight is negative.
     """
     check_solvable(transfer, target)
     matrix = np.concatenate([foci_rows(transfer, target), suppression_rows(transfer, target)])
     wanted = np.concatenate([target.wanted, np.zeros(len(matrix) - len(target.points))])
     squares, modes = np.linalg.eigh(matrix @ matrix.conj().T)
     asked = modes.conj().T @ wanted
-    if weight is None:
-        share = _corner(squares, np.abs(asked) ** 2)
-    else:
-        share = 0.0 if weight == 0 else positive(weight, "Tikhonov's weight", "of ‖H‖²")
+    share = _corner(squares, np.abs(asked) ** 2) if weight is None else weight
+    if share != 0.0:
+        share = positive(share, "Tikhonov's weight", "of ‖H‖²")
     # Below rounding an eigenvalue holds nothing but noise.
     damped = np.maximum(squares, 0.0) + max(share, np.finfo(float).eps * len(squares)) * squares[-1]
     return scaled_to_target(transfer, target, matrix.conj().T @ (modes @ (asked / damped)))
@@ -71,8 +69,7 @@ def iterated_time_reversal(transfer: TransferMatrix, target: Target, *, passes: 
     Raises
     ------
     InvalidInput
-        If the foci of the target are not those of the matrix, there are more foci than elements, two foci are too
-        close together, a focus is shadowed, or there is less than one pass.
+        As ``gerchberg_saxton``, or there is less than one pass.
     """
     check_solvable(transfer, target)
     matrix = foci_rows(transfer, target)
@@ -95,6 +92,47 @@ def iterated_time_reversal(transfer: TransferMatrix, target: Target, *, passes: 
     return scaled_to_target(transfer, target, amplitudes)
 
 
+def eigenvector(transfer: TransferMatrix, target: Target, *, evenness: float = 1.0) -> Drive:
+    """Choose the phases of the foci by an eigenvector, and solve least squares for the pressures with those phases.
+
+    Long, Seah, Carter and Subramanian, ACM Trans. Graph. 33 (2014) 181. R_fg is the pressure at focus f when the array
+    focuses on focus g alone, at the pressure that g asks for. The eigenvector of R with the largest eigenvalue gives
+    phases under which the foci reinforce each other. The drive is least squares for those pressures with Tikhonov
+    weights σ_e^γ, σ_e² = Σ_f |H_fe| w_f / E, which limit the largest amplitudes (their section 4.3). The method ignores
+    the phases that the target asks for, and its suppression points.
+
+    Parameters
+    ----------
+    transfer : the (F, E) transfer matrix of F foci and E elements.
+    target : the foci and the pressures asked there.
+    evenness : γ, from 0 (all elements weigh alike) to 1.
+
+    Returns
+    -------
+    The drive, scaled as ``time_reversal`` scales it.
+
+    Raises
+    ------
+    InvalidInput
+        As ``gerchberg_saxton``, or ``evenness`` is no number.
+    """
+    check_solvable(transfer, target)
+    matrix = foci_rows(transfer, target)
+    power = number(evenness, "the evenness", "1")
+    wanted = target.weights
+    # Where no pressure is asked, about what each focus can have: the weights below compare pascals with pascals.
+    if target.pressures is None:
+        wanted = wanted / wanted.max() * np.abs(matrix).sum(axis=1).mean() / np.sqrt(len(matrix))
+    energy = np.sum(np.abs(matrix) ** 2, axis=1)
+    focused = matrix.conj().T * (wanted / np.where(energy > 0.0, energy, 1.0))
+    values, vectors = np.linalg.eig(matrix @ focused)
+    asked = wanted * np.exp(1j * np.angle(vectors[:, np.argmax(np.real(values))]))
+    spread = (np.abs(matrix).T @ wanted / matrix.shape[1]) ** power
+    evened = matrix / np.where(spread > 0.0, spread, 1.0)
+    inverse = np.linalg.solve(evened @ matrix.conj().T + np.eye(len(matrix)), asked)
+    return scaled_to_target(transfer, target, evened.conj().T @ inverse)
+
+
 def _corner(squares: Float64[np.ndarray, "rows"], asked: Float64[np.ndarray, "rows"]) -> float:
     """Tikhonov's weight at the largest curvature of log ‖d‖ over log ‖H d − w‖."""
     weights = np.geomspace(1e-10, 1.0, 121)
@@ -103,8 +141,6 @@ def _corner(squares: Float64[np.ndarray, "rows"], asked: Float64[np.ndarray, "ro
     missing = 0.5 * np.log(np.sum(asked * (weights[:, None] / damped) ** 2, axis=1))
     norm = 0.5 * np.log(np.sum(asked * relative / damped**2, axis=1))
     step = np.log(weights[1] / weights[0])
-    (x1, y1), (x2, y2) = (
-        [np.gradient(line, step) for line in (missing, norm)],
-        [np.gradient(np.gradient(line, step), step) for line in (missing, norm)],
-    )
+    x1, y1 = np.gradient(missing, step), np.gradient(norm, step)
+    x2, y2 = np.gradient(x1, step), np.gradient(y1, step)
     return float(weights[np.argmax((x1 * y2 - x2 * y1) / (x1**2 + y1**2) ** 1.5)])
