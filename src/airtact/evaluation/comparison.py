@@ -50,17 +50,9 @@ class Comparison:
         return self.field.report
 
     def column(self, name: str, phase_only: bool = False) -> int:
-        """Return the index of the right-hand side of ``field`` that belongs to a drive.
+        """Return the index of the right-hand side of ``field`` that belongs to a drive, or to its phases alone.
 
-        Parameters
-        ----------
-        name : of the drive.
-        phase_only : whether its phases alone are meant, every element that emits at full scale.
-
-        Raises
-        ------
-        InvalidInput
-            No drive has that name.
+        It raises ``InvalidInput`` where no drive has that name.
         """
         if name not in self.names:
             raise InvalidInput(
@@ -69,15 +61,11 @@ class Comparison:
         return self.names.index(name) + len(self.names) * phase_only
 
     def at(self, points: Real[np.ndarray, "points 3"]) -> dict[str, Complex128[np.ndarray, "points"]]:
-        """Evaluate the pressure of each drive, its strongest element at full scale [Pa].
-
-        Parameters
-        ----------
-        points : (P, 3) [m].
+        """Evaluate the pressure of each drive at points [m], its strongest element at full scale.
 
         Returns
         -------
-        (P,) complex total pressure by the name of the drive, NaN inside bodies.
+        (P,) complex total pressure [Pa] by the name of the drive, NaN inside bodies.
         """
         pressures = self.field.at(points)
         return {name: pressures[:, self.column(name)] for name in self.names}

@@ -18,8 +18,6 @@ from airtact.transducers.placement import check_placement
 from airtact.transfer import Drive
 from airtact.validation import of_kind
 
-Points = Float64[np.ndarray, "points 3"]
-
 NOT_MODELLED = (
     "The array's own boards, the table and the walls do not reflect, and the elements' sensitivity is not calibrated."
 )
@@ -135,7 +133,7 @@ def radiate_drives(
     drives: Sequence[Drive],
     target: Target,
     solver: Solver,
-    others: Mapping[str, Points] | None = None,
+    others: Mapping[str, Float64[np.ndarray, "points 3"]] | None = None,
 ) -> RadiatedField:
     """Solve for several drives at once, one right-hand side a drive; the errors are those of ``evaluate``.
 

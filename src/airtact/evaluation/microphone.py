@@ -66,13 +66,7 @@ class Microphone:
         return centres[:, None, :] + disc
 
     def blocked(self, scene: Scene, centres: Real[np.ndarray, "centres 3"]) -> Bool[np.ndarray, "centres"]:
-        """Return whether a body is in the way of the face or the housing, (N,).
-
-        Parameters
-        ----------
-        scene : the bodies.
-        centres : (N, 3) centres of the face [m].
-        """
+        """Return whether a body of a scene is in the way of the face or the housing (N,), for centres (N, 3) [m]."""
         given = points_of(centres, "positions of a microphone", least=0)
         angles = np.arange(24) * (2.0 * np.pi / 24)
         rim = self.diameter / 2.0 * np.stack([np.cos(angles), np.sin(angles), np.zeros(24)], axis=1)
@@ -85,16 +79,9 @@ class Microphone:
     def read(
         self, field: RadiatedField, centres: Real[np.ndarray, "centres 3"]
     ) -> Complex128[np.ndarray, "centres excitations"]:
-        """Return the mean pressure over the face in a field.
+        """Return the mean pressure over the face (N, S) [Pa] in a field of S excitations, for centres (N, 3) [m].
 
-        Parameters
-        ----------
-        field : of S excitations.
-        centres : (N, 3) centres of the face [m].
-
-        Returns
-        -------
-        (N, S) [Pa], NaN where a body is in the way.
+        It is NaN where a body is in the way.
         """
         given = points_of(centres, "positions of a microphone", least=0)
         excitations = field.sources.strengths.shape[1]

@@ -103,17 +103,7 @@ class RadiationMap:
     __repr__ = in_short
 
     def force(self, body: int) -> Float64[np.ndarray, "3"]:
-        """(3,) force of the sound on a whole body [N].
-
-        Parameters
-        ----------
-        body : its number in the scene.
-
-        Raises
-        ------
-        InvalidInput
-            If there is no such body.
-        """
+        """(3,) force of the sound on a whole body, by its number [N]; raises ``InvalidInput`` for one not there."""
         count = int(self.body.max()) + 1
         if not 0 <= body < count:
             raise InvalidInput(f"there is no body {body}; the scene has bodies 0 to {count - 1}.", code="unknown_body")
@@ -188,10 +178,7 @@ def radiation_map(scene: Scene, array: PhasedArray, drive: Drive, *, solver: Sol
 def radiation_of(field: RadiatedField, excitation: int) -> RadiationMap:
     """Compute the map for one excitation of a solved field of sound-hard bodies.
 
-    Raises
-    ------
-    InvalidInput
-        If there is no body, one is not sound-hard, or the solver does not know the velocity on the surfaces.
+    It raises ``InvalidInput`` if there is no body, one is not sound-hard, or the velocity on a surface is not known.
     """
     scene = field.scene
     _check_hard(scene)
@@ -212,17 +199,8 @@ def radiation_of(field: RadiatedField, excitation: int) -> RadiationMap:
             code="field_unknown",
         )
     pushing = radiation_pressure(pressure, velocity, scene.medium)
-    return RadiationMap(
-        panels.quadratic_triangles,
-        panels.body,
-        points,
-        nodes.normals,
-        nodes.weights,
-        pressure,
-        velocity,
-        pushing,
-        field.report,
-    )
+    surface = panels.quadratic_triangles, panels.body, points, nodes.normals, nodes.weights
+    return RadiationMap(*surface, pressure, velocity, pushing, field.report)
 
 
 def _check_hard(scene: Scene) -> None:

@@ -66,22 +66,17 @@ class Scan:
             raise InvalidInput(
                 f"all {len(pressures)} pressures of the scan are 0; nothing was measured.", code="scan_silent"
             )
-        repeated = len(points) - len(np.unique(points, axis=0))
-        if repeated:
-            where = points[_first_repeated(points)]
+        repeated = np.setdiff1d(np.arange(len(points)), np.unique(points, axis=0, return_index=True)[1])
+        if len(repeated):
+            where = points[repeated[0]]
             raise InvalidInput(
-                f"{counted(repeated, 'position of the scan is', 'positions of the scan are')} repeated, the first at "
-                f"{in_mm(where)}; average them first.",
+                f"{counted(len(repeated), 'position of the scan is', 'positions of the scan are')} repeated, the first "
+                f"at {in_mm(where)}; average them first.",
                 where,
                 code="repeated",
             )
-        for name, value in (("points", points), ("pressures", pressures)):
-            object.__setattr__(self, name, value)
-
-
-def _first_repeated(points: Float64[np.ndarray, "points 3"]) -> int:
-    first = np.unique(points, axis=0, return_index=True)[1]
-    return int(np.setdiff1d(np.arange(len(points)), first)[0])
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "pressures", pressures)
 
 
 def load_scan(path: str | Path) -> Scan:
@@ -102,8 +97,7 @@ def load_scan(path: str | Path) -> Scan:
     """
     table = read_text_table(Path(path))
     table.require(*POSITION, PRESSURE)
-    points = np.stack([table.numbers(name) for name in POSITION], axis=1)
-    phased = PHASE in table.names
+    points, phased = np.stack([table.numbers(name) for name in POSITION], axis=1), PHASE in table.names
     phases = table.numbers(PHASE) if phased else np.zeros(len(points))
     with about(Path(path).name):
         return Scan(points, table.numbers(PRESSURE) * np.exp(1j * phases), phased)
@@ -133,13 +127,9 @@ class Overlay:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Sentences that a reader of the overlay must see."""
-        found = []
-        left = len(self.used) - int(self.used.sum())
-        if left:
-            found.append(
-                f"{left} of {len(self.used)} positions are left out: a body is in the way of the microphone there."
-            )
-        return tuple(found)
+        left, count = int(np.sum(~self.used)), len(self.used)
+        sentence = f"{left} of {count} positions are left out: a body is in the way of the microphone there."
+        return (sentence,) if left else ()
 
 
 def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Overlay:

@@ -21,14 +21,10 @@ NO_SAFETY_ASSESSMENT = (
 
 @dataclass(frozen=True)
 class Threshold:
-    """The smallest stimulus that people felt in an experiment.
+    """The smallest force on the skin [N], or pressure in the focus [Pa], that people felt in an experiment.
 
-    Attributes
-    ----------
-    modulation : how the sound was modulated: "amplitude" (at 200 Hz) or "spatiotemporal" (a focus that moves).
-    quantity : "force" [N] on the skin or "pressure" [Pa] in the focus.
-    value : [N] or [Pa].
-    source : publication, with its reservations.
+    The sound was modulated in amplitude (at 200 Hz) or spatiotemporally (a focus that moves). The source is a
+    publication, with its reservations.
     """
 
     modulation: Literal["amplitude", "spatiotemporal"]
@@ -37,13 +33,9 @@ class Threshold:
     source: str
 
     def level(self, value: float) -> float:
-        """Return the level of a stimulus above the threshold [dB]; -inf for none.
+        """Return the level of a force [N] or peak pressure [Pa] above the threshold [dB]; -inf for none.
 
         Force goes with the square of the pressure, so that both kinds of threshold are on one scale.
-
-        Parameters
-        ----------
-        value : a force [N] or a peak pressure [Pa], see ``quantity``.
 
         Examples
         --------
@@ -57,14 +49,13 @@ class Threshold:
 
 HOWARD = "T. Howard et al. 2019 on an Ultraleap STRATOS, quoted at second hand: peak or rms is not stated"
 
+DALECKI = (
+    "D. Dalecki et al., J. Acoust. Soc. Am. 97, 3165 (1995): about 0.4 mN on a finger with a reflecting disc of "
+    "1.8 cm², 2.2 MHz switched on and off at 200 Hz"
+)
+
 THRESHOLDS = (
-    Threshold(
-        "amplitude",
-        "force",
-        0.4e-3,
-        "D. Dalecki et al., J. Acoust. Soc. Am. 97, 3165 (1995): about 0.4 mN on a finger with a reflecting disc of "
-        "1.8 cm², 2.2 MHz switched on and off at 200 Hz",
-    ),
+    Threshold("amplitude", "force", 0.4e-3, DALECKI),
     Threshold("amplitude", "pressure", 557.0, HOWARD),
     Threshold("spatiotemporal", "pressure", 334.0, HOWARD),
 )

@@ -133,12 +133,7 @@ class Verification:
         return float(change.max(initial=0.0))
 
     def contrast(self, lobe: SideLobe | None) -> float:
-        """Level of the weakest focus that asks for sound above a side lobe [dB]; NaN without one.
-
-        Parameters
-        ----------
-        lobe : ``side_lobe_on_surface`` or ``side_lobe_in_box``.
-        """
+        """Level of the weakest focus that asks for sound above one of the side lobes [dB]; NaN without one."""
         asked = self.evaluation.target.weights > 0.0
         weakest = float(self.evaluation.magnitudes[asked].min())
         if lobe is None or not (lobe.pressure > 0.0 and weakest > 0.0):
@@ -156,14 +151,7 @@ class Verification:
     def pads(self, radius: float = PAD_RADIUS) -> tuple[Pad | None, ...]:
         """Return the piece of skin round each focus with the force on it, None where the skin is more than 2 mm away.
 
-        Parameters
-        ----------
-        radius : of the pieces [m].
-
-        Raises
-        ------
-        InvalidInput
-            If the radius is not positive, or so small that a piece holds no point.
+        Parameters and errors are those of ``RadiationMap.pad``.
         """
         return tuple(None if self.skin is None else self.skin.pad(at, radius) for at in self.evaluation.target.points)
 
@@ -194,20 +182,26 @@ class Verification:
         return "\n".join(lines)
 
     def __str__(self) -> str:
-        lines = [str(self.evaluation), *self._attained_lines(), *self._side_lobe_lines(), *self._pad_lines()]
-        lines.append(self.over_thresholds())
-        if len(self.head):
-            lines.append(f"at the head at most {self.head.max():.1f} dB SPL. {NO_SAFETY_ASSESSMENT}")
-        return "\n".join(lines)
-
-    def _attained_lines(self) -> list[str]:
         at_energy = self.evaluation.magnitudes / np.where(self.attainable_at_energy > 0, self.attainable_at_energy, 1)
-        return [
+        lines = [
+            str(self.evaluation),
             f"of what a focus could get alone: {_range(self.attained, '.1%')} at full scale, "
             f"{_range(at_energy, '.1%')} with the energy of this drive",
             f"energy Σ|d|² {self.energy:.1f}, at full scale {self.elements}; rounding to 256 levels changes a focus by "
             f"{self.quantisation_loss:.2%} at most",
+            *self._side_lobe_lines(),
         ]
+        pads = [pad for pad in self.pads() if pad is not None]
+        if pads:
+            forces, areas = np.array([pad.force for pad in pads]), np.array([pad.area for pad in pads])
+            lines.append(
+                f"sound presses with {_range(1e3 * forces, '.3g')} mN on the {_range(1e4 * areas, '.2f')} cm² of skin "
+                f"round {len(pads)} of {len(self.evaluation.target.points)} foci"
+            )
+        lines.append(self.over_thresholds())
+        if len(self.head):
+            lines.append(f"at the head at most {self.head.max():.1f} dB SPL. {NO_SAFETY_ASSESSMENT}")
+        return "\n".join(lines)
 
     def _side_lobe_lines(self) -> list[str]:
         lobes = {"on the skin": self.side_lobe_on_surface, "in the box round the foci": self.side_lobe_in_box}
@@ -222,16 +216,6 @@ class Verification:
                 f"mean p² of {len(self.suppression_points)} suppression points {self.suppression_level:+.1f} dB on foci"
             )
         return lines
-
-    def _pad_lines(self) -> list[str]:
-        pads = [pad for pad in self.pads() if pad is not None]
-        if not pads:
-            return []
-        forces, areas = np.array([pad.force for pad in pads]), np.array([pad.area for pad in pads])
-        return [
-            f"sound presses with {_range(1e3 * forces, '.3g')} mN on the {_range(1e4 * areas, '.2f')} cm² of skin "
-            f"round {len(pads)} of {len(self.evaluation.target.points)} foci"
-        ]
 
 
 def _range(values: Float64[np.ndarray, "values"], form: str) -> str:
@@ -284,7 +268,10 @@ def verify(
     energy = float(np.sum(np.abs(drive.amplitudes) ** 2))
     pressure = field.at(np.concatenate([target.points, target.suppression_points, ears]))
     exact, quantised = np.ascontiguousarray(pressure.T)
-    skin = radiation_of(field, 0) if scene.obstacles else None
+    skin, lobe = radiation_of(field, 0) if scene.obstacles else None, None
+    if skin is not None:
+        off = _farther(skin.points, target.points, FOCUS_RADIUS * scene.wavelength)
+        lobe = _strongest(skin.points, np.where(off, skin.pressure, np.nan))
     return Verification(
         evaluation=Evaluation(target, exact[:foci], field.report),
         quantised=Evaluation(target, quantised[:foci], field.report),
@@ -293,18 +280,11 @@ def verify(
         energy=energy,
         elements=len(array),
         skin=skin,
-        side_lobe_on_surface=None
-        if skin is None
-        else _strongest(skin.points, np.where(_off_foci(scene, target, skin.points), skin.pressure, np.nan)),
+        side_lobe_on_surface=lobe,
         side_lobe_in_box=_side_lobe_in_box(field, array, target),
         suppression_points=exact[foci : foci + suppressed],
         head=sound_pressure_level(exact[foci + suppressed :]),
     )
-
-
-def _off_foci(scene: Scene, target: Target, points: Float64[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
-    """Whether points are farther from every focus than ``FOCUS_RADIUS``."""
-    return _farther(points, target.points, FOCUS_RADIUS * scene.wavelength)
 
 
 def _farther(
@@ -316,12 +296,10 @@ def _farther(
 
 def _strongest(points: Float64[np.ndarray, "points 3"], pressure: Complex128[np.ndarray, "points"]) -> SideLobe | None:
     """Return the strongest sound at some points, None where no pressure is finite."""
-    known = np.isfinite(pressure)
-    if not known.any():
+    if not np.isfinite(pressure).any():
         return None
-    magnitudes = np.where(known, np.abs(pressure), -1.0)
-    strongest = int(magnitudes.argmax())
-    return SideLobe(float(magnitudes[strongest]), points[strongest])
+    magnitudes = np.where(np.isfinite(pressure), np.abs(pressure), -1.0)
+    return SideLobe(float(magnitudes.max()), points[magnitudes.argmax()])
 
 
 def _side_lobe_in_box(field: RadiatedField, array: PhasedArray, target: Target) -> SideLobe | None:
@@ -344,7 +322,8 @@ def _pressure_away(
     field: RadiatedField, array: PhasedArray, target: Target, points: Float64[np.ndarray, "points 3"]
 ) -> tuple[Float64[np.ndarray, "chosen 3"], Complex128[np.ndarray, "chosen"]]:
     """Return those of some points that are off the foci, the elements and the bodies, and the pressure there."""
-    away = _off_foci(field.scene, target, points)
-    points = points[away & _farther(points, array.positions, 0.5 * field.scene.wavelength)]
+    wavelength = field.scene.wavelength
+    away = _farther(points, target.points, FOCUS_RADIUS * wavelength)
+    points = points[away & _farther(points, array.positions, 0.5 * wavelength)]
     points = points[field.scene.depth(points) < 0.0]
     return points, field.at(points)[:, 0]

@@ -10,15 +10,7 @@ AXES = dict(zip("xyz", np.eye(3), strict=True))
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """A rectangle of points in a plane.
-
-    Attributes
-    ----------
-    centre : (3,) its middle [m].
-    right, up : (3,) unit vectors along its sides.
-    width, height : lengths of its sides [m].
-    step : distance between neighbouring points [m].
-    """
+    """A rectangle of points in a plane, a step apart [m]; its sides, along the unit vectors right and up, are in m."""
 
     centre: Float64[np.ndarray, "3"]
     right: Float64[np.ndarray, "3"]
@@ -34,7 +26,7 @@ class Window:
 
     @property
     def points(self) -> Float64[np.ndarray, "points 3"]:
-        """(rows · columns, 3) the points, along ``right`` fastest, from the lower left corner [m]."""
+        """The points, along ``right`` fastest, from the lower left corner [m]."""
         rows, columns = self.shape
         across = np.linspace(-self.width / 2, self.width / 2, columns)
         along = np.linspace(-self.height / 2, self.height / 2, rows)
@@ -43,20 +35,19 @@ class Window:
 
     @property
     def normal(self) -> Float64[np.ndarray, "3"]:
-        """(3,) unit vector out of the plane, towards the viewer."""
+        """Unit vector out of the plane, towards the viewer."""
         return np.cross(self.right, self.up)
 
     @property
     def origin(self) -> Float64[np.ndarray, "3"]:
-        """(3,) zero of its picture: that of the frame along the frame's axes, else the centre [m]."""
+        """Zero of its picture: that of the frame along the frame's axes, else the centre [m]."""
         aligned = [axis for axis in (self.right, self.up) if _axis_name(axis)]
         return self.centre - sum((self.centre @ axis * axis for axis in aligned), np.zeros(3))
 
     @property
     def labels(self) -> tuple[str, str]:
         """Names of the picture's axes."""
-        names = _axis_name(self.right), _axis_name(self.up)
-        return names[0] or "across [mm]", names[1] or "up [mm]"
+        return _axis_name(self.right) or "across [mm]", _axis_name(self.up) or "up [mm]"
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
@@ -83,12 +74,8 @@ def plane_through(
 ) -> Window:
     """Return a window through the foci, and along the bodies (their vertices [m]) where the foci leave a choice.
 
-    Three or more foci that are not in one plane give the best-fitting plane. The window extends three wavelengths [m]
-    past the outermost foci.
-
-    Returns
-    -------
-    A window of at most about 20,000 points, its sides along the frame's axes where the plane allows.
+    Three or more foci that are not in one plane give the best-fitting plane. The window extends three wavelengths past
+    the outermost foci, its sides along the frame's axes where the plane allows, and has about 20,000 points at most.
     """
     middle = foci.mean(axis=0)
     _, spreads, principal = np.linalg.svd(foci - middle, full_matrices=False)
@@ -143,14 +130,7 @@ def _upright(normal: Float64[np.ndarray, "3"]) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """Points of a cuboid along the frame's axes.
-
-    Attributes
-    ----------
-    origin : (3,) corner with the smallest coordinates [m].
-    step : distance of neighbouring points [m].
-    counts : points along x, y and z, at least 2 each.
-    """
+    """Points of a cuboid along the frame's axes, a step apart, from the corner with the smallest coordinates [m]."""
 
     origin: Float64[np.ndarray, "3"]
     step: float
@@ -158,7 +138,7 @@ class Box:
 
     @property
     def points(self) -> Float64[np.ndarray, "points 3"]:
-        """(nx · ny · nz, 3) the points, along x fastest and z slowest [m]."""
+        """The points, along x fastest and z slowest [m]."""
         sides = [start + self.step * np.arange(count) for start, count in zip(self.origin, self.counts, strict=True)]
         z, y, x = np.meshgrid(*sides[::-1], indexing="ij")
         return np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)

@@ -12,7 +12,6 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch
-from mpl_toolkits.mplot3d import Axes3D
 
 from airtact.figures.solids import (
     INSIDE,
@@ -104,13 +103,21 @@ def draw_fault(
     figure = wide_figure(6.6)
     corners, lone = _drawable(vertices, triangles)
     mark = None if position is None else 1e3 * np.asarray(position, dtype=np.float64)
-    view = broad_view(corners.reshape(-1, 3)) if mark is None else _facing(corners, mark)
+    points = corners.reshape(-1, 3)
+    view = broad_view(points) if mark is None else _facing(corners, mark)
     sides = two_sides(figure, view)
     if mark is not None:
         sides[1][1].remove()
         _close_up(figure.add_subplot(1, 2, 2), corners, lone, mark, view)
         sides = sides[:1]
-    _whole(sides, corners, lone, mark)
+    step = FINENESS * float(np.ptp(points, axis=0).max())
+    pieces, colours, lines = _sheet(corners, lone, step, 0.2 * step)
+    for view, axes in sides:
+        axes.add_collection3d(solid(pieces, colours, lines, view, closed=False), autolim=False)
+        if mark is not None:
+            ring = {"markersize": 17, "markerfacecolor": "none", "markeredgewidth": 2, "zorder": 4}
+            axes.plot(*mark[:, None], "o", color=MARK, **ring)
+        frame(axes, points if mark is None else np.vstack([points, mark]))
     words = sentence if position is not None else f"{sentence} (The fault has no single position.)"
     figure.suptitle(textwrap.fill(words, 130), fontsize=11)
     handles: list[Patch | Line2D] = [
@@ -164,23 +171,6 @@ def _distances(
 ) -> Float64[np.ndarray, "triangles"]:
     nearest = np.einsum("tk,tkd->td", closest_on_triangles(np.tile(mark, (len(corners), 1)), corners), corners)
     return np.linalg.norm(nearest - mark, axis=1)
-
-
-def _whole(
-    sides: list[tuple[View, Axes3D]],
-    corners: Float64[np.ndarray, "triangles 3 3"],
-    lone: Bool[np.ndarray, "triangles 3"],
-    mark: Float64[np.ndarray, "3"] | None,
-) -> None:
-    points = corners.reshape(-1, 3)
-    step = FINENESS * float(np.ptp(points, axis=0).max())
-    pieces, colours, lines = _sheet(corners, lone, step, 0.2 * step)
-    for view, axes in sides:
-        axes.add_collection3d(solid(pieces, colours, lines, view, closed=False), autolim=False)
-        if mark is not None:
-            ring = {"markersize": 17, "markerfacecolor": "none", "markeredgewidth": 2, "zorder": 4}
-            axes.plot(*mark[:, None], "o", color=MARK, **ring)
-        frame(axes, points if mark is None else np.vstack([points, mark]))
 
 
 def _close_up(

@@ -47,16 +47,7 @@ class Constraint:
     def nearest(
         self, amplitudes: Complex128[np.ndarray, "*batch elements"]
     ) -> Complex128[np.ndarray, "*batch elements"]:
-        """Round amplitudes to those that the array can emit: the magnitude and the phase, each to its nearest.
-
-        Parameters
-        ----------
-        amplitudes : (..., E) complex, of magnitude at most 1.
-
-        Returns
-        -------
-        (..., E) the rounded amplitudes.
-        """
+        """Round amplitudes of at most 1 to those that the array can emit: magnitude and phase, each to its nearest."""
         if self == AT_MOST_ONE:
             return amplitudes
         magnitude, phase = np.abs(amplitudes), np.angle(amplitudes)

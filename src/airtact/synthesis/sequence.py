@@ -77,17 +77,7 @@ class Sequence:
         return len(self.drives) / self.rate
 
     def drive(self, index: int) -> Drive:
-        """Return one frame.
-
-        Parameters
-        ----------
-        index : which, from 0.
-
-        Raises
-        ------
-        InvalidInput
-            If there is no such frame.
-        """
+        """Return one frame, counted from 0; raises ``InvalidInput`` if there is no such frame."""
         if not 0 <= index < len(self):
             raise InvalidInput(
                 f"there is no frame {index}; the sequence has frames 0 to {len(self) - 1}.", code="out_of_range"
@@ -95,17 +85,7 @@ class Sequence:
         return Drive(self.drives[index])
 
     def pressure(self, transfer: TransferMatrix) -> Complex128[np.ndarray, "frames foci"]:
-        """Pressure at each focus in every frame [Pa].
-
-        Parameters
-        ----------
-        transfer : the transfer matrix.
-
-        Raises
-        ------
-        InvalidInput
-            If the elements do not match in number.
-        """
+        """Pressure at each focus in every frame [Pa]; raises ``InvalidInput`` if the elements differ in number."""
         of_kind(transfer, TransferMatrix, "the transfer matrix", "transfer_matrix(beacons, array)")
         if self.drives.shape[1] != transfer.matrix.shape[1]:
             raise InvalidInput(

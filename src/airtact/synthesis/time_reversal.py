@@ -40,22 +40,9 @@ def phase_conjugate(transfer: TransferMatrix, target: Target) -> Drive:
     """Keep the phases of ``time_reversal`` and give every element the same amplitude.
 
     At equal peak amplitude, one focus gets more pressure from this than from any other drive: the sound of every
-    element arrives in phase, and every element is at full scale. The method ignores suppression points.
-
-    Parameters
-    ----------
-    transfer : the (F, E) transfer matrix of F foci and E elements.
-    target : the foci; the pressures or shares asked weigh them before the amplitudes are dropped.
-
-    Returns
-    -------
-    The drive, all elements at full scale, or all scaled down alike where the worst focus asks for less.
-
-    Raises
-    ------
-    InvalidInput
-        If the foci of the target are not those of the matrix, or the contributions of the foci cancel at every
-        element.
+    element arrives in phase, and every element is at full scale, or all are scaled down alike where the worst focus
+    asks for less. The pressures or shares asked weigh the foci before the amplitudes are dropped. The method ignores
+    suppression points. Parameters and errors are those of ``time_reversal``.
     """
     return scaled_to_target(transfer, target, np.sign(_reversed(transfer, target)))
 
