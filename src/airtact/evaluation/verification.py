@@ -260,18 +260,15 @@ def verify(
     if transfer is not None:
         check_foci(transfer, target)
     rounded = quantise(drive).drive()
-    others = {"suppression point": target.suppression_points, "point of the head": ears}
     drives = [drive, rounded if rounded.amplitudes.any() else drive]
+    others = {"suppression point": target.suppression_points, "point of the head": ears}
     field = radiate_drives(scene, array, drives, target, solver, others)
     transfer = transfer or transfer_matrix(solver.radiate(scene, target.beacons()), array)
-    foci, suppressed = len(target.points), len(target.suppression_points)
     energy = float(np.sum(np.abs(drive.amplitudes) ** 2))
-    pressure = field.at(np.concatenate([target.points, target.suppression_points, ears]))
-    exact, quantised = np.ascontiguousarray(pressure.T)
-    skin, lobe = radiation_of(field, 0) if scene.obstacles else None, None
-    if skin is not None:
-        off = _farther(skin.points, target.points, FOCUS_RADIUS * scene.wavelength)
-        lobe = _strongest(skin.points, np.where(off, skin.pressure, np.nan))
+    foci, end = len(target.points), len(target.points) + len(target.suppression_points)
+    everywhere = np.concatenate([target.points, target.suppression_points, ears])
+    exact, quantised = np.ascontiguousarray(field.at(everywhere).T)
+    skin = radiation_of(field, 0) if scene.obstacles else None
     return Verification(
         evaluation=Evaluation(target, exact[:foci], field.report),
         quantised=Evaluation(target, quantised[:foci], field.report),
@@ -280,10 +277,10 @@ def verify(
         energy=energy,
         elements=len(array),
         skin=skin,
-        side_lobe_on_surface=lobe,
+        side_lobe_on_surface=None if skin is None else _side_lobe_on_surface(skin, scene, target),
         side_lobe_in_box=_side_lobe_in_box(field, array, target),
-        suppression_points=exact[foci : foci + suppressed],
-        head=sound_pressure_level(exact[foci + suppressed :]),
+        suppression_points=exact[foci:end],
+        head=sound_pressure_level(exact[end:]),
     )
 
 
@@ -300,6 +297,12 @@ def _strongest(points: Float64[np.ndarray, "points 3"], pressure: Complex128[np.
         return None
     magnitudes = np.where(np.isfinite(pressure), np.abs(pressure), -1.0)
     return SideLobe(float(magnitudes.max()), points[magnitudes.argmax()])
+
+
+def _side_lobe_on_surface(skin: RadiationMap, scene: Scene, target: Target) -> SideLobe | None:
+    """Return the strongest sound on the surfaces, off the foci."""
+    off = _farther(skin.points, target.points, FOCUS_RADIUS * scene.wavelength)
+    return _strongest(skin.points, np.where(off, skin.pressure, np.nan))
 
 
 def _side_lobe_in_box(field: RadiatedField, array: PhasedArray, target: Target) -> SideLobe | None:
