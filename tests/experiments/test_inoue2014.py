@@ -112,7 +112,7 @@ def test_numbers_behind_each_figure_are_in_both_kinds_of_file(small) -> None:
 def test_drive_is_the_one_that_boundary_elements_make(small) -> None:
     rows, fingers, array = rows_of(small[0], "transducers"), dummies(), at.surrounding_box()
     made = numbers(rows, "amplitude") * np.exp(1j * numbers(rows, "phase_rad"))
-    received = at.BoundaryElement(accuracy=0.05).radiate(fingers.rigid, fingers.beacon).at(array.positions)[:, 0]
+    received = at.BoundaryElement(accuracy=0.05).radiate(fingers.scene, fingers.beacon).at(array.positions)[:, 0]
     assert abs(np.vdot(made, received.conj())) > 0.9 * np.linalg.norm(made) * np.linalg.norm(received)
     assert np.allclose(np.stack([numbers(rows, axis) for axis in ("x_m", "y_m", "z_m")], axis=1), array.positions)
     levels = numbers(rows, "amplitude_level") / 255 * np.exp(2j * np.pi * numbers(rows, "phase_level") / 256)
@@ -123,7 +123,7 @@ def test_microphone_is_blank_where_a_finger_is_in_its_way(small) -> None:
     rows = rows_of(small[0], "microphone")
     places = np.stack([numbers(rows, axis) for axis in ("x_m", "y_m", "z_m")], axis=1)
     blank = np.isnan(numbers(rows, "considered_Pa"))
-    deep = dummies().rigid.depth(places)
+    deep = dummies().scene.depth(places)
     assert blank[deep > 0].all()
     assert 0 < blank.sum() < len(rows)
 

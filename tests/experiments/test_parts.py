@@ -28,14 +28,14 @@ def test_dummies_are_those_of_the_pinch() -> None:
     assert np.allclose(made.foci, known.pads)
     probes = np.random.default_rng(1).uniform(-0.06, 0.06, (200, 3))
     scene = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(one) for one in known.surfaces], frequency=40e3)
-    assert np.allclose(made.rigid.depth(probes), scene.depth(probes), atol=1e-9)
+    assert np.allclose(made.scene.depth(probes), scene.depth(probes), atol=1e-9)
 
 
 @pytest.mark.parametrize("entering", ["from below", "from above", "from the side"])
 @pytest.mark.parametrize("tilt", [0.0, 30.0, 90.0])
 def test_foci_are_where_the_fingers_are_nearest(entering, tilt) -> None:
     fingers = dummies(gap=0.01, radius=7e-3, tilt=tilt, entering=entering)
-    assert np.allclose(fingers.rigid.depth(fingers.foci), 0.0, atol=1e-9)
+    assert np.allclose(fingers.scene.depth(fingers.foci), 0.0, atol=1e-9)
     for surface in fingers.surfaces:
         assert np.abs(surface.vertices[:, 0]).min() >= 0.005 - 1e-9
 
@@ -76,7 +76,7 @@ def test_four_nodes_without_the_carrier_are_exact_for_a_monopole() -> None:
 
 
 def test_nodes_surround_the_points_and_leave_the_bodies_out() -> None:
-    scene = dummies().rigid
+    scene = dummies().scene
     points = np.array([[0.0, 0.0, 0.0], [0.0, 0.05, 0.0]])
     nodes = nodes_beside(points, 2e-3, scene)
     assert (scene.depth(nodes) < 0).all()
@@ -140,7 +140,7 @@ def test_study_in_which_nothing_ends_well_stops_too() -> None:
 def test_memory_of_a_process_is_its_own() -> None:
     """The largest memory that Linux counts for a child would hold what its parent had."""
     ballast = np.ones(2**26)  # half a gigabyte
-    command = [sys.executable, "-c", "from airtact.experiments.mesh_run import most_memory; print(most_memory())"]
+    command = [sys.executable, "-c", "from airtact.benching.peers.peak_memory import peak; print(peak())"]
     most = int(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
     assert 2**24 < most < ballast.nbytes
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from airtact import _kernels
-from airtact.benching.contest import EDGES, Solved, ours, theirs
-from airtact.benching.fundamental_solutions import Reference, reference_pressure
+from airtact.benching.contest import ACCURACIES, EDGES, Solved, ours, theirs
+from airtact.benching.fundamental_solutions import reference_pressure
 from airtact.benching.growth import BOARDS, by_elements, by_unknowns
 from airtact.benching.machine import kernels_against_product, memory_over_matrix
 from airtact.benching.performance_page import Bench, draw_contest, draw_growth, page_of
@@ -22,6 +22,7 @@ from airtact.benching.scenes import Bodies, two_fingers
 from airtact.conventions import InvalidInput
 from airtact.file_access.atomic import whole_file, writable_folder
 from airtact.hand.files import load_hand
+from airtact.timing import Progress, no_progress
 from airtact.transducers.layout import surrounding_box
 
 FILES = ("bench.csv", "bench.json", "performance.md", "error_against_time.png", "error_against_time.svg", "growth.png")
@@ -39,45 +40,28 @@ def bench(
     bempp: str | None = None,
     hand: Path | None = None,
     quick: bool = False,
-    report_step: Callable[[str], None] = lambda step: None,
+    report_step: Progress = no_progress,
 ) -> Bench:
-    """Measure everything and write it into a folder.
+    """Measure everything and write ``FILES`` into a folder, from which references computed before are read.
 
-    Parameters
-    ----------
-    folder : for ``FILES``; references that were computed before are read from it.
-    acoustools, bempp : interpreters of environments with these packages; left out, with a note, if not given.
-    hand : pose of an open hand (.json); its rows are left out if not given.
-    quick : do less of everything.
-    report_step : called with each step as it begins.
-
-    Raises
-    ------
-    InvalidInput
-        The folder takes no files, or the hand's file is at fault. A package that fails is left out with a note.
+    The interpreters of environments with AcousTools and bempp-cl, and the pose of an open hand (.json), are left out
+    with a note if not given; so is a package that fails. ``InvalidInput`` is raised where the folder takes no files, or
+    the hand's file is at fault.
     """
     writable_folder(folder)
     references = folder / "references"
     notes: list[str] = []
-    machine = _machine()
+    machine, runs = _machine(), 3 if quick else 7
     bodies, elements = contested(), surrounding_box().positions
     report_step("the reference of the contest, by fundamental solutions")
     reference = reference_pressure(bodies, elements, bodies.foci, references)
-    contest = _contest(
-        bodies, elements, reference, {"AcousTools": acoustools, "bempp-cl": bempp}, quick, notes, report_step
-    )
+    others = {"AcousTools": acoustools, "bempp-cl": bempp}
+    contest = _contest(bodies, elements, reference.pressure, others, quick, notes, report_step)
     rows = _rows(references, hand, quick, notes, report_step)
-    unknowns = by_unknowns(3 if quick else 7, 2000 if quick else 16000, report_step)
+    unknowns = by_unknowns(runs, 2000 if quick else 16000, report_step)
     report_step("larger arrays")
-    found = Bench(
-        machine,
-        tuple(contest),
-        reference.own_error,
-        tuple(rows),
-        tuple(unknowns),
-        tuple(by_elements(3 if quick else 7, BOARDS[:2] if quick else BOARDS)),
-        tuple(notes),
-    )
+    larger = by_elements(runs, BOARDS[:2] if quick else BOARDS)
+    found = Bench(machine, contest, reference.own_error, rows, unknowns, larger, notes)
     report_step("writing")
     write(folder, found)
     return found
@@ -86,9 +70,8 @@ def bench(
 def contested() -> Bodies:
     """Two fingers of 16 mm x 60 mm, 12 mm apart, a focus 2 mm off each pad."""
     bodies = two_fingers()
-    pads = bodies.foci[:, 0]
     foci = bodies.foci.copy()
-    foci[:, 0] = np.sign(pads) * (6e-3 - OFF)
+    foci[:, 0] = np.sign(foci[:, 0]) * (6e-3 - OFF)
     return replace(bodies, foci=foci)
 
 
@@ -116,18 +99,14 @@ def write(folder: Path, found: Bench) -> None:
 def _contest(
     bodies: Bodies,
     elements: np.ndarray,
-    reference: Reference,
+    matrix: np.ndarray,
     others: dict[str, str | None],
     quick: bool,
     notes: list[str],
-    report_step: Callable[[str], None],
+    report_step: Progress,
 ) -> list[Solved]:
-    matrix = reference.pressure
-    contest = (
-        ours(bodies, elements, matrix, 7, QUICK_ACCURACIES, report_step)
-        if quick
-        else ours(bodies, elements, matrix, 9, report_step=report_step)
-    )
+    runs, accuracies = (7, QUICK_ACCURACIES) if quick else (9, ACCURACIES)
+    contest = ours(bodies, elements, matrix, runs, accuracies, report_step)
     for package, python in others.items():
         if python is None:
             option = package.lower().removesuffix("-cl")
@@ -160,9 +139,7 @@ def row_jobs(references: Path, hand: Path | None, runs: int) -> dict[str, Callab
     return jobs | {"accuracies": fingers.at_accuracies, "kernels": partial(kernels_against_product, runs)}
 
 
-def _rows(
-    references: Path, hand: Path | None, quick: bool, notes: list[str], report_step: Callable[[str], None]
-) -> list[Row]:
+def _rows(references: Path, hand: Path | None, quick: bool, notes: list[str], report_step: Progress) -> list[Row]:
     if hand is None:
         notes.append("The open hand is left out: no --hand POSE.json was given.")
     rows: list[Row] = []

@@ -3,7 +3,7 @@
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -16,6 +16,7 @@ from airtact.benching.scenes import Bodies
 from airtact.benching.timing import Timed, relative_error
 from airtact.conventions import InvalidInput
 from airtact.printing import in_short
+from airtact.timing import Progress, no_progress
 
 Case = dict[str, Real[np.ndarray, "..."] | float | int]
 """What a script reads, by name."""
@@ -37,15 +38,9 @@ CHIEF_POINTS = 20
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """The result of a script.
+    """The result of a script: pressure of unit monopoles, seconds of each run, unknowns, package with its version.
 
-    Attributes
-    ----------
-    matrix : (F, E) pressure of unit monopoles.
-    seconds : of each run.
-    peak : memory above what the process held after a small run [byte].
-    unknowns : of its system.
-    version : the package and its version.
+    The peak is the memory above what the process held after a small run [byte].
     """
 
     matrix: Complex128[np.ndarray, "foci elements"]
@@ -59,16 +54,10 @@ class Answer:
 
 @dataclass(frozen=True)
 class Solved:
-    """The result of one package for one case.
+    """The result of a package (with its version) for one case; the setting is its accuracy or number of triangles.
 
-    Attributes
-    ----------
-    package : with its version.
-    setting : accuracy or number of triangles.
-    unknowns : of its system.
-    timed : from bodies in memory to the transfer matrix.
-    error : of the worse focus against the reference.
-    peak : memory above what the process held after a small run [byte].
+    It is timed from bodies in memory to the transfer matrix; the error is that of the worse focus against the
+    reference, the peak as in ``Answer``.
     """
 
     package: str
@@ -80,19 +69,9 @@ class Solved:
 
 
 def run_case(script: str, python: str, case: Case, limit: float = 3600.0) -> Answer:
-    """Run one of the scripts on a case by an interpreter.
+    """Run the script "airtact", "acoustools" or "bempp" on a case by an interpreter, ended after ``limit`` seconds.
 
-    Parameters
-    ----------
-    script : "airtact", "acoustools" or "bempp".
-    python : the interpreter.
-    case : input of the script.
-    limit : time after which it is ended [s].
-
-    Raises
-    ------
-    InvalidInput
-        The script failed or took too long.
+    Raises ``InvalidInput`` where the script failed or took too long.
     """
     with tempfile.TemporaryDirectory() as folder:
         files = [str(Path(folder) / name) for name in ("case.npz", "answer.npz")]
@@ -103,16 +82,14 @@ def run_case(script: str, python: str, case: Case, limit: float = 3600.0) -> Ans
         except OSError as error:
             raise InvalidInput(f"{python} cannot be run: {error.strerror}.", code="cannot_run") from None
         except subprocess.TimeoutExpired:
-            raise InvalidInput(
-                f"{python} did not finish {script}_script.py within {limit:.0f} s.", code="took_too_long"
-            ) from None
+            words = f"{python} did not finish {script}_script.py within {limit:.0f} s."
+            raise InvalidInput(words, code="took_too_long") from None
         if done.returncode != 0:
             last = (done.stderr.strip().splitlines() or ["no message"])[-1]
-            raise InvalidInput(
-                f"{python} ended {script}_script.py with code {done.returncode}: {last}", code="script_failed"
-            )
+            words = f"{python} ended {script}_script.py with code {done.returncode}: {last}"
+            raise InvalidInput(words, code="script_failed")
         with np.load(files[1]) as answer:
-            seconds = tuple(float(one) for one in answer["seconds"])
+            seconds = tuple(answer["seconds"].tolist())
             numbers = int(answer["peak"]), int(answer["unknowns"]), str(answer["version"])
             return Answer(answer["matrix"].astype(np.complex128), seconds, *numbers)
 
@@ -123,7 +100,7 @@ def ours(
     reference: Complex128[np.ndarray, "foci elements"],
     runs: int,
     accuracies: Sequence[float] = ACCURACIES,
-    report_step: Callable[[str], None] = lambda step: None,
+    report_step: Progress = no_progress,
 ) -> list[Solved]:
     """Solve with airtact at several accuracies, with its estimate and without, each in a process of its own."""
     found = []
@@ -143,7 +120,7 @@ def theirs(
     reference: Complex128[np.ndarray, "foci elements"],
     runs: int,
     edges: Sequence[float],
-    report_step: Callable[[str], None] = lambda step: None,
+    report_step: Progress = no_progress,
 ) -> list[Solved]:
     """Solve with another package on meshes of several sizes, each in a process of its own."""
     script, kind = {"AcousTools": ("acoustools", np.int64), "bempp-cl": ("bempp", np.uint32)}[package]
@@ -177,15 +154,10 @@ def case_of(
     bodies: Bodies, elements: Real[np.ndarray, "elements 3"], runs: int, accuracy: float, estimate: bool
 ) -> Case:
     """Return a case for the script that runs airtact; with 0 runs it measures the memory only."""
-    return {
-        **_shared(bodies, elements, runs),
-        "axes": np.array([one.axis for one in bodies.capsules]),
-        "radii": np.array([one.radius for one in bodies.capsules]),
-        "sound_speed": bodies.scene.medium.sound_speed,
-        "frequency": bodies.scene.frequency,
-        "accuracy": accuracy,
-        "estimate": estimate,
-    }
+    axes, radii = (np.array([getattr(one, of) for one in bodies.capsules]) for of in ("axis", "radius"))
+    air = {"sound_speed": bodies.scene.medium.sound_speed, "frequency": bodies.scene.frequency}
+    ask = {"accuracy": accuracy, "estimate": estimate}
+    return {**_shared(bodies, elements, runs), **air, **ask, "axes": axes, "radii": radii}
 
 
 def _shared(bodies: Bodies, elements: Real[np.ndarray, "elements 3"], runs: int) -> Case:

@@ -9,7 +9,7 @@ points that were not fitted.
 """
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,24 +34,18 @@ def pressure_at(
     wanted: float = 3e-3,
     fineness: float = FINENESS,
 ) -> tuple[Complex128[np.ndarray, "receivers sources"], float]:
-    """Total pressure of unit monopoles e^{ikr}/r beside sound-hard capsules.
+    """Total pressure [Pa] of unit monopoles e^{ikr}/r beside sound-hard capsules (of length 0: spheres) apart.
 
-    Parameters
-    ----------
-    capsules : one or more, apart; length 0 is a sphere.
-    wavenumber : k [1/m].
-    sources, receivers : (N, 3) and (P, 3) outside [m]. By reciprocity the set farther from the surfaces
-        becomes the sources, so one of the two may touch a surface; the other keeps some centimetres away.
-    wanted : estimated error at which to stop refining.
-    fineness : monopoles per depth to begin with.
-
-    Returns
-    -------
-    (P, N) pressure [Pa] and the estimated error at the worst of the closer points, over all the others: the relative
+    By reciprocity the set of points [m] farther from the surfaces becomes the sources, so one of the two may touch a
+    surface; the other keeps some centimetres away. From ``fineness`` monopoles per depth on, the fit is refined until
+    the estimated error at the worst of the closer points, over all the others, is the ``wanted`` one: the relative
     change from a coarser fit times the fraction to which the residual ∂p/∂n at surface points that were not fitted has
-    fallen, but at least a tenth of that residual.
+    fallen, but at least a tenth of that residual. It is returned too.
     """
-    if clearance(capsules, sources) < clearance(capsules, receivers):
+    sources_off, receivers_off = (
+        min(-capsule.depth(points).max() for capsule in capsules) for points in (sources, receivers)
+    )
+    if sources_off < receivers_off:
         pressure, error = pressure_at(capsules, wavenumber, receivers, sources, wanted, fineness)
         return pressure.T, error
     coarse = fitted(capsules, wavenumber, sources, fineness / 1.25)
@@ -71,11 +65,6 @@ def superposed(
 ) -> Complex128[np.ndarray, "points excitations"]:
     """Sum the fields of unit sources by their strengths, or return them alone."""
     return unit if strengths is None else unit @ strengths
-
-
-def clearance(capsules: Sequence[Capsule], points: Real[np.ndarray, "points 3"]) -> float:
-    """Distance of the nearest point from the surfaces [m]."""
-    return float(min(-capsule.depth(points).max() for capsule in capsules))
 
 
 def waves(
@@ -146,16 +135,9 @@ def thinned(
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Monopoles inside the bodies, and the problem that they were fitted to.
+    """Monopoles inside the bodies with their strengths [Pa·m], and the problem that they were fitted to.
 
-    Attributes
-    ----------
-    capsules : the bodies.
-    wavenumber : [1/m].
-    sources : (N, 3) positions of the sources [m].
-    source_strengths : (N, S) their strengths [Pa·m]; None for unit sources, each an excitation of its own.
-    monopoles : (M, 3) positions inside the bodies [m].
-    strengths : (M, S) their strengths [Pa·m].
+    Without ``source_strengths`` the sources are unit sources, each an excitation of its own.
     """
 
     capsules: Sequence[Capsule]
@@ -199,8 +181,8 @@ def fitted(
 ) -> Fit:
     """Fit monopoles, ``fineness`` of them per depth, to ∂p/∂n = 0 on all surfaces; unit sources by default."""
     positions, points, normals, sides = [], [], [], []
-    for index, capsule in enumerate(capsules):
-        others = [other for position, other in enumerate(capsules) if position != index]
+    for capsule in capsules:
+        others = [other for other in capsules if other is not capsule]
         sample, _ = surface_points(capsule, 2000)
         finest = monopole_depths(capsule, others, sample, wavenumber).min() / fineness
         surface, outward = surface_points(capsule, min(60_000, int(5.0 * capsule.area / finest**2)))
@@ -238,13 +220,7 @@ def least_squares(
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """Reference pressure, for bodies without a closed form.
-
-    Attributes
-    ----------
-    pressure : (P, N) of unit monopoles or (P, S) of excitations [Pa].
-    own_error : its relative error, as it estimates it itself.
-    """
+    """Reference pressure [Pa], for bodies without a closed form, and its relative error by its own estimate."""
 
     pressure: Complex128[np.ndarray, "points excitations"]
     own_error: float
@@ -261,27 +237,35 @@ def reference_pressure(
 ) -> Reference:
     """Return the pressure of monopoles beside capsules, read from ``folder`` where it was computed before.
 
-    Parameters
-    ----------
-    bodies : capsules.
-    sources, points : (N, 3) far from the surfaces, and (P, 3) anywhere outside [m].
-    folder : cache of references.
-    strengths : (N, S) of S excitations [Pa·m]; None for unit monopoles, each an excitation of its own.
+    The sources are far from the surfaces, the points anywhere outside [m]. Without strengths of excitations [Pa·m] they
+    are unit monopoles, each an excitation of its own.
     """
-    wavenumber = bodies.scene.wavenumber
-    digest = hashlib.sha256(str([(c.radius, c.length, wavenumber, FINENESS) for c in bodies.capsules]).encode())
-    poses = [part for one in bodies.capsules for part in (one.pose.rotation, one.pose.translation)]
-    for array in (*poses, sources, points, *([] if strengths is None else [strengths])):
+    wavenumber, capsules = bodies.scene.wavenumber, bodies.capsules
+
+    def compute() -> Reference:
+        if strengths is None:
+            return Reference(*pressure_at(capsules, wavenumber, sources, points))
+        fits = [fitted(capsules, wavenumber, sources, f, strengths) for f in (FINENESS / 1.25, FINENESS)]
+        coarse, pressure = (fit.pressure(points) for fit in fits)
+        return Reference(pressure, float(np.linalg.norm(pressure - coarse) / np.linalg.norm(pressure)))
+
+    settings = str([(c.radius, c.length, wavenumber, FINENESS) for c in capsules])
+    poses = [part for one in capsules for part in (one.pose.rotation, one.pose.translation)]
+    arrays = (*poses, sources, points, *([] if strengths is None else [strengths]))
+    return cached_reference(folder, settings, arrays, compute)
+
+
+def cached_reference(
+    folder: Path, settings: str, arrays: Sequence[Real[np.ndarray, "..."]], compute: Callable[[], Reference]
+) -> Reference:
+    """Read a reference from a folder, or compute and write it; its file is named by its settings and arrays."""
+    digest = hashlib.sha256(settings.encode())
+    for array in arrays:
         digest.update(np.ascontiguousarray(array).tobytes())
     file = folder / f"reference-{digest.hexdigest()[:16]}.npz"
     if not file.exists():
-        if strengths is None:
-            pressure, own = pressure_at(bodies.capsules, wavenumber, sources, points)
-        else:
-            fits = [fitted(bodies.capsules, wavenumber, sources, f, strengths) for f in (FINENESS / 1.25, FINENESS)]
-            coarse, pressure = (fit.pressure(points) for fit in fits)
-            own = float(np.linalg.norm(pressure - coarse) / np.linalg.norm(pressure))
+        made = compute()
         folder.mkdir(parents=True, exist_ok=True)
-        np.savez(file, pressure=pressure, own_error=own)
+        np.savez(file, pressure=made.pressure, own_error=made.own_error)
     with np.load(file) as cached:
         return Reference(cached["pressure"], float(cached["own_error"]))

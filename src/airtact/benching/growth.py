@@ -1,6 +1,5 @@
 """Growth of the cost with the unknowns of the bodies and with the elements of the array."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -17,6 +16,7 @@ from airtact.scene.target import Target
 from airtact.solvers.bem.solver import BoundaryElement
 from airtact.surfaces.surface import Surface
 from airtact.synthesis.time_reversal import time_reversal
+from airtact.timing import Progress, no_progress
 from airtact.transducers.layout import flat_boards
 from airtact.transfer import transfer_matrix
 
@@ -30,21 +30,13 @@ AFAR = np.array([[0.0, 0.0, 0.03], [5e-3, 0.0, 0.035]])
 
 @dataclass(frozen=True)
 class Grown:
-    """The cost of one size.
-
-    Attributes
-    ----------
-    size : unknowns or elements.
-    timed : a solve, or transfer matrix and drive.
-    """
+    """Times of one size: of a solve by its unknowns, or of transfer matrix and drive by the elements."""
 
     size: int
     timed: Timed
 
 
-def by_unknowns(
-    runs: int, most: int = max(UNKNOWNS), report_step: Callable[[str], None] = lambda step: None
-) -> list[Grown]:
+def by_unknowns(runs: int, most: int, report_step: Progress = no_progress) -> list[Grown]:
     """Time solves of two fingers with increasing unknowns, a third of the runs from 8000 unknowns on."""
     scene, beacons, found = evenly_covered(two_fingers()).scene, Target(AFAR).beacons(), []
     for wanted in (one for one in UNKNOWNS if one <= most):
@@ -63,10 +55,8 @@ def by_elements(runs: int, boards: tuple[int, ...] = BOARDS) -> list[Grown]:
     found = []
     for side in boards:
         array = flat_boards(side, side).seen_from(Pose(np.eye(3), np.array([0.0, 0.0, 0.2])))
-        took, _ = timed(
-            [lambda array=array: time_reversal(transfer_matrix(beacons, array), bodies.target)] * (runs + 1)
-        )
-        found.append(Grown(len(array), took))
+        jobs = [lambda array=array: time_reversal(transfer_matrix(beacons, array), bodies.target)] * (runs + 1)
+        found.append(Grown(len(array), timed(jobs)[0]))
     return found
 
 

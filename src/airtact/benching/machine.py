@@ -5,7 +5,6 @@ import time
 from functools import partial
 
 import numpy as np
-from jaxtyping import Float64
 
 from airtact import _kernels
 from airtact.benching.contest import case_of, run_case
@@ -14,8 +13,8 @@ from airtact.benching.scenes import two_fingers
 from airtact.benching.timing import Timed, timed
 from airtact.solvers.bem.blocks import blocks_of
 from airtact.solvers.bem.layer_potentials import NearRule
-from airtact.solvers.bem.operator import DualMatrix, dual_surface
-from airtact.solvers.bem.quadrature import Nodes, place_nodes
+from airtact.solvers.bem.operator import DualMatrix, DualSurface, dual_surface
+from airtact.solvers.bem.quadrature import place_nodes
 from airtact.solvers.bem.solver import BoundaryElement
 
 FLOPS = 56
@@ -34,29 +33,25 @@ def kernels_against_product(runs: int = 7) -> list[Row]:
     scene = bodies.scene
     panels = BoundaryElement(accuracy=0.02)._panels(scene, bodies.foci)
     nodes = place_nodes(panels.quadratic_triangles, panels.body, panels.deviation)
-    wavenumber, shifted = (
-        scene.wavenumber,
-        dual_surface(nodes, scene.wavenumber, NearRule(1.6, (4, 4)), "float32").shifted,
-    )
+    surface = dual_surface(nodes, scene.wavenumber, NearRule(1.6, (4, 4)), "float32")
     before, rows = _kernels.active_variant(), []
     try:
         for variant in _kernels.variants():
             _kernels.use_variant(variant)
-            rows.append(_kernel_row(variant, nodes, shifted, wavenumber, runs))
+            rows.append(_kernel_row(variant, surface, runs))
     finally:
         _kernels.use_variant(before)
     return rows
 
 
-def _kernel_row(
-    variant: str, nodes: Nodes, shifted: Float64[np.ndarray, "groups 3"], wavenumber: complex, runs: int
-) -> Row:
+def _kernel_row(variant: str, surface: DualSurface, runs: int) -> Row:
+    nodes, shifted = surface.nodes, surface.shifted
     count = len(nodes.points)
     blocks = blocks_of(count)
     matrix = DualMatrix.empty(count, "bfloat16", np.ones((blocks, blocks), dtype=bool))
     none = np.zeros(0, dtype=np.int64), np.zeros((0, 6), dtype=np.complex128)
     first, first_shifted = np.zeros(count + 1, dtype=np.int64), np.zeros(len(shifted) + 1, dtype=np.int64)
-    positions = nodes.points, shifted, nodes.weighted_normals, wavenumber
+    positions = nodes.points, shifted, nodes.weighted_normals, surface.wavenumber
     near = first, *none, first_shifted, *none
     whole = matrix.whole.first, matrix.whole.column
     fill = partial(_kernels.dual_blocks_bfloat16, *positions, *near, *whole, matrix.blocks)
@@ -67,10 +62,8 @@ def _kernel_row(
         products += timed([partial(np.matmul, left, left)] * 2)[0].seconds
         time.sleep(REST)
         fills += timed([fill] * 2)[0].seconds
-    kernels, product = (
-        count * (count + len(shifted)) / Timed(tuple(fills)).median,
-        2.0 * PRODUCT**3 / Timed(tuple(products)).median,
-    )
+    kernels = count * (count + len(shifted)) / Timed(tuple(fills)).median
+    product = 2.0 * PRODUCT**3 / Timed(tuple(products)).median
     share = FLOPS * kernels / product
     return Row(
         f"kernel evaluations, {variant}, {FLOPS} flop each, against sgemm",
@@ -85,9 +78,8 @@ def _kernel_row(
 def memory_over_matrix(accuracy: float = 0.0018) -> Row:
     """Solve two fingers in a process of its own, and compare its peak memory with the matrix in single precision."""
     bodies = two_fingers()
-    answer = run_case(
-        "airtact", sys.executable, case_of(bodies, bodies.foci + [0.0, 0.0, 0.1], 0, accuracy, estimate=True)
-    )
+    case = case_of(bodies, bodies.foci + [0.0, 0.0, 0.1], 0, accuracy, estimate=True)
+    answer = run_case("airtact", sys.executable, case)
     share = answer.peak / (8.0 * answer.unknowns**2)
     return Row(
         "peak memory above the process's base, over the matrix (8 bytes an entry)",

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from matplotlib.figure import Figure
+
 from airtact.benching.contest import Solved, faster
 from airtact.benching.growth import Grown, power
 from airtact.benching.real_time import Row
@@ -38,25 +40,18 @@ worse focus over all elements, against fundamental solutions, which share no cod
 
 @dataclass(frozen=True)
 class Bench:
-    """All that was measured.
+    """All that was measured: the machine, runs of all packages on one scene, rows of real time, growth of the cost.
 
-    Attributes
-    ----------
-    machine : processor, cores, instruction set, load when it began.
-    contest : runs of all packages on the same scene.
-    own_error : of the reference of the contest.
-    rows : of real time.
-    unknowns, elements : how the cost grows.
-    notes : what was left out, and why.
+    ``own_error`` is that of the reference of the runs; ``notes`` give what was left out, and why.
     """
 
     machine: str
-    contest: tuple[Solved, ...]
+    contest: Sequence[Solved]
     own_error: float
-    rows: tuple[Row, ...]
-    unknowns: tuple[Grown, ...]
-    elements: tuple[Grown, ...]
-    notes: tuple[str, ...]
+    rows: Sequence[Row]
+    unknowns: Sequence[Grown]
+    elements: Sequence[Grown]
+    notes: Sequence[str]
 
 
 def page_of(found: Bench) -> str:
@@ -73,8 +68,9 @@ def _contest(found: Bench) -> str:
     lines = ["| package | setting | unknowns | time | error | memory | airtact at equal or smaller error |"]
     lines.append("|---|---|---|---|---|---|---|")
     for one in found.contest:
-        cells = (one.package, one.setting, f"{one.unknowns}", f"{one.timed}", f"{one.error:.2%}", _megabytes(one.peak))
-        lines.append(f"| {' | '.join(cells)} | {'' if one in mine else _ratio(mine, one)} |")
+        numbers = f"{one.unknowns} | {one.timed} | {one.error:.2%} | {one.peak / 1e6:.0f} MB"
+        ratio = "" if one in mine else _ratio(mine, one)
+        lines.append(f"| {one.package} | {one.setting} | {numbers} | {ratio} |")
     return "\n".join([*lines, "", "![Error against time](error_against_time.svg)\n"])
 
 
@@ -87,11 +83,8 @@ def _ratio(mine: list[Solved], one: Solved) -> str:
 
 
 def _rows(found: Bench) -> str:
-    lines = [
-        "## A hand that moves\n",
-        "| what | asked | measured | error | where the time went |",
-        "|---|---|---|---|---|",
-    ]
+    lines = ["## A hand that moves\n", "| what | asked | measured | error | where the time went |"]
+    lines.append("|---|---|---|---|---|")
     lines += [f"| {one.what} | {one.asked} | {one.measured} | {one.error} | {one.profile} |" for one in found.rows]
     return "\n".join([*lines, ""])
 
@@ -110,14 +103,8 @@ def _growth(found: Bench) -> str:
     return "\n".join([*lines, "![How the cost grows](growth.svg)\n"])
 
 
-def _megabytes(size: int) -> str:
-    return f"{size / 1e6:.0f} MB"
-
-
 def draw_contest(folder: Path, contest: Sequence[Solved], own_error: float) -> None:
     """Draw error against time, one line a package, least to most of the runs as bars."""
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(7.0, 4.5), layout="constrained")
     axes = figure.add_subplot(xscale="log", yscale="log")
     packages = list(dict.fromkeys(one.package for one in contest))
@@ -129,8 +116,8 @@ def draw_contest(folder: Path, contest: Sequence[Solved], own_error: float) -> N
         errors = [100 * one.error for one in runs]
         axes.errorbar(middle, errors, xerr=(low, high), color=colour, marker=mark, capsize=3, label=package)
     axes.axhline(100 * own_error, color="0.6", linestyle=":", label="the reference's own error")
-    axes.set_xlabel("time from bodies to transfer matrix, 996 elements, 2 foci [s]")
-    axes.set_ylabel("error of the transfer matrix [%]")
+    axes.set(xlabel="time from bodies to transfer matrix, 996 elements, 2 foci [s]")
+    axes.set(ylabel="error of the transfer matrix [%]")
     axes.grid(which="both", color="0.92")
     axes.legend(frameon=False)
     _save(figure, folder / "error_against_time")
@@ -138,24 +125,18 @@ def draw_contest(folder: Path, contest: Sequence[Solved], own_error: float) -> N
 
 def draw_growth(folder: Path, unknowns: Sequence[Grown], elements: Sequence[Grown]) -> None:
     """Draw the time against unknowns and against elements."""
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(8.0, 3.6), layout="constrained")
-    panels = (
-        ("unknowns", "time of a solve [s]", unknowns),
-        ("elements", "time to the drive of a solved shape [s]", elements),
-    )
-    for place, (size, says, grown) in enumerate(panels, start=1):
-        axes = figure.add_subplot(1, 2, place, xscale="log", yscale="log")
+    pair = figure.subplots(1, 2, subplot_kw={"xscale": "log", "yscale": "log"})
+    says = "time of a solve [s]", "time to the drive of a solved shape [s]"
+    for axes, size, label, grown in zip(pair, ("unknowns", "elements"), says, (unknowns, elements), strict=True):
         axes.plot([one.size for one in grown], [one.timed.median for one in grown], color=COLOURS[0], marker="o")
-        axes.set_xlabel(size)
-        axes.set_ylabel(says)
+        axes.set(xlabel=size, ylabel=label)
         axes.grid(which="both", color="0.92")
         if len(grown) > 1:
             axes.set_title(f"grows as the power {power(list(grown)):.1f}", fontsize="medium")
     _save(figure, folder / "growth")
 
 
-def _save(figure: "object", path: Path) -> None:
-    for ending, settings in ((".png", {"dpi": 150}), (".svg", {})):
-        figure.savefig(path.with_suffix(ending), **settings)  # pyright: ignore[reportAttributeAccessIssue]
+def _save(figure: Figure, path: Path) -> None:
+    figure.savefig(path.with_suffix(".png"), dpi=150)
+    figure.savefig(path.with_suffix(".svg"))

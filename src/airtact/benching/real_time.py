@@ -5,14 +5,14 @@ solution.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Complex128, Float64, Real
+from jaxtyping import Complex128, Real
 
-from airtact.benching.fundamental_solutions import Reference, reference_pressure
+from airtact.benching.fundamental_solutions import Reference, cached_reference, reference_pressure
 from airtact.benching.scenes import Bodies, deformed, moved_each, moved_foci, two_fingers, whole_motion
 from airtact.benching.timing import Timed, correlation, relative_error, timed
 from airtact.evaluation.field import drive_sources
@@ -31,6 +31,9 @@ CHECKED = 3
 AREA = 325e-4
 """Area of the open hand's skin [m²]."""
 
+DRIVE_ACCURACY = 0.08
+"""Accuracy of two fingers where only the drive is wanted."""
+
 HAND_DRIVE_ACCURACY, HAND_ACCURACY = 0.06, 0.03
 
 FINE, COARSER = 0.0015, 0.003
@@ -42,16 +45,7 @@ ACCURACIES = (0.01, 0.02, 0.05, 0.12, 0.2)
 
 @dataclass(frozen=True)
 class Row:
-    """One measured figure.
-
-    Attributes
-    ----------
-    what : name of the figure.
-    asked : its goal.
-    measured, error : in words.
-    profile : times of the steps.
-    numbers : the same by name: seconds, errors, unknowns.
-    """
+    """One measured figure, its goal, what was measured in words, times of the steps, and the numbers by name."""
 
     what: str
     asked: str
@@ -63,13 +57,7 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """A drive, its transfer matrix and the report of its solve.
-
-    Attributes
-    ----------
-    report : of the solve.
-    transfer, drive : the results.
-    """
+    """A drive, its transfer matrix and the report of its solve."""
 
     report: SolveReport
     transfer: TransferMatrix
@@ -88,20 +76,11 @@ def to_drive(solver: Solver, bodies: Bodies, array: PhasedArray) -> Made:
 
 @dataclass(frozen=True)
 class RealTime:
-    """The rows of two fingers, measured anew at each call.
-
-    Attributes
-    ----------
-    folder : cache of references.
-    runs : timed runs of each job.
-    accuracy : of the solves.
-    drive_accuracy : the same where only the drive is wanted.
-    """
+    """The rows of two fingers, measured anew at each call; the folder is the cache of references."""
 
     folder: Path
-    runs: int = 7
+    runs: int
     accuracy: float = 0.03
-    drive_accuracy: float = 0.08
 
     @cached_property
     def array(self) -> PhasedArray:
@@ -116,37 +95,34 @@ class RealTime:
     @cached_property
     def factorised(self) -> Solver:
         """Two fingers at rest, each factorised alone."""
-        return self._quick(self.accuracy).factorised(self.rest.scene, refined=self.rest.foci)
+        return self.quick.factorised(self.rest.scene, refined=self.rest.foci)
 
-    def _quick(self, accuracy: float) -> BoundaryElement:
-        return BoundaryElement(accuracy=accuracy, estimate=False)
+    @property
+    def quick(self) -> BoundaryElement:
+        """Boundary elements without an estimate of the error."""
+        return BoundaryElement(accuracy=self.accuracy, estimate=False)
 
     def deformed_to_drive(self) -> Row:
         """Time two fingers that change their shape at every frame."""
-        frames = [deformed(frame) for frame in range(self.runs + 1)]
-        what = "two fingers deformed, new pose to drive, 2 foci"
-        return self._frames(what, "25 ms (goal 15), 3 %", self._quick(self.accuracy), frames)
+        return self._deformed("new pose to drive, 2 foci", "25 ms (goal 15), 3 %", self.accuracy)
 
     def moved_each_to_drive(self) -> Row:
         """Time two fingers that keep their shapes and move against each other."""
         frames = [moved_each(self.rest, frame) for frame in range(self.runs + 1)]
-        what = "two fingers, each moved rigidly, to drive"
-        return self._frames(what, "5 ms, 3 %", self.factorised, frames)
+        return self._frames("two fingers, each moved rigidly, to drive", "5 ms, 3 %", self.factorised, frames)
 
     def drive_only(self) -> Row:
         """Time two fingers that change their shape, solved just accurately enough for a drive."""
-        frames = [deformed(frame) for frame in range(self.runs + 1)]
-        what = "two fingers deformed, drive only"
-        asked = "12 ms, correlation 0.995"
-        return self._frames(what, asked, self._quick(self.drive_accuracy), frames)
+        return self._deformed("drive only", "12 ms, correlation 0.995", DRIVE_ACCURACY)
 
     def at_accuracies(self) -> list[Row]:
         """Time the same at other accuracies."""
+        return [self._deformed(f"accuracy = {accuracy}", "", accuracy) for accuracy in ACCURACIES]
+
+    def _deformed(self, what: str, asked: str, accuracy: float) -> Row:
         frames = [deformed(frame) for frame in range(self.runs + 1)]
-        return [
-            self._frames(f"two fingers deformed, accuracy = {accuracy}", "", self._quick(accuracy), frames)
-            for accuracy in ACCURACIES
-        ]
+        solver = BoundaryElement(accuracy=accuracy, estimate=False)
+        return self._frames(f"two fingers deformed, {what}", asked, solver, frames)
 
     def whole_moved(self) -> Row:
         """Time a solved shape that moves as a whole: transfer matrix and drive again, no solve.
@@ -154,7 +130,7 @@ class RealTime:
         The scattered field comes from a multipole expansion, computed once; the surface integral is timed beside it.
         """
         bodies = self.rest
-        beacons = self._quick(self.accuracy).radiate(bodies.scene, bodies.target.beacons())
+        beacons = self.quick.radiate(bodies.scene, bodies.target.beacons())
         waves = multipole_expansion(beacons)
 
         def again(field: RadiatedField, frame: int) -> Made:
@@ -163,33 +139,28 @@ class RealTime:
 
         by_sum, _ = timed([partial(again, beacons, frame) for frame in range(self.runs + 1)])
         took, made = timed([partial(again, waves, frame) for frame in range(self.runs + 1)])
-        checked = range(1, CHECKED)
-        seen = [self.array.seen_from(whole_motion(frame)) for frame in checked]
-        errors = [self._errors(bodies, array, made[frame - 1]) for frame, array in zip(checked, seen, strict=True)]
-        asked = "2 ms for 2000 unknowns"
-        row = self._row("whole pinch moved rigidly, to drive", asked, took, made, errors)
+        seen = [self.array.seen_from(whole_motion(frame)) for frame in range(1, CHECKED)]
+        errors = [self._errors(bodies, array, one) for array, one in zip(seen, made, strict=False)]
+        row = self._row("whole pinch moved rigidly, to drive", "2 ms for 2000 unknowns", took, made, errors)
         found, off = waves.report.seconds["expansion"], float(waves.report.settings["expansion_error"])
-        error = f"{row.error}; expansion {off:.1e} off"
         profile = f"{row.profile}; by the surface integral {by_sum}; expansion computed once in {1e3 * found:.3g} ms"
-        return Row(row.what, asked, row.measured, error, profile, row.numbers)
+        return replace(row, error=f"{row.error}; expansion {off:.1e} off", profile=profile)
 
     def new_focus(self) -> Row:
         """Time other foci beside the same bodies, each of which was factorised alone."""
         frames = [moved_foci(self.rest, frame) for frame in range(self.runs + 1)]
-        what = "new foci on a solved shape, to drive"
-        return self._frames(what, "3 ms", self.factorised, frames)
+        return self._frames("new foci on a solved shape, to drive", "3 ms", self.factorised, frames)
 
     def slice_beside(self) -> Row:
         """Time the field of a drive on 200 x 200 points between and beside two fingers."""
-        made = to_drive(self._quick(self.accuracy), self.rest, self.array)
+        made = to_drive(self.quick, self.rest, self.array)
         scene, sources = self.rest.scene, drive_sources(self.array, [made.drive])
         field = BoundaryElement(accuracy=self.accuracy).radiate(scene, sources)
         points = slice_points()
         took, pressure = timed([partial(field.at, points)] * (self.runs + 1))
         outside = np.flatnonzero((scene.depth(points) < 0) & (np.arange(len(points)) % 37 == 0))
-        reference = reference_pressure(
-            self.rest, sources.positions, points[outside], self.folder, sources.strengths.astype(np.complex128)
-        )
+        strengths = sources.strengths.astype(np.complex128)
+        reference = reference_pressure(self.rest, sources.positions, points[outside], self.folder, strengths)
         error = relative_error(pressure[0][outside].T, reference.pressure.T)
         return Row(
             "field on 200 x 200 points beside two fingers",
@@ -260,24 +231,18 @@ def scaled(hand: Hand, area: float = AREA) -> Hand:
 
 @dataclass(frozen=True)
 class OpenHand:
-    """The rows of an open hand in front of four boards.
-
-    Attributes
-    ----------
-    hand : open, of any size.
-    folder : cache of the reference.
-    runs : timed runs.
-    """
+    """The rows of an open hand of any size in front of four boards; the folder is the cache of the reference."""
 
     hand: Hand
     folder: Path
-    runs: int = 7
+    runs: int
 
     @cached_property
     def array(self) -> PhasedArray:
         """996 transducers around the hand, 1.6 times as far away as in the paper's box."""
-        box = surrounding_box()
-        return PhasedArray(1.6 * box.positions + self._centre, box.normals, box.element)
+        box, vertices = surrounding_box(), self.bodies.surfaces[0].vertices
+        centre = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+        return PhasedArray(1.6 * box.positions + centre, box.normals, box.element)
 
     @cached_property
     def bodies(self) -> Bodies:
@@ -286,27 +251,17 @@ class OpenHand:
         pads = [hand.place(name) for name in ("index.pad", "middle.pad")]
         return Bodies((hand.surface,), np.array([position + 0.5e-3 * normal for position, normal in pads]))
 
-    @property
-    def _centre(self) -> Float64[np.ndarray, "3"]:
-        vertices = self.bodies.surfaces[0].vertices
-        return 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
-
     @cached_property
     def reference(self) -> Reference:
         """Transfer matrix of an accurate solution, and the distance of a coarser one from it."""
-        file = self.folder / f"open-hand-{FINE}-{COARSER}.npz"
-        if not file.exists():
-            scene, beacons = self.bodies.scene, self.bodies.target.beacons()
-            fine, coarser = (
-                transfer_matrix(BoundaryElement(accuracy=accuracy).radiate(scene, beacons), self.array).matrix
-                for accuracy in (FINE, COARSER)
-            )
-            self.folder.mkdir(parents=True, exist_ok=True)
-            np.savez(file, matrix=fine, own_error=relative_error(coarser, fine), foci=self.bodies.foci)
-        with np.load(file) as cached:
-            if not np.allclose(cached["foci"], self.bodies.foci, atol=1e-9):
-                raise ValueError(f"{file} is the reference of another hand; delete it.")
-            return Reference(cached["matrix"], float(cached["own_error"]))
+
+        def compute() -> Reference:
+            solvers = [BoundaryElement(accuracy=accuracy) for accuracy in (FINE, COARSER)]
+            fine, coarser = (to_drive(solver, self.bodies, self.array).transfer.matrix for solver in solvers)
+            return Reference(fine, relative_error(coarser, fine))
+
+        shape = self.hand.joints, self.hand.radii
+        return cached_reference(self.folder, f"open-hand-{FINE}-{COARSER}", shape, compute)
 
     def drive_only(self) -> Row:
         """Time the hand where only the drive is wanted."""

@@ -23,13 +23,7 @@ OFFSET = 0.5e-3
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """Bodies and the foci beside them.
-
-    Attributes
-    ----------
-    surfaces : of the bodies.
-    foci : (F, 3) [m].
-    """
+    """The surfaces of bodies, and foci (F, 3) beside them [m]."""
 
     surfaces: tuple[Surface, ...]
     foci: Float64[np.ndarray, "foci 3"]

@@ -13,12 +13,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Timed:
-    """Wall times of some runs of one job.
-
-    Attributes
-    ----------
-    seconds : of each run, in order [s].
-    """
+    """Wall times of the runs of one job, in order [s]."""
 
     seconds: tuple[float, ...]
 
@@ -29,19 +24,13 @@ class Timed:
 
     def __str__(self) -> str:
         unit, scale = ("s", 1.0) if self.median >= 1.0 else ("ms", 1e3)
-        low, middle, high = (
-            _three_digits(scale * value) for value in (min(self.seconds), self.median, max(self.seconds))
-        )
+        values = (min(self.seconds), self.median, max(self.seconds))
+        low, middle, high = (_three_digits(scale * value) for value in values)
         return f"{middle} {unit} ({low} to {high})"
 
 
 def timed(jobs: Sequence[Callable[[], Result]]) -> tuple[Timed, list[Result]]:
-    """Run the first job to warm up, then time the others.
-
-    Returns
-    -------
-    The times of all but the first, and what each of these gave.
-    """
+    """Run the first job to warm up, then time the others; return their times and what each of them gave."""
     jobs[0]()
     seconds, results = [], []
     for job in jobs[1:]:

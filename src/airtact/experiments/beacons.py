@@ -8,7 +8,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from airtact.evaluation.windows import AXES, Window
-from airtact.experiments.part import Part, carried, coordinates, draw_planes, write_columns
+from airtact.experiments.part import Part, carried, coordinates, corners, draw_planes, write_columns
 from airtact.experiments.settings import Settings
 from airtact.experiments.solved import CONSIDERED, Solved
 from airtact.figures.array_figures import draw_phases
@@ -35,14 +35,11 @@ def beacons(made: Solved, settings: Settings, folder: Path, clock: Clock) -> Par
         pressure = _pressure(made, window.points)
     phase = np.angle(pressure)
     drive = made.drives[CONSIDERED].amplitudes
-    write_columns(
-        folder,
-        "beacon_field",
-        {**coordinates(window.points), "pressure": ("Pa", np.abs(pressure)), "phase": ("rad", phase)},
-    )
+    columns = {"pressure": ("Pa", np.abs(pressure)), "phase": ("rad", phase)}
+    write_columns(folder, "beacon_field", coordinates(window.points) | columns)
     _write_transducers(made, drive, folder)
     _write_mesh(system, made.scene.wavelength, folder)
-    outlines = cut_bodies(window, made.dummies.surfaces)
+    outlines, shown = cut_bodies(window, made.dummies.surfaces), {"phase of the beacons' field": carried(window, phase)}
     scale = ("twilight", -np.pi, np.pi, "phase of the beacons' field [rad]")
     pieces = (
         paragraph(_how_meshed(report)),
@@ -55,14 +52,11 @@ def beacons(made: Solved, settings: Settings, folder: Path, clock: Clock) -> Par
         picture(
             draw_panels(whole_surface(system) * made.scene.wavelength),
             "The surfaces as meshed: a quarter and its mirror images, curved triangles coloured by their smallest "
-            "angle. "
-            "data/mesh_surfaces",
+            "angle. data/mesh_surfaces",
             "two fingers covered with curved triangles",
         ),
         picture(
-            draw_planes(
-                window, {"phase of the beacons' field": carried(window, phase)}, outlines, made.dummies.foci, scale
-            ),
+            draw_planes(window, shown, outlines, made.dummies.foci, scale),
             "Fig. 5 of the paper: the phase of the field of both beacons in step, in the plane of both fingers. The "
             "upright edges are where the transducers stand. data/beacon_field",
             "rings of phase round two fingers, bent by them",
@@ -98,39 +92,21 @@ def _how_meshed(report: SolveReport) -> str:
 
 
 def _write_transducers(made: Solved, drive: Complex128[np.ndarray, "elements"], folder: Path) -> None:
-    write_columns(
-        folder,
-        "transducers",
-        {
-            **coordinates(made.array.positions),
-            "amplitude": ("", np.abs(drive)),
-            "phase": ("rad", np.angle(drive)),
-            "amplitude_level": ("", np.rint(255 * np.abs(drive)).astype(np.int64)),
-            "phase_level": ("", np.rint(np.angle(drive) * 128 / np.pi).astype(np.int64) % 256),
-        },
-    )
+    columns = {
+        "amplitude": ("", np.abs(drive)),
+        "phase": ("rad", np.angle(drive)),
+        "amplitude_level": ("", np.rint(255 * np.abs(drive)).astype(np.int64)),
+        "phase_level": ("", np.rint(np.angle(drive) * 128 / np.pi).astype(np.int64) % 256),
+    }
+    write_columns(folder, "transducers", coordinates(made.array.positions) | columns)
 
 
 def _write_mesh(system: System, wavelength: float, folder: Path) -> None:
     """Write the corners of what the pictures of the mesh show."""
     faces, layer = on_plane(system, _cut_axis(system))
-    corners = wavelength * faces
-    columns = {
-        f"{axis}{corner}": ("m", np.ascontiguousarray(corners[:, corner, index]))
-        for corner in range(3)
-        for index, axis in enumerate("xyz")
-    }
-    write_columns(folder, "mesh_cut", {**columns, "perfectly_matched_layer": ("", layer.astype(np.int64))})
-    nodes = wavelength * whole_surface(system)
-    write_columns(
-        folder,
-        "mesh_surfaces",
-        {
-            f"{axis}{node}": ("m", np.ascontiguousarray(nodes[:, node, index]))
-            for node in range(6)
-            for index, axis in enumerate("xyz")
-        },
-    )
+    columns = {"perfectly_matched_layer": ("", layer.astype(np.int64))}
+    write_columns(folder, "mesh_cut", corners(wavelength * faces) | columns)
+    write_columns(folder, "mesh_surfaces", corners(wavelength * whole_surface(system)))
 
 
 def _cut_axis(system: System) -> int:

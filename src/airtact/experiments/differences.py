@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Complex128
 
+from airtact.benching.timing import correlation
 from airtact.evaluation.windows import plane_through
 from airtact.experiments.mesh_sizes import relative_error
 from airtact.experiments.part import Part, write_columns
@@ -40,18 +41,9 @@ def differences(made: Solved, settings: Settings, folder: Path, clock: Clock) ->
     count = len(elements)
     pairs = [(one, other) for index, one in enumerate(received) for other in list(received)[index + 1 :]]
     rows = [(one, other, *_apart(received[one], received[other], count)) for one, other in pairs]
-    one, other, at_elements, in_plane, alike = (list(column) for column in zip(*rows, strict=True))
-    write_columns(
-        folder,
-        "differences",
-        {
-            "one": ("", one),
-            "other": ("", other),
-            "at_the_transducers": ("", np.array(at_elements)),
-            "in_the_plane": ("", np.array(in_plane)),
-            "correlation_of_the_drives": ("", np.array(alike)),
-        },
-    )
+    names = "one", "other", "at_the_transducers", "in_the_plane", "correlation_of_the_drives"
+    columns = {name: ("", [row[index] for row in rows]) for index, name in enumerate(names)}
+    write_columns(folder, "differences", columns)
     pieces = (
         paragraph(
             "The paper fills its fingers with water (Table 1), which reflects 0.9994 of the pressure; everything above "
@@ -59,13 +51,9 @@ def differences(made: Solved, settings: Settings, folder: Path, clock: Clock) ->
         ),
         table(
             ["", "against", "at the transducers", "in the plane of the fingers", "drives alike"],
-            [
-                [str(a), str(b), f"{100 * c:.2f} %", f"{100 * d:.2f} %", f"{e:.5f}"]
-                for a, b, c, d, e in zip(one, other, at_elements, in_plane, alike, strict=True)
-            ],
+            [[a, b, f"{100 * c:.2f} %", f"{100 * d:.2f} %", f"{e:.5f}"] for a, b, c, d, e in rows],
             f"Relative differences ‖a − b‖ / ‖b‖; in the plane, points {OFF_SKIN:g} λ and more off the fingers. The "
-            f"last "
-            "column is the correlation of the two drives, 1 for equal ones.",
+            "last column is the correlation of the two drives, 1 for equal ones.",
         ),
     )
     return Part("Water against rigid, boundary against finite elements", pieces)
@@ -75,5 +63,5 @@ def _apart(
     one: Complex128[np.ndarray, "points"], other: Complex128[np.ndarray, "points"], elements: int
 ) -> tuple[float, float, float]:
     first, second = one[:elements], other[:elements]
-    alike = abs(np.vdot(first, second)) / float(np.linalg.norm(first) * np.linalg.norm(second))
-    return relative_error(first, second), relative_error(one[elements:], other[elements:]), float(alike)
+    apart = relative_error(first, second), relative_error(one[elements:], other[elements:])
+    return *apart, correlation(first, second)

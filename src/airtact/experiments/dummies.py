@@ -10,17 +10,13 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float64
 
+from airtact.benching.scenes import AIR, FREQUENCY, Bodies
 from airtact.conventions import InvalidInput
 from airtact.printing import in_short
 from airtact.scene.medium import Medium
-from airtact.scene.scene import Scene, filled, sound_hard
+from airtact.scene.scene import Scene, filled
 from airtact.scene.sources import Monopoles
-from airtact.scene.target import Target
 from airtact.surfaces.primitives import capsule
-from airtact.surfaces.surface import Surface
-
-AIR = Medium(sound_speed=343.1, density=1.293)
-"""Of the paper's Table 1."""
 
 WATER = Medium(sound_speed=1481.0, density=999.7)
 """Filling of the paper's fingers (Table 1)."""
@@ -43,76 +39,35 @@ WAYS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Dummies:
-    """Two fingers of a pinch with nothing between them, and a focus on the surface of each.
+class Dummies(Bodies):
+    """Thumb (at -x) and finger of a pinch with nothing between them, and the foci where they are nearest each other.
 
-    Attributes
-    ----------
-    gap, radius : between the surfaces, and of a finger [m].
-    tilt : of each finger, outward [degrees].
-    entering : side from which they enter the box.
-    surfaces : thumb (at -x) and finger (at +x).
-    foci : (2, 3) the points of the surfaces that are nearest to each other [m].
+    ``middle`` is the direction from the tips to the roots, without the tilt.
     """
 
-    gap: float
-    radius: float
-    tilt: float
-    entering: Entering
-    surfaces: tuple[Surface, Surface]
-    foci: Float64[np.ndarray, "2 3"]
+    middle: Float64[np.ndarray, "3"]
 
     __repr__ = in_short
 
     @property
-    def rigid(self) -> Scene:
-        """The fingers in the paper's air, sound-hard."""
-        return Scene(AIR, [sound_hard(surface) for surface in self.surfaces], frequency=40e3)
-
-    @property
     def watery(self) -> Scene:
         """The fingers filled with water, as the paper has them."""
-        return Scene(AIR, [filled(surface, WATER) for surface in self.surfaces], frequency=40e3)
-
-    @property
-    def target(self) -> Target:
-        """Both foci, as strong as possible."""
-        return Target(self.foci)
+        return Scene(AIR, [filled(surface, WATER) for surface in self.surfaces], frequency=FREQUENCY)
 
     @property
     def beacon(self) -> Monopoles:
         """One excitation of both foci in phase, as the paper's symmetry plane makes it."""
         return Monopoles(self.foci, np.ones(2))
 
-    @property
-    def middle(self) -> Float64[np.ndarray, "3"]:
-        """(3,) direction from the tips to the roots, without the tilt."""
-        return WAYS[self.entering]
-
 
 def dummies(
-    gap: float = 12e-3,
-    radius: float = 8e-3,
-    tilt: float = 20.0,
-    entering: Entering = "from below",
-    edge: float = EDGE,
+    gap: float = 12e-3, radius: float = 8e-3, tilt: float = 20.0, entering: Entering = "from below", edge: float = EDGE
 ) -> Dummies:
     """Build both fingers as capsules, the tips towards each other along x.
 
-    Parameters
-    ----------
-    gap, radius : [m].
-    tilt : [degrees], 0 to 90, which lays both along x.
-    entering : side from which they enter the box.
-    edge : longest edge of the triangles in pictures [m]; solvers make their own.
+    Gap, radius and the longest edge of the triangles in pictures (solvers make their own) are in metres, the tilt in
+    degrees: 0 to 90, which lays both along x. ``InvalidInput`` is raised for another tilt, or a length not above zero.
 
-    Raises
-    ------
-    InvalidInput
-        If the tilt is outside its range, or a length is not above zero.
-
-    Examples
-    --------
     >>> dummies(gap=0.012).foci.tolist()
     [[-0.006, 0.0, 0.0], [0.006, 0.0, 0.0]]
     """
@@ -131,4 +86,4 @@ def dummies(
         along = math.sin(angle) * np.array([side, 0.0, 0.0]) + math.cos(angle) * WAYS[entering]
         surfaces.append(capsule(tip + LENGTH * along, tip, radius, edge))
     foci = np.array([[-gap / 2, 0.0, 0.0], [gap / 2, 0.0, 0.0]])
-    return Dummies(gap, radius, tilt, entering, (surfaces[0], surfaces[1]), foci)
+    return Dummies(tuple(surfaces), foci, WAYS[entering])

@@ -18,7 +18,7 @@ from airtact.experiments.settings import FULL, QUICK, Settings
 from airtact.experiments.solved import solved
 from airtact.file_access.atomic import whole_file, writable_folder
 from airtact.pages.page import document, folded, heading, key_numbers, paragraph, section, table
-from airtact.timing import Clock
+from airtact.timing import Clock, Progress, no_progress
 
 PAGE = "index.html"
 """The page, which needs no other file."""
@@ -26,14 +26,9 @@ PAGE = "index.html"
 
 @dataclass(frozen=True)
 class Reproduced:
-    """The result of the experiment.
+    """The page that was written, the most important results (number, label), and the wall time in all [s].
 
-    Attributes
-    ----------
-    page : the page that was written.
-    facts : (number, label), the most important results.
-    seconds : wall time in all [s].
-    failed : why each part failed, by its title.
+    ``failed`` gives by title why a part failed.
     """
 
     page: Path
@@ -45,20 +40,14 @@ class Reproduced:
 def reproduce(
     folder: Path,
     quick: bool = False,
-    report_step: Callable[[str], None] = lambda step: None,
+    report_step: Progress = no_progress,
     settings: Settings | None = None,
 ) -> Reproduced:
     """Do the paper's experiment and write a page about it, with the numbers behind each figure beside it.
 
     The page is rewritten after each part, so that an interrupted run leaves a page with all that was done. A part
-    that fails is shown with its reason, and the others are done all the same.
-
-    Parameters
-    ----------
-    folder : where ``index.html`` goes, and below ``data`` the numbers as .csv and .h5; made if it is not there.
-    quick : whether to do it in three minutes, with less of everything; the page says what was left out.
-    report_step : called with each step as it begins.
-    settings : in place of those of the full and the quick run.
+    that fails is shown with its reason, and the others are done all the same. The quick run takes three minutes and
+    does less of everything; ``settings`` replace those of both.
 
     Raises
     ------
@@ -149,10 +138,8 @@ def _foot(settings: Settings, clock: Clock) -> list[str]:
         paragraph(
             "Fingers are capsules 44 mm long from the tip's centre to the root's; transducers are monopoles at the "
             "positions of four AUTD3 boards and, like the walls, do not reflect (section 3.1 of the paper). Beacons "
-            "stand "
-            "on the surfaces. Every drive is rounded to 256 levels of amplitude and phase before it is verified. The "
-            "numbers "
-            "behind each figure are in data/, as .csv and .h5."
+            "stand on the surfaces. Every drive is rounded to 256 levels of amplitude and phase before it is verified. "
+            "The numbers behind each figure are in data/, as .csv and .h5."
         ),
         table(
             ["step", "time"],

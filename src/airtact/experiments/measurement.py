@@ -38,7 +38,7 @@ def measurement(made: Solved, settings: Settings, folder: Path, clock: Clock) ->
         "microphone",
         {
             **coordinates(window.points),
-            **{name: ("Pa", np.ascontiguousarray(read[:, index])) for index, name in enumerate(columns)},
+            **{name: ("Pa", read[:, index]) for index, name in enumerate(columns)},
         },
     )
     blocked = int(np.isnan(read[:, 0]).sum())
@@ -74,9 +74,7 @@ def _position(points: Float64[np.ndarray, "positions 3"], read: Float64[np.ndarr
     return f"x = {x:.1f} mm, z = {z:.1f} mm"
 
 
-def readings(
-    pressure: Complex128[np.ndarray, "positions excitations"],
-) -> Float64[np.ndarray, "positions excitations"]:
+def readings(pressure: Complex128[np.ndarray, "positions excitations"]) -> Float64[np.ndarray, "positions excitations"]:
     """Return the magnitude of the pressure at a microphone [Pa] with noise, NaN where there is none."""
     chance = np.random.default_rng(SEED)
     noise = chance.standard_normal((2, *pressure.shape)) / np.sqrt(2)

@@ -38,9 +38,8 @@ def tetrahedra(one: Combination, ran: Sequence[Row]) -> float:
     known = [row for row in ran if row.combination.domain == one.domain]
     if not known:
         return cells
-    nearest = min(
-        known, key=lambda row: abs(np.log(row.combination.elements_per_wavelength / one.elements_per_wavelength))
-    )
+    finer = [abs(np.log(row.combination.elements_per_wavelength / one.elements_per_wavelength)) for row in known]
+    nearest = known[int(np.argmin(finer))]
     mesh = nearest.combination
     return cells * nearest.tetrahedra / (TETRAHEDRA * _volume(mesh.domain) * mesh.elements_per_wavelength**3)
 

@@ -32,9 +32,8 @@ def draw_costs(rows: Sequence[Row], settings: Settings) -> Figure:
     limits = (BEYOND * settings.study_seconds, BEYOND * settings.study_bytes / 2**30, np.inf)
     for row in rows:
         one = row.combination
-        costs = (row.seconds, row.most_bytes / 2**30, one.elements_per_wavelength)
         style = {"color": colour[one.order], "linestyle": "", "markersize": 5.0, "mfc": "none"}
-        for axes, cost, limit in zip(above, costs, limits, strict=True):
+        for axes, cost, limit in zip(above, _costs(row), limits, strict=True):
             if row.notes:
                 marker = MARKERS[one.domain] if cost < limit else ">"
                 axes.plot(min(cost, limit), one.order + _lift(one.domain), marker=marker, **style)
@@ -66,15 +65,8 @@ def _furnish(above: Sequence[Axes], below: Sequence[Axes], settings: Settings) -
         axes.axvline(settings.study_bytes / 2**30, color="0.4", linestyle=":")
     for axes in (above[2], by_mesh):
         axes.axvspan(6, 10, color="0.88", zorder=0)
-    by_mesh.text(
-        7.75,
-        0.98,
-        "the paper's\nλ/6 to λ/10",
-        transform=by_mesh.get_xaxis_transform(),
-        ha="center",
-        va="top",
-        fontsize=9,
-    )
+    words, place = "the paper's\nλ/6 to λ/10", by_mesh.get_xaxis_transform()
+    by_mesh.text(7.75, 0.98, words, transform=place, ha="center", va="top", fontsize=9)
     by_time.set(xscale="log", yscale="log", xlabel="time [s]", ylabel="error at the transducers")
     by_time.set_yticks([0.003, 0.01, 0.03, 0.1, 0.3, 1.0])
     by_time.yaxis.set_major_formatter(FuncFormatter(lambda error, _: f"{100 * error:g} %"))
@@ -92,13 +84,10 @@ def _draw_line(columns: Sequence[Axes], line: Sequence[Row], colour: object, dom
     line = sorted(line, key=lambda row: row.combination.elements_per_wavelength)
     error = [min(row.error, WORST) for row in line]
     style = {"color": colour, "marker": MARKERS[domain], "markersize": 4.5, "linewidth": 1}
-    for axes, cost in zip(
-        columns,
-        (
-            [row.seconds for row in line],
-            [row.most_bytes / 2**30 for row in line],
-            [row.combination.elements_per_wavelength for row in line],
-        ),
-        strict=True,
-    ):
+    for axes, cost in zip(columns, zip(*map(_costs, line), strict=True), strict=False):
         axes.plot(cost, error, linestyle="-" if domain == "tight" else "--", **style)
+
+
+def _costs(row: Row) -> tuple[float, float, float]:
+    """Seconds, GiB, and elements per wavelength."""
+    return row.seconds, row.most_bytes / 2**30, row.combination.elements_per_wavelength

@@ -1,16 +1,15 @@
 """One combination of order, mesh and domain, solved in a process of its own so that its memory can be measured."""
 
 import json
-import resource
 import subprocess
 import sys
 import time
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Complex128
 
+from airtact.benching.peers.peak_memory import peak
 from airtact.experiments.dummies import dummies
 from airtact.printing import in_short
 from airtact.solvers.fem.meshing.netgen import netgen_libraries, ngsolve_library
@@ -26,14 +25,7 @@ BOX = ((-0.07 - ROOM, -0.07 - ROOM, -0.09 - ROOM), (0.07 + ROOM, 0.07 + ROOM, 0.
 
 @dataclass(frozen=True)
 class Combination:
-    """What is solved.
-
-    Attributes
-    ----------
-    order : polynomial order.
-    elements_per_wavelength : wavelength over the edge of the tetrahedra.
-    domain : "tight" or "box".
-    """
+    """What is solved: polynomial order, wavelength over the edge of the tetrahedra, and domain, "tight" or "box"."""
 
     order: int
     elements_per_wavelength: float
@@ -47,15 +39,10 @@ class Combination:
 
 @dataclass(frozen=True, eq=False)
 class Ran:
-    """The result of a combination.
+    """The result of a combination: pressure received at the transducers [Pa], and its cost.
 
-    Attributes
-    ----------
-    tetrahedra : of the mesh.
-    unknowns : of the system.
-    seconds : meshing, factorising, solving and evaluating at the transducers [s].
-    most_bytes : largest memory of the process, libraries included.
-    received : (E,) pressure at the transducers [Pa].
+    The seconds are those of meshing, factorising, solving and evaluating; the bytes are the largest memory of the
+    process, libraries included.
     """
 
     tetrahedra: int
@@ -69,14 +56,10 @@ class Ran:
 
 @dataclass(frozen=True)
 class Row:
-    """A combination with its cost and error, predicted or measured.
+    """A combination with its cost, measured where it was run, else predicted.
 
-    Attributes
-    ----------
-    combination : what is solved.
-    tetrahedra, unknowns, seconds, most_bytes : measured where it was run, else predicted.
-    error : relative error of the beacons' pressure at the transducers, NaN where not run.
-    notes : why it was not run, or "" where it was.
+    ``error`` is the relative error of the beacons' pressure at the transducers, NaN where not run; ``notes`` say why it
+    was not run, and are "" where it was.
     """
 
     combination: Combination
@@ -89,12 +72,7 @@ class Row:
 
 
 def run_apart(combination: Combination, limit: float) -> Ran | str:
-    """Solve for the paper's beacons in a process of its own, which is ended after ``limit`` seconds.
-
-    Returns
-    -------
-    The result, or the reason why there is none.
-    """
+    """Solve in a process of its own, ended after ``limit`` seconds; the result, or the reason why there is none."""
     asked = json.dumps([combination.order, combination.elements_per_wavelength, combination.domain])
     command = [sys.executable, "-m", "airtact.experiments.mesh_run", asked]
     try:
@@ -104,54 +82,21 @@ def run_apart(combination: Combination, limit: float) -> Ran | str:
     if done.returncode != 0:
         lines = done.stderr.strip().splitlines()
         return lines[-1] if lines else f"ended with code {done.returncode}"
-    answer = json.loads(done.stdout.splitlines()[-1])
-    received = np.array(answer["real"]) + 1j * np.array(answer["imaginary"])
-    return Ran(answer["tetrahedra"], answer["unknowns"], answer["seconds"], answer["most_bytes"], received)
+    *costs, real, imaginary = json.loads(done.stdout.splitlines()[-1])
+    return Ran(*costs, received=np.array(real) + 1j * np.array(imaginary))
 
 
-def run_here(combination: Combination) -> Ran:
-    """Solve for the paper's beacons in this process."""
-    fingers, array = dummies(), surrounding_box()
-    scene = fingers.rigid
+def main() -> None:
+    """Solve for the paper's beacons, as the command line asks in JSON, and print the fields of ``Ran`` in JSON."""
+    combination, fingers, array = Combination(*json.loads(sys.argv[1])), dummies(), surrounding_box()
+    scene = fingers.scene
     netgen_libraries()
     ngsolve_library()  # loaded before the clock starts
     begun = time.perf_counter()
     field = combination.solver().radiate(scene, fingers.beacon)
     received = field.at(array.positions)[:, 0]
-    seconds = time.perf_counter() - begun
-    tetrahedra = int(str(field.report.settings["tetrahedra"]))
-    return Ran(tetrahedra, field.report.nodes, seconds, most_memory(), received)
-
-
-def most_memory() -> int:
-    """Largest memory that this process ever took [bytes].
-
-    Linux counts in ``ru_maxrss`` what the parent had when it started this process, but not in ``VmHWM``.
-    """
-    try:
-        lines = Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines()
-    except OSError:
-        lines = []
-    for line in lines:
-        if line.startswith("VmHWM:"):
-            return 1024 * int(line.split()[1])
-    per_unit = 1 if sys.platform == "darwin" else 1024
-    return per_unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-
-
-def main() -> None:
-    """Solve what the command line asks for in JSON and print the result in JSON."""
-    order, size, domain = json.loads(sys.argv[1])
-    ran = run_here(Combination(order, size, domain))
-    answer = {
-        "tetrahedra": ran.tetrahedra,
-        "unknowns": ran.unknowns,
-        "seconds": ran.seconds,
-        "most_bytes": ran.most_bytes,
-        "real": np.real(ran.received).tolist(),
-        "imaginary": np.imag(ran.received).tolist(),
-    }
-    print(json.dumps(answer))
+    costs = field.report.settings["tetrahedra"], field.report.nodes, time.perf_counter() - begun, peak()
+    print(json.dumps([*costs, np.real(received).tolist(), np.imag(received).tolist()]))
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Complex128, Float64
+from jaxtyping import Complex128
 
 from airtact.experiments.dummies import dummies
 from airtact.experiments.mesh_costs import predicted, tetrahedra
@@ -32,9 +32,8 @@ OVERDUE, STARTING = 2.0, 30.0
 
 def mesh_sizes(settings: Settings, folder: Path, clock: Clock) -> Part:
     """Run what is cheap enough and predict the rest."""
-    with clock.step(
-        "reference", f"solving by boundary elements to {100 * settings.reference:g} %, the reference of the study"
-    ):
+    words = f"solving by boundary elements to {100 * settings.reference:g} %, the reference of the study"
+    with clock.step("reference", words):
         reference, uncertain = _reference(settings.reference)
     rows = study(settings, reference, clock, run_apart, lambda found: _write(found, folder))
     _write(rows, folder)
@@ -44,12 +43,11 @@ def mesh_sizes(settings: Settings, folder: Path, clock: Clock) -> Part:
         paragraph(
             "The paper takes a mesh of λ/6 to λ/10 from a rule and asks which mesh, model and solver are best. "
             f"{how_many(rows, settings)} The error is that of the beacons' pressure at the {len(reference)} "
-            f"transducers, "
-            f"against boundary elements (which are known to about {100 * uncertain:.1f} %, so errors below that are "
-            "not resolved). Domain tight: a box round the fingers, read by the surface integral; box: the whole "
-            "workspace, read off the mesh as the paper does. Memory is that of the whole process. Each combination has "
-            "one order everywhere; FiniteElement itself grades the order by the size of each tetrahedron, which costs "
-            "less (the parts above)."
+            f"transducers, against boundary elements (which are known to about {100 * uncertain:.1f} %, so errors "
+            "below that are not resolved). Domain tight: a box round the fingers, read by the surface integral; box: "
+            "the whole workspace, read off the mesh as the paper does. Memory is that of the whole process. Each "
+            "combination has one order everywhere; FiniteElement itself grades the order by the size of each "
+            "tetrahedron, which costs less (the parts above)."
         ),
         paragraph(best),
         picture(
@@ -105,7 +103,7 @@ def _reference(accuracy: float) -> tuple[Complex128[np.ndarray, "elements"], flo
     """Pressure of the beacons at the transducers (E,), and its relative distance from a coarser solution."""
     fingers, positions = dummies(), surrounding_box().positions
     received = [
-        BoundaryElement(accuracy=one).radiate(fingers.rigid, fingers.beacon).at(positions)[:, 0]
+        BoundaryElement(accuracy=one).radiate(fingers.scene, fingers.beacon).at(positions)[:, 0]
         for one in (accuracy, 2 * accuracy)
     ]
     return received[0], relative_error(received[1], received[0])
@@ -194,21 +192,15 @@ def _cells(row: Row) -> list[str]:
 
 
 def _write(rows: Sequence[Row], folder: Path) -> None:
-    def column(values: list[float]) -> Float64[np.ndarray, "rows"]:
-        return np.array(values, dtype=np.float64)
-
-    write_columns(
-        folder,
-        "mesh_sizes",
-        {
-            "domain": ("", [row.combination.domain for row in rows]),
-            "order": ("", np.array([row.combination.order for row in rows], dtype=np.int64)),
-            "elements_per_wavelength": ("", column([row.combination.elements_per_wavelength for row in rows])),
-            "tetrahedra": ("", column([row.tetrahedra for row in rows])),
-            "unknowns": ("", column([row.unknowns for row in rows])),
-            "time": ("s", column([row.seconds for row in rows])),
-            "memory": ("B", column([row.most_bytes for row in rows])),
-            "error": ("", column([row.error for row in rows])),
-            "notes": ("", [row.notes or "run" for row in rows]),
-        },
-    )
+    columns = {
+        "domain": ("", [row.combination.domain for row in rows]),
+        "order": ("", [row.combination.order for row in rows]),
+        "elements_per_wavelength": ("", [row.combination.elements_per_wavelength for row in rows]),
+        "tetrahedra": ("", [float(row.tetrahedra) for row in rows]),
+        "unknowns": ("", [float(row.unknowns) for row in rows]),
+        "time": ("s", [row.seconds for row in rows]),
+        "memory": ("B", [float(row.most_bytes) for row in rows]),
+        "error": ("", [row.error for row in rows]),
+        "notes": ("", [row.notes or "run" for row in rows]),
+    }
+    write_columns(folder, "mesh_sizes", columns)

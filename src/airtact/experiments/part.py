@@ -4,7 +4,6 @@ import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float64, Int64, Real
@@ -21,20 +20,13 @@ from airtact.file_access.atomic import whole_file
 BLANK = "0.9"
 """Grey of points without a value."""
 
-Column = Float64[np.ndarray, "rows"] | Int64[np.ndarray, "rows"] | list[str]
+Column = Float64[np.ndarray, "rows"] | Int64[np.ndarray, "rows"] | Sequence[str | float]
 """Numbers or words, one for each row."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """The pieces of one part on the page.
-
-    Attributes
-    ----------
-    title : its heading.
-    pieces : HTML made by ``pages.page``.
-    facts : (number, label) for the head of the page.
-    """
+    """The heading and the pieces of one part, HTML made by ``pages.page``, and (number, label) for the page's head."""
 
     title: str
     pieces: tuple[str, ...]
@@ -58,7 +50,13 @@ def write_columns(folder: Path, name: str, columns: Mapping[str, tuple[str, Colu
 
 def coordinates(points: Float64[np.ndarray, "rows 3"]) -> dict[str, tuple[str, Column]]:
     """Columns x, y and z of points (P, 3) [m]."""
-    return {axis: ("m", np.ascontiguousarray(points[:, index])) for index, axis in enumerate("xyz")}
+    return {axis: ("m", points[:, index]) for index, axis in enumerate("xyz")}
+
+
+def corners(points: Float64[np.ndarray, "rows corners 3"]) -> dict[str, tuple[str, Column]]:
+    """Columns x0, y0, z0, x1 and so on of the corners of cells (T, N, 3) [m]."""
+    every = range(points.shape[1])
+    return {f"{axis}{n}": ("m", points[:, n, index]) for n in every for index, axis in enumerate("xyz")}
 
 
 def carried(window: Window, values: Float64[np.ndarray, "points"]) -> Float64[np.ndarray, "points"]:
@@ -66,8 +64,7 @@ def carried(window: Window, values: Float64[np.ndarray, "points"]) -> Float64[np
     from scipy.ndimage import distance_transform_edt
 
     grid = values.reshape(window.shape)
-    found: Any = distance_transform_edt(np.isnan(grid), return_indices=True)
-    distance, (row, column) = found
+    distance, (row, column) = distance_transform_edt(np.isnan(grid), return_indices=True)  # pyright: ignore
     return np.where(distance <= 2, grid[row, column], np.nan).ravel()
 
 
@@ -104,12 +101,11 @@ def draw_planes(
         for loop in outlines:
             outline = Outline(window.seen(np.concatenate([loop, loop[:1]])), closed=True)
             one.add_patch(PathPatch(outline, facecolor=BODY, edgecolor="0.25", linewidth=0.8))
-        one.plot(*window.seen(marks).T, "o", markersize=8, markerfacecolor="none", markeredgecolor="black", mew=2.6)
-        one.plot(*window.seen(marks).T, "o", markersize=8, markerfacecolor="none", markeredgecolor="white", mew=1.3)
+        for colour, width in (("black", 2.6), ("white", 1.3)):
+            one.plot(*window.seen(marks).T, "o", markersize=8, mfc="none", markeredgecolor=colour, mew=width)
         one.set_title(title, fontsize=11)
         one.set(xlim=(left, right), ylim=(bottom, top), xlabel=window.labels[0])
     axes[0].set_ylabel(window.labels[1])
-    figure.colorbar(
-        ScalarMappable(Normalize(lowest, highest), colours), ax=list(axes), label=label, pad=0.015, aspect=28
-    )
+    shades = ScalarMappable(Normalize(lowest, highest), colours)
+    figure.colorbar(shades, ax=list(axes), label=label, pad=0.015, aspect=28)
     return figure

@@ -37,23 +37,15 @@ def pressures(made: Solved, folder: Path, clock: Clock) -> Part:
     strongest = float(np.nanmax(magnitudes))
     normalised: dict[str, np.ndarray] = dict(zip((CONSIDERED, IGNORED), (magnitudes / strongest).T, strict=True))
     drawn = {name: carried(window, values) for name, values in normalised.items()}
-    write_columns(
-        folder,
-        "pressures",
-        {
-            **coordinates(window.points),
-            "considered": ("Pa", np.ascontiguousarray(magnitudes[:, 0])),
-            "ignored": ("Pa", np.ascontiguousarray(magnitudes[:, 1])),
-        },
-    )
+    columns = {"considered": ("Pa", magnitudes[:, 0]), "ignored": ("Pa", magnitudes[:, 1])}
+    write_columns(folder, "pressures", coordinates(window.points) | columns)
     scale = (COLOURS, 0.0, 1.0, f"pressure over the largest of both, {HELD}")
     off = abs(made.verified - made.predicted) / abs(made.predicted)
     pieces = (
         paragraph(
             "The drives were made by finite elements and are verified by boundary elements, which share no code with "
             f"them. At the foci the pressure by boundary elements differs by {100 * off:.2f} % from that which the "
-            f"finite "
-            f"elements predict (estimated error of the boundary elements: "
+            "finite elements predict (estimated error of the boundary elements: "
             f"{100 * made.compared.report.estimated_error:.1f} %)."
         ),
         picture(
@@ -93,13 +85,5 @@ def _write_ratios(made: Solved, folder: Path) -> None:
         for focus, pressure in enumerate(foci)
     ]
     held, name, focus, pressure = (list(column) for column in zip(*rows, strict=True))
-    write_columns(
-        folder,
-        "foci",
-        {
-            "held_equal": ("", held),
-            "drive": ("", name),
-            "focus": ("", np.array(focus, dtype=np.int64)),
-            "pressure": ("Pa", np.array(pressure)),
-        },
-    )
+    columns = {"held_equal": ("", held), "drive": ("", name), "focus": ("", focus), "pressure": ("Pa", pressure)}
+    write_columns(folder, "foci", columns)

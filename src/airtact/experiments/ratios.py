@@ -1,9 +1,9 @@
 """The ratio ignored over considered at the foci, over all that the paper leaves open of its fingers."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
@@ -44,16 +44,8 @@ PAPER_LINES = [
 """What explains them."""
 
 
-@dataclass(frozen=True)
-class Fingers:
-    """One way to fill in what the paper leaves open.
-
-    Attributes
-    ----------
-    gap, radius : [m].
-    tilt : [degrees].
-    entering : where the fingers come from.
-    """
+class Fingers(NamedTuple):
+    """One way to fill in what the paper leaves open: gap and radius [m], tilt [degrees], and where they come from."""
 
     gap: float
     radius: float
@@ -66,7 +58,7 @@ class Fingers:
 
 def ratio_of(fingers: Dummies, array: PhasedArray, settings: Settings) -> Float64[np.ndarray, "3"]:
     """Pressure ignored over considered under the normalisations of ``HELD_EQUAL``, mean over the foci."""
-    scene, target = fingers.rigid, fingers.target
+    scene, target = fingers.scene, fingers.target
     solver = BoundaryElement(accuracy=settings.sweep_drive)
     transfer = transfer_matrix(solver.radiate(scene, target.beacons()), array)
     drives = {
@@ -80,14 +72,9 @@ def ratio_of(fingers: Dummies, array: PhasedArray, settings: Settings) -> Float6
 
 def all_fingers(settings: Settings) -> list[Fingers]:
     """All that is swept: gap by radius, and tilt by way of entering at some gaps."""
-    found = [Fingers(gap, radius, 20.0, "from below") for gap in settings.gaps for radius in settings.radii]
-    found += [
-        Fingers(gap, 8e-3, tilt, entering)
-        for gap in settings.tilt_gaps
-        for tilt in settings.tilts
-        for entering in settings.ways
-    ]
-    return list(dict.fromkeys(found))
+    found = [Fingers(gap, radius, 20.0, "from below") for gap, radius in product(settings.gaps, settings.radii)]
+    tilted = product(settings.tilt_gaps, settings.tilts, settings.ways)
+    return list(dict.fromkeys([*found, *(Fingers(gap, 8e-3, tilt, entering) for gap, tilt, entering in tilted)]))
 
 
 def ratios(settings: Settings, folder: Path, clock: Clock) -> Part:
@@ -96,19 +83,19 @@ def ratios(settings: Settings, folder: Path, clock: Clock) -> Part:
     wanted = all_fingers(settings)
     for index, one in enumerate(wanted, start=1):
         with clock.step(f"fingers {index}", f"fingers {index} of {len(wanted)}: {one}"):
-            found[one] = ratio_of(dummies(one.gap, one.radius, one.tilt, one.entering), array, settings)
+            found[one] = ratio_of(dummies(*one), array, settings)
         _write(found, folder)
-    lowest, highest = (np.array(list(found.values())).T for _ in range(2))
+    values = np.array(list(found.values()))
     spans = [
         f"{held} {low:.2f} to {high:.2f} (squared {low**2:.2f} to {high**2:.2f})"
-        for held, low, high in zip(HELD_EQUAL, lowest.min(axis=1), highest.max(axis=1), strict=True)
+        for held, low, high in zip(HELD_EQUAL, values.min(axis=0), values.max(axis=0), strict=True)
     ]
     pieces = (
         paragraph(
             f"The paper does not give the size, the gap or the tilt of its dummies. Over {len(found)} of them the "
             f"ratio ignored over considered at the foci, as pressure, is: {'; '.join(spans)}. Drives are made and "
             f"verified by boundary elements (accuracy {settings.sweep_drive:g} and {settings.sweep_verify:g}), drives "
-            f"in 256 levels."
+            "in 256 levels."
         ),
         picture(
             draw_maps(settings, found),
@@ -151,22 +138,17 @@ def _nearest_to(
 
 
 def _write(found: Mapping[Fingers, Float64[np.ndarray, "3"]], folder: Path) -> None:
+    units = {"gap": "m", "radius": "m", "tilt": "degrees", "entering": ""}
+    columns = {name: (unit, [getattr(one, name) for one in found]) for name, unit in units.items()}
     values = np.array(list(found.values()))
-    columns = {
-        "gap": ("m", np.array([one.gap for one in found])),
-        "radius": ("m", np.array([one.radius for one in found])),
-        "tilt": ("degrees", np.array([one.tilt for one in found])),
-        "entering": ("", [str(one.entering) for one in found]),
-    }
-    ratio = {held.replace(" ", "_"): ("", np.array(values[:, index])) for index, held in enumerate(HELD_EQUAL)}
-    write_columns(folder, "sweep", {**columns, **ratio})
+    ratio = {held.replace(" ", "_"): ("", values[:, index]) for index, held in enumerate(HELD_EQUAL)}
+    write_columns(folder, "sweep", columns | ratio)
 
 
 def draw_maps(settings: Settings, found: Mapping[Fingers, Float64[np.ndarray, "3"]]) -> Figure:
     """Draw the ratio over gap and radius, as pressure above and squared below."""
-    grid = np.array(
-        [[found[Fingers(gap, radius, 20.0, "from below")] for gap in settings.gaps] for radius in settings.radii]
-    )
+    wanted = [[Fingers(gap, radius, 20.0, "from below") for gap in settings.gaps] for radius in settings.radii]
+    grid = np.array([[found[one] for one in row] for row in wanted])
     figure = Figure(figsize=(11.0, 6.2), layout="constrained")
     rows = figure.subplots(2, len(HELD_EQUAL), sharex=True, sharey=True)
     across, along = 1e3 * np.array(settings.gaps), 1e3 * np.array(settings.radii)
@@ -177,9 +159,8 @@ def draw_maps(settings: Settings, found: Mapping[Fingers, Float64[np.ndarray, "3
             figure.colorbar(shown, ax=axes, aspect=20, format="%.2f")
             _mark(axes, across, along, values[:, :, column])
             axes.set_title(f"{held}, {'pressure' if power == 1 else 'squared'}", fontsize=10)
-            if power == 2:
-                axes.set_xlabel("gap [mm]")
-        row[0].set_ylabel("radius [mm]")
+            axes.set(xlabel="gap [mm]", ylabel="radius [mm]")
+            axes.label_outer()
     figure.legend(handles=PAPER_LINES, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     return figure
 

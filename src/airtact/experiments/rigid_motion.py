@@ -40,15 +40,7 @@ SHIFT = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """A field known at nodes alone.
-
-    Attributes
-    ----------
-    points : (N, 3) [m].
-    pressure : (N,) [Pa].
-    carrier : gives e^{ikr}/r of the beacon at points (P, 3).
-    tree : finds the nearest nodes.
-    """
+    """A field known at nodes alone; ``carrier`` gives e^{ikr}/r of the beacon at points, ``tree`` the nearest nodes."""
 
     points: Float64[np.ndarray, "nodes 3"]
     pressure: Complex128[np.ndarray, "nodes"]
@@ -111,14 +103,9 @@ def random_poses(count: int) -> list[Pose]:
 class Reading:
     """Errors and time of one way to evaluate the field at the transducers.
 
-    Attributes
-    ----------
-    name : of it.
-    errors : of the drive, one for each pose.
-    alone : the same against the surface integral over the same solution: of the reading alone.
-    typical : relative error of one transducer, the median over all and all poses.
-    outside : share of the points that lay outside their tetrahedron; NaN where there is none.
-    seconds : for one pose.
+    ``errors`` are those of the drive in each pose, ``alone`` against the surface integral over the same solution;
+    ``typical`` is the median error of one transducer over all poses, ``outside`` the share of points outside their
+    tetrahedron (NaN where there is none), ``seconds`` the time for one pose.
     """
 
     name: str
@@ -132,7 +119,7 @@ class Reading:
 def rigid_motion(settings: Settings, folder: Path, clock: Clock) -> Part:
     """Compare ways to evaluate one solution at the transducers of a moved hand."""
     fingers, array = dummies(), surrounding_box()
-    scene, poses = fingers.rigid, random_poses(settings.poses)
+    scene, poses = fingers.scene, random_poses(settings.poses)
     beacon = Monopoles(fingers.foci[1:], np.ones(1))
     with clock.step("moved", f"moving the hand to {len(poses)} poses"):
         field = BoundaryElement(accuracy=0.01).radiate(scene, beacon)
@@ -175,11 +162,11 @@ def _shown(readings: list[Reading], poses: int, counts: list[str], settings: Set
             ["read by", "median error", "largest", "reading alone", "one transducer", "points outside", "time a pose"],
             [_row(one) for one in readings],
             "Error of the drive (the conjugate of the pressure at the transducers) over the poses; the reading alone "
-            "against "
-            "the surface integral over the same solution (median); of one transducer (median), which is smaller where "
-            "a few tetrahedra are nearly flat; the share of points outside their tetrahedron, where the paper's scheme "
-            "extrapolates. Without e^ikr/r: the beacon's own wave divided out before and multiplied in after. The last "
-            f"row is SampledField, in the tetrahedron of Delaunay's that holds the point, the first {SAMPLED} poses.",
+            "against the surface integral over the same solution (median); of one transducer (median), which is "
+            "smaller where a few tetrahedra are nearly flat; the share of points outside their tetrahedron, where the "
+            "paper's scheme extrapolates. Without e^ikr/r: the beacon's own wave divided out before and multiplied in "
+            "after. The last row is SampledField, in the tetrahedron of Delaunay's that holds the point, the first "
+            f"{SAMPLED} poses.",
         ),
         picture(
             _draw(readings),
@@ -191,25 +178,22 @@ def _shown(readings: list[Reading], poses: int, counts: list[str], settings: Set
 
 
 def _write(readings: list[Reading], poses: int, folder: Path) -> None:
-    def column(values: Sequence[float]) -> tuple[str, Float64[np.ndarray, "poses"]]:
-        return "", np.pad(np.array(values), (0, poses - len(values)), constant_values=np.nan)
+    def column(values: Sequence[float]) -> tuple[str, Sequence[float]]:
+        return "", [*values, *[np.nan] * (poses - len(values))]
 
     errors = {_plain(one.name): column(one.errors) for one in readings}
     alone = {f"{_plain(one.name)}_alone": column(one.alone) for one in readings[1:]}
-    write_columns(folder, "rigid_motion", {"pose": ("", np.arange(poses, dtype=np.int64)), **errors, **alone})
-    write_columns(
-        folder,
-        "rigid_motion_readings",
-        {
-            "read_by": ("", [one.name for one in readings]),
-            "median_error": ("", np.array([np.median(one.errors) for one in readings])),
-            "largest_error": ("", np.array([max(one.errors) for one in readings])),
-            "alone": ("", np.array([np.median(one.alone) for one in readings])),
-            "one_transducer": ("", np.array([one.typical for one in readings])),
-            "outside": ("", np.array([one.outside for one in readings])),
-            "time": ("s", np.array([one.seconds for one in readings])),
-        },
-    )
+    write_columns(folder, "rigid_motion", {"pose": ("", range(poses)), **errors, **alone})
+    columns = {
+        "read_by": ("", [one.name for one in readings]),
+        "median_error": ("", [np.median(one.errors) for one in readings]),
+        "largest_error": ("", [max(one.errors) for one in readings]),
+        "alone": ("", [np.median(one.alone) for one in readings]),
+        "one_transducer": ("", [one.typical for one in readings]),
+        "outside": ("", [one.outside for one in readings]),
+        "time": ("s", [one.seconds for one in readings]),
+    }
+    write_columns(folder, "rigid_motion_readings", columns)
 
 
 def _sampled(field: RadiatedField, points: Float64[np.ndarray, "points 3"], step: float) -> Nodes:

@@ -12,7 +12,7 @@ from airtact.printing import in_short
 from airtact.scene.scene import Scene
 from airtact.solvers.bem.solver import BoundaryElement
 from airtact.solvers.fem.field import FiniteField
-from airtact.solvers.fem.solver import FactorisedScene, FiniteElement
+from airtact.solvers.fem.solver import FiniteElement
 from airtact.synthesis.quantise import quantise
 from airtact.timing import Clock
 from airtact.transducers.layout import PhasedArray, surrounding_box
@@ -27,24 +27,15 @@ DRAWN = 1.2e-3
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """The paper's experiment up to the verified drives.
+    """The paper's experiment up to the verified drives: sound-hard fingers and the 996 transducers.
 
-    Attributes
-    ----------
-    dummies : the fingers.
-    scene : with them, sound-hard.
-    array : the 996 transducers.
-    factorised : the finite elements.
-    field : of both beacons in step, by them.
-    received : (E,) its pressure at the transducers [Pa].
-    drives : by name, in 256 levels.
-    compared : what each drive gives at the foci, by boundary elements.
+    ``field`` is that of both beacons in step by finite elements, ``received`` its pressure at the transducers [Pa]; the
+    drives, by name, have 256 levels, and ``compared`` is what each gives at the foci by boundary elements.
     """
 
     dummies: Dummies
     scene: Scene
     array: PhasedArray
-    factorised: FactorisedScene
     field: FiniteField
     received: Complex128[np.ndarray, "elements"]
     drives: dict[str, Drive]
@@ -67,11 +58,10 @@ class Solved:
 def solved(settings: Settings, clock: Clock) -> Solved:
     """Solve for the beacons by finite elements, make both drives, and verify them by boundary elements."""
     fingers, array = dummies(edge=DRAWN), surrounding_box()
-    scene = fingers.rigid
+    scene = fingers.scene
     solver = FiniteElement(settings.order, settings.elements_per_wavelength)
     with clock.step("finite elements", f"solving for the beacons by finite elements of order {settings.order}"):
-        factorised = solver.factorised(scene)
-        field = factorised.radiate(scene, fingers.beacon)
+        field = solver.radiate(scene, fingers.beacon)
         received = field.at(array.positions)[:, 0]
     drives = {
         CONSIDERED: Drive(received.conj() / np.abs(received).max()),
@@ -81,4 +71,4 @@ def solved(settings: Settings, clock: Clock) -> Solved:
     verifier = BoundaryElement(accuracy=settings.verifying)
     with clock.step("verification", "verifying both drives by boundary elements, all transducers emitting"):
         compared = compare(scene, array, drives, fingers.target, solver=verifier)
-    return Solved(fingers, scene, array, factorised, field, received, drives, compared)
+    return Solved(fingers, scene, array, field, received, drives, compared)

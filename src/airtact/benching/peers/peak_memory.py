@@ -1,5 +1,7 @@
 """Peak memory of this process from a moment on, as Linux counts it; no part of airtact is imported."""
 
+import resource
+import sys
 from pathlib import Path
 
 
@@ -10,8 +12,15 @@ def forget_peak() -> int:
 
 
 def peak() -> int:
-    """Return the peak since ``forget_peak`` [byte]."""
-    return _status("VmHWM")
+    """Return the peak since ``forget_peak`` or the start [byte], libraries included.
+
+    Linux counts in ``ru_maxrss`` what the parent had when it started this process, but not in ``VmHWM``.
+    """
+    try:
+        return _status("VmHWM")
+    except (OSError, StopIteration):
+        per_unit = 1 if sys.platform == "darwin" else 1024
+        return per_unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def _status(name: str) -> int:
