@@ -111,7 +111,7 @@ def single_layer(nodes: Nodes, points: np.ndarray, density: np.ndarray, wavenumb
     distance[distance < 1e-9] = np.inf  # a node's own panel is near, so its entry is replaced
     rows = nodes.weights / (4 * np.pi * distance) * np.exp(1j * wavenumber * np.minimum(distance, 1.0))
     near = integrate_near(nodes, points, find_near(nodes, points, 2.5), wavenumber, (8, 8), single_layer=True)
-    rows[near.target[:, None], near.columns] = near.values
+    rows[near.target[:, None], 6 * near.panel[:, None] + np.arange(6)] = near.values
     return rows @ density
 
 

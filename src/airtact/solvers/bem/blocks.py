@@ -14,13 +14,7 @@ PANELS = _kernels.lanes // 6
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Pairs of blocks; block t of the rows is paired with ``column[first[t]:first[t + 1]]``.
-
-    Attributes
-    ----------
-    first : (C + 1,) where the pairs of each block begin.
-    column : (N,) rising for each block.
-    """
+    """Pairs of blocks; block t of the rows is paired with ``column[first[t]:first[t + 1]]``, which rise."""
 
     first: Int64[np.ndarray, "bounds"]
     column: Int64[np.ndarray, "pairs"]

@@ -77,10 +77,8 @@ class FactorisedBodies(Solver):
             placed = coupling.placed
             sources, factors = _projected(scene, placed, sources)
             strengths = factors[:, None] * sources.strengths
-            alone = np.ascontiguousarray(
-                np.concatenate([body.alone(sources.positions, strengths, factors > 1) for body in placed]).T
-            )
-            result = self._together(coupling, alone)
+            alone = np.concatenate([body.alone(sources.positions, strengths, factors > 1) for body in placed])
+            result = self._together(coupling, np.ascontiguousarray(alone.T))
         report = replace(
             self.report,
             residual=float(result.residuals.max()),

@@ -26,12 +26,9 @@ ROWS_AT_ONCE = 512
 
 @dataclass(frozen=True)
 class NearRule:
-    """How panels near a point are integrated.
+    """How panels whose centre is within ``reach`` of their radii from a point are integrated.
 
-    Attributes
-    ----------
-    reach : panels whose centre is within this many radii of a point count as near.
-    gauss_points : points along the angle and the radius before the stretching asks for more.
+    ``gauss_points`` are those along the angle and the radius before the stretching asks for more.
     """
 
     reach: float
@@ -40,13 +37,9 @@ class NearRule:
 
 @dataclass(frozen=True, eq=False)
 class NearRows:
-    """Corrections that near panels add to the plain sum over nodes, for some points.
+    """Corrections that near panels add to the plain sum over nodes, for some points; ``first`` as in ``near_lists``.
 
-    Attributes
-    ----------
-    first : (P + 1,) where each point's panels begin.
-    panel : (E,) the panels near each point, one point after another.
-    excess : (E, 6) the near integral for each of a panel's nodes, less the plain term of the node.
+    ``excess`` is the near integral for each of a panel's nodes, less the plain term of the node.
     """
 
     first: Int64[np.ndarray, "bounds"]
@@ -175,13 +168,9 @@ def double_layer_transposed(
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """Where points touch the surface, or are close to it.
+    """Where points touch the surface, or are close to it: each point once, with the panel nearest to it.
 
-    Attributes
-    ----------
-    target, panel : (C,) the point and the panel nearest to it, each point once.
-    reference : (C, 2) reference coordinates of its projection onto the panel.
-    distance : (C,) from the point to the panel [m].
+    ``reference`` are the reference coordinates of its projection onto the panel, at a distance [m].
     """
 
     target: Int64[np.ndarray, "contacts"]
@@ -211,9 +200,8 @@ def project_contacts(
     found = find_contacts(nodes, points)
     contact = np.zeros(len(points), dtype=bool)
     contact[found.target] = True
-    points[found.target] = np.einsum(
-        "en,end->ed", shape_functions(found.reference), nodes.quadratic_triangles[found.panel]
-    )
+    shape = shape_functions(found.reference)
+    points[found.target] = np.einsum("en,end->ed", shape, nodes.quadratic_triangles[found.panel])
     return points, contact
 
 

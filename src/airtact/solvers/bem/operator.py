@@ -33,15 +33,9 @@ from airtact.solvers.monopoles import monopole_pressure
 
 @dataclass(frozen=True, eq=False)
 class DualSurface:
-    """The discrete dual-surface equation of a scene.
+    """The discrete dual-surface equation of a scene, in the working precision float32 or float64.
 
-    Attributes
-    ----------
-    nodes : where the pressure is unknown.
-    shifted : (M/3, 3) the second collocation point of each three nodes, inside their body [m].
-    wavenumber : [1/m].
-    near_rule : of the near integrals.
-    precision : working precision, float32 or float64.
+    ``shifted`` are the second collocation points of each three nodes, inside their body [m].
     """
 
     nodes: Nodes
@@ -170,12 +164,11 @@ class DualMatrix:
 
 def _memory(size: int) -> UInt8[np.ndarray, "bytes"]:
     """Allocate at least ``size`` bytes, from the released memory if that is enough."""
-    memory = np.empty(0, dtype=np.uint8)
     with suppress(IndexError):
         memory = _FREE.pop()
-    return (
-        memory if len(memory) >= size else np.empty(int(ROOM * size) if size < LARGEST_REUSED else size, dtype=np.uint8)
-    )
+        if len(memory) >= size:
+            return memory
+    return np.empty(int(ROOM * size) if size < LARGEST_REUSED else size, dtype=np.uint8)
 
 
 def release(matrix: DualMatrix) -> None:
@@ -262,11 +255,8 @@ def transposed_right_side(
     """
     positions, contact = project_contacts(surface.nodes, positions)
     factors = np.where(contact, 2.0, 1.0)
-    weights = factors[:, None] * strengths
-    rule, precision = surface.near_rule, surface.precision
-    return double_layer_transposed(
-        positions, surface.nodes, weights, surface.wavenumber, rule, precision, contact
-    ), factors
+    given = factors[:, None] * strengths, surface.wavenumber, surface.near_rule, surface.precision
+    return double_layer_transposed(positions, surface.nodes, *given, contact), factors
 
 
 def check_memory(count: int, store: Store, blocks: int, factors: int) -> None:

@@ -23,13 +23,7 @@ from airtact.validation import points_of
 
 @dataclass(frozen=True, eq=False)
 class PlacedBody:
-    """A reduced body at a pose.
-
-    Attributes
-    ----------
-    reduced : the body in its own frame.
-    pose : from there to the scene.
-    """
+    """A reduced body, and the pose from its own frame to the scene."""
 
     reduced: ReducedBody
     pose: Pose
@@ -57,10 +51,8 @@ class PlacedBody:
         """Which points (P, 3) [m] are too near for the skeletons."""
         near = self.in_box(points, self.reduced.reach)
         if near.any():
-            distance, _ = self.reduced.tree.query(
-                self.local.apply(points[near]), distance_upper_bound=self.reduced.reach
-            )
-            near[near] = np.isfinite(distance)
+            local, reach = self.local.apply(points[near]), self.reduced.reach
+            near[near] = np.isfinite(self.reduced.tree.query(local, distance_upper_bound=reach)[0])
         return near
 
     def in_box(self, points: Real[np.ndarray, "points 3"], beyond: float = 0.0) -> Bool[np.ndarray, "points"]:
@@ -100,13 +92,7 @@ class PlacedBody:
 
 @dataclass(frozen=True, eq=False)
 class Coupling:
-    """How bodies scatter each other's field.
-
-    Attributes
-    ----------
-    placed : the bodies.
-    blocks : for each two of them the coupling of the first from the second, (R, Q).
-    """
+    """How placed bodies scatter each other's field: for each two of them the coupling of the first from the second."""
 
     placed: tuple[PlacedBody, ...]
     blocks: dict[tuple[int, int], Complex[np.ndarray, "rows columns"]]
@@ -133,13 +119,8 @@ class Coupling:
 class FactorisedField(RadiatedField):
     """The field of some monopoles around factorised bodies, known away from their surfaces only.
 
-    Attributes
-    ----------
-    scene, sources : what was solved.
-    placed : the bodies.
-    densities : (R, S) strengths of the monopoles at all skeletons, which radiate the scattered field [Pa·m].
-    factors : (N,) 1 for sources off the surface, 2 for those on it, which radiate together with their image.
-    report : how it was made.
+    ``densities`` are strengths of the monopoles at all skeletons, which radiate the scattered field [Pa·m]; ``factors``
+    are 1 for sources off the surface, 2 for those on it, which radiate together with their image.
     """
 
     scene: Scene
@@ -178,24 +159,26 @@ class FactorisedField(RadiatedField):
         InvalidInput
             A point is NaN or infinite, or stands on a source.
         """
-        points = receivers(points, self.sources)
-        out = np.full((len(points), self.densities.shape[1]), np.nan, dtype=np.complex128)
-        known = self.valid(points)
-        wavenumber, precision = self.scene.wavenumber, self.placed[0].reduced.surface.precision
         free = self.factors[:, None] * self.sources.strengths
-        out[known] = monopole_pressure(points[known], self.sources.positions, free, wavenumber, "float64")
-        out[known] += monopole_pressure(points[known], *self._scattered, wavenumber, precision)
-        return out
+        return self._with(receivers(points, self.sources), self.sources.positions, free)
 
     def scattered_at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
         """Scattered pressure [Pa] at points (P, 3), also at the sources; NaN where ``valid`` is False."""
-        points = points_of(points, "points", least=0)
-        out = np.full((len(points), self.densities.shape[1]), np.nan, dtype=np.complex128)
-        known, image = self.valid(points), self.factors > 1
-        wavenumber, precision = self.scene.wavenumber, self.placed[0].reduced.surface.precision
-        out[known] = monopole_pressure(points[known], *self._scattered, wavenumber, precision)
+        image = self.factors > 1
         images = self.sources.positions[image], self.sources.strengths[image]
-        out[known] += monopole_pressure(points[known], *images, wavenumber, "float64")
+        return self._with(points_of(points, "points", least=0), *images)
+
+    def _with(
+        self,
+        points: Float64[np.ndarray, "points 3"],
+        positions: Float64[np.ndarray, "sources 3"],
+        free: Complex128[np.ndarray, "sources sounds"],
+    ) -> Complex128[np.ndarray, "points sounds"]:
+        """Pressure of the skeletons together with that of some monopoles in open air."""
+        out, known = np.full((len(points), self.densities.shape[1]), np.nan, dtype=np.complex128), self.valid(points)
+        wavenumber, precision = self.scene.wavenumber, self.placed[0].reduced.surface.precision
+        out[known] = monopole_pressure(points[known], positions, free, wavenumber, "float64")
+        out[known] += monopole_pressure(points[known], *self._scattered, wavenumber, precision)
         return out
 
     @property

@@ -13,14 +13,9 @@ from airtact.solvers.bem.quadrature import OFF_SURFACE, Nodes, near_lists
 
 @dataclass(frozen=True, eq=False)
 class Located:
-    """Points and where they are with respect to the surface.
+    """Points [m], those in contact with the surface projected onto their panel, and where they are.
 
-    Attributes
-    ----------
-    points : (P, 3) the points, those that touch the surface projected onto their panel [m].
-    near : (P,) whether near integrals are needed there.
-    contact : (P,) whether they touch the surface.
-    outside : (P,) whether they are outside the bodies or touch them.
+    Near ones need near integrals; ``outside`` are those outside the bodies or in contact.
     """
 
     points: Float64[np.ndarray, "points 3"]

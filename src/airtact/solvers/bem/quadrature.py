@@ -54,18 +54,10 @@ NODAL = np.linalg.inv(monomials(RULE_POINTS))
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """The quadrature nodes of a set of panels; node 6 t + j is node j of panel t.
+    """The quadrature nodes of a set of panels [m], with outward unit normals; node 6 t + j is node j of panel t.
 
-    Attributes
-    ----------
-    points : (M, 3) [m].
-    normals : (M, 3) outward unit normals.
-    weights : (M,) area that each node stands for [m²].
-    body : (M,) obstacle of each node.
-    quadratic_triangles : (T, 6, 3) the panels [m].
-    contact : (T,) points nearer to the panel than this are taken to lie on it [m].
-    centres : (T, 3) the panels' centres [m].
-    radii : (T,) distance from the centre to the farthest of the six nodes [m].
+    ``weights`` are the areas that nodes stand for [m²], ``body`` their obstacles. Points nearer to a panel than its
+    ``contact`` are taken to lie on it; ``radii`` reach from a panel's centre to the farthest of its six nodes [m].
     """
 
     points: Float64[np.ndarray, "nodes 3"]
@@ -129,14 +121,9 @@ SHRINKINGS = 4
 
 @dataclass(frozen=True, eq=False)
 class NearPairs:
-    """Integrals of the kernel over the panels near some targets.
+    """Integrals ∫ kernel(x, y) L_j(y) dS over the panels near targets, L_j the quadratics of a panel's six nodes.
 
-    Attributes
-    ----------
-    target, panel : (E,) indices of each pair.
-    values : (E, 6) ∫ kernel(x, y) L_j(y) dS for the quadratics L_j of the panel's six nodes.
-    distance : (E,) from the target to the panel [m].
-    reference : (E, 2) reference coordinates of the panel's closest point.
+    Each pair has the distance from the target to the panel [m] and the reference coordinates of the closest point.
     """
 
     target: Int64[np.ndarray, "pairs"]
@@ -145,21 +132,11 @@ class NearPairs:
     distance: Float64[np.ndarray, "pairs"]
     reference: Float64[np.ndarray, "pairs 2"]
 
-    @property
-    def columns(self) -> Int64[np.ndarray, "pairs 6"]:
-        """(E, 6) node indices of each pair's panel."""
-        return 6 * self.panel[:, None] + np.arange(6)
-
 
 def near_lists(
     nodes: Nodes, points: Real[np.ndarray, "points 3"], limits: Float64[np.ndarray, "panels"]
 ) -> tuple[Int64[np.ndarray, "bounds"], Int64[np.ndarray, "pairs"]]:
-    """Panels whose centre is nearer to each point than the panel's limit [m], one point after another.
-
-    Returns
-    -------
-    (P + 1,) where each point's panels begin, and (E,) the panels.
-    """
+    """Where each point's panels begin, and panels whose centre is nearer to it than the panel's limit [m]."""
     points = np.ascontiguousarray(points, dtype=np.float64)
     first = np.zeros(len(points) + 1, dtype=np.int64)
     _kernels.count_near(points, nodes.centres, limits, first)

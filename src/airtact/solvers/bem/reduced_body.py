@@ -50,19 +50,13 @@ FULLEST = 0.7
 
 @dataclass(frozen=True, eq=False)
 class ReducedBody:
-    """One body in its own frame, reduced to its skeletons.
+    """One body in its own frame, reduced to its skeletons, which serve points beyond ``reach`` of all nodes [m].
 
-    Attributes
-    ----------
-    surface : the discrete dual-surface equation of this body alone.
-    reach : the skeletons serve points farther from all nodes than this [m].
-    rows, columns : (R,) and (Q,) the nodes of the two skeletons: of the rows of the matrix, where incident fields are
-        evaluated, and of its columns, which radiate.
-    solved : (R, M) transposed solution on the skeleton of the rows, from the right-hand side at all nodes.
-    scattering : (R, Q) the same from the right-hand side at the skeleton of the columns: the scattering matrix.
-    error : relative error of the scattering against all nodes, to points as near as the reach, from there and from
-        beside the surface.
-    tree : the nodes, for distances.
+    The nodes of the two skeletons are those of the matrix's rows, where incident fields are evaluated, and of its
+    columns, which radiate. ``solved`` is the transposed solution on the skeleton of the rows from the right-hand side
+    at all nodes, ``scattering`` that from the right-hand side at the skeleton of the columns: the scattering matrix.
+    ``error`` is the relative error of the scattering against all nodes, to points as near as the reach, from there and
+    from beside the surface. ``tree`` holds the nodes, for distances.
     """
 
     surface: DualSurface
@@ -129,13 +123,10 @@ def _skeletonised(
 
 @dataclass(frozen=True, eq=False)
 class _Checks:
-    """Sources as near as the reach and sources beside the surface, and their field scattered to points at the reach.
+    """Right-hand sides of the transposed equation for sources as near as the reach, and beside the surface.
 
-    Attributes
-    ----------
-    far, near : (M, C) right-hand sides of the transposed equation for both kinds of sources.
-    radiated : (M, L) pressure of each node at the receivers.
-    exact_far, exact_near : (C, L) pressure scattered by all nodes together.
+    ``radiated`` is the pressure of each node at receivers as near as the reach, the exact ones are those scattered by
+    all nodes together.
     """
 
     far: Complex128[np.ndarray, "nodes far"]
@@ -210,10 +201,8 @@ def _transposed_sides(
     surface: DualSurface, proxies: Float64[np.ndarray, "proxies 3"], strengths: Num[np.ndarray, "proxies some"]
 ) -> Complex128[np.ndarray, "nodes some"]:
     """Right-hand sides of the transposed equation for the proxies as sources."""
-    rule, precision = surface.near_rule, surface.precision
-    return double_layer_transposed(
-        proxies, surface.nodes, strengths.astype(np.complex128), surface.wavenumber, rule, precision
-    )
+    given = strengths.astype(np.complex128), surface.wavenumber, surface.near_rule, surface.precision
+    return double_layer_transposed(proxies, surface.nodes, *given)
 
 
 def _skeleton(

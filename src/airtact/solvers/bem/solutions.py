@@ -32,14 +32,7 @@ NodalPressure = tuple[Nodes, Complex128[np.ndarray, "nodes sounds"]]
 
 @dataclass(frozen=True, eq=False)
 class DirectSolution:
-    """Pressure on the surface, and the field by Green's formula.
-
-    Attributes
-    ----------
-    sources : the monopoles.
-    surface : the discrete dual-surface equation.
-    pressure : (M, S) total pressure at the nodes [Pa].
-    """
+    """Total pressure at the nodes [Pa], and the field by Green's formula."""
 
     sources: Monopoles
     surface: DualSurface
@@ -109,14 +102,9 @@ class DirectSolution:
 
 @dataclass(frozen=True, eq=False)
 class TransposedSolution:
-    """Monopoles on and under the surface that radiate the scattered field.
+    """Monopoles on and under the surface that radiate the scattered field: their strengths at the nodes [Pa·m].
 
-    Attributes
-    ----------
-    sources : the monopoles of the scene.
-    surface : the discrete dual-surface equation.
-    density : (M, S) strengths of the monopoles at the nodes [Pa·m].
-    factors : (N,) 1 for sources off the surface, 2 for those on it, which radiate together with their image.
+    ``factors`` are 1 for sources off the surface, 2 for those on it, which radiate together with their image.
     """
 
     sources: Monopoles
@@ -157,10 +145,8 @@ class TransposedSolution:
 
     def gradient(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
         """∇p of the total pressure [Pa/m] at points (P, 3) away from the surface, in closed form."""
-        every = (self.emitted, self.scattering)
-        positions, strengths = (
-            np.concatenate([getattr(one, of) for one in every]) for of in ("positions", "strengths")
-        )
+        positions = np.concatenate([self.emitted.positions, self.scattering.positions])
+        strengths = np.concatenate([self.emitted.strengths, self.scattering.strengths])
         return open_air_gradient(points, Monopoles(positions, strengths), self.surface.wavenumber)
 
 
@@ -178,8 +164,7 @@ def incident_pressure(
         wavelength = 2 * np.pi / surface.wavenumber.real
         close = KDTree(sources.positions).query(points, distance_upper_bound=wavelength)[0] < wavelength
     out = np.empty((len(points), sources.strengths.shape[1]), dtype=np.complex128)
+    given = sources.positions, sources.strengths, surface.wavenumber
     for chosen, precision in ((close, "float64"), (~close, "float32")):
-        out[chosen] = monopole_pressure(
-            points[chosen], sources.positions, sources.strengths, surface.wavenumber, precision
-        )
+        out[chosen] = monopole_pressure(points[chosen], *given, precision)
     return out

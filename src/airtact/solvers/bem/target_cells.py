@@ -32,17 +32,10 @@ PAYS = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Points sorted into cells.
+    """Points sorted into cells [m]: ``order`` is the original index of each, ``first`` where each cell's points begin.
 
-    Attributes
-    ----------
-    points : (P, 3) cell by cell [m].
-    order : (P,) the original index of each.
-    first : (C + 1,) where each cell's points begin.
-    centres : (C, 3) of the cells [m].
-    reach : within which sources are near a cell [m].
-    grids : (C G, 3) the grid of each cell [m].
-    weights : (P, 1 or the grid's order) of the grid for each point along each of its axes.
+    Sources nearer to a centre than ``reach`` are near its cell; ``weights`` are those of a cell's grid for each point
+    along each axis.
     """
 
     points: Float64[np.ndarray, "points 3"]
