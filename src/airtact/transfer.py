@@ -42,10 +42,8 @@ class Drive:
     def __post_init__(self) -> None:
         amplitudes = complex_numbers(self.amplitudes, "the drive's amplitudes")
         if amplitudes.ndim != 1 or len(amplitudes) == 0:
-            raise InvalidInput(
-                f"a drive needs one amplitude per element, not an array of shape {amplitudes.shape}.",
-                code="wrong_shape",
-            )
+            words = f"a drive needs one amplitude per element, not an array of shape {amplitudes.shape}."
+            raise InvalidInput(words, code="wrong_shape")
         check_finite(amplitudes, "the drive's amplitudes")
         magnitude = np.abs(amplitudes)
         if magnitude.max() > FULL_SCALE:
@@ -139,15 +137,12 @@ class TransferMatrix:
     def __post_init__(self) -> None:
         matrix = complex_numbers(self.matrix, "the transfer matrix")
         if matrix.ndim != 2 or matrix.size == 0:
-            raise InvalidInput(
-                f"a transfer matrix has the shape (foci, elements), not {matrix.shape}.", code="wrong_shape"
-            )
+            words = f"a transfer matrix has the shape (foci, elements), not {matrix.shape}."
+            raise InvalidInput(words, code="wrong_shape")
         check_finite(matrix, "the transfer matrix (focus, element)")
         if not matrix.any():
-            raise InvalidInput(
-                f"all {matrix.size} entries of the transfer matrix are 0: no element reaches a focus.",
-                code="matrix_zero",
-            )
+            words = f"all {matrix.size} entries of the transfer matrix are 0: no element reaches a focus."
+            raise InvalidInput(words, code="matrix_zero")
         matrix.flags.writeable = False
         object.__setattr__(self, "matrix", matrix)
 
