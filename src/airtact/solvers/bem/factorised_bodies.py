@@ -32,14 +32,9 @@ MOVED = 1e-3
 class FactorisedBodies(Solver):
     """Bodies factorised one by one: a solver for these bodies alone, wherever each of them is moved.
 
-    Attributes
-    ----------
-    scene : the bodies as they were factorised.
-    bodies : each of them reduced to its skeletons, in its own frame.
-    whole : the solver that takes over where two bodies come too near.
-    tolerance : relative residual of the iteration over the bodies.
-    smallest : edge below which no panel was refined [m].
-    report : how the factorisation was made.
+    ``scene`` has the bodies as they were factorised, ``whole`` is the solver that takes over where two come too near.
+    The tolerance is the relative residual of the iteration over the bodies, ``smallest`` the edge below which no panel
+    was refined [m].
     """
 
     scene: Scene
@@ -54,12 +49,9 @@ class FactorisedBodies(Solver):
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
         """Solve for the monopoles, with each body where the scene has it.
 
-        Where two bodies are nearer to each other than the skeletons' reach, ``whole`` solves the scene.
-
-        Parameters
-        ----------
-        scene : the same bodies, each of them moved rigidly or not, in the same medium at the same frequency.
-        sources : monopoles outside the bodies or on their surfaces.
+        The scene has the same bodies, each of them moved rigidly or not, in the same medium at the same frequency; the
+        monopoles are outside the bodies or on their surfaces. Where two bodies are nearer to each other than the
+        skeletons' reach, ``whole`` solves the scene.
 
         Raises
         ------
@@ -120,7 +112,7 @@ class FactorisedBodies(Solver):
     @cached_property
     def _at_rest(self) -> Coupling | None:
         """The bodies as they were factorised."""
-        return _coupled([PlacedBody(body, Pose.identity()) for body in self.bodies])
+        return Coupling.of([PlacedBody(body, Pose.identity()) for body in self.bodies])
 
     def _coupling(self, scene: Scene) -> Coupling | None:
         """Place the bodies where the scene has them; None where they are too near each other."""
@@ -128,7 +120,7 @@ class FactorisedBodies(Solver):
         pairs = list(zip(self.scene.obstacles, scene.obstacles, self.bodies, strict=True))
         if all(before.surface is after.surface and before.boundary == after.boundary for before, after, _ in pairs):
             return self._at_rest
-        return _coupled([self._where(index, *pair) for index, pair in enumerate(pairs)])
+        return Coupling.of([self._where(index, *pair) for index, pair in enumerate(pairs)])
 
     def _check_others(self, scene: Scene) -> None:
         if scene.medium != self.scene.medium or scene.frequency != self.scene.frequency:
@@ -147,11 +139,8 @@ class FactorisedBodies(Solver):
     def _where(self, index: int, before: Obstacle, after: Obstacle, body: ReducedBody) -> PlacedBody:
         pose, off = rigid_motion(before.surface, after.surface)
         if off > MOVED * self.scene.wavelength or after.boundary != before.boundary:
-            why = (
-                f"its vertices are up to {1e3 * off:.3g} mm off"
-                if np.isfinite(off)
-                else "it has other triangles, or is curved otherwise"
-            )
+            why = f"its vertices are up to {1e3 * off:.3g} mm off"
+            why = why if np.isfinite(off) else "it has other triangles, or is curved otherwise"
             why = why if after.boundary == before.boundary else f"it is {after.boundary}"
             raise InvalidInput(
                 f"body {index} is not the one that was factorised, moved rigidly: {why}; factorise the scene again, or "
@@ -161,21 +150,13 @@ class FactorisedBodies(Solver):
         return PlacedBody(body, pose)
 
 
-def _coupled(placed: Sequence[PlacedBody]) -> Coupling | None:
-    """Couple the bodies; None where two of them are too near each other for their skeletons."""
-    if any(first.meets(second) for index, first in enumerate(placed) for second in placed[:index]):
-        return None
-    return Coupling.of(placed)
-
-
 def _projected(
     scene: Scene, placed: Sequence[PlacedBody], sources: Monopoles
 ) -> tuple[Monopoles, Float64[np.ndarray, "sources"]]:
     """Project sources that touch a surface onto its panel, with factor 2: they radiate together with their image."""
     positions, factors = np.array(sources.positions), np.ones(len(sources.positions))
-    close = np.abs(scene.depth(positions)) < OFF_SURFACE * max(
-        body.reduced.surface.nodes.contact.max() for body in placed
-    )
+    farthest = OFF_SURFACE * max(body.reduced.surface.nodes.contact.max() for body in placed)
+    close = np.abs(scene.depth(positions)) < farthest
     for body in placed if close.any() else ():
         local, contact = project_contacts(body.reduced.surface.nodes, body.local.apply(positions))
         positions[contact] = body.pose.apply(local[contact])

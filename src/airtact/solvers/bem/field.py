@@ -14,8 +14,7 @@ from airtact.scene.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.solvers.bem.layer_potentials import find_contacts, near_surface, project_contacts
 from airtact.solvers.bem.operator import DualSurface
 from airtact.solvers.bem.point_location import Located, locate
-from airtact.solvers.bem.solutions import DirectSolution, TransposedSolution, incident_pressure
-from airtact.solvers.bem.surface_gradient import surface_gradient
+from airtact.solvers.bem.solutions import DirectSolution, TransposedSolution, incident_pressure, surface_gradient
 from airtact.solvers.bem.target_cells import Cells, cells_of
 from airtact.solvers.problem import DIFFERENCE, RadiatedField, SolveReport, SurfaceField, receivers
 from airtact.solvers.velocity import differences, velocity_of
@@ -35,15 +34,8 @@ LEAST_HEIGHT = 1.0 / 60.0
 class BoundaryField(RadiatedField):
     """The field of some monopoles around sound-hard bodies, as ``BoundaryElement`` solved it.
 
-    Attributes
-    ----------
-    scene, sources : what was solved.
-    surface : the discrete dual-surface equation.
-    pressure : (M, S) direct solution: the pressure at the nodes [Pa]; None where it was not asked for.
-    density : (M, S) transposed solution: strengths of the monopoles at the nodes that radiate the scattered field.
-    factors : (N,) 1 for sources off the surface, 2 for those on it, which radiate together with their image.
-    accuracy : relative error that was asked for.
-    report : how it was made.
+    ``pressure`` is the direct solution: the pressure at the nodes [Pa], None where it was not asked for; ``density``
+    and ``factors`` are those of the transposed solution. The accuracy is that which was asked for.
     """
 
     scene: Scene
@@ -59,13 +51,7 @@ class BoundaryField(RadiatedField):
 
     @cached_property
     def direct(self) -> DirectSolution:
-        """The direct solution.
-
-        Raises
-        ------
-        InvalidInput
-            It was not asked for (``estimate=False``).
-        """
+        """The direct solution; ``InvalidInput`` where it was not asked for (``estimate=False``)."""
         if self.pressure is None:
             raise InvalidInput(
                 "the pressure on and near the surface was not solved for (estimate = False): 1 of 2 equations is "
@@ -81,13 +67,7 @@ class BoundaryField(RadiatedField):
 
     @property
     def on_surface(self) -> SurfaceField:
-        """Total pressure at the nodes of the panels, from the direct solution.
-
-        Raises
-        ------
-        InvalidInput
-            The direct solution was not asked for (``estimate=False``).
-        """
+        """Total pressure at the nodes of the panels, from the direct solution; ``InvalidInput`` without it."""
         nodes = self.surface.nodes
         return SurfaceField(nodes.points, nodes.normals, nodes.weights, self.direct.pressure)
 
@@ -106,13 +86,8 @@ class BoundaryField(RadiatedField):
 
         Many points close together, such as those of a picture, are evaluated in cells, to ``ERROR_OF_CELLS`` of the
         accuracy; the excitations without a source near the surface are then the direct solution's everywhere, from
-        panels refined near the points.
-
-        Raises
-        ------
-        InvalidInput
-            A point is NaN or infinite, or stands on a source; or it is on or near the surface and the direct solution
-            was not asked for (``estimate=False``).
+        panels refined near the points. ``InvalidInput`` is raised where a point is NaN or infinite, or stands on a
+        source; or on or near the surface if the direct solution was not asked for (``estimate=False``).
         """
         return self._evaluated(receivers(points, self.sources))
 
@@ -121,11 +96,7 @@ class BoundaryField(RadiatedField):
 
         It is evaluated from the bodies' own monopoles or double layer, so that it is right at the sources' positions
         too. There it is NaN only if the source touches a body, where its image makes the scattered pressure infinite.
-
-        Raises
-        ------
-        InvalidInput
-            A point is NaN or infinite; or it is on or near the surface and the direct solution was not asked for.
+        ``InvalidInput`` is raised as by ``at``.
         """
         points = points_of(points, "points", least=0)
         out = self._evaluated(points, total=False)
@@ -213,11 +184,7 @@ class BoundaryField(RadiatedField):
         On the surface it is the tangential gradient of the direct solution (at accuracy = 0.01 it was 1.5 % off on a
         sphere of 10 mm, 6 % on one of 6 mm), near the surface the difference of that solution's pressure, between the
         two within 1/60 of a wavelength, and elsewhere the gradient of the transposed solution in closed form.
-
-        Raises
-        ------
-        InvalidInput
-            As ``at``.
+        ``InvalidInput`` is raised as by ``at``.
         """
         points = receivers(points, self.sources)
         located = self._located(points)

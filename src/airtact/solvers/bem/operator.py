@@ -88,18 +88,11 @@ ROOM = 1.25
 
 @dataclass(frozen=True, eq=False)
 class DualMatrix:
-    """The matrix of the dual-surface equation, M x M, in blocks of ``_kernels.lanes`` rows and columns.
+    """The matrix of the dual-surface equation, with ``count`` unknowns, in blocks of ``_kernels.lanes`` rows and columns.
 
-    Attributes
-    ----------
-    count : M.
-    whole : the blocks that are stored entry by entry.
-    blocks : (N, L, 2, W) their entries, row by row, real and imaginary parts, padded with zeros, in words.
-    far : the other blocks, which are sums of low-rank (ACA) terms.
-    ranks : (F,) how many terms each of them has.
-    begin : (F,) where the factors of each begin.
-    factors : (R, 2, W) of the terms: those along the columns of a block first, then those along its rows.
-    memory : buffer that holds all of it.
+    The whole ones are stored entry by entry in ``blocks``: row by row, real and imaginary parts, padded with zeros, in
+    words. The far ones are sums of low-rank (ACA) terms: ``ranks`` says how many, ``begin`` where the factors of each
+    begin, those along the columns of a block first, then those along its rows. ``memory`` holds all of it.
     """
 
     count: int
@@ -188,12 +181,7 @@ def assemble(surface: DualSurface, store: Store, error: float | None = None) -> 
     """Fill the matrix of the dual-surface equation in the number format ``store``.
 
     With an ``error``, relative to the 1/2 on the diagonal, blocks apart are sums of low-rank (ACA) terms; without it
-    all blocks are whole.
-
-    Raises
-    ------
-    InvalidInput
-        It does not fit into memory.
+    all blocks are whole. ``InvalidInput`` is raised where it does not fit into memory.
     """
     nodes, rule, precision = surface.nodes, surface.near_rule, surface.precision
     near = [near_rows(nodes, points, surface.wavenumber, rule, precision) for points in (nodes.points, surface.shifted)]

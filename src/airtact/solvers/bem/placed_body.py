@@ -100,8 +100,10 @@ class Coupling:
     __repr__ = in_short
 
     @classmethod
-    def of(cls, placed: Sequence[PlacedBody]) -> "Coupling":
-        """Couple each body to each other one."""
+    def of(cls, placed: Sequence[PlacedBody]) -> "Coupling | None":
+        """Couple each body to each other one; None where two of them are too near each other for their skeletons."""
+        if any(first.meets(second) for index, first in enumerate(placed) for second in placed[:index]):
+            return None
         pairs = permutations(range(len(placed)), 2)
         return cls(tuple(placed), {(one, other): placed[one].coupling_from(placed[other]) for one, other in pairs})
 
@@ -152,13 +154,7 @@ class FactorisedField(RadiatedField):
         return known
 
     def at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
-        """Total pressure [Pa] at points (P, 3) for each of the S excitations; NaN where ``valid`` is False.
-
-        Raises
-        ------
-        InvalidInput
-            A point is NaN or infinite, or stands on a source.
-        """
+        """Total pressure [Pa] at points (P, 3) off the sources for each excitation; NaN where ``valid`` is False."""
         free = self.factors[:, None] * self.sources.strengths
         return self._with(receivers(points, self.sources), self.sources.positions, free)
 
