@@ -88,7 +88,7 @@ ROOM = 1.25
 
 @dataclass(frozen=True, eq=False)
 class DualMatrix:
-    """The matrix of the dual-surface equation, with ``count`` unknowns, in blocks of ``_kernels.lanes`` rows and columns.
+    """The matrix of the dual-surface equation for ``count`` unknowns, in blocks of ``_kernels.lanes`` rows and columns.
 
     The whole ones are stored entry by entry in ``blocks``: row by row, real and imaginary parts, padded with zeros, in
     words. The far ones are sums of low-rank (ACA) terms: ``ranks`` says how many, ``begin`` where the factors of each
