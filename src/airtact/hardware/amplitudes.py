@@ -30,18 +30,9 @@ def faded(drive: Drive, levels: Levels, share: float) -> Frame:
 
 
 def share_under_cap(drives: Complex[np.ndarray, "frames elements"], levels: Levels, cap: float) -> float:
-    """Return the factor that brings the largest amplitude of some drives under a cap.
+    """Return the factor that brings the largest amplitude of some drives under a cap, in per cent of full scale.
 
-    Parameters
-    ----------
-    drives : (N, E) what every element emits in each frame.
-    levels : what the board can emit; without levels of amplitude, the cap is the share of elements that are on.
-    cap : largest amplitude of an element, in per cent of full scale.
-
-    Raises
-    ------
-    InvalidInput
-        If the cap is not above 0 and at most 100.
+    Without levels of amplitude, the cap is the share of elements that are on. Raise "out_of_range" outside 0 to 100.
     """
     cap = number(cap, "the cap", "per cent")
     if not 0.0 < cap <= 100.0:
@@ -60,22 +51,11 @@ def largest_pressure_around(
     wavenumber: float,
     distance: float = 0.5,
 ) -> float:
-    """Find the largest pressure on a sphere around an array in open air, with elements that radiate to all sides alike.
+    """Find the largest peak pressure [Pa] on a sphere around an array, ``distance`` [m] beyond the outermost element.
 
-    Bodies scatter the sound elsewhere, and a real transducer radiates less to its back: the number serves as a warning
-    and is no measurement.
-
-    Parameters
-    ----------
-    positions : (E, 3) of the elements [m].
-    drives : (N, E) what they emit; the frame with the largest pressure counts.
-    sensitivity : peak pressure of an element at full scale, 1 m away [Pa·m].
-    wavenumber : 2πf/c [rad/m].
-    distance : how far beyond the outermost element the sphere is [m].
-
-    Returns
-    -------
-    Peak pressure [Pa].
+    Elements radiate to all sides alike in open air, with a peak pressure of ``sensitivity`` [Pa·m]. Bodies scatter the
+    sound elsewhere, and a real transducer radiates less to its back: the number serves as a warning and is no
+    measurement.
     """
     middle = (positions.min(axis=0) + positions.max(axis=0)) / 2.0
     radius = float(np.linalg.norm(positions - middle, axis=1).max()) + distance

@@ -15,6 +15,7 @@ from airtact.conventions import InvalidInput
 from airtact.hardware.link import Link, LinkFailed
 from airtact.pose import Pose
 from airtact.synthesis.quantise import Frame
+from airtact.synthesis.sequence import check_rate
 from airtact.transducers.levels import EIGHT_BITS
 from airtact.validation import of_kind
 
@@ -82,6 +83,7 @@ class AUTD3Link(Link):
         self.address, self.sound_speed = address, sound_speed
         self._lost: str | None = None
         self._controller: Any = None
+        self._library: Any = None
 
     def check_sequence(self, frames: int, rate: float) -> None:
         """Check that the boards can hold a sequence and that its rate divides 40 kHz.
@@ -100,20 +102,10 @@ class AUTD3Link(Link):
                 f"{nearest}.",
                 code="frame_count",
             )
-        divide = min(max(round(PERIODS / rate), 1), LARGEST_DIVIDE)
-        if abs(PERIODS / divide - rate) > 1e-6 * rate:
-            raise InvalidInput(
-                f"{rate:g} frames/s are not 40 kHz over a whole number up to {LARGEST_DIVIDE}: the nearest that AUTD3 "
-                f"plays is {PERIODS / divide:.7g} frames/s.",
-                code="rate_not_possible",
-            )
+        check_rate(rate, PERIODS, LARGEST_DIVIDE)
 
     def played(self, index: int = 0) -> Frame:
-        """Read back what the boards play, from the firmware's model.
-
-        Parameters
-        ----------
-        index : which frame of a sequence.
+        """Read back what the boards play, frame ``index`` of a sequence, from the firmware's model.
 
         Raises
         ------
@@ -124,12 +116,10 @@ class AUTD3Link(Link):
             raise InvalidInput(
                 f"the {self.boards} boards behind {self.name} cannot be read: only audit can.", code="audit_only"
             )
-        import pyautd3
-
         pairs = []
         for board in range(self.boards):
             segment = self._controller.link().current_stm_segment(board)
-            pairs.append(self._controller.link().drives_at(board, pyautd3.Segment(int(segment)), index))
+            pairs.append(self._controller.link().drives_at(board, self._library.Segment(int(segment)), index))
         intensity, phase = (np.concatenate(values).astype(np.uint8) for values in zip(*pairs, strict=True))
         return Frame(intensity, phase, EIGHT_BITS)
 
@@ -149,7 +139,7 @@ class AUTD3Link(Link):
         self._controller.link().break_down()
 
     def _begin(self) -> None:
-        pyautd3 = _library()
+        self._library = pyautd3 = _library()
         rotations = [np.array(Rotation.from_matrix(pose.rotation).as_quat(scalar_first=True)) for pose in self.poses]
         devices = [
             pyautd3.AUTD3(pos=1e3 * pose.translation, rot=rotation)
@@ -159,13 +149,13 @@ class AUTD3Link(Link):
         self._controller = pyautd3.Controller.open(devices, self._way())
         if self.sound_speed is not None:
             self._controller.environment.sound_speed = 1e3 * self.sound_speed
-        self._check_other_firmware(pyautd3)
+        self._check_other_firmware()
         # pyautd3 calls our Python table once for each element, and its threads would contend for the interpreter.
         option = pyautd3.SenderOption(parallel=pyautd3.ParallelMode.Off)
         self._sender = self._controller.sender(option, pyautd3.FixedSchedule())
         self._silence()
 
-    def _check_other_firmware(self, pyautd3: Any) -> None:
+    def _check_other_firmware(self) -> None:
         from pyautd3.driver.firmware_version import FirmwareInfo
 
         latest = FirmwareInfo.latest_version()
@@ -174,7 +164,7 @@ class AUTD3Link(Link):
             if text.count(latest) < 2:
                 self._controller.close()
                 raise InvalidInput(
-                    f"board {index} has the firmware {text}, and pyautd3 {pyautd3.__version__} needs {latest}: "
+                    f"board {index} has the firmware {text}, and pyautd3 {self._library.__version__} needs {latest}: "
                     "update the board's firmware.",
                     code="firmware_version",
                 )
@@ -197,11 +187,9 @@ class AUTD3Link(Link):
         self._lost = f"board {board}: {status}"
 
     def _transmit(self, frame: Frame) -> None:
-        import pyautd3
-
         if self._lost is not None:
             raise self._failed("sending", self._lost)
-        self._sender.send((pyautd3.Static(), _gain_of(self._words(frame))))
+        self._sender.send((self._library.Static(), _gain_of(self._words(frame))))
 
     def _look(self) -> None:
         if self._lost is not None:
@@ -209,27 +197,23 @@ class AUTD3Link(Link):
         self._controller.fpga_state()
 
     def _upload(self, frames: Sequence[Frame], rate: float) -> None:
-        import pyautd3
-
         divide = round(PERIODS / rate)
         period = divide * (1_000_000 // PERIODS)
         self._sender.send(self._silencer(min(INTENSITY_FADE, period), min(PHASE_FADE, period)))
         gains = [_gain_of(self._words(frame)) for frame in frames]
+        pyautd3 = self._library
         sequence = pyautd3.GainSTM(gains, pyautd3.SamplingConfig(divide), pyautd3.GainSTMOption())
         self._sender.send((pyautd3.Static(), sequence))
 
     def _silence(self) -> None:
-        import pyautd3
-
         # First silence, which the boards acknowledge; only then may the silencer be slow again.
-        self._sender.send((pyautd3.Static(), pyautd3.Null()))
+        self._sender.send((self._library.Static(), self._library.Null()))
         self._sender.send(self._silencer(INTENSITY_FADE, PHASE_FADE))
 
     def _silencer(self, intensity: int, phase: int) -> Any:
-        import pyautd3
-
-        micros = pyautd3.Duration.from_micros
-        return pyautd3.Silencer(pyautd3.FixedCompletionTime(intensity=micros(intensity), phase=micros(phase)))
+        micros = self._library.Duration.from_micros
+        times = self._library.FixedCompletionTime(intensity=micros(intensity), phase=micros(phase))
+        return self._library.Silencer(times)
 
     def _end(self) -> None:
         self._controller.close()
@@ -258,13 +242,7 @@ class AUTD3Link(Link):
 
 
 def _library() -> Any:
-    """Import pyautd3 if a version is installed that the tests run with.
-
-    Raises
-    ------
-    InvalidInput
-        If it is not there or of another version, with what to install.
-    """
+    """Import pyautd3; raise "package_missing" or "package_version" with what to install."""
     how = "pip install 'airtact[autd3]'"
     try:
         import pyautd3
@@ -280,12 +258,7 @@ def _library() -> Any:
 
 
 def _gain_of(words: UInt16[np.ndarray, "boards elements"]) -> Any:
-    """Return a gain of pyautd3 that plays a table.
-
-    pyautd3's own ``Custom`` builds a device and a transducer for each of 996 calls, 0.3 s a frame. This gain gives the
-    same entry of the library a function that only looks up a table, 0.6 ms. If the entry has changed, ``Custom`` is
-    used.
-    """
+    """Return a gain of pyautd3 that plays a table, by its own ``Custom`` where the fast entry has changed."""
     try:
         return _table_gain(words)
     except (ImportError, AttributeError):
@@ -293,6 +266,7 @@ def _gain_of(words: UInt16[np.ndarray, "boards elements"]) -> Any:
 
 
 def _table_gain(words: UInt16[np.ndarray, "boards elements"]) -> Any:
+    """Give the entry of ``Custom`` a function that only looks up a table: 0.6 ms a frame of 996 elements, not 0.3 s."""
     from pyautd3.driver.datagram.gain import Gain
     from pyautd3.native_methods.autd3 import Drive
     from pyautd3.native_methods.autd3capi import NativeMethods
@@ -321,16 +295,14 @@ def _table_gain(words: UInt16[np.ndarray, "boards elements"]) -> Any:
 
 
 def _custom_gain(words: UInt16[np.ndarray, "boards elements"]) -> Any:
-    """Return the same gain through pyautd3's public ``Custom``, slow."""
+    """Return the same gain through pyautd3's public ``Custom``, which builds a device and a transducer a call."""
     from pyautd3 import Drive, Intensity, Phase
     from pyautd3.gain import Custom
 
     table = words.tolist()
 
-    def of_device(_device: Any) -> Any:
-        return lambda one: _drive(table[one.dev_idx()][one.idx()])
-
-    def _drive(word: int) -> Any:
+    def drive(transducer: Any) -> Any:
+        word = table[transducer.dev_idx()][transducer.idx()]
         return Drive(phase=Phase(word & 0xFF), intensity=Intensity(word >> 8))
 
-    return Custom(of_device)
+    return Custom(lambda _device: drive)

@@ -157,7 +157,7 @@ class Emission:
             If the link fails, or the emission was ended before, by whatever.
         """
         check_drive(drive, "what is emitted")
-        self._check_other_size(len(drive))
+        self.link.check_elements(len(drive))
         share = share_under_cap(drive.amplitudes[None], self.link.levels, self._cap)
         if self.link.real_time and not self._emitting and drive.amplitudes.any():
             self._rise(drive, share)
@@ -175,11 +175,7 @@ class Emission:
         self._fed = time.monotonic()
 
     def hold(self, seconds: float) -> None:
-        """Let the boards play on for some time.
-
-        Parameters
-        ----------
-        seconds : how long.
+        """Let the boards play on for some time [s].
 
         Raises
         ------
@@ -220,7 +216,7 @@ class Emission:
         """
         of_kind(sequence, Sequence, "what is played", "Sequence(drives, rate)")
         drives, rate = sequence.drives, sequence.rate
-        self._check_other_size(drives.shape[1])
+        self.link.check_elements(drives.shape[1])
         self.link.check_sequence(len(drives), rate)
         share = share_under_cap(drives, self.link.levels, self._cap)
         frames = [faded(Drive(row), self.link.levels, share) for row in drives]
@@ -256,15 +252,6 @@ class Emission:
         for step in range(1, steps):
             self._transmit(faded(drive, self.link.levels, share * step / steps))
             self.hold(self._ramp / steps)
-
-    def _check_other_size(self, elements: int) -> None:
-        if elements != self.link.elements:
-            board = self.link.codec.board
-            raise InvalidInput(
-                f"a drive for {elements} elements does not fit {self.link.devices} of {len(board)}: they need a drive "
-                f"for {self.link.elements}.",
-                code="element_count",
-            )
 
     def _transmit(self, frame: Frame) -> Frame:
         self._do(lambda: self.link.send(frame), not frame.silent)

@@ -50,7 +50,7 @@ def read_messages(path: Path, board: str | None, boards: int = 1) -> Complex128[
     Raises
     ------
     InvalidInput
-        If the file cannot be read, the board is not given, or the bytes are not made of its messages.
+        "board_missing", "file_missing", or "message_damaged": the bytes are not made of the board's messages.
     """
     if board is None:
         raise InvalidInput(

@@ -110,12 +110,7 @@ class Link(ABC):
         self.sent += 1
 
     def play(self, frames: Sequence[Frame], rate: float) -> None:
-        """Have the boards repeat a sequence by themselves, if ``plays_itself``.
-
-        Parameters
-        ----------
-        frames : the sequence.
-        rate : frames a second.
+        """Have the boards repeat a sequence by themselves at a rate [frames/s], if ``plays_itself``.
 
         Raises
         ------
@@ -137,12 +132,7 @@ class Link(ABC):
         self.sent += len(frames)
 
     def check_sequence(self, frames: int, rate: float) -> None:
-        """Check that the boards and the link can play a sequence; the sentence names the nearest that they can.
-
-        Parameters
-        ----------
-        frames : how many.
-        rate : frames a second.
+        """Check that the boards and the link can play so many frames at a rate [frames/s], or name the nearest.
 
         Raises
         ------
@@ -156,6 +146,15 @@ class Link(ABC):
                 f"{rate:g} frames/s are more than the {self.name} link carries to {self.devices}: the nearest is "
                 f"{np.floor(self.fastest):g} frames/s.",
                 code="rate_not_possible",
+            )
+
+    def check_elements(self, count: int) -> None:
+        """Raise "element_count" where a drive or a frame is for another number of elements than the boards have."""
+        if count != self.elements:
+            raise InvalidInput(
+                f"a drive for {counted(count, 'element', 'elements')} does not fit {self.devices} of "
+                f"{len(self.codec.board)}: make it for {self.elements}.",
+                code="element_count",
             )
 
     def stop(self) -> None:
@@ -221,12 +220,7 @@ class Link(ABC):
             raise InvalidInput(
                 f"the {self.name} link is not open ({self.sent} frames sent): open it first.", code="link_closed"
             )
-        if len(frame) != self.elements:
-            raise InvalidInput(
-                f"a frame of {counted(len(frame), 'element', 'elements')} does not fit {self.devices} of "
-                f"{len(self.codec.board)}: make it for {self.elements}.",
-                code="element_count",
-            )
+        self.check_elements(len(frame))
         if not self.levels.same_as(frame.levels):
             raise InvalidInput(
                 f"a frame of {len(frame.levels.amplitudes)} amplitudes and {frame.levels.phases} phases is not for "
