@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from airtact.pose import Pose
-from airtact.transducers.boards import BOARDS, board_named, boards_needed, known_boards, poses_of_boards
+from airtact.transducers.boards import BOARDS, board_named, boards_needed, poses_of_boards
 from airtact.transducers.layout import board_array, surrounding_box
 from faults import raises_code
 
@@ -51,7 +51,7 @@ def random_poses(count: int, seed: int = 5) -> list[Pose]:
     return [Pose(turn, random.uniform(-0.3, 0.3, 3)) for turn in turns]
 
 
-@pytest.mark.parametrize("board", known_boards(), ids=lambda board: board.name)
+@pytest.mark.parametrize("board", BOARDS.values(), ids=lambda board: board.name)
 def test_a_board_is_a_plane_of_positions_with_a_channel_each(board) -> None:
     assert board.positions.shape == (len(board), 3)
     assert not board.positions[:, 2].any()
@@ -184,4 +184,4 @@ def test_what_is_no_board_is_rejected(make, code: str, sentence: str, monkeypatc
 
 
 def test_boards_are_listed_by_name() -> None:
-    assert [board.name for board in known_boards()] == list(BOARDS)
+    assert list(BOARDS) == ["autd3", "sonicsurface", "nano16", "openmpd"]

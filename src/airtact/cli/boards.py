@@ -9,14 +9,14 @@ from airtact.cli.console import plain_table, show
 def boards() -> None:
     """List the boards that can be driven: their transducers, levels and links, and the serial ports found."""
     from airtact.hardware.links import links_of
-    from airtact.transducers.boards import known_boards
+    from airtact.transducers.boards import BOARDS
 
     table = plain_table("board", "elements", "levels", "a link")
-    for board in known_boards():
+    for board in BOARDS.values():
         amplitudes = "on, off" if board.amplitudes == 2 else str(board.amplitudes)
         row = (str(len(board)), f"{amplitudes} x {board.phases} phases", f"1 to {board.most} boards")
         table.add_row(board.name, *row)
-    links = [f"{board.name}: {board.title}, by {', '.join(links_of(board.name))}" for board in known_boards()]
+    links = [f"{board.name}: {board.title}, by {', '.join(links_of(board.name))}" for board in BOARDS.values()]
     show(table, lines=[*links, f"Serial ports: {_ports()}"])
 
 

@@ -1,8 +1,6 @@
 """Boards as data: the positions of their transducers, and which channel of a message drives which of them."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from jaxtyping import Float64, Int64, Real
@@ -69,7 +67,7 @@ def board_named(name: str) -> Board:
         raise InvalidInput(
             f"{name!r} is none of the {len(BOARDS)} boards: there is {', '.join(BOARDS)}.", code="unknown_name"
         )
-    return BOARDS[name]()
+    return BOARDS[name]
 
 
 def boards_needed(board: Board, elements: int) -> int:
@@ -155,7 +153,6 @@ def _pose(
     return pose
 
 
-@cache
 def _autd3() -> Board:
     """Lay out 18 (x) by 14 (y) cells, x fastest, three of them empty; the origin is transducer 0."""
     missing = {(1, 1), (2, 1), (16, 1)}
@@ -175,7 +172,6 @@ def _autd3() -> Board:
     )
 
 
-@cache
 def _sonicsurface() -> Board:
     """Lay out 16 by 16 cells around the origin in the order of its channels: blocks of 4 (x) by 2 (y), y first."""
     block = [(0, 0), (2, 0), (3, 0), (1, 1), (0, 1), (3, 1), (2, 1), (1, 0)]
@@ -195,7 +191,6 @@ def _sonicsurface() -> Board:
     )
 
 
-@cache
 def _nano16() -> Board:
     """Take the pins that the firmware drives: A0 to A5 are bits 0 to 5, D2 to D7 bits 10 to 15."""
     cells = [(column - 1.5, row - 1.0, 0.0) for row in range(3) for column in range(4)]
@@ -214,7 +209,6 @@ def _nano16() -> Board:
     )
 
 
-@cache
 def _openmpd() -> Board:
     """Lay out 16 by 16 cells, columns one after the other from the top; its pins come in blocks of 4 (x) by 2 (y)."""
     columns, rows = (index.ravel() for index in np.meshgrid(np.arange(16), np.arange(16), indexing="ij"))
@@ -234,10 +228,5 @@ def _openmpd() -> Board:
     )
 
 
-BOARDS = {"autd3": _autd3, "sonicsurface": _sonicsurface, "nano16": _nano16, "openmpd": _openmpd}
-"""The boards by name."""
-
-
-def known_boards() -> Sequence[Board]:
-    """Return all boards, in the order in which they are listed."""
-    return [make() for make in BOARDS.values()]
+BOARDS = {board.name: board for board in (_autd3(), _sonicsurface(), _nano16(), _openmpd())}
+"""The boards by name, in the order in which they are listed."""

@@ -33,7 +33,7 @@ from airtact.pose import Pose
 from airtact.scene.medium import Medium, air
 from airtact.scene.scene import Scene
 from airtact.scene.target import Target
-from airtact.transducers.boards import known_boards, poses_of_boards
+from airtact.transducers.boards import BOARDS, poses_of_boards
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import FULL_SCALE, Levels
 from airtact.validation import check_finite, of_kind, points_of, positive, real_numbers
@@ -72,22 +72,13 @@ UNITS = {
 
 @dataclass(frozen=True, eq=False)
 class DriveFile:
-    """What a file holds of a drive or a sequence; what it does not hold is None.
+    """What a file holds of a drive or a sequence, as the datasets above; what it does not hold is None.
 
     Attributes
     ----------
     drives : (N, E) what each element emits in each frame; one frame for a drive.
     rate : frames a second of a sequence; None for a drive.
-    amplitude_level, phase_level : (N, E) the same in levels.
-    levels : what the numbers of the levels stand for.
-    frequency : of the sound [Hz].
-    medium : what the drive was made for.
-    positions, normals : (E, 3) of the transducers [m], in the obstacles' frame.
     sensitivity : peak pressure of a transducer at full scale, 1 m away on its axis [Pa·m].
-    element_radius : of a transducer's face [m].
-    board, poses : name of the kind of board, and the pose of each.
-    foci, wanted_pressures, matrix : (F, 3) [m], (F,) [Pa], (F, E) transfer matrix [Pa per unit drive].
-    texts : further texts by name.
     """
 
     drives: Complex128[np.ndarray, "frames elements"]
@@ -109,13 +100,7 @@ class DriveFile:
     texts: Mapping[str, str] = field(default_factory=dict)
 
     def frame_rate(self, given: float | None = None) -> float | None:
-        """Return the rate of a sequence, the given one before the file's; None for a drive.
-
-        Raises
-        ------
-        InvalidInput
-            "rate_missing": there are several frames and no rate.
-        """
+        """Return the given rate, or the file's; None for a drive. Raise "rate_missing" for several frames without."""
         rate = self.rate if given is None else given
         if rate is None and len(self.drives) > 1:
             raise InvalidInput(f"{len(self.drives)} frames need a rate, in frames/s.", code="rate_missing")
@@ -167,7 +152,7 @@ def _check_count(there: int, elements: int, what: str) -> None:
 
 def _boards_of(array: PhasedArray) -> tuple[str | None, tuple[Pose, ...] | None]:
     """Find the kind of board that an array consists of, and the pose of each board."""
-    for board in known_boards():
+    for board in BOARDS.values():
         if board.placed:
             with suppress(InvalidInput):
                 return board.name, tuple(poses_of_boards(board, array.positions, array.normals))
@@ -175,13 +160,7 @@ def _boards_of(array: PhasedArray) -> tuple[str | None, tuple[Pose, ...] | None]
 
 
 def write_drive_file(path: Path, what: DriveFile) -> None:
-    """Write a file in the format of its ending, see ``ENDINGS``; it appears once it is whole.
-
-    Raises
-    ------
-    InvalidInput
-        If the ending is another one, or the file cannot be written.
-    """
+    """Write a file in the format of its ending; raise "unknown_ending", "dataset_missing" or "file_not_writable"."""
     kind = checked_ending(path, ENDINGS, "drive")
     with written(path) as partial:
         if kind == ".csv":
@@ -285,8 +264,8 @@ def read_drive_file(path: Path) -> DriveFile:
     Raises
     ------
     InvalidInput
-        If the file cannot be read, is of a later version, lacks a dataset, the shapes do not match, a number is not
-        finite, or an amplitude is negative or above 1 (which frame and element).
+        "file_missing", "file_unreadable", "unknown_version", "dataset_missing", "wrong_shape", "not_finite",
+        "out_of_range", or as the parts of it.
     """
     kind = checked_ending(path, ENDINGS, "drive")
     if not path.is_file():
@@ -323,13 +302,6 @@ def _checked(raw: Mapping[str, Any], version: int) -> DriveFile:
     if count[0] != count[1]:
         raise InvalidInput(f"{count[0]} positions have {count[1]} normals.", code="sizes_differ")
     frequency, medium = _medium_0(raw.get("scene")) if version == 0 else _medium(raw)
-    numbers = {
-        name: positive(raw[name], what, unit) if name in raw else None
-        for name, what, unit in (
-            ("rate", "the rate", "frames/s"),
-            ("sensitivity", "the sensitivity of an element", "Pa·m"),
-        )
-    }
     poses = None
     if "board_positions" in raw:
         poses = tuple(Pose(*pair) for pair in zip(raw["board_rotations"], raw["board_positions"], strict=True))
@@ -337,14 +309,14 @@ def _checked(raw: Mapping[str, Any], version: int) -> DriveFile:
     rounded = [raw[name].reshape(drives.shape) if name in raw else None for name in ("amplitude_level", "phase_level")]
     return DriveFile(
         drives,
-        numbers["rate"],
+        _positive_in(raw, "rate", "the rate", "frames/s"),
         *rounded,
         levels=levels,
         frequency=frequency,
         medium=medium,
         positions=positions,
         normals=normals,
-        sensitivity=numbers["sensitivity"],
+        sensitivity=_positive_in(raw, "sensitivity", "the sensitivity of an element", "Pa·m"),
         element_radius=float(raw["element_radius"]) if "element_radius" in raw else None,
         board=raw.get("board"),
         poses=poses,
@@ -353,6 +325,10 @@ def _checked(raw: Mapping[str, Any], version: int) -> DriveFile:
         matrix=np.asarray(raw["transfer_matrix"], dtype=np.complex128) if "transfer_matrix" in raw else None,
         texts={name: raw[name] for name in ("scene", "report") if name in raw},
     )
+
+
+def _positive_in(raw: Mapping[str, Any], name: str, what: str, unit: str) -> float | None:
+    return positive(raw[name], what, unit) if name in raw else None
 
 
 def _drives(
@@ -386,9 +362,8 @@ def _drives(
 
 
 def _medium(raw: Mapping[str, Any]) -> tuple[float | None, Medium | None]:
-    frequency = positive(raw["frequency"], "the frequency", "Hz") if "frequency" in raw else None
     numbers = [float(raw[name]) for name in ("sound_speed", "density", "absorption") if name in raw]
-    return frequency, Medium(*numbers) if len(numbers) > 1 else None
+    return _positive_in(raw, "frequency", "the frequency", "Hz"), Medium(*numbers) if len(numbers) > 1 else None
 
 
 def _medium_0(scene: str | None) -> tuple[float | None, Medium | None]:

@@ -33,7 +33,8 @@ def check_placement(scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "fo
         return
     for index, obstacle in enumerate(scene.obstacles):
         vertices = obstacle.surface.corners.reshape(-1, 3)
-        _check_body_before_faces(array, vertices[ConvexHull(vertices).vertices], index)
+        hull = vertices[ConvexHull(vertices).vertices]
+        _check_behind(-_height(array, hull).min(axis=0), f"body {index} reaches")
 
 
 def _check_outside_bodies(scene: Scene, array: PhasedArray) -> None:
@@ -80,26 +81,17 @@ def check_reach(array: PhasedArray, foci: Real[np.ndarray, "foci 3"]) -> None:
 def check_before_faces(array: PhasedArray, points: Real[np.ndarray, "points 3"], what: str) -> None:
     """Raise "behind_faces" for a point (P, 3) behind the face of an element; ``what`` names one point."""
     behind = -_height(array, points)
-    worst = behind.max(axis=1)
-    if worst.max() > CONTACT:
-        point = int(np.argmax(worst))
-        faces = np.flatnonzero(behind[point] > CONTACT)
-        count = counted(len(faces), "element", "elements")
-        raise InvalidInput(
-            f"{what} {point} stands behind the faces of {count}, first element {faces[0]} by "
-            f"{behind[point, faces[0]] * 1e3:.3g} mm: they radiate forwards only, so move it before them.",
-            code="behind_faces",
-        )
+    point = int(np.argmax(behind.max(axis=1)))
+    _check_behind(behind[point], f"{what} {point} stands")
 
 
-def _check_body_before_faces(array: PhasedArray, vertices: Float64[np.ndarray, "vertices 3"], index: int) -> None:
-    """Raise where a body, given by the vertices of its convex hull, reaches behind a face."""
-    behind = -_height(array, vertices).min(axis=0)
+def _check_behind(behind: Float64[np.ndarray, "elements"], what: str) -> None:
+    """Raise where something is behind a face; ``behind`` is how far it is behind each [m]."""
     faces = np.flatnonzero(behind > CONTACT)
     if len(faces):
         count = counted(len(faces), "element", "elements")
         raise InvalidInput(
-            f"body {index} reaches behind the faces of {count}, first element {faces[0]} by "
+            f"{what} behind the faces of {count}, first element {faces[0]} by "
             f"{behind[faces[0]] * 1e3:.3g} mm: they radiate forwards only, so move it before them.",
             code="behind_faces",
         )
