@@ -81,6 +81,17 @@ class TextTable:
         )
 
 
+def text_of(path: Path) -> str:
+    """Read a file as UTF-8 text; raise "file_missing", "file_unreadable" or "not_text"."""
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise file_fault(path, error) from None
+    except UnicodeDecodeError as error:
+        sentence = f"{path.name} is not a text file: byte {error.start} is not UTF-8."
+        raise InvalidInput(sentence, code="not_text") from None
+
+
 def read_text_table(path: Path) -> TextTable:
     """Read a file of cells between commas.
 
@@ -93,14 +104,7 @@ def read_text_table(path: Path) -> TextTable:
         "file_missing", "file_unreadable", "not_text", "wrong_separator", "header_missing", "column_twice", or
         "wrong_cell_count".
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise file_fault(path, error) from None
-    except UnicodeDecodeError as error:
-        raise InvalidInput(
-            f"{path.name} is not a text file: byte {error.start} is not UTF-8.", code="not_text"
-        ) from None
+    text = text_of(path)
     head, commented, rows, lines = "", True, [], []
     for line, words in enumerate(text.splitlines(), start=1):
         if not words.strip():

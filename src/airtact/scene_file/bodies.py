@@ -12,24 +12,13 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from airtact.conventions import InvalidInput, about
+from airtact.file_access.text_table import text_of
 from airtact.hand.files import ROOM, load_hand
 from airtact.hand.pinch import pinch
 from airtact.scene.medium import Medium
 from airtact.scene.scene import Obstacle, filled, impedance, sound_hard
-from airtact.scene_file.tables import (
-    CapsuleTable,
-    FilledTable,
-    HandTable,
-    ImpedanceTable,
-    MediumTable,
-    NamedPointTable,
-    ObstacleTable,
-    PinchTable,
-    SceneFile,
-    SphereTable,
-    SurfaceTable,
-    Table,
-)
+from airtact.scene_file import tables
+from airtact.scene_file.parsing import parse_scene
 from airtact.surfaces.checks import NEAREST, approach
 from airtact.surfaces.files import load_surface
 from airtact.surfaces.primitives import capsule, sphere
@@ -45,7 +34,7 @@ Triangles = tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangle
 """Vertices (V, 3) [m] and the indices of each triangle (T, 3)."""
 
 
-def built(function: Callable[..., Made], table: Table, leave_out: tuple[str, ...] = ()) -> Made:
+def built(function: Callable[..., Made], table: tables.Table, leave_out: tuple[str, ...] = ()) -> Made:
     """Call a function with the keys that are given in a table, which are named as its arguments are."""
     given = {key: getattr(table, key) for key in table.__struct_fields__ if key not in leave_out}
     given = {key: np.array(value) if key == "corners" else value for key, value in given.items()}
@@ -53,20 +42,16 @@ def built(function: Callable[..., Made], table: Table, leave_out: tuple[str, ...
 
 
 def bodies_of(
-    file: SceneFile, folder: Path, medium: Callable[[MediumTable], Medium]
+    file: tables.SceneFile, folder: Path, medium: Callable[[tables.MediumTable], Medium]
 ) -> tuple[list[str], list[Obstacle], NamedPoints]:
     """Build the bodies of a scene file: their names, the obstacles, and the named points that foci can use.
 
-    Parameters
-    ----------
-    file : the tables.
-    folder : where files of surfaces and hands are found.
-    medium : makes the fluid that fills a body.
+    Files of surfaces and hands are found in the folder; ``medium`` makes the fluid that fills a body.
     """
     obstacles: list[Obstacle] = []
     names: list[str] = []
     points: NamedPoints = {}
-    wanted = tuple(focus.points.at for focus in file.foci if isinstance(focus.points, NamedPointTable))
+    wanted = tuple(focus.points.at for focus in file.foci if isinstance(focus.points, tables.NamedPointTable))
     for index, table in enumerate(file.obstacles):
         with about(f"obstacles[{index}]"):
             for name, surface in _surfaces(table, folder, points, wanted).items():
@@ -79,33 +64,35 @@ def bodies_of(
 
 
 def _surfaces(
-    table: ObstacleTable, folder: Path, points: NamedPoints, wanted: tuple[str, ...] = ()
+    table: tables.ObstacleTable, folder: Path, points: NamedPoints, wanted: tuple[str, ...] = ()
 ) -> dict[str, Surface]:
     """Build the surfaces of an obstacle by name, and add its named points; those wanted are brought to the surface."""
     match table.body:
-        case PinchTable(gap=gap):
+        case tables.PinchTable(gap=gap):
             fingers = pinch(gap=gap)
             for name, pad, normal in zip(("thumb", "finger"), fingers.pads, fingers.normals, strict=True):
                 points[f"{name}.pad"] = (pad, normal, fingers.gap)
             return {"thumb": fingers.surfaces[0], "finger": fingers.surfaces[1]}
-        case CapsuleTable(start=start, end=end, radius=radius, edge=edge):
+        case tables.CapsuleTable(start=start, end=end, radius=radius, edge=edge):
             return {"capsule": capsule(np.array(start), np.array(end), radius=radius, edge=edge)}
-        case SphereTable(radius=radius, centre=centre, edge=edge):
+        case tables.SphereTable(radius=radius, centre=centre, edge=edge):
             return {"sphere": sphere(radius=radius, edge=edge, centre=np.array(centre))}
-        case HandTable(hand=name, gap=gap):
+        case tables.HandTable(hand=name, gap=gap):
             hand = load_hand(folder / name, gap)
             for name in hand.places:
                 points[name] = (*(hand.place(name) if name in wanted else hand.places[name]), ROOM)
             return {"hand": hand.surface}
-        case SurfaceTable(surface=name):
+        case tables.SurfaceTable(surface=name):
             return {Path(name).stem: built(partial(load_surface, folder / name), table.body, leave_out=("surface",))}
 
 
-def _obstacle(table: ObstacleTable, surface: Surface, medium: Callable[[MediumTable], Medium]) -> Obstacle:
+def _obstacle(
+    table: tables.ObstacleTable, surface: Surface, medium: Callable[[tables.MediumTable], Medium]
+) -> Obstacle:
     match table.boundary:
-        case ImpedanceTable(ratio=ratio):
+        case tables.ImpedanceTable(ratio=ratio):
             return impedance(surface, complex(*ratio) if isinstance(ratio, tuple) else complex(ratio))
-        case FilledTable(medium=inside):
+        case tables.FilledTable(medium=inside):
             with about("medium"):
                 return filled(surface, medium(inside))
     return sound_hard(surface)
@@ -114,10 +101,7 @@ def _obstacle(table: ObstacleTable, surface: Surface, medium: Callable[[MediumTa
 def with_merged_bodies(names: Sequence[str], obstacles: Sequence[Obstacle]) -> tuple[list[str], list[Obstacle]]:
     """Merge sound-hard bodies that overlap, touch or stand nearer than ``NEAREST`` into one.
 
-    Returns
-    -------
-    names : those of merged bodies joined with " + ", in the order of their first.
-    obstacles : the bodies.
+    The names of merged bodies are joined with " + "; all are in the order of their first.
     """
     hard = [index for index, obstacle in enumerate(obstacles) if obstacle.boundary == "sound_hard"]
     near = [pair for pair in combinations(hard, 2) if _nearly_touch(*(obstacles[index].surface for index in pair))]
@@ -137,15 +121,21 @@ def _nearly_touch(one: Surface, two: Surface) -> bool:
     return approach(one, two, NEAREST * (1.0 - 1e-9)) is not None
 
 
-def drawable_triangles(file: SceneFile, folder: Path) -> list[Triangles]:
-    """Find the triangles of the bodies of a scene that is at fault, as far as they can be read."""
+def drawable_bodies(path: Path) -> list[Triangles]:
+    """Find the triangles of the bodies of a scene file that is at fault, as far as they can be read.
+
+    Raises
+    ------
+    InvalidInput
+        The file itself cannot be read or is not a scene file.
+    """
     found = []
-    for table in file.obstacles:
+    for table in parse_scene(text_of(path)).obstacles:
         try:
-            found += [(body.vertices, body.triangles) for body in _surfaces(table, folder, {}).values()]
+            found += [(body.vertices, body.triangles) for body in _surfaces(table, path.parent, {}).values()]
         except InvalidInput:
-            if isinstance(table.body, SurfaceTable):
-                bare = bare_triangles(folder / table.body.surface, table.body.scale or 1.0)
+            if isinstance(table.body, tables.SurfaceTable):
+                bare = bare_triangles(path.parent / table.body.surface, table.body.scale or 1.0)
                 found += [] if bare is None else [bare]
     return found
 

@@ -9,26 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from airtact.conventions import InvalidInput, about
-from airtact.file_access.text_table import read_text_table
+from airtact.file_access.text_table import read_text_table, text_of
 from airtact.pose import Pose
 from airtact.scene.medium import Medium, air
 from airtact.scene.scene import Scene, check_outside
 from airtact.scene.target import Target
-from airtact.scene_file.bodies import Triangles, bodies_of, built, drawable_triangles
+from airtact.scene_file import tables
+from airtact.scene_file.bodies import bodies_of, built
 from airtact.scene_file.parsing import nearest, parse_scene
-from airtact.scene_file.tables import (
-    ArrayTable,
-    AxisTable,
-    BoardsTable,
-    FlatBoardsTable,
-    FluidTable,
-    ListedTable,
-    MatrixTable,
-    MediumTable,
-    PoseTable,
-    SceneFile,
-    SurroundingBoxTable,
-)
 from airtact.scene_file.targets import target_of
 from airtact.solvers.bem.solver import BoundaryElement
 from airtact.solvers.fem.solver import FiniteElement
@@ -42,7 +30,7 @@ from airtact.transducers.layout import PhasedArray, board_array, flat_boards, su
 from airtact.transducers.levels import Levels
 from airtact.transducers.placement import check_placement
 from airtact.transfer import Drive, TransferMatrix
-from airtact.validation import counted, file_fault
+from airtact.validation import counted
 
 SOLVERS = {
     "boundary_element": ("sound_hard",),
@@ -114,34 +102,12 @@ def read_scene(path: str | Path) -> Setup:
         file's name and the table at fault.
     """
     path = Path(path)
-    text = _text(path)
+    text = text_of(path)
     with about(path.name):
         return _set_up(path, text, parse_scene(text))
 
 
-def drawable_bodies(path: Path) -> list[Triangles]:
-    """Find the triangles of the bodies of a scene file that is at fault, as far as they can be read.
-
-    Raises
-    ------
-    InvalidInput
-        The file itself cannot be read or is not a scene file.
-    """
-    return drawable_triangles(parse_scene(_text(path)), path.parent)
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise file_fault(path, error) from None
-    except UnicodeDecodeError as error:
-        raise InvalidInput(
-            f"{path.name} is not a text file: byte {error.start} is not UTF-8.", code="not_text"
-        ) from None
-
-
-def _set_up(path: Path, text: str, file: SceneFile) -> Setup:
+def _set_up(path: Path, text: str, file: tables.SceneFile) -> Setup:
     with about("medium"):
         medium = medium_of(file.medium, file.frequency)
     bodies, obstacles, points = bodies_of(file, path.parent, lambda table: medium_of(table, file.frequency))
@@ -184,7 +150,7 @@ def _set_up(path: Path, text: str, file: SceneFile) -> Setup:
     )
 
 
-def _solver(file: SceneFile, scene: Scene) -> Solver:
+def _solver(file: tables.SceneFile, scene: Scene) -> Solver:
     name = file.solver.name or ("boundary_element" if scene.obstacles else "free_field")
     if name not in SOLVERS:
         raise InvalidInput(f'"{name}" is not a solver here; {nearest(name, SOLVERS)}', code="unknown_name")
@@ -212,24 +178,24 @@ def _solver(file: SceneFile, scene: Scene) -> Solver:
     return BoundaryElement(accuracy=file.solver.accuracy)
 
 
-def medium_of(table: MediumTable, frequency: float) -> Medium:
+def medium_of(table: tables.MediumTable, frequency: float) -> Medium:
     """Build the fluid of a table; the absorption of air is that at a frequency [Hz]."""
-    if isinstance(table.fluid, FluidTable):
+    if isinstance(table.fluid, tables.FluidTable):
         return Medium(table.fluid.sound_speed, table.fluid.density, table.fluid.absorption)
     return built(partial(air, frequency=frequency), table.fluid)
 
 
-def _pose(table: PoseTable) -> Pose:
+def _pose(table: tables.PoseTable) -> Pose:
     translation = np.array(table.translation)
     match table.rotation:
-        case MatrixTable(rotation=rotation):
+        case tables.MatrixTable(rotation=rotation):
             return Pose(np.array(rotation), translation)
-        case AxisTable(axis=axis, degrees=degrees):
+        case tables.AxisTable(axis=axis, degrees=degrees):
             return Pose.turn(np.array(axis), math.radians(degrees), translation)
     return Pose(np.eye(3), translation)
 
 
-def _array(table: ArrayTable, folder: Path) -> tuple[PhasedArray, str | None]:
+def _array(table: tables.ArrayTable, folder: Path) -> tuple[PhasedArray, str | None]:
     """Build the transducers, and name the kind of board that they are made of."""
     sensitivity = {} if table.sensitivity is None else {"sensitivity": table.sensitivity}
     element = monopole(**sensitivity) if table.piston_radius is None else piston(table.piston_radius, **sensitivity)
@@ -243,15 +209,15 @@ def _array(table: ArrayTable, folder: Path) -> tuple[PhasedArray, str | None]:
         return array.moved(_pose(table.pose)), board
 
 
-def _layout(table: ArrayTable, element: Element, folder: Path) -> tuple[PhasedArray, str | None]:
+def _layout(table: tables.ArrayTable, element: Element, folder: Path) -> tuple[PhasedArray, str | None]:
     match table.layout:
-        case SurroundingBoxTable(board=board):
+        case tables.SurroundingBoxTable(board=board):
             return surrounding_box(element=element, board=board), board or "autd3"
-        case FlatBoardsTable():
+        case tables.FlatBoardsTable():
             return built(partial(flat_boards, element=element), table.layout), "autd3"
-        case BoardsTable(board=board, poses=poses):
+        case tables.BoardsTable(board=board, poses=poses):
             return board_array(board, [_pose(pose) for pose in poses], element), board
-        case ListedTable(file=file):
+        case tables.ListedTable(file=file):
             return _array_from_csv(folder / file, element), None
 
 

@@ -222,15 +222,20 @@ class SphereShellTable(Choice, frozen=True, tag="sphere_shell"):
     spacing: float
 
 
-class WritingTable(Choice, frozen=True, tag="text"):
-    """Writing in single strokes, read from where ``normal`` points to; ``height`` is that of a capital letter."""
+class Drawn(Choice, frozen=True):
+    """Points of a drawing, at most ``spacing`` apart [m], read from where ``normal`` points to."""
 
-    words: str
-    height: float
     spacing: float
     centre: Triple = (0.0, 0.0, 0.0)
     normal: Triple = (0.0, 0.0, 1.0)
     up: Triple | None = None
+
+
+class WritingTable(Drawn, frozen=True, kw_only=True, tag="text"):
+    """Writing in single strokes; ``height`` is that of a capital letter."""
+
+    words: str
+    height: float
 
 
 class DrawingFileTable(Choice, frozen=True, tag="file"):
@@ -245,26 +250,18 @@ class DrawingPathTable(Choice, frozen=True, tag="path"):
     path: str
 
 
-class SvgTable(Choice, frozen=True, tag="svg"):
+class SvgTable(Drawn, frozen=True, kw_only=True, tag="svg"):
     """The lines of an SVG drawing, ``width`` wide."""
 
     source: DrawingFileTable | DrawingPathTable
     width: float
-    spacing: float
-    centre: Triple = (0.0, 0.0, 0.0)
-    normal: Triple = (0.0, 0.0, 1.0)
-    up: Triple | None = None
 
 
-class PictureTable(Choice, frozen=True, tag="picture"):
+class PictureTable(Drawn, frozen=True, kw_only=True, tag="picture"):
     """A grey-scale picture beside the scene file on a grid of points; bright ones ask for more."""
 
     file: str
     width: float
-    spacing: float
-    centre: Triple = (0.0, 0.0, 0.0)
-    normal: Triple = (0.0, 0.0, 1.0)
-    up: Triple | None = None
 
 
 class SurfacePointsTable(Choice, frozen=True, tag="surface"):

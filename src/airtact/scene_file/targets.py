@@ -12,32 +12,17 @@ from airtact.conventions import InvalidInput, about
 from airtact.scene.drawings import picture, svg_path, text
 from airtact.scene.target import Target
 from airtact.scene.target_points import Points, circle, onto_surface, polyline, segment, sphere_shell, surface_points
+from airtact.scene_file import tables
 from airtact.scene_file.bodies import NamedPoints, built
 from airtact.scene_file.parsing import nearest
-from airtact.scene_file.tables import (
-    CircleTable,
-    DrawingFileTable,
-    FocusTable,
-    NamedPointTable,
-    PictureTable,
-    PointTable,
-    PolylineTable,
-    SegmentTable,
-    Shape,
-    SphereShellTable,
-    SuppressionTable,
-    SurfacePointsTable,
-    SvgTable,
-    WritingTable,
-)
 from airtact.surfaces.surface import Surface
 
 SHAPES = {
-    SegmentTable: segment,
-    PolylineTable: polyline,
-    CircleTable: circle,
-    SphereShellTable: sphere_shell,
-    WritingTable: text,
+    tables.SegmentTable: segment,
+    tables.PolylineTable: polyline,
+    tables.CircleTable: circle,
+    tables.SphereShellTable: sphere_shell,
+    tables.WritingTable: text,
 }
 """Shapes whose keys are the arguments of the function that makes them."""
 
@@ -46,24 +31,18 @@ DEFAULT_OFFSET = 0.5e-3
 
 
 def target_of(
-    tables: Sequence[FocusTable],
-    suppression: Sequence[SuppressionTable],
+    foci: Sequence[tables.FocusTable],
+    suppression: Sequence[tables.SuppressionTable],
     named: NamedPoints,
     bodies: Mapping[str, Surface],
     folder: Path,
 ) -> tuple[Target, tuple[str, ...]]:
     """Build the target of a scene file, and a name for each of its foci.
 
-    Parameters
-    ----------
-    tables : the foci.
-    suppression : where the sound is suppressed.
-    named : points of bodies that foci can name.
-    bodies : surfaces of the bodies by name.
-    folder : where drawings and pictures are found.
+    Foci can name the points in ``named`` and the bodies by their names; drawings and pictures are in the folder.
     """
     points, factors, names = [np.empty((0, 3))], [], []
-    for index, table in enumerate(tables):
+    for index, table in enumerate(foci):
         with about(f"foci[{index}]"):
             found, factor = _foci(table, named, bodies, folder)
             names += _names(table, index, len(found))
@@ -72,23 +51,23 @@ def target_of(
     zones = [np.empty((0, 3))]
     for index, zone in enumerate(suppression):
         with about(f"suppression[{index}]"):
-            if isinstance(zone.points, SurfacePointsTable):
+            if isinstance(zone.points, tables.SurfacePointsTable):
                 body = _body(zone.points.body, bodies, "body")
                 zones.append(built(partial(surface_points, body), zone.points, leave_out=("body",)))
             else:
                 zones.append(_drawn(zone.points, folder))
     with about("foci"):
-        wanted = _wanted(tables, factors)
+        wanted = _wanted(foci, factors)
         return Target(np.concatenate(points), suppression_points=np.concatenate(zones), **wanted), tuple(names)
 
 
 def _wanted(
-    tables: Sequence[FocusTable], factors: Sequence[Float64[np.ndarray, "_"]]
+    foci: Sequence[tables.FocusTable], factors: Sequence[Float64[np.ndarray, "_"]]
 ) -> dict[str, Num[np.ndarray, "foci"]]:
     """Return the pressures or shares of all foci, or nothing where all are alike."""
-    pressures, shares, degrees = (_each(tables, key, factors) for key in ("pressure", "share", "phase_degrees"))
+    pressures, shares, degrees = (_each(foci, key, factors) for key in ("pressure", "share", "phase_degrees"))
     if pressures is not None and shares is not None:
-        sentence = f"{len(tables)} of {len(tables)} have a pressure and a share; give one of the two."
+        sentence = f"{len(foci)} of {len(foci)} have a pressure and a share; give one of the two."
         raise InvalidInput(sentence, code="choose_one")
     size = np.concatenate([np.empty(0), *factors])
     phased = size if degrees is None else size * np.exp(1j * np.radians(degrees))
@@ -100,41 +79,41 @@ def _wanted(
 
 
 def _each(
-    tables: Sequence[FocusTable], key: str, factors: Sequence[Float64[np.ndarray, "_"]]
+    foci: Sequence[tables.FocusTable], key: str, factors: Sequence[Float64[np.ndarray, "_"]]
 ) -> Float64[np.ndarray, "foci"] | None:
     """Spread a key over the points of each table; None where no table has it."""
-    given = [value for table in tables if (value := getattr(table, key)) is not None]
+    given = [value for table in foci if (value := getattr(table, key)) is not None]
     if not given:
         return None
-    if len(given) != len(tables):
+    if len(given) != len(foci):
         otherwise = " for as strong as possible" if key == "pressure" else ""
-        sentence = f"{len(given)} of {len(tables)} have a {key}; give it to all, or to none{otherwise}."
+        sentence = f"{len(given)} of {len(foci)} have a {key}; give it to all, or to none{otherwise}."
         raise InvalidInput(sentence, code="key_missing")
     return np.repeat(np.array(given, dtype=np.float64), [len(factor) for factor in factors])
 
 
-def _names(table: FocusTable, index: int, count: int) -> list[str]:
+def _names(table: tables.FocusTable, index: int, count: int) -> list[str]:
     match table.points:
-        case NamedPointTable(at=at):
+        case tables.NamedPointTable(at=at):
             return [table.name or at]
-        case PointTable():
+        case tables.PointTable():
             return [table.name or f"focus {index + 1}"]
     kind = table.name or table.points.__struct_config__.tag
     return [f"{kind} {number + 1}" for number in range(count)]
 
 
 def _foci(
-    table: FocusTable, named: NamedPoints, bodies: Mapping[str, Surface], folder: Path
+    table: tables.FocusTable, named: NamedPoints, bodies: Mapping[str, Surface], folder: Path
 ) -> tuple[Points, Float64[np.ndarray, "points"]]:
     """Points of one table, and the factor on its pressure or share that each of them gets."""
     offset = DEFAULT_OFFSET if table.offset is None else table.offset
-    if isinstance(table.points, NamedPointTable):
+    if isinstance(table.points, tables.NamedPointTable):
         if table.onto is not None:
             raise InvalidInput("onto goes only with a point or a shape.", code="key_misplaced")
         return _named(table.points.at, named, offset)[None], np.ones(1)
     if table.offset is not None and table.onto is None:
         raise InvalidInput("offset goes only with at or onto.", code="key_misplaced")
-    if isinstance(table.points, PictureTable):
+    if isinstance(table.points, tables.PictureTable):
         file = folder / table.points.file
         points, factors = built(partial(picture, file), table.points, leave_out=("file",))
     else:
@@ -145,13 +124,13 @@ def _foci(
     return points, factors
 
 
-def _drawn(table: PointTable | Shape | SvgTable, folder: Path) -> Points:
+def _drawn(table: tables.PointTable | tables.Shape | tables.SvgTable, folder: Path) -> Points:
     """Points that foci and suppression zones alike may be."""
     match table:
-        case PointTable(point=point):
+        case tables.PointTable(point=point):
             return np.array([point], dtype=np.float64)
-        case SvgTable(source=source):
-            drawing = folder / source.file if isinstance(source, DrawingFileTable) else source.path
+        case tables.SvgTable(source=source):
+            drawing = folder / source.file if isinstance(source, tables.DrawingFileTable) else source.path
             return built(partial(svg_path, drawing), table, leave_out=("source",))
     return built(SHAPES[type(table)], table)
 

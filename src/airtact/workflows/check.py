@@ -14,8 +14,8 @@ from airtact.file_access.atomic import writable_folder
 from airtact.scene.medium import air
 from airtact.scene.scene import Scene, sound_hard
 from airtact.scene.sources import Monopoles
-from airtact.scene_file.bodies import Triangles, bare_triangles
-from airtact.scene_file.building import Setup, drawable_bodies, read_scene
+from airtact.scene_file.bodies import Triangles, bare_triangles, drawable_bodies
+from airtact.scene_file.building import Setup, read_scene
 from airtact.solvers.bem.solver import BoundaryElement
 from airtact.surfaces.files import SUFFIXES, load_surface
 from airtact.timing import Progress, no_progress
