@@ -1,13 +1,15 @@
 """The steps that several workflows share: the transfer matrix, the drive, and the solver that verifies it."""
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
+from airtact.evaluation.windows import Window, plane_through
 from airtact.scene.sources import Monopoles
 from airtact.scene.target import Target
 from airtact.scene_file.building import Setup
@@ -16,6 +18,7 @@ from airtact.solvers.fem.solver import FiniteElement
 from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import Solver, SolveReport
 from airtact.store.stored import Stored
+from airtact.surfaces.surface import Surface
 from airtact.synthesis.max_min import Stalled
 from airtact.timing import Clock
 from airtact.transfer import Drive, TransferMatrix, transfer_matrix
@@ -79,14 +82,7 @@ def stored(solver: Solver, store: Path | None) -> Solver:
 
 
 def solve_foci(setup: Setup, clock: Clock, store: Path | None = None) -> tuple[TransferMatrix, SolveReport]:
-    """Solve for a beacon in each focus and suppression point, and evaluate the fields at the transducers.
-
-    Parameters
-    ----------
-    setup : the scene.
-    clock : times the steps.
-    store : folder of solved fields, if they are stored.
-    """
+    """Solve for a beacon in each focus and suppression point, and evaluate the fields at the transducers."""
     target = setup.target
     foci = f"focus ({len(target.points)})"
     if len(target.suppression_points):
@@ -110,3 +106,18 @@ def synthesise(
         if not isinstance(other.message, Stalled):
             warnings.warn_explicit(other.message, other.category, other.filename, other.lineno)
     return drive, tuple(str(one.message) for one in caught if isinstance(one.message, Stalled))
+
+
+def save_drives(drives: Mapping[Path, Drive], setup: Setup, transfer: TransferMatrix, report: SolveReport) -> None:
+    """Save drives to their files, with all that emitting them needs and what they were made from."""
+    texts = {"scene": setup.text, "report": msgspec.json.encode(report).decode()}
+    for file, drive in drives.items():
+        drive.save(file, setup.array, setup.scene, transfer, setup.target, setup.levels, texts)
+
+
+def plane_of_foci(setup: Setup) -> tuple[Window, list[Surface]]:
+    """Find the plane through the foci in which fields are pictured, and the surfaces that let no sound through."""
+    obstacles = setup.scene.obstacles
+    vertices = np.concatenate([np.empty((0, 3)), *(one.surface.vertices for one in obstacles)])
+    window = plane_through(setup.target.points, vertices, setup.scene.wavelength)
+    return window, [one.surface for one in obstacles if one.boundary != "filled"]

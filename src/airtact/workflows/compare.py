@@ -3,18 +3,16 @@
 import csv
 from pathlib import Path
 
-import msgspec
 import numpy as np
 
 from airtact.conventions import InvalidInput
 from airtact.evaluation.metrics import radiate_drives
-from airtact.evaluation.windows import plane_through
 from airtact.figures.field_figure import Cut, cut_bodies
 from airtact.file_access.atomic import whole_file, writable_folder
 from airtact.pages.methods_page import Contender, Contest, write_methods_page
 from airtact.scene_file.building import Setup, read_scene
-from airtact.solvers.problem import RadiatedField, SolveReport
-from airtact.steps import solve_foci, stored, synthesise, verification_solver
+from airtact.solvers.problem import RadiatedField
+from airtact.steps import plane_of_foci, save_drives, solve_foci, stored, synthesise, verification_solver
 from airtact.synthesis.methods import METHODS
 from airtact.synthesis.quantise import quantise
 from airtact.synthesis.upper_bound import upper_bound
@@ -48,7 +46,8 @@ def compare(path: Path, folder: Path, report_step: Progress = no_progress, store
     with clock.step("drives", f"making the drive by {len(METHODS)} methods"):
         drives, seconds, notes = _all_drives(setup, transfer)
         bound = upper_bound(transfer, setup.target).worst
-    _write_drives(folder / "drives", setup, transfer, beacons, drives)
+    files = {folder / "drives" / f"{name.replace(' ', '_')}.h5": drive for name, drive in drives.items()}
+    save_drives(files, setup, transfer, beacons)
     emitted = {name: quantise(drive, setup.levels).drive() for name, drive in drives.items()}
     with clock.step(
         "verify", f"verifying {len(drives)} drives by a more accurate solve with all transducers as sources"
@@ -91,15 +90,6 @@ def _fresh_setup(path: Path, folder: Path) -> Setup:
     return setup
 
 
-def _write_drives(
-    folder: Path, setup: Setup, transfer: TransferMatrix, beacons: SolveReport, drives: dict[str, Drive]
-) -> None:
-    texts = {"scene": setup.text, "report": msgspec.json.encode(beacons).decode()}
-    for name, drive in drives.items():
-        file = folder / f"{name.replace(' ', '_')}.h5"
-        drive.save(file, setup.array, setup.scene, transfer, setup.target, setup.levels, texts)
-
-
 def _all_drives(setup: Setup, transfer: TransferMatrix) -> tuple[dict[str, Drive], dict[str, float], list[str]]:
     """Make a drive by each method: drives, seconds, and warnings of those that raised or stalled."""
     drives, all_notes, clock = {}, [], Clock()
@@ -120,10 +110,7 @@ def _all_drives(setup: Setup, transfer: TransferMatrix) -> tuple[dict[str, Drive
 
 def _cut(setup: Setup, field: RadiatedField, names: list[str]) -> Cut:
     """Cut the field of each drive, one right-hand side a name, through the foci."""
-    obstacles = setup.scene.obstacles
-    vertices = np.concatenate([np.empty((0, 3)), *(obstacle.surface.vertices for obstacle in obstacles)])
-    window = plane_through(setup.target.points, vertices, setup.scene.wavelength)
-    solid = [obstacle.surface for obstacle in obstacles if obstacle.boundary != "filled"]
+    window, solid = plane_of_foci(setup)
     return Cut(window, dict(zip(names, field.at(window.points).T, strict=True)), cut_bodies(window, solid))
 
 

@@ -1,40 +1,26 @@
 """From a scene file to a folder of results: the drive, the field and the page. Prints nothing."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
 import numpy as np
 
 from airtact.evaluation.comparison import Comparison, compare
-from airtact.evaluation.windows import Window, box_around, close_up, plane_through
+from airtact.evaluation.windows import Window, box_around, close_up
 from airtact.figures.field_figure import Cut, cut_bodies
 from airtact.file_access.atomic import writable_folder
 from airtact.files.vtkhdf import write_field
 from airtact.pages.run_page import Run, write_page
 from airtact.scene.target_points import outward
 from airtact.scene_file.building import Setup, read_scene
-from airtact.solvers.problem import SolveReport
-from airtact.steps import solve_foci, stored, synthesise, verification_solver
-from airtact.synthesis.quantise import Frame, quantise
+from airtact.steps import plane_of_foci, save_drives, solve_foci, stored, synthesise, verification_solver
+from airtact.synthesis.quantise import quantise
 from airtact.timing import Clock, Progress, no_progress
-from airtact.transfer import Drive, TransferMatrix, focus_by_distance
+from airtact.transfer import Drive, focus_by_distance
 
 FILES = ("drive.csv", "drive.h5", "field.vtkhdf", "report.html")
 """What a run writes, in this order."""
 
 CONSIDERED, IGNORED = "hand considered", "hand ignored"
-
-
-@dataclass(frozen=True, eq=False)
-class _Made:
-    """A drive and what it was made from."""
-
-    beacons: SolveReport
-    transfer: TransferMatrix
-    drive: Drive
-    frame: Frame
-    notes: tuple[str, ...]
 
 
 def render(path: Path, folder: Path, report_step: Progress = no_progress, store: Path | None = None) -> Run:
@@ -53,11 +39,16 @@ def render(path: Path, folder: Path, report_step: Progress = no_progress, store:
     with clock.step("scene", f"reading {path.name}"):
         setup = read_scene(path)
         writable_folder(folder)
-    made = _make_drive(setup, clock, store)
-    _write_drive(folder, setup, made)
-    comparison = _verify(setup, made, clock, store)
+    transfer, beacons = solve_foci(setup, clock, store)
+    with clock.step("drive", f"making the drive by {setup.method.replace('_', ' ')}"):
+        drive, notes = synthesise(setup.synthesise, transfer, setup.target)
+    # An older run's field and page must not stand beside this run's drive.
+    for name in FILES:
+        (folder / name).unlink(missing_ok=True)
+    save_drives({folder / name: drive for name in FILES[:2]}, setup, transfer, beacons)
+    comparison = _verify(setup, drive, clock, store)
     with clock.step("field", "computing the field around the foci"):
-        peak = float(np.abs(made.drive.amplitudes).max())
+        peak = float(np.abs(drive.amplitudes).max())
         box = box_around(setup.target.points, setup.scene.wavelength)
         bodies = [obstacle.surface for obstacle in setup.scene.obstacles]
         write_field(folder / "field.vtkhdf", box, peak * comparison.at(box.points)[CONSIDERED], bodies)
@@ -72,15 +63,15 @@ def render(path: Path, folder: Path, report_step: Progress = no_progress, store:
         target=setup.target,
         foci=setup.foci,
         method=setup.method.replace("_", " "),
-        drive=made.drive,
-        frame=made.frame,
-        transfer=made.transfer,
-        beacons=made.beacons,
+        drive=drive,
+        frame=quantise(drive, setup.levels),
+        transfer=transfer,
+        beacons=beacons,
         reached=peak * comparison.pressures["equal peak"][0],
         comparison=comparison,
         plane=plane,
         close_ups=close_ups,
-        notes=made.notes,
+        notes=notes,
         seconds=clock.seconds,
     )
     report_step("drawing the report")
@@ -88,26 +79,10 @@ def render(path: Path, folder: Path, report_step: Progress = no_progress, store:
     return run
 
 
-def _make_drive(setup: Setup, clock: Clock, store: Path | None) -> _Made:
-    transfer, report = solve_foci(setup, clock, store)
-    with clock.step("drive", f"making the drive by {setup.method.replace('_', ' ')}"):
-        drive, notes = synthesise(setup.synthesise, transfer, setup.target)
-    return _Made(report, transfer, drive, quantise(drive, setup.levels), notes)
-
-
-def _write_drive(folder: Path, setup: Setup, made: _Made) -> None:
-    # An older run's field and page must not stand beside this run's drive.
-    for name in FILES:
-        (folder / name).unlink(missing_ok=True)
-    texts = {"scene": setup.text, "report": msgspec.json.encode(made.beacons).decode()}
-    for name in FILES[:2]:
-        made.drive.save(folder / name, setup.array, setup.scene, made.transfer, setup.target, made.frame.levels, texts)
-
-
-def _verify(setup: Setup, made: _Made, clock: Clock, store: Path | None) -> Comparison:
+def _verify(setup: Setup, drive: Drive, clock: Clock, store: Path | None) -> Comparison:
     """Compare the drive with the one that ignores the bodies."""
     control = focus_by_distance(setup.array, setup.target, setup.scene.medium, setup.scene.frequency)
-    drives = {CONSIDERED: made.drive, IGNORED: control}
+    drives = {CONSIDERED: drive, IGNORED: control}
     with clock.step("verify", "verifying it by a more accurate solve with all transducers as sources"):
         return compare(setup.scene, setup.array, drives, setup.target, solver=stored(verification_solver(setup), store))
 
@@ -118,17 +93,14 @@ def _cuts(setup: Setup, comparison: Comparison) -> tuple[Cut, list[Cut]]:
     columns = [comparison.column(name) for name in comparison.names]
     energy = np.sum(np.abs(comparison.field.sources.strengths[:, columns]) ** 2, axis=0)
     scales = dict(zip(comparison.names, np.sqrt(energy.min() / energy), strict=True))
-    surfaces = [obstacle.surface for obstacle in scene.obstacles]
-    solid = [obstacle.surface for obstacle in scene.obstacles if obstacle.boundary != "filled"]
+    window, solid = plane_of_foci(setup)
 
     def cut(window: Window) -> Cut:
         pressures = comparison.at(window.points)
         return Cut(window, {name: p * scales[name] for name, p in pressures.items()}, cut_bodies(window, solid))
 
-    plane = cut(
-        plane_through(foci, np.concatenate([np.empty((0, 3)), *(one.vertices for one in surfaces)]), scene.wavelength)
-    )
-    if len(foci) < 3 or not surfaces:
+    plane = cut(window)
+    if len(foci) < 3 or not scene.obstacles:
         return plane, []
     outwards = outward(scene.depth, foci)
     return plane, [cut(close_up(*pair, scene.wavelength)) for pair in zip(foci, outwards, strict=True)]
