@@ -1,5 +1,6 @@
 """``airtact reproduce``: a published experiment, computed again."""
 
+from importlib import import_module
 from pathlib import Path
 
 import click
@@ -13,7 +14,7 @@ from airtact.conventions import NotConverged
     short_help="Compute a paper's experiment again and write a page about it.",
     epilog="Example: airtact reproduce inoue2014 --out out/inoue2014 --quick",
 )
-@click.argument("paper", type=Names("airtact.workflows.reproduce:PAPERS"))
+@click.argument("paper", type=Names("airtact.experiments:PAPERS"))
 @results
 @click.option("--quick", is_flag=True, help="Do less of everything, in about three minutes instead of twenty.")
 def reproduce(paper: str, folder: Path, quick: bool) -> None:
@@ -25,9 +26,7 @@ def reproduce(paper: str, folder: Path, quick: bool) -> None:
     """
     with progress() as report_step:
         report_step(f"starting {paper}")
-        from airtact.workflows import reproduce as workflow
-
-        done = workflow.reproduce(paper, folder, quick, report_step)
+        done = import_module(f"airtact.experiments.{paper}").reproduce(folder, quick, report_step)
     facts = [f"{number:>8}  {what}" for number, what in done.facts]
     show(lines=[*facts, f"Report: {done.page} ({done.seconds:.0f} s)"])
     if done.failed:
