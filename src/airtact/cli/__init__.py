@@ -14,12 +14,7 @@ from airtact.hardware.link import LinkFailed
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit code.
-
-    Parameters
-    ----------
-    arguments : what stands after the command's name; that of this process if not given.
-    """
+    """Run the command line with these arguments, or those of this process, and return its exit code."""
     try:
         commands.main(args=arguments, prog_name="airtact", standalone_mode=False)
     except click.ClickException as error:

@@ -102,7 +102,7 @@ class AUTD3Link(Link):
                 f"{nearest}.",
                 code="frame_count",
             )
-        check_rate(rate, PERIODS, LARGEST_DIVIDE)
+        check_rate(rate, PERIODS, LARGEST_DIVIDE, "AUTD3")
 
     def played(self, index: int = 0) -> Frame:
         """Read back what the boards play, frame ``index`` of a sequence, from the firmware's model.

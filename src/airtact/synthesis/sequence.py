@@ -141,15 +141,15 @@ def check_playable(sequence: Sequence, *, clock: float, most: int, slowest: int 
         raise InvalidInput(
             f"the sequence has {len(sequence)} frames, and the board keeps {most}; lower its rate.", code="frame_count"
         )
-    check_rate(sequence.rate, clock, slowest)
+    check_rate(sequence.rate, clock, slowest, "the board")
 
 
-def check_rate(rate: float, clock: float, slowest: int) -> None:
+def check_rate(rate: float, clock: float, slowest: int, board: str) -> None:
     """Raise "rate_not_possible" unless a rate [frames/s] is a clock [Hz] over a whole number up to ``slowest``."""
     divide = min(max(round(clock / rate), 1), slowest)
     if abs(clock / divide - rate) > 1e-6 * rate:
         raise InvalidInput(
-            f"{rate:g} frames/s are not {clock:g} Hz over a whole number up to {slowest}: the nearest that the board "
+            f"{rate:g} frames/s are not {clock:g} Hz over a whole number up to {slowest}: the nearest that {board} "
             f"plays is {clock / divide:.7g} frames/s.",
             code="rate_not_possible",
         )

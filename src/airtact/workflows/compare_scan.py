@@ -25,14 +25,7 @@ FILES = ("overlay.csv", "overlay.png")
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """A scan beside its prediction, and how the latter was solved.
-
-    Attributes
-    ----------
-    overlay : both, and how far they differ.
-    report : of the solver that predicted.
-    notes : warnings of a method that stopped early.
-    """
+    """A scan beside its prediction, how the latter was solved, and warnings of a method that stopped early."""
 
     overlay: Overlay
     report: SolveReport

@@ -39,9 +39,6 @@ class Plan:
 
     Attributes
     ----------
-    stored : the drive or sequence.
-    board : the kind of board.
-    poses : where each stands.
     rounding : (F,) relative change of the pressure at each focus that the board's levels make, the worst over the
         most powerful frames; None without a transfer matrix in the file.
     head : largest level half a metre off the array [dB].

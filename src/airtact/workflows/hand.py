@@ -29,15 +29,7 @@ from airtact.workflows.recording import Replayed, replay_recording
 
 @dataclass(frozen=True, eq=False)
 class Posed:
-    """The skin of a hand that was made and written.
-
-    Attributes
-    ----------
-    hand : the hand.
-    shape : of its skin.
-    quadratic_triangles : (T, 6, 3) those of the skin that were written [m].
-    file, picture : what was written.
-    """
+    """The skin of a hand that was made and written, with its triangles (T, 6, 3) [m]."""
 
     hand: Hand
     shape: HandShape | MeshShape
@@ -63,13 +55,7 @@ class Posed:
 
 @dataclass(frozen=True, eq=False)
 class Fitted(Posed):
-    """The skin of a hand that was found in a cloud and written.
-
-    Attributes
-    ----------
-    fitted : what was found.
-    distances : (N,) of its points from the skin, positive outside [m].
-    """
+    """The skin of a hand that was found in a cloud, and the distances of its points from it, positive outside [m]."""
 
     fitted: FittedHand
     distances: Float64[np.ndarray, "points"]

@@ -38,10 +38,7 @@ class Meshed:
 
     Attributes
     ----------
-    surface : what was read.
     edge : of the equilateral triangle as large as the panels wanted [m].
-    panels : what was made.
-    file, picture : what was written.
     open_edges : edges of flat triangles that have no neighbour in the file.
     """
 

@@ -20,15 +20,7 @@ SIDES: tuple[Side, ...] = ("left", "right")
 
 @dataclass(frozen=True, eq=False)
 class Replayed:
-    """What was found in a recording, and what was written.
-
-    Attributes
-    ----------
-    recording : the frames, and what was wrong with them.
-    tracks : the pads of each hand in it.
-    skins : files of the skins of chosen frames.
-    picture : of the pads over time.
-    """
+    """What was found in a recording, the pads of each hand in it, and the files of skins and of the picture."""
 
     recording: Recording
     tracks: tuple[PadTrack, ...]
