@@ -6,7 +6,8 @@ import pytest
 from airtact.conventions import InvalidInput
 from airtact.figures.body_figure import sharp_edges
 from airtact.scene.medium import air
-from airtact.scene_file.building import drawable_bodies, read_scene
+from airtact.scene_file.bodies import drawable_bodies
+from airtact.scene_file.building import read_scene
 from airtact.solvers.free_field import FreeField
 from airtact.surfaces.primitives import capsule
 from airtact.synthesis.methods import METHODS

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
     from airtact.scene.scene import Scene
     from airtact.scene_file.building import Setup
-    from airtact.surfaces.surface import Surface
 
 
 @click.command(
@@ -85,6 +84,8 @@ def _foci_table(setup: "Setup") -> "Table":
 
 def _surface_tables(name: str, scene: "Scene") -> "Iterator[Table]":
     """Tabulate what is in a surface, what was repaired, and what solving it takes."""
+    import numpy as np
+
     from airtact.mesh.topology import shells
     from airtact.workflows.check import unknowns_by_accuracy
 
@@ -93,7 +94,8 @@ def _surface_tables(name: str, scene: "Scene") -> "Iterator[Table]":
     facts = plain_table()
     closed = f"{pieces} closed {'piece' if pieces == 1 else 'pieces'}"
     facts.add_row("accepted", f"{name}: {len(surface.triangles):,} triangles, {closed}")
-    facts.add_row("extent", f"{_sides(surface)} mm along x, y, z")
+    sides = " x ".join(f"{1e3 * side:.4g}" for side in np.ptp(surface.vertices, axis=0))
+    facts.add_row("extent", f"{sides} mm along x, y, z")
     facts.add_row("area", f"{1e4 * surface.area:.4g} cm² = {surface.area / scene.wavelength**2:.3g} λ² at 40 kHz")
     facts.add_row("volume", f"{1e6 * surface.volume:.4g} cm³")
     facts.add_row("sharp edges", sharp_edges_in_words(surface))
@@ -101,11 +103,6 @@ def _surface_tables(name: str, scene: "Scene") -> "Iterator[Table]":
         facts.add_row(f"accuracy {accuracy:g}", f"{unknowns:,} unknowns, matrix {_memory(unknowns)}")
     yield facts
     yield repairs_table(surface)
-
-
-def _sides(surface: "Surface") -> str:
-    spans = surface.vertices.max(axis=0) - surface.vertices.min(axis=0)
-    return " x ".join(f"{1e3 * span:.4g}" for span in spans)
 
 
 def _memory(unknowns: float) -> str:

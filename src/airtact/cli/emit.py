@@ -42,7 +42,9 @@ def emit(drive: Path, board: str, link: str, cap: float, seconds: float, yes: bo
     with progress() as report_step:
         played = workflow.emit(plan, way, seconds, report_step)
     if way.real_time:
-        show(lines=[f"{way.sent} frames were sent; the last was silence, {_confirmed(link, board)}."])
+        unanswered = link == "serial" and board == "sonicsurface"
+        confirmed = "written to the port (a SonicSurface never answers)" if unanswered else "and confirmed"
+        show(lines=[f"{way.sent} frames were sent; the last was silence, {confirmed}."])
     else:
         show(lines=[f"{counted(way.sent, 'frame was', 'frames were')} written."])
     if played is not None:
@@ -96,9 +98,3 @@ def _ask(question: str) -> None:
         raise InvalidInput(f"{sentence}: give --yes to emit without asking.", code="not_confirmed")
     if not click.confirm(question, default=False):
         raise InvalidInput("0 frames were sent, as you answered no.", code="not_confirmed")
-
-
-def _confirmed(link: str, board: str) -> str:
-    if link == "serial" and board == "sonicsurface":
-        return "written to the port (a SonicSurface never answers)"
-    return "and confirmed"

@@ -223,7 +223,7 @@ class SphereShellTable(Choice, frozen=True, tag="sphere_shell"):
 
 
 class Drawn(Choice, frozen=True):
-    """Points of a drawing, at most ``spacing`` apart [m], read from where ``normal`` points to."""
+    """Points of a drawing, with their ``spacing`` [m], read from where ``normal`` points to."""
 
     spacing: float
     centre: Triple = (0.0, 0.0, 0.0)
