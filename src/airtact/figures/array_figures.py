@@ -19,7 +19,6 @@ from airtact.surfaces.surface import Surface
 GREY = 0.9, 0.873, 0.846, 1.0
 """Colour of bodies."""
 
-PHASES = ScalarMappable(Normalize(-np.pi, np.pi), "twilight")
 PHASE_TICKS = {-np.pi: "−π", -np.pi / 2: "−π/2", 0.0: "0", np.pi / 2: "π/2", np.pi: "π"}
 
 
@@ -88,14 +87,14 @@ def draw_phases(
     diameter = min(spacing(positions[face.elements]) for face in faces) * 0.94
     magnitudes = np.abs(amplitudes)
     emitted = (
-        (np.angle(amplitudes), PHASES, "phase [rad]"),
+        (np.angle(amplitudes), _phase_colours(), "phase [rad]"),
         (magnitudes, ScalarMappable(Normalize(0, magnitudes.max()), "viridis"), "amplitude [of full scale]"),
     )
     for row, (values, scale, label) in zip(rows, emitted, strict=True):
         for panel, face in zip(row, faces, strict=True):
             _draw_discs(panel, 1e3 * face.seen, values[face.elements], 1e3 * diameter, scale)
         bar = figure.colorbar(scale, ax=list(row), label=label, pad=0.01, aspect=25)
-        if scale is PHASES:
+        if scale.get_cmap().name == "twilight":
             bar.set_ticks(list(PHASE_TICKS), labels=list(PHASE_TICKS.values()))
     for panel, face in zip(axes[0], faces * (2 if beside else 1), strict=True):
         panel.set_title(_where(face, positions), fontsize=10)
@@ -104,6 +103,10 @@ def draw_phases(
     for panel in axes[:, 0]:
         panel.set_ylabel("up [mm]")
     return figure
+
+
+def _phase_colours() -> ScalarMappable:
+    return ScalarMappable(Normalize(-np.pi, np.pi), "twilight")
 
 
 def spacing(positions: Real[np.ndarray, "elements 3"]) -> float:
@@ -157,20 +160,21 @@ def draw_scene(
     turned_away = normals @ viewer < -1e-6
     size = min(spacing(positions[face.elements]) for face in unfold(positions, normals))
     discs = _discs(positions, normals, 0.47 * size)
-    colours = PHASES.to_rgba(np.angle(amplitudes))
+    scale = _phase_colours()
+    colours = scale.to_rgba(np.angle(amplitudes))
     shown = {"facecolors": colours[~turned_away], "edgecolors": "0.55", "linewidths": 0.25, "zorder": 1}
     axes.add_collection3d(Poly3DCollection(discs[~turned_away], **shown))
     for body in sorted(bodies, key=lambda body: float(body.vertices.mean(axis=0) @ viewer)):
-        axes.add_collection3d(solid(1e3 * body.corners, np.tile(GREY, (len(body.triangles), 1)), [], view)).set_zorder(
-            3
-        )
+        shaded = solid(1e3 * body.corners, np.tile(GREY, (len(body.triangles), 1)), [], view)
+        shaded.set_zorder(3)
+        axes.add_collection3d(shaded)
     axes.scatter(*(1e3 * foci.T), s=34, c="#e8590c", edgecolors="white", linewidths=0.8, depthshade=False, zorder=4)
     if turned_away.any():
         faint = colours[turned_away] * [1, 1, 1, 0.18]
         shown = {"facecolors": "none", "edgecolors": faint, "linewidths": 0.5, "zorder": 2}
         axes.add_collection3d(Poly3DCollection(discs[turned_away], **shown))
     frame(axes, np.concatenate([discs.reshape(-1, 3), *(1e3 * body.vertices for body in bodies), 1e3 * foci]))
-    bar = figure.colorbar(PHASES, ax=axes, label="phase of the transducers [rad]", shrink=0.62, pad=0.08, aspect=24)
+    bar = figure.colorbar(scale, ax=axes, label="phase of the transducers [rad]", shrink=0.62, pad=0.08, aspect=24)
     bar.set_ticks(list(PHASE_TICKS), labels=list(PHASE_TICKS.values()))
     return figure
 
