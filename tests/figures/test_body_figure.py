@@ -96,7 +96,7 @@ def test_a_hole_shows_the_inside_and_its_edge(tmp_path):
     assert share(image, (0.80, 0.07, 0.07)) > 1e-3
 
 
-def test_a_place_under_turned_triangles_is_looked_at_from_outside():
+def test_a_position_under_turned_triangles_is_looked_at_from_outside():
     mesh = BALL
     near = np.linalg.norm(mesh.corners.mean(axis=1) - [0.01, 0, 0], axis=1) < 5e-3
     triangles = np.where(near[:, None], mesh.triangles[:, ::-1], mesh.triangles)
@@ -104,7 +104,7 @@ def test_a_place_under_turned_triangles_is_looked_at_from_outside():
     assert View(space.azim, space.elev).towards_viewer[0] > 0.8
 
 
-def test_a_fault_without_a_place_shows_all_from_two_sides_and_says_so():
+def test_a_fault_without_a_position_shows_all_from_two_sides_and_says_so():
     figure = draw_fault(*box_mesh(), "It is no good.", None)
     assert len(spaces(figure)) == len(figure.axes) == 2
     assert figure.get_suptitle() == "It is no good. (The fault has no single position.)"

@@ -42,7 +42,7 @@ def drawn_images(figure):
 def test_all_drives_share_one_scale_that_is_named():
     source = np.array([0.02, 1e-3, 0.01])
     field = monopole(UPRIGHT.points, source)
-    cut = Cut(UPRIGHT, {"loud": field, "soft": 0.25 * field}, [])
+    cut = Cut(UPRIGHT, {"strong": field, "weak": 0.25 * field}, [])
     figure = draw_fields(cut, source[None], ["here"], "at equal energy")
     images = drawn_images(figure)
     assert [image.get_clim() for image in images] == [(0.0, np.abs(field).max())] * 2
@@ -50,7 +50,7 @@ def test_all_drives_share_one_scale_that_is_named():
     labels = [axes.get_ylabel() for axes in figure.axes]
     assert "peak pressure [Pa], at equal energy" in labels
     assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == ("x [mm]", "z [mm]")
-    assert [axes.get_title() for axes in figure.axes[:2]] == ["loud", "soft"]
+    assert [axes.get_title() for axes in figure.axes[:2]] == ["strong", "weak"]
 
 
 def test_the_field_is_drawn_where_it_is():

@@ -8,12 +8,12 @@ from airtact import _kernels
 pytestmark = pytest.mark.usefixtures("variant")
 
 
-def twin(matrix, wanted, sources, turns, weighted):
-    """Return the sources, the worst share and the drive of the best turn, or of the last where not weighted."""
+def twin(matrix, wanted, sources, iterations, weighted):
+    """Return the sources, the worst share and the drive of the best iteration, or of the last where not weighted."""
     asked = wanted > 0
     matrix, wanted, sources = matrix[asked], wanted[asked], sources[asked]
     weight, kept, reached, before, damping = np.abs(sources), sources, -1.0, 0.0 * wanted, 1.0
-    for _ in range(turns):
+    for _ in range(iterations):
         sent = matrix.conj().T @ sources
         pressure = matrix @ (sent / np.abs(sent))
         share = np.abs(pressure) / wanted
@@ -28,12 +28,12 @@ def twin(matrix, wanted, sources, turns, weighted):
     return kept, reached, sent / np.abs(sent)
 
 
-def compiled(matrix, rows, wanted, sources, turns, weighted, between_foci=0):
+def compiled(matrix, rows, wanted, sources, iterations, weighted, between_foci=0):
     planes = [np.ascontiguousarray(part, dtype=np.float32) for part in (matrix.real, matrix.imag)]
     sources, worst = sources.astype(np.complex64), np.empty(len(rows), dtype=np.float32)
     drives = np.empty((len(rows), matrix.shape[1]), dtype=np.complex64)
     _kernels.gerchberg_saxton(
-        *planes, rows, wanted.astype(np.float32), between_foci, turns, weighted, sources, worst, drives
+        *planes, rows, wanted.astype(np.float32), between_foci, iterations, weighted, sources, worst, drives
     )
     return sources, worst, drives
 
@@ -55,7 +55,7 @@ def test_every_set_is_taken_as_by_numpy(elements, weighted):
         np.testing.assert_allclose(sources[index][wanted[index] > 0], kept, atol=1e-4)
 
 
-def test_an_element_that_no_focus_hears_stays_silent():
+def test_an_element_that_reaches_no_focus_stays_silent():
     matrix = np.ones((2, 300), dtype=complex)
     matrix[:, 7] = 0.0
     _, worst, drives = compiled(matrix, np.array([[0, 1]]), np.ones((1, 2)), np.ones((1, 2), dtype=complex), 3, True)
@@ -63,7 +63,7 @@ def test_an_element_that_no_focus_hears_stays_silent():
     assert worst[0] == pytest.approx(299.0)
 
 
-def test_rows_that_are_not_there_are_refused():
+def test_rows_that_are_not_there_are_rejected():
     with pytest.raises(IndexError, match="a row that the matrix does not have"):
         compiled(np.ones((2, 3), dtype=complex), np.array([[0, 2]]), np.ones((1, 2)), np.ones((1, 2)), 1, True)
 

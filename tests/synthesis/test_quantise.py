@@ -49,8 +49,8 @@ def test_every_drive_is_rounded_to_the_nearest_level() -> None:
     wanted = Drive(random.uniform(0.0, 1.0, 5000) * np.exp(2j * np.pi * random.uniform(0.0, 1.0, 5000)))
     played = quantise(wanted).drive()
     assert np.abs(np.abs(played.amplitudes) - np.abs(wanted.amplitudes)).max() <= 0.5 / 255.0 + 1e-12
-    loud = np.abs(played.amplitudes) > 0.0
-    turns = np.angle(played.amplitudes[loud] / wanted.amplitudes[loud]) / (2.0 * np.pi)
+    emitting = np.abs(played.amplitudes) > 0.0
+    turns = np.angle(played.amplitudes[emitting] / wanted.amplitudes[emitting]) / (2.0 * np.pi)
     assert np.abs(turns).max() <= 0.5 / 256.0 + 1e-12
 
 

@@ -1,4 +1,4 @@
-"""Sequences: what each modulation makes of force and place, what a board can play, and what is refused."""
+"""Sequences: what each modulation makes of force and place, what a board can play, and what is rejected."""
 
 import numpy as np
 import pytest
@@ -43,8 +43,8 @@ def test_force_swings_as_a_cosine_without_overtones(depth) -> None:
     assert np.abs(spectrum[2:]).max() < 1e-15
     np.testing.assert_allclose(swing.drives[0], DRIVE.amplitudes)
     # The phases stay, so the sound keeps its shape.
-    loud = np.abs(swing.drives[:, 0]) > 1e-9
-    np.testing.assert_allclose(np.angle(swing.drives[loud] / DRIVE.amplitudes), 0.0, atol=1e-12)
+    emitting = np.abs(swing.drives[:, 0]) > 1e-9
+    np.testing.assert_allclose(np.angle(swing.drives[emitting] / DRIVE.amplitudes), 0.0, atol=1e-12)
 
 
 def test_lateral_modulation_goes_to_and_fro() -> None:
