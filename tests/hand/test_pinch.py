@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from airtact.hand.pinch import pinch
-from airtact.mesh.closest_point import segment_distances
+from airtact.mesh.mesh_distance import segment_distances
 from airtact.scene.medium import Medium
 from airtact.scene.scene import Scene, check_outside, sound_hard
 from faults import raises_code

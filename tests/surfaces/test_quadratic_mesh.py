@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 import airtact as at
-from airtact.mesh.closest_point import closest_on_triangles
+from airtact.mesh.mesh_distance import closest_on_triangles
 from airtact.mesh.panel_tree import panel_tree
 from airtact.mesh.quadratic_triangles import cut, points_at, shape_functions
 from airtact.surfaces.files import load_surface
@@ -114,7 +114,7 @@ def nearest_of_all(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     distance = np.empty((len(points), len(corners)))
     for row, point in enumerate(points):
         repeated = np.broadcast_to(point, (len(corners), 3))
-        nearest = np.einsum("nk,nki->ni", closest_on_triangles(repeated, corners), corners)
+        nearest = closest_on_triangles(repeated, corners)
         distance[row] = np.linalg.norm(point - nearest, axis=1)
     return distance.min(axis=1)
 

@@ -27,7 +27,7 @@ from airtact.figures.solids import (
     unit_normals,
     wide_figure,
 )
-from airtact.mesh.closest_point import closest_on_triangles
+from airtact.mesh.mesh_distance import closest_on_triangles
 from airtact.mesh.topology import edge_twins
 from airtact.surfaces.mesh_shape import MeshShape
 from airtact.surfaces.surface import Surface
@@ -169,7 +169,7 @@ def _standing_before(corners: Float64[np.ndarray, "triangles 3 3"], view: View) 
 def _distances(
     corners: Float64[np.ndarray, "triangles 3 3"], mark: Float64[np.ndarray, "3"]
 ) -> Float64[np.ndarray, "triangles"]:
-    nearest = np.einsum("tk,tkd->td", closest_on_triangles(np.tile(mark, (len(corners), 1)), corners), corners)
+    nearest = closest_on_triangles(np.tile(mark, (len(corners), 1)), corners)
     return np.linalg.norm(nearest - mark, axis=1)
 
 

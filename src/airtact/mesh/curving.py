@@ -10,19 +10,25 @@ Tools 3, 43 (1998).
 """
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int, Int64, Real
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from jaxtyping import Bool, Float64, Int64
 
 from airtact.mesh.quadratic_triangles import (
     NODE_PLACES,
     QuadraticTriangles,
     area_vectors,
-    edge_lengths,
+    corner_angles,
+    longest_edges,
     points_at,
     unit,
 )
-from airtact.mesh.topology import Twins, edge_twins
+from airtact.mesh.topology import Triangles, Twins, Vertices, components, edge_twins, smooth_patches
+
+Vectors = Float64[np.ndarray, "triangles 3 3"]
+"""(T, 3, 3) a vector of each corner or edge of the triangles."""
+Normals = Float64[np.ndarray, "triangles 3"]
+"""(T, 3) normals of the flat triangles."""
+Edges = Bool[np.ndarray, "triangles 3"]
+"""(T, 3) whether edges 01, 12, 20 are of some kind."""
 
 SHARP_DEGREES = 75.0
 """Edges whose two triangles turn by more than this stay sharp."""
@@ -37,19 +43,13 @@ STEEPEST = np.cos(np.radians(60.0))
 """Cosine of the largest angle between an edge and its tangents that still curves it."""
 
 
-def curved(
-    vertices: Real[np.ndarray, "vertices 3"], triangles: Int[np.ndarray, "triangles 3"], sharp_degrees: float
-) -> tuple[Float64[np.ndarray, "triangles 3 3"], Bool[np.ndarray, "triangles 3"]]:
-    """Curve the triangles of a closed mesh.
+def curved(vertices: Vertices, triangles: Triangles, sharp_degrees: float) -> tuple[Vectors, Edges]:
+    """Find the points of the curved surface over the middles of a closed mesh's edges [m], and which edges are sharp.
 
     A cap closes a body that was cut off, a hand at the wrist: triangles that look much the same way and have all their
     vertices on the rim, where the surface turns by more than ``CAP_RIM`` degrees. Caps stay flat and their rims sharp.
-
-    Returns
-    -------
-    (T, 3, 3) points of the curved surface over the middles of edges 01, 12, 20 [m], and (T, 3) which edges are sharp.
     """
-    corners = np.asarray(vertices, dtype=np.float64)[triangles]
+    corners = vertices[triangles]
     twins = edge_twins(triangles)
     flat = unit(area_vectors(corners))
     turn = np.einsum("td,ted->te", flat, flat[twins // 3])
@@ -68,13 +68,7 @@ def curved(
     return straight + rise, sharp
 
 
-def _rises(
-    corners: Float64[np.ndarray, "triangles 3 3"],
-    triangles: Int[np.ndarray, "triangles 3"],
-    twins: Twins,
-    flat: Float64[np.ndarray, "triangles 3"],
-    sharp: Bool[np.ndarray, "triangles 3"],
-) -> Float64[np.ndarray, "triangles 3 3"]:
+def _rises(corners: Vectors, triangles: Triangles, twins: Twins, flat: Normals, sharp: Edges) -> Vectors:
     """How far the middle of each edge moves when it becomes an arc with its tangents [m]."""
     along = np.roll(corners, -1, axis=1) - corners
     length = np.linalg.norm(along, axis=2, keepdims=True)
@@ -87,16 +81,12 @@ def _rises(
     return length / 4 * (_half_tangent(start, along) - _half_tangent(end, along))
 
 
-def _is_folded(
-    quadratic_triangles: QuadraticTriangles, flat: Float64[np.ndarray, "triangles 3"]
-) -> Bool[np.ndarray, "triangles"]:
+def _is_folded(quadratic_triangles: QuadraticTriangles, flat: Normals) -> Bool[np.ndarray, "triangles"]:
     """Whether a curved panel turns by more than 60 degrees from its flat triangle at any of its nodes."""
     corners = quadratic_triangles[:, :3]
     rise = np.abs(quadratic_triangles[:, 3:] - 0.5 * (corners + np.roll(corners, -1, axis=1))).max(axis=(1, 2))
     twice_area = np.linalg.norm(area_vectors(corners), axis=1)
-    folded = (
-        rise * edge_lengths(quadratic_triangles).max(axis=1) > 0.05 * twice_area
-    )  # far from it are those that rise little
+    folded = rise * longest_edges(quadratic_triangles) > 0.05 * twice_area  # far from it are those that rise little
     some = quadratic_triangles[folded]
     steep = np.zeros(len(some), dtype=bool)
     for node in NODE_PLACES:
@@ -107,18 +97,12 @@ def _is_folded(
 
 
 def _caps(
-    corners: Float64[np.ndarray, "triangles 3 3"],
-    triangles: Int[np.ndarray, "triangles 3"],
-    twins: Twins,
-    flat: Float64[np.ndarray, "triangles 3"],
-    bent: Bool[np.ndarray, "triangles 3"],
-) -> tuple[Bool[np.ndarray, "triangles"], Bool[np.ndarray, "triangles 3"]]:
+    corners: Vectors, triangles: Triangles, twins: Twins, flat: Normals, bent: Edges
+) -> tuple[Bool[np.ndarray, "triangles"], Edges]:
     """Find the triangles of caps and the edges of their rims, among the patches that bent edges part."""
     if not bent.any():
         return np.zeros(len(triangles), dtype=bool), bent
-    triangle, edge = np.nonzero(~bent)
-    links = (np.ones(len(triangle), dtype=bool), (triangle, twins[triangle, edge] // 3))
-    patch = connected_components(coo_array(links, shape=(len(triangles),) * 2), directed=False)[1].astype(np.int64)
+    patch = smooth_patches(twins, bent)
     area = np.linalg.norm(area_vectors(corners), axis=1)
     mean = np.stack([np.bincount(patch, weights=area * flat[:, axis]) for axis in range(3)], axis=1)
     evenness = np.ones(len(mean))
@@ -133,55 +117,36 @@ def _caps(
     return cap, outer & (cap[:, None] | cap[twins // 3])
 
 
-def _laid(
-    along: Float64[np.ndarray, "triangles 3 3"], normals: Float64[np.ndarray, "triangles 3 3"]
-) -> Float64[np.ndarray, "triangles 3 3"]:
+def _laid(along: Vectors, normals: Vectors) -> Vectors:
     """Lay unit edges into the tangent planes."""
     return unit(along - np.einsum("tei,tei->te", along, normals)[:, :, None] * normals)
 
 
-def _half_tangent(
-    tangent: Float64[np.ndarray, "triangles 3 3"], along: Float64[np.ndarray, "triangles 3 3"]
-) -> Float64[np.ndarray, "triangles 3 3"]:
+def _half_tangent(tangent: Vectors, along: Vectors) -> Vectors:
     """Tangent of half the angle between a tangent and its edge, towards where the tangent leaves it; zero if steep."""
     cosine = np.einsum("tei,tei->te", tangent, along)[:, :, None]
     return np.where(cosine > STEEPEST, (tangent - cosine * along) / (1 + np.maximum(cosine, 0)), 0.0)
 
 
-def _corner_normals(
-    along: Float64[np.ndarray, "triangles 3 3"],
-    flat: Float64[np.ndarray, "triangles 3"],
-    triangles: Int[np.ndarray, "triangles 3"],
-    twins: Twins,
-    sharp: Bool[np.ndarray, "triangles 3"],
-) -> Float64[np.ndarray, "triangles 3 3"]:
+def _corner_normals(along: Vectors, flat: Normals, triangles: Triangles, twins: Twins, sharp: Edges) -> Vectors:
     """Average the normals round each vertex, as far as no sharp edge parts them: one for each corner."""
-    angles = np.arccos(np.clip(-np.einsum("tki,tki->tk", along, np.roll(along, 1, axis=1)), -1.0, 1.0))
-    weighted = (angles[:, :, None] * flat[:, None, :]).reshape(-1, 3)
+    weighted = (corner_angles(along)[:, :, None] * flat[:, None, :]).reshape(-1, 3)
     sector = _sectors(triangles, twins, sharp)
     sums = np.stack([np.bincount(sector, weights=weighted[:, axis]) for axis in range(3)], axis=1)
     return unit(sums)[sector].reshape(-1, 3, 3)
 
 
-def _sectors(
-    triangles: Int[np.ndarray, "triangles 3"], twins: Twins, sharp: Bool[np.ndarray, "triangles 3"]
-) -> Int64[np.ndarray, "corners"]:
+def _sectors(triangles: Triangles, twins: Twins, sharp: Edges) -> Int64[np.ndarray, "corners"]:
     """Label the corners of triangles (3 t + c) that share a vertex with no sharp edge between them."""
     if not sharp.any():
-        return triangles.ravel().astype(np.int64)
+        return triangles.ravel()
     here = np.flatnonzero(~sharp.ravel())  # edge c of a triangle starts at its corner c
     there = twins.ravel()[here]
     there = there - there % 3 + (there + 1) % 3  # and its twin ends there
-    count = 3 * len(triangles)
-    graph = coo_array((np.ones(len(here), dtype=bool), (here, there)), shape=(count, count))
-    return connected_components(graph, directed=False)[1].astype(np.int64)
+    return components(here, there, 3 * len(triangles))
 
 
-def _ridge_tangents(
-    along: Float64[np.ndarray, "triangles 3 3"],
-    triangles: Int[np.ndarray, "triangles 3"],
-    sharp: Bool[np.ndarray, "triangles 3"],
-) -> tuple[Float64[np.ndarray, "triangles 3 3"], Float64[np.ndarray, "triangles 3 3"]]:
+def _ridge_tangents(along: Vectors, triangles: Triangles, sharp: Edges) -> tuple[Vectors, Vectors]:
     """Directions of sharp edges at their ends as parts of a line; their own where the line ends or forks."""
     triangle, edge = np.nonzero(sharp)
     start = triangles[triangle, edge]

@@ -1,4 +1,8 @@
-"""Where triangles and meshes that do not cross are nearest, on plain arrays."""
+"""Closest points of segments and triangles, pair by pair, and where meshes that do not cross are nearest.
+
+Source: C. Ericson, *Real-Time Collision Detection*, Morgan Kaufmann (2005), sections 5.1.5 (triangle) and 5.1.9 (two
+segments).
+"""
 
 from typing import NamedTuple
 
@@ -6,9 +10,11 @@ import numpy as np
 from jaxtyping import Float64, Int64, Real
 from scipy.spatial import KDTree
 
-from airtact.mesh.closest_point import closest_on_triangles, segment_distances
+from airtact.mesh.quadratic_triangles import Corners, Nearby, area_vectors
 
-_EDGES = ([0, 1], [1, 2], [2, 0])
+EDGES = ([0, 1], [1, 2], [2, 0])
+"""Ends of the edges of a triangle."""
+
 _TRIED = 64  # pairs of boxes, the nearest ones, of which one triangle each is measured before they are halved
 _PASS = 4096  # pairs of triangles that are measured at a time
 
@@ -22,20 +28,90 @@ AllNearest = tuple[Float64[np.ndarray, "n"], Float64[np.ndarray, "n 3"], Float64
 """Distances of many pairs (N,) [m] and the points (N, 3) that each lies between [m]."""
 
 
-def segment_to_triangle(segments: Real[np.ndarray, "n 2 3"], corners: Real[np.ndarray, "n 3 3"]) -> AllNearest:
+Points = Real[np.ndarray, "n 3"]
+Segments = Real[np.ndarray, "n 2 3"]
+
+
+def closest_on_segments(points: Points, starts: Points, ends: Points) -> Float64[np.ndarray, "n"]:
+    """Where on its segment each point is nearest: 0 at the start, or for a segment of no length, and 1 at the end."""
+    along = ends - starts
+    length = np.einsum("ni,ni->n", along, along)
+    share = np.einsum("ni,ni->n", points - starts, along)
+    return np.clip(np.divide(share, length, out=np.zeros(len(share)), where=length > 0.0), 0.0, 1.0)
+
+
+def segment_distances(first: Segments, second: Segments) -> AllNearest:
+    """Distance of segments, pair by pair, with the nearest points of both (Ericson, section 5.1.9)."""
+    p, q = first[:, 0], second[:, 0]
+    u, v, w = first[:, 1] - p, second[:, 1] - q, p - q
+    a, b, c = (np.einsum("ni,ni->n", x, y) for x, y in ((u, u), (u, v), (v, v)))
+    d = np.einsum("ni,ni->n", u, w)
+    e = np.einsum("ni,ni->n", v, w)
+    determinant = a * c - b * b
+    skew = determinant > 1e-14 * a * c
+    s = np.clip(np.divide(b * e - c * d, determinant, out=np.zeros(len(a)), where=skew), 0.0, 1.0)
+    t = np.clip(np.divide(b * s + e, c, out=np.zeros(len(a)), where=c > 0.0), 0.0, 1.0)
+    s = np.clip(np.divide(b * t - d, a, out=np.zeros(len(a)), where=a > 0.0), 0.0, 1.0)
+    here, there = p + s[:, None] * u, q + t[:, None] * v
+    return np.linalg.norm(here - there, axis=1), here, there
+
+
+def closest_on_triangles(points: Points, corners: Nearby) -> Float64[np.ndarray, "n 3"]:
+    """Nearest point of each triangle to its point."""
+    return np.einsum("nk,nki->ni", closest_weights(points, corners), corners)
+
+
+def closest_weights(points: Points, corners: Nearby) -> Float64[np.ndarray, "n 3"]:
+    """Barycentric weights of the point of each triangle that is nearest to its point (Ericson, section 5.1.5).
+
+    Exactly zero for corners that do not take part, so that one zero means an edge and two mean a corner.
+    """
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    weights = _projection_weights(points, corners)
+    outside = np.flatnonzero((weights <= 0.0).any(axis=1))
+    if len(outside) == 0:
+        return weights
+    nearest = np.full(len(outside), np.inf)
+    here = points[outside]
+    for start, (one, two) in enumerate(((a, b), (b, c), (c, a))):
+        one, two = one[outside], two[outside]
+        t = closest_on_segments(here, one, two)
+        gap = here - one - t[:, None] * (two - one)
+        distance = np.einsum("ni,ni->n", gap, gap)
+        better = distance < nearest
+        nearest[better] = distance[better]
+        candidate = np.zeros((len(outside), 3))
+        candidate[:, start], candidate[:, (start + 1) % 3] = 1.0 - t, t
+        weights[outside[better]] = candidate[better]
+    return weights
+
+
+def _projection_weights(points: Points, corners: Nearby) -> Float64[np.ndarray, "n 3"]:
+    u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    w = points - corners[:, 0]
+    normal = area_vectors(corners)
+    square = np.einsum("ni,ni->n", normal, normal)
+    weights = np.empty((len(points), 3))
+    weights[:, 1] = np.einsum("ni,ni->n", np.cross(w, v), normal) / square
+    weights[:, 2] = np.einsum("ni,ni->n", np.cross(u, w), normal) / square
+    weights[:, 0] = 1.0 - weights[:, 1] - weights[:, 2]
+    return weights
+
+
+def segment_to_triangle(segments: Segments, corners: Nearby) -> AllNearest:
     """Distance of segments and triangles that do not pierce each other, pair by pair, with the nearest points."""
-    found = [segment_distances(segments, corners[:, edge]) for edge in _EDGES]
+    found = [segment_distances(segments, corners[:, edge]) for edge in EDGES]
     for end in (0, 1):
         points = np.asarray(segments[:, end], dtype=np.float64)
-        nearest = np.einsum("nk,nki->ni", closest_on_triangles(points, corners), corners)
+        nearest = closest_on_triangles(points, corners)
         found.append((np.linalg.norm(points - nearest, axis=1), points, nearest))
     return _least(found)
 
 
-def triangle_to_triangle(first: Real[np.ndarray, "n 3 3"], second: Real[np.ndarray, "n 3 3"]) -> AllNearest:
+def triangle_to_triangle(first: Nearby, second: Nearby) -> AllNearest:
     """Distance of two triangles that do not cross, pair by pair, with the nearest points of both."""
-    found = [segment_to_triangle(first[:, edge], second) for edge in _EDGES]
-    back = [segment_to_triangle(second[:, edge], first) for edge in _EDGES]
+    found = [segment_to_triangle(first[:, edge], second) for edge in EDGES]
+    back = [segment_to_triangle(second[:, edge], first) for edge in EDGES]
     return _least(found + [(distance, there, here) for distance, here, there in back])
 
 
@@ -48,20 +124,13 @@ def _least(found: list[AllNearest]) -> AllNearest:
 
 
 def nearest_between(
-    first: Real[np.ndarray, "some 3 3"], second: Real[np.ndarray, "others 3 3"], within: float = np.inf
+    first: Real[np.ndarray, "some 3 3"], second: Real[np.ndarray, "others 3 3"], within: float
 ) -> Nearest | None:
-    """Find where two meshes that do not cross are nearest.
+    """Find where two meshes that do not cross are nearest; None when they are not nearer than ``within`` [m].
 
     Boxes round the triangles are halved again and again, and pairs of boxes that stand farther apart than the nearest
     triangles known by then are left out: once with few pairs, which shows roughly where and in which direction, then
     with all and with boxes along that direction, which fit closest where it matters.
-
-    Only distances below ``within`` [m] are looked for.
-
-    Returns
-    -------
-    The distance and the nearest points of the first and of the second mesh, or None when no two triangles are nearer
-    than ``within``.
     """
     first, second = _beside(first, second, within), _beside(second, first, within)
     if len(first) == 0 or len(second) == 0:
@@ -98,7 +167,7 @@ def _descended(
     return best
 
 
-def _better(best: Nearest, first: Real[np.ndarray, "n 3 3"], second: Real[np.ndarray, "n 3 3"]) -> Nearest:
+def _better(best: Nearest, first: Nearby, second: Nearby) -> Nearest:
     """Keep the best so far, or take a nearer pair of triangles."""
     if len(first) == 0:
         return best
@@ -125,6 +194,14 @@ def _gaps(
     return np.linalg.norm(np.maximum(np.maximum(bottom - high, low - top), 0.0), axis=-1)
 
 
+def pairs_near(
+    tree: KDTree, points: Points, reach: float | Float64[np.ndarray, "n"]
+) -> tuple[Int64[np.ndarray, "pairs"], Int64[np.ndarray, "pairs"]]:
+    """Pairs of a point and a point of a tree within its reach [m], by their numbers, in the order of the points."""
+    near = tree.query_ball_point(points, reach)
+    return np.repeat(np.arange(len(near)), [len(some) for some in near]), np.concatenate(near).astype(np.int64)
+
+
 class _Boxes(NamedTuple):
     """One level of a tree of boxes: corners (B, 3) of the boxes [m] and (B,) a triangle in each."""
 
@@ -133,7 +210,7 @@ class _Boxes(NamedTuple):
     member: Int64[np.ndarray, "boxes"]
 
 
-def _halvings(corners: Real[np.ndarray, "triangles 3 3"]) -> list[_Boxes]:
+def _halvings(corners: Corners) -> list[_Boxes]:
     """Boxes round all triangles, round two halves of them, and so on down to single ones."""
     count = 2 ** int(np.ceil(np.log2(len(corners))))
     order = KDTree(corners.mean(axis=1), leafsize=1).indices[np.arange(count) * len(corners) // count]

@@ -9,6 +9,10 @@ import numpy as np
 from jaxtyping import Float64, Int, Int64, Real
 
 QuadraticTriangles = Float64[np.ndarray, "panels 6 3"]
+Corners = Real[np.ndarray, "triangles 3 3"]
+"""(T, 3, 3) points of flat triangles [m]."""
+Nearby = Real[np.ndarray, "n 3 3"]
+"""(N, 3, 3) corners of triangles that are looked at pair by pair [m]."""
 
 NODE_PLACES = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0], [0.5, 0.5], [0, 0.5]])
 """Reference coordinates of the six nodes."""
@@ -33,10 +37,7 @@ def shape_gradients(points: Real[np.ndarray, "points 2"]) -> tuple[Float64[np.nd
 def points_at(
     quadratic_triangles: QuadraticTriangles, references: Real[np.ndarray, "panels 2"]
 ) -> tuple[Float64[np.ndarray, "panels 3"], Float64[np.ndarray, "panels 3"]]:
-    """One point of each panel, and the outward normal there, as long as twice the panel's area is round it.
-
-    ``references`` are the reference coordinates of the point of each panel (T, 2).
-    """
+    """One point of each panel by its coordinates, and the outward normal, as long as twice the area is round it."""
     along_u, along_v = (np.einsum("tn,tnd->td", some, quadratic_triangles) for some in shape_gradients(references))
     return np.einsum("tn,tnd->td", shape_functions(references), quadratic_triangles), np.cross(along_u, along_v)
 
@@ -46,7 +47,7 @@ def with_middles(corners: Float64[np.ndarray, "triangles 3 axes"]) -> Float64[np
     return np.concatenate([corners, 0.5 * (corners + np.roll(corners, -1, axis=1))], axis=1)
 
 
-def area_vectors(corners: Real[np.ndarray, "triangles 3 3"]) -> Float64[np.ndarray, "triangles 3"]:
+def area_vectors(corners: Corners) -> Float64[np.ndarray, "triangles 3"]:
     """Outward normal of each flat triangle, as long as twice its area [m²]."""
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
@@ -57,35 +58,33 @@ def unit(vectors: Float64[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
 
-def edge_lengths(quadratic_triangles: QuadraticTriangles) -> Float64[np.ndarray, "panels 3"]:
-    """Corner-to-corner lengths of edges 01, 12, 20 [m]."""
-    corners = quadratic_triangles[:, :3]
+def edge_lengths(panels: Real[np.ndarray, "panels nodes 3"]) -> Float64[np.ndarray, "panels 3"]:
+    """Corner-to-corner lengths of edges 01, 12, 20 of flat or curved triangles [m]."""
+    corners = panels[:, :3]
     return np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
 
 
-def longest_edges(quadratic_triangles: QuadraticTriangles) -> Float64[np.ndarray, "panels"]:
-    """Longest corner-to-corner edge of each panel [m]."""
-    return edge_lengths(quadratic_triangles).max(axis=1)
+def longest_edges(panels: Real[np.ndarray, "panels nodes 3"]) -> Float64[np.ndarray, "panels"]:
+    """Longest corner-to-corner edge of each flat or curved triangle [m]."""
+    return edge_lengths(panels).max(axis=1)
+
+
+def corner_angles(along: Float64[np.ndarray, "triangles 3 3"]) -> Float64[np.ndarray, "triangles 3"]:
+    """Angles [rad] at the corners 0, 1, 2 of triangles by the unit vectors along their edges 01, 12, 20."""
+    return np.arccos(np.clip(-np.einsum("tki,tki->tk", along, np.roll(along, 1, axis=1)), -1.0, 1.0))
 
 
 def smallest_angles(quadratic_triangles: QuadraticTriangles) -> Float64[np.ndarray, "panels"]:
     """Smallest angle between the straight edges of each panel [degrees]."""
     corners = quadratic_triangles[:, :3]
     along = np.roll(corners, -1, axis=1) - corners
-    along = along / np.linalg.norm(along, axis=2, keepdims=True)
-    cosine = -np.einsum("tki,tki->tk", along, np.roll(along, 1, axis=1))
-    return np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))).min(axis=1)
+    return np.degrees(corner_angles(along / np.linalg.norm(along, axis=2, keepdims=True))).min(axis=1)
 
 
 def cut(
     quadratic_triangles: QuadraticTriangles, parts: Int[np.ndarray, "panels"]
 ) -> tuple[Float64[np.ndarray, "pieces 6 3"], Int64[np.ndarray, "pieces"]]:
-    """Cut each panel into ``parts``² pieces of the same quadratic surface.
-
-    Returns
-    -------
-    pieces : (P, 6, 3) the pieces, and (P,) the panel that each came from.
-    """
+    """Cut each panel into ``parts``² pieces of the same quadratic surface; (P,) is the panel that each came from."""
     pieces, parents = [], []
     for count in np.unique(parts):
         chosen = np.flatnonzero(parts == count)

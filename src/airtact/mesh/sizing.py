@@ -1,13 +1,15 @@
 """How small panels must be where the surface bends tightly or runs in a narrow strip."""
 
 import numpy as np
-from jaxtyping import Float64, Int64, Real
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from jaxtyping import Float64, Int64
 from scipy.spatial import KDTree
 
+from airtact.mesh.mesh_distance import pairs_near
 from airtact.mesh.quadratic_triangles import area_vectors, unit
-from airtact.mesh.topology import Triangles, edge_twins
+from airtact.mesh.topology import Triangles, Vertices, are_among, edge_ends, edge_twins, smooth_patches
+
+Ridges = Int64[np.ndarray, "ridges 2"]
+"""(K, 2) ends of the sharp edges."""
 
 TIGHT_TURN, WIDE_TURN = 1.0, 1.4
 """Angles that tight and wide bends may turn by along an edge [rad]: MMG's own tolerance sees wide ones too."""
@@ -29,21 +31,17 @@ PIECES = 8
 
 
 def bend_sizes(
-    vertices: Real[np.ndarray, "vertices 3"],
-    triangles: Triangles,
-    ridges: Int64[np.ndarray, "ridges 2"],
-    largest: float,
+    vertices: Vertices, triangles: Triangles, ridges: Ridges, largest: float
 ) -> Float64[np.ndarray, "vertices"]:
     """Longest edge at each vertex of a closed mesh along which the surface turns by one radian or little more.
 
     Two triangles on the same side of all sharp edges, less than ``largest`` apart, that look in directions at least 75
-    degrees apart, and lie as if on one arc, show the radius of that arc.
-    ``ridges`` are the ends of the sharp edges, ``largest`` [m] is the largest size returned.
+    degrees apart, and lie as if on one arc, show the radius of that arc. ``largest`` [m] is the largest size returned.
     """
     corners = vertices[triangles]
     centres = corners.mean(axis=1)
     normals = unit(area_vectors(corners))
-    patch = _patches(triangles, ridges)
+    patch = smooth_patches(edge_twins(triangles), are_among(edge_ends(triangles), ridges))
     size = np.full(len(triangles), largest)
     # over this chord an arc turns by 75 degrees whose radius asks for the largest size
     reach = 2 * np.sin(np.radians(75.0) / 2) / WIDE_TURN * largest
@@ -65,19 +63,7 @@ def bend_sizes(
     return sizes
 
 
-def _patches(triangles: Triangles, ridges: Int64[np.ndarray, "ridges 2"]) -> Int64[np.ndarray, "triangles"]:
-    """Label the triangles that hang together across edges that are not sharp."""
-    count = int(triangles.max()) + 1
-    ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2), axis=2)
-    sharp = np.isin(ends @ [count, 1], np.sort(ridges, axis=1) @ [count, 1])
-    triangle, edge = np.nonzero(~sharp)
-    links = (np.ones(len(triangle), dtype=bool), (triangle, edge_twins(triangles)[triangle, edge] // 3))
-    return connected_components(coo_array(links, shape=(len(triangles),) * 2), directed=False)[1].astype(np.int64)
-
-
-def strip_sizes(
-    vertices: Real[np.ndarray, "vertices 3"], ridges: Int64[np.ndarray, "ridges 2"], largest: float
-) -> Float64[np.ndarray, "vertices"]:
+def strip_sizes(vertices: Vertices, ridges: Ridges, largest: float) -> Float64[np.ndarray, "vertices"]:
     """Longest edge, at most ``largest``, at each vertex that suits the narrow strip to the next sharp edge [m]."""
     width = np.full(len(vertices), largest / STRIP)
     if not len(ridges):
@@ -88,18 +74,10 @@ def strip_sizes(
     tree = KDTree(samples)
     for start, finish in (ridges.T, ridges.T[::-1]):
         along = unit(vertices[finish] - vertices[start])
-        row, sample = _flattened(tree.query_ball_point(vertices[start], largest / STRIP))
+        row, sample = pairs_near(tree, vertices[start], largest / STRIP)
         gap = samples[sample] - vertices[start][row]
         distance = np.linalg.norm(gap, axis=1)
         across = np.abs(np.einsum("pd,pd->p", gap, along[row])) < 0.5 * distance
         foreign = (ridges[sample // PIECES] != start[row][:, None]).all(axis=1) & across
         np.minimum.at(width, start[row[foreign]], distance[foreign])
     return STRIP * width
-
-
-def _flattened(lists: np.ndarray) -> tuple[Int64[np.ndarray, "pairs"], Int64[np.ndarray, "pairs"]]:
-    """Turn a list of indices for each row into pairs of row and index."""
-    counts = np.fromiter(map(len, lists), dtype=np.int64, count=len(lists))
-    return np.repeat(np.arange(len(lists)), counts), np.concatenate(
-        [np.asarray(part, dtype=np.int64) for part in lists]
-    )

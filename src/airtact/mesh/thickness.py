@@ -8,15 +8,19 @@ the length, the body is thinner.
 
 from collections.abc import Callable
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int, Int64, Real
+from jaxtyping import Bool, Float64, Int64
 from scipy.spatial import KDTree
 
-from airtact.mesh.closest_point import closest_on_triangles
-from airtact.mesh.mesh_distance import triangle_to_triangle
-from airtact.mesh.quadratic_triangles import area_vectors
+from airtact.mesh.intersections import Group, pairs_of_groups, same_corners
+from airtact.mesh.mesh_distance import closest_on_triangles, triangle_to_triangle
+from airtact.mesh.quadratic_triangles import Corners, Nearby, area_vectors, longest_edges
+from airtact.mesh.topology import Triangles
+
+Vectors = Float64[np.ndarray, "triangles 3"]
+Sizes = Float64[np.ndarray, "triangles"]
+Levels = Int64[np.ndarray, "triangles"]
 
 Depth = Callable[[Float64[np.ndarray, "points 3"]], Float64[np.ndarray, "points"]]
 """How deep points (P, 3) [m] lie in a body (P,) [m]."""
@@ -38,27 +42,12 @@ _INSIDE = 0.9  # share of its radius that a ball must be in: balls that touch be
 
 
 def thin_position(
-    corners: Real[np.ndarray, "triangles 3 3"],
-    triangles: Int[np.ndarray, "triangles 3"],
-    depth: Depth,
-    thinnest: float,
-    short: float,
+    corners: Corners, triangles: Triangles, depth: Depth, thinnest: float, short: float
 ) -> tuple[float, Float64[np.ndarray, "3"]] | None:
-    """Find where a closed mesh is thinner than a length.
+    """Find about where a closed mesh is thinnest below a length: how thick it is [m] and the middle (3,) of it [m].
 
-    Parameters
-    ----------
-    corners : (T, 3, 3) [m].
-    triangles : (T, 3) vertex indices, which show who shares a corner.
-    depth : how deep points (P, 3) [m] lie in the body (P,) [m].
-    thinnest : the length [m]; thin parts narrower than a third of it may be missed.
-    short : thin parts count where the body is not thick enough anywhere within this distance [m]: 0 for all, more to
-        let bumps and ribs pass that are no higher than it.
-
-    Returns
-    -------
-    How thick the mesh is [m] about where it is thinnest, and the point (3,) in the middle of it there [m]; None when it
-    is nowhere thinner.
+    Thin parts narrower than a third of ``thinnest`` [m] may be missed. They count where the body is not thick enough
+    anywhere within the distance ``short`` [m]: 0 for all, more to let bumps and ribs pass that are no higher than it.
     """
     area = area_vectors(corners)
     twice = np.linalg.norm(area, axis=1)
@@ -72,8 +61,8 @@ def thin_position(
     heights = np.einsum("nki,ni->nk", corners[pairs[:, 1]] - inner[pairs[:, 0], :1], normals[pairs[:, 0]])
     near = (heights.min(axis=1) < 0.5 * thinnest) & (heights.max(axis=1) > -0.5 * thinnest)
     pairs = pairs[near][np.argsort(-heights[near].max(axis=1))]
-    slim = twice < thinnest * _longest(corners)
-    pairs = pairs[~(_share_a_corner(triangles, pairs) & slim[pairs].any(axis=1))]
+    slim = twice < thinnest * longest_edges(corners)
+    pairs = pairs[~(same_corners(triangles, pairs).any(axis=(1, 2)) & slim[pairs].any(axis=1))]
     for start in range(0, len(pairs), _PASS):
         one, two = pairs[start : start + _PASS].T
         thin = triangle_to_triangle(inner[one], corners[two])[0] < 0.5 * thinnest * (1.0 - 1e-9)
@@ -86,12 +75,7 @@ def thin_position(
 
 
 def _thinnest_ball(
-    touched: Float64[np.ndarray, "n 3 3"],
-    bounding: Float64[np.ndarray, "n 3 3"],
-    outward: Float64[np.ndarray, "n 3"],
-    depth: Depth,
-    thinnest: float,
-    short: float,
+    touched: Nearby, bounding: Nearby, outward: Float64[np.ndarray, "n 3"], depth: Depth, thinnest: float, short: float
 ) -> tuple[float, Float64[np.ndarray, "3"]] | None:
     """Find the smallest ball below a length that lies inside between two triangles of a pair: diameter and centre."""
     _, here, there = triangle_to_triangle(touched, bounding)
@@ -99,14 +83,14 @@ def _thinnest_ball(
     points = np.concatenate([start + share * (end - start) for start, end in ways for share in _SHARES])
     which = np.tile(np.arange(len(touched)), len(ways) * len(_SHARES))
     touched, bounding, outward = touched[which], bounding[which], outward[which]
-    touch = _closest(points, touched)
-    way = touch - _closest(touch - 0.5 * thinnest * outward, bounding)
+    touch = closest_on_triangles(points, touched)
+    way = touch - closest_on_triangles(touch - 0.5 * thinnest * outward, bounding)
     square, height = (way**2).sum(axis=1), np.einsum("ni,ni->n", way, outward)
     diameter = np.divide(square, height, out=np.where(square > 0.0, np.inf, 0.0), where=height > 0.0)
     found = np.argsort(diameter)[: np.count_nonzero(diameter < thinnest * (1.0 - 1e-9))]
     centres = touch[found] - 0.5 * diameter[found, None] * outward[found]
-    first_of_cells = _first_in_cells(centres, _CELL * thinnest)
-    found, centres = found[first_of_cells], centres[first_of_cells]
+    firsts = _first_in_cells(centres, _CELL * thinnest)
+    found, centres = found[firsts], centres[firsts]
     for start in range(0, len(found), _TRIED):
         some = slice(start, start + _TRIED)
         inside = np.flatnonzero(depth(centres[some]) >= 0.5 * _INSIDE * diameter[found[some]])
@@ -128,35 +112,8 @@ def _stands_alone(
     return deepest < 0.5 * thinnest
 
 
-def _closest(points: Float64[np.ndarray, "n 3"], corners: Float64[np.ndarray, "n 3 3"]) -> Float64[np.ndarray, "n 3"]:
-    """Nearest points of triangles, one for each point."""
-    return np.einsum("nk,nki->ni", closest_on_triangles(points, corners), corners)
-
-
-def _longest(corners: Real[np.ndarray, "triangles 3 3"]) -> Float64[np.ndarray, "triangles"]:
-    return np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
-
-
-def _share_a_corner(
-    triangles: Int[np.ndarray, "triangles 3"], pairs: Int64[np.ndarray, "pairs 2"]
-) -> Bool[np.ndarray, "pairs"]:
-    return (triangles[pairs[:, 0]][:, :, None] == triangles[pairs[:, 1]][:, None, :]).any(axis=(1, 2))
-
-
-class _Group(NamedTuple):
-    """Triangles of like size: which, how far their corners are from their centres, and a tree of them."""
-
-    members: Int64[np.ndarray, "_"]
-    reach: float
-    tree: KDTree
-
-
 def _opposite(
-    centres: Float64[np.ndarray, "triangles 3"],
-    normals: Float64[np.ndarray, "triangles 3"],
-    reach: Float64[np.ndarray, "triangles"],
-    level: Int64[np.ndarray, "triangles"],
-    thinnest: float,
+    centres: Vectors, normals: Vectors, reach: Sizes, level: Levels, thinnest: float
 ) -> Int64[np.ndarray, "pairs 2"]:
     """Pairs of triangles that look opposite ways, the second within reach of balls that touch the first inside."""
     upper = normals @ _SIDE > -_LEANING
@@ -171,22 +128,17 @@ def _opposite(
     second = _groups(outer, normals @ _SIDE < _LEANING, level, reach)
     found = [np.zeros((0, 2), dtype=np.int64)]
     for one, two in product(first, second):
-        within = float(np.hypot(0.5 * thinnest + one.reach + two.reach, turned))
-        table = one.tree.sparse_distance_matrix(two.tree, within, output_type="ndarray")
-        here, there = one.members[table["i"]], two.members[table["j"]]
-        facing = np.einsum("ni,ni->n", normals[here], normals[there]) < -np.cos(np.radians(WEDGE_DEGREES))
-        found.append(np.stack([here[facing], there[facing]], axis=1))
+        pairs = pairs_of_groups(one, two, float(np.hypot(0.5 * thinnest + one.reach + two.reach, turned)))
+        cosine = np.einsum("ni,ni->n", normals[pairs[:, 0]], normals[pairs[:, 1]])
+        found.append(pairs[cosine < -np.cos(np.radians(WEDGE_DEGREES))])
     return np.concatenate(found)
 
 
 def _groups(
-    points: Float64[np.ndarray, "triangles 6"],
-    chosen: Bool[np.ndarray, "triangles"],
-    level: Int64[np.ndarray, "triangles"],
-    reach: Float64[np.ndarray, "triangles"],
-) -> list[_Group]:
+    points: Float64[np.ndarray, "triangles 6"], chosen: Bool[np.ndarray, "triangles"], level: Levels, reach: Sizes
+) -> list[Group]:
     parts = [np.flatnonzero(chosen & (level == one)) for one in np.unique(level[chosen])]
-    return [_Group(part, float(reach[part].max()), KDTree(points[part], balanced_tree=False)) for part in parts]
+    return [Group(part, KDTree(points[part], balanced_tree=False), float(reach[part].max())) for part in parts]
 
 
 def _first_in_cells(

@@ -1,11 +1,14 @@
 """How the triangles of a mesh hang together, and whether they can be a body, on plain arrays."""
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
-from jaxtyping import Float64, Int, Int64, Real
-from scipy.sparse import csr_array
+from jaxtyping import Bool, Float64, Int, Int64, Real
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 from airtact.conventions import InvalidInput
+from airtact.mesh.quadratic_triangles import Corners, longest_edges
 from airtact.validation import counted, in_mm
 
 Vertices = Float64[np.ndarray, "vertices 3"]
@@ -14,6 +17,8 @@ Triangles = Int64[np.ndarray, "triangles 3"]
 """(T, 3) vertex indices."""
 Twins = Int64[np.ndarray, "triangles 3"]
 """(T, 3) what ``edge_twins`` finds."""
+Numbers = Int64[np.ndarray, "n"]
+"""(N,) numbers of things."""
 
 THINNEST = 1e-6
 """A triangle whose height is below this share of its longest edge counts as degenerate."""
@@ -24,12 +29,9 @@ SMALLEST = 0.5e-3
 
 
 def edge_twins(triangles: Int[np.ndarray, "triangles 3"]) -> Twins:
-    """Find for each directed edge (01, 12, 20) its opposite.
+    """Find for each directed edge (01, 12, 20) the flat index 3 t + e of the same edge run the other way.
 
-    Returns
-    -------
-    (T, 3) flat index 3 t + e of the same edge run the other way; -1 where there is none, -2 where the directed edge
-    itself stands more than once.
+    It is -1 where there is none, -2 where the directed edge itself stands more than once.
     """
     start = triangles.astype(np.int64)
     end = np.roll(start, -1, axis=1)
@@ -56,20 +58,51 @@ def edge_keys(triangles: Int[np.ndarray, "triangles 3"]) -> Triangles:
 
 
 def shells(triangles: Int[np.ndarray, "triangles 3"], twins: Twins | None = None) -> Int64[np.ndarray, "triangles"]:
-    """Label the connected pieces of a closed mesh (T,), in the order of their first triangles.
-
-    Parameters
-    ----------
-    triangles : (T, 3) vertex indices.
-    twins : (T, 3) their ``edge_twins``, if they are known already.
-    """
+    """Label the connected pieces of a closed mesh (T,), in the order of their first triangles."""
     twins = edge_twins(triangles) if twins is None else twins
     count = len(twins)
     graph = csr_array((np.ones(3 * count, dtype=bool), twins.ravel() // 3, np.arange(0, 3 * count + 1, 3)))
     return connected_components(graph, connection="strong")[1].astype(np.int64)  # strong is faster; all ties are mutual
 
 
-def cone_volumes(corners: Real[np.ndarray, "triangles 3 3"]) -> Float64[np.ndarray, "triangles"]:
+def components(
+    one: Int[np.ndarray, "links"], two: Int[np.ndarray, "links"], count: int
+) -> Int64[np.ndarray, "members"]:
+    """Label which of ``count`` things hang together, by links between the one and the other."""
+    links = coo_array((np.ones(len(one), dtype=bool), (one, two)), shape=(count, count))
+    return connected_components(links, directed=False)[1].astype(np.int64)
+
+
+def smooth_patches(twins: Twins, apart: Bool[np.ndarray, "triangles 3"]) -> Int64[np.ndarray, "triangles"]:
+    """Label the triangles of a closed mesh that hang together across edges which do not part them."""
+    triangle, edge = np.nonzero(~apart)
+    return components(triangle, twins[triangle, edge] // 3, len(twins))
+
+
+def with_fans(triangles: Triangles, through: Mapping[int, Sequence[int]]) -> Int64[np.ndarray, "more 3"]:
+    """Replace triangles by fans from the corner opposite an edge 3 t + e, one of a triangle, to vertices along it."""
+    fans = []
+    for edge, vertices in through.items():
+        start, end, apex = np.roll(triangles[edge // 3], -(edge % 3))
+        chain = np.array([start, *vertices, end])
+        fans.append(np.stack([chain[:-1], chain[1:], np.full(len(chain) - 1, apex)], axis=1))
+    whole = np.ones(len(triangles), dtype=bool)
+    whole[np.array(list(through)) // 3] = False
+    return np.concatenate([triangles[whole], *fans])
+
+
+def edge_ends(triangles: Int[np.ndarray, "triangles 3"]) -> Int[np.ndarray, "triangles 3 2"]:
+    """Start and end of edges 01, 12, 20 of each triangle."""
+    return np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2)
+
+
+def are_among(pairs: Int[np.ndarray, "*some 2"], others: Int[np.ndarray, "*others 2"]) -> Bool[np.ndarray, "*some"]:
+    """Whether pairs of vertices are among others, whichever of the two comes first."""
+    count = max(int(pairs.max(initial=0)), int(others.max(initial=0))) + 1
+    return np.isin(np.sort(pairs, axis=-1) @ [count, 1], np.sort(others, axis=-1) @ [count, 1])
+
+
+def cone_volumes(corners: Corners) -> Float64[np.ndarray, "triangles"]:
     """Signed volume between each flat triangle and the centre of all corners [m³]; their sum is that of the body."""
     a, b, c = np.moveaxis(corners - corners.mean(axis=(0, 1)), 1, 0)
     return np.einsum("ti,ti->t", a, np.cross(b, c)) / 6.0
@@ -107,9 +140,8 @@ def check_not_degenerate(vertices: Real[np.ndarray, "vertices 3"], triangles: In
     """Raise ``InvalidInput`` for triangles without an area: how many are thinner than ``THINNEST`` and where."""
     corners = vertices[triangles]
     edges = np.roll(corners, -1, axis=1) - corners
-    longest = np.linalg.norm(edges, axis=2).max(axis=1)
     twice_area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-    thin = np.flatnonzero(twice_area <= THINNEST * longest**2)
+    thin = np.flatnonzero(twice_area <= THINNEST * longest_edges(corners) ** 2)
     if len(thin):
         many = counted(len(thin), "triangle is", "triangles are")
         where = corners[thin[0]].mean(axis=0)
@@ -122,13 +154,7 @@ def check_not_degenerate(vertices: Real[np.ndarray, "vertices 3"], triangles: In
 
 
 def check_closed(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[np.ndarray, "triangles 3"]) -> Twins:
-    """Find the ``edge_twins`` of a closed, consistently oriented mesh.
-
-    Raises
-    ------
-    InvalidInput
-        With the number of edges that do not have exactly one neighbour that runs the other way, and where.
-    """
+    """Find the ``edge_twins``; raise where edges do not have exactly one neighbour that runs the other way."""
     twins = edge_twins(triangles)
     twice = "run in one direction by more than one triangle (neighbours turned opposite ways, or a fin)"
     once = "a triangle on one side only, so the surface is open"
@@ -138,8 +164,7 @@ def check_closed(vertices: Real[np.ndarray, "vertices 3"], triangles: Int[np.nda
     ):
         found = np.argwhere(twins == mark)
         if len(found):
-            triangle, edge = found.T
-            ends = np.stack([triangles[triangle, edge], triangles[triangle, (edge + 1) % 3]], axis=1)
+            ends = edge_ends(triangles)[tuple(found.T)]
             count = len(np.unique(np.sort(ends, axis=1), axis=0))
             where = vertices[ends[0]].mean(axis=0)
             edges = counted(count, f"edge {one}", f"edges {many}")

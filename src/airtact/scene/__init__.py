@@ -5,14 +5,4 @@ from airtact.scene.scene import Obstacle, Scene, filled, impedance, sound_hard
 from airtact.scene.sources import Monopoles
 from airtact.scene.target import Target
 
-__all__ = [
-    "Medium",
-    "Monopoles",
-    "Obstacle",
-    "Scene",
-    "Target",
-    "air",
-    "filled",
-    "impedance",
-    "sound_hard",
-]
+__all__ = ["Medium", "Monopoles", "Obstacle", "Scene", "Target", "air", "filled", "impedance", "sound_hard"]

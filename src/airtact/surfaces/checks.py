@@ -9,9 +9,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
-from airtact.mesh.closest_point import segment_distances
 from airtact.mesh.intersections import crossings_between, segment_triangle_distances
-from airtact.mesh.mesh_distance import nearest_between, segment_to_triangle
+from airtact.mesh.mesh_distance import nearest_between, segment_distances, segment_to_triangle
 from airtact.mesh.thickness import thin_position
 from airtact.mesh.topology import shells
 from airtact.surfaces.flattening import AWAY, bulge, corners_of, flattened

@@ -6,11 +6,10 @@ partner at all on an edge of the other side (a T-junction).
 
 import numpy as np
 from jaxtyping import Int64
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from airtact.mesh.topology import Triangles, Vertices, edge_keys
+from airtact.mesh.mesh_distance import pairs_near
+from airtact.mesh.topology import Numbers, Triangles, Vertices, are_among, components, edge_ends, edge_keys, with_fans
 from airtact.validation import counted, in_mm
 
 CRACK = 5e-6
@@ -24,10 +23,7 @@ ROUNDS = 8
 
 
 def without_cracks(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Int64[np.ndarray, "whole 3"]:
-    """Join the border vertices that face each other over a crack, and split the border edges on which others lie.
-
-    What was repaired is added to ``notes``.
-    """
+    """Join the border vertices that face each other over a crack, and split the border edges on which others lie."""
     triangles = _joined(vertices, triangles, notes)
     split: list[int] = []
     for _ in range(ROUNDS):
@@ -35,22 +31,22 @@ def without_cracks(vertices: Vertices, triangles: Triangles, notes: list[str]) -
         if len(on) == 0:
             break
         split.extend(on.tolist())
-        triangles = _split(vertices, triangles, edges, on)
+        through: dict[int, list[int]] = {}
+        for edge, vertex in zip(edges.tolist(), on.tolist(), strict=True):
+            through.setdefault(edge, []).append(vertex)
+        triangles = with_fans(triangles, through)
     if split:
-        lay = counted(
-            len(split),
-            "vertex lay on an edge of a neighbour, which was",
-            "vertices lay on edges of neighbours, which were",
-        )
+        one, many = "vertex lay on an edge of a neighbour, which was", "vertices lay on edges of neighbours, which were"
+        lay = counted(len(split), one, many)
         notes.append(f"{lay} split there to close the crack, the first near {in_mm(vertices[split[0]])}.")
     return triangles
 
 
-def _border(triangles: Triangles) -> tuple[Int64[np.ndarray, "n"], Int64[np.ndarray, "n 2"]]:
+def _border(triangles: Triangles) -> tuple[Numbers, Int64[np.ndarray, "n 2"]]:
     """Edges 3 t + e of one triangle only, and their ends."""
     _, where, count = np.unique(edge_keys(triangles), return_inverse=True, return_counts=True)
     border = np.flatnonzero(count[where.ravel()] == 1)
-    return border, np.stack([triangles.ravel()[border], np.roll(triangles, -1, axis=1).ravel()[border]], axis=1)
+    return border, edge_ends(triangles).reshape(-1, 2)[border]
 
 
 def _joined(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Triangles:
@@ -59,17 +55,13 @@ def _joined(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Trian
     if len(rim) == 0:
         return triangles
     pairs = rim[KDTree(vertices[rim]).query_pairs(CRACK, output_type="ndarray")]
-    count = len(vertices)
-    table = pairs.min(axis=1) * count + pairs.max(axis=1)
-    ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
-    pairs = pairs[~np.isin(table, ends.min(axis=1) * count + ends.max(axis=1))]
-    graph = coo_array((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    cluster = connected_components(graph, directed=False)[1]
+    pairs = pairs[~are_among(pairs, edge_ends(triangles))]
+    cluster = components(pairs[:, 0], pairs[:, 1], len(vertices))
     first = np.unique(cluster, return_index=True)[1][cluster]
     folded = (first[triangles] == np.roll(first[triangles], 1, axis=1)).any(axis=1)
     spared = np.isin(cluster, cluster[triangles[folded]])
     first[spared] = np.flatnonzero(spared)
-    joined = np.flatnonzero(first != np.arange(count))
+    joined = np.flatnonzero(first != np.arange(len(vertices)))
     if len(joined) == 0:
         return triangles
     gap = float(np.linalg.norm(vertices[joined] - vertices[first[joined]], axis=1).max())
@@ -78,9 +70,7 @@ def _joined(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Trian
     return first[triangles]
 
 
-def _vertices_on_edges(
-    vertices: Vertices, triangles: Triangles
-) -> tuple[Int64[np.ndarray, "found"], Int64[np.ndarray, "found"]]:
+def _vertices_on_edges(vertices: Vertices, triangles: Triangles) -> tuple[Numbers, Numbers]:
     """Border edges 3 t + e, one of a triangle, and the border vertices that lie on them."""
     border, ends = _border(triangles)
     rim = np.unique(ends)
@@ -92,9 +82,8 @@ def _vertices_on_edges(
     tree, middle = KDTree(vertices[rim]), start + along / 2.0
     if tree.query_ball_point(middle, length / 2.0, return_length=True).sum() > MOST:
         return none, none
-    near = tree.query_ball_point(middle, length / 2.0)
-    edge = np.repeat(np.arange(len(border)), [len(some) for some in near])
-    vertex = rim[np.concatenate([np.array(some, dtype=np.int64) for some in near])]
+    edge, vertex = pairs_near(tree, middle, length / 2.0)
+    vertex = rim[vertex]
     from_start = vertices[vertex] - start[edge]
     reach = np.einsum("ni,ni->n", from_start, along[edge]) / length[edge]
     away = np.linalg.norm(from_start - reach[:, None] * along[edge] / length[edge, None], axis=1)
@@ -103,26 +92,5 @@ def _vertices_on_edges(
     edge, vertex = border[edge[on]], vertex[on]
     order = np.lexsort((reach[on], edge))
     edge, vertex = edge[order], vertex[order]
-    first = np.minimum.reduceat(edge, _starts(edge // 3)) if len(edge) else none  # one edge of a triangle in a round
-    chosen = np.isin(edge, first)
+    chosen = np.isin(edge, edge[np.unique(edge // 3, return_index=True)[1]])  # one edge of a triangle in a round
     return edge[chosen], vertex[chosen]
-
-
-def _starts(ranked: Int64[np.ndarray, "n"]) -> Int64[np.ndarray, "starts"]:
-    """Where each run of equal numbers begins."""
-    return np.flatnonzero(np.r_[True, ranked[1:] != ranked[:-1]])
-
-
-def _split(
-    vertices: Vertices, triangles: Triangles, edges: Int64[np.ndarray, "found"], on: Int64[np.ndarray, "found"]
-) -> Int64[np.ndarray, "more 3"]:
-    """Replace each triangle whose edge is split by a fan from the opposite corner."""
-    fans = []
-    for part in np.split(np.arange(len(edges)), _starts(edges)[1:]):
-        triangle, edge = divmod(int(edges[part[0]]), 3)
-        start, end, apex = np.roll(triangles[triangle], -edge)
-        chain = np.r_[start, on[part], end]
-        fans.append(np.stack([chain[:-1], chain[1:], np.full(len(chain) - 1, apex)], axis=1))
-    whole = np.ones(len(triangles), dtype=bool)
-    whole[edges // 3] = False
-    return np.concatenate([triangles[whole], *fans])

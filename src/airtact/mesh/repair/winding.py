@@ -1,12 +1,20 @@
 """Which way triangles run: neighbours alike, closed pieces outward, on plain arrays."""
 
 import numpy as np
-from jaxtyping import Bool, Int64
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from jaxtyping import Bool
 
 from airtact.conventions import InvalidInput
-from airtact.mesh.topology import Triangles, Twins, Vertices, cone_volumes, edge_keys, shells
+from airtact.mesh.topology import (
+    Numbers,
+    Triangles,
+    Twins,
+    Vertices,
+    components,
+    cone_volumes,
+    edge_ends,
+    edge_keys,
+    shells,
+)
 from airtact.validation import counted, in_mm
 
 
@@ -14,20 +22,14 @@ def wound_alike(vertices: Vertices, triangles: Triangles, notes: list[str]) -> T
     """Turn triangles round so that neighbours run alike, as few as possible in each piece.
 
     Every triangle stands twice in a graph, as it is and turned round, and is tied to those copies of its neighbours
-    that run as it does. A piece that can be wound alike falls into two mirrored parts; a one-sided one stays one.
-    What was repaired is added to ``notes``.
-
-    Raises
-    ------
-    InvalidInput
-        With the number and position of edges of more than two triangles, or of one-sided pieces.
+    that run as it does. A piece that can be wound alike falls into two mirrored parts; a one-sided one stays one,
+    which is an error, as are edges of more than two triangles.
     """
     here, there, alike = _neighbours(vertices, triangles)
     count = len(triangles)
     mirrored = np.where(alike, there, there + count)
     ends = np.concatenate([here, here + count]), np.concatenate([mirrored, (mirrored + count) % (2 * count)])
-    graph = coo_array((np.ones(len(ends[0]), dtype=bool), ends), shape=(2 * count,) * 2)
-    label = connected_components(graph, directed=False)[1]
+    label = components(ends[0], ends[1], 2 * count)
     plain, turned = label[:count], label[count:]
     one_sided = np.flatnonzero(plain == turned)
     if len(one_sided):
@@ -42,33 +44,26 @@ def wound_alike(vertices: Vertices, triangles: Triangles, notes: list[str]) -> T
     flip = (as_given[plain] < as_given[turned]) | ((as_given[plain] == as_given[turned]) & (plain > turned))
     if not flip.any():
         return triangles
-    ran = counted(
-        int(flip.sum()),
-        "triangle ran against its neighbours and was",
-        "triangles ran against their neighbours and were",
-    )
+    one, many = "triangle ran against its neighbours and was", "triangles ran against their neighbours and were"
+    ran = counted(int(flip.sum()), one, many)
     notes.append(f"{ran} turned, the first near {in_mm(vertices[triangles[flip.argmax()]].mean(axis=0))}.")
     return np.where(flip[:, None], triangles[:, ::-1], triangles)
 
 
-def _neighbours(
-    vertices: Vertices, triangles: Triangles
-) -> tuple[Int64[np.ndarray, "pairs"], Int64[np.ndarray, "pairs"], Bool[np.ndarray, "pairs"]]:
+def _neighbours(vertices: Vertices, triangles: Triangles) -> tuple[Numbers, Numbers, Bool[np.ndarray, "n"]]:
     """Pairs of triangles over an edge, and whether they run alike (through the edge in opposite directions)."""
     keys = edge_keys(triangles).ravel()
     order = np.argsort(keys, kind="stable")
-    ranked = keys[order]
-    starts = np.flatnonzero(np.r_[True, ranked[1:] != ranked[:-1]])
-    sizes = np.diff(np.r_[starts, len(ranked)])
+    _, starts, sizes = np.unique(keys[order], return_index=True, return_counts=True)
     crowded = np.flatnonzero(sizes > 2)
     if len(crowded):
         first = order[starts[crowded]].min()
-        ends = vertices[[triangles.ravel()[first], np.roll(triangles, -1, axis=1).ravel()[first]]]
+        where = vertices[edge_ends(triangles).reshape(-1, 2)[first]].mean(axis=0)
         edges = counted(len(crowded), "edge has", "edges have")
         raise InvalidInput(
             f"{edges} more than two triangles, the first {int(sizes[(order[starts] == first).argmax()])} of them near "
-            f"{in_mm(ends.mean(axis=0))}: bodies meet there or a fin stands out; part them or remove it.",
-            ends.mean(axis=0),
+            f"{in_mm(where)}: bodies meet there or a fin stands out; part them or remove it.",
+            where,
             code="edge_shared_by_many",
         )
     twice = starts[sizes == 2]
@@ -78,11 +73,7 @@ def _neighbours(
 
 
 def turned_outward(vertices: Vertices, triangles: Triangles, twins: Twins, notes: list[str]) -> Triangles:
-    """Turn the closed pieces round that are inside out, that is, enclose a volume below zero.
-
-    ``twins`` are the ``edge_twins`` of the triangles; what was repaired is added to ``notes``. Raises ``InvalidInput``
-    for pieces that enclose nothing.
-    """
+    """Turn the closed pieces round that enclose a volume below zero; raise where one encloses nothing."""
     piece = shells(triangles, twins)
     volumes = np.bincount(piece, weights=cone_volumes(vertices[triangles]))
     flat = np.flatnonzero(volumes == 0.0)
@@ -107,13 +98,7 @@ def turned_outward(vertices: Vertices, triangles: Triangles, twins: Twins, notes
 
 
 def check_no_bow_ties(vertices: Vertices, triangles: Triangles, twins: Twins) -> None:
-    """Check that no parts of a closed mesh, with its ``edge_twins``, hang together by one vertex alone.
-
-    Raises
-    ------
-    InvalidInput
-        With the number of such vertices and the position of the first.
-    """
+    """Check that no parts of a closed mesh hang together by one vertex alone."""
     after = (3 * (twins // 3) + (twins + 1) % 3).ravel()  # the next corner round the same vertex
     least, jump = np.arange(len(after)), after
     while True:  # the least corner of each ring, by jumps of doubled length

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from airtact.mesh.closest_point import closest_on_segments, closest_on_triangles, segment_distances
+from airtact.mesh.mesh_distance import closest_on_segments, closest_on_triangles, closest_weights, segment_distances
 
 
 def beyond(points: np.ndarray, nearest: np.ndarray, corners: np.ndarray) -> float:
@@ -16,7 +16,7 @@ def beyond(points: np.ndarray, nearest: np.ndarray, corners: np.ndarray) -> floa
 def test_the_nearest_point_of_a_triangle(rng):
     corners = rng.normal(size=(5000, 3, 3))
     points = rng.normal(scale=2.0, size=(5000, 3))
-    weights = closest_on_triangles(points, corners)
+    weights = closest_weights(points, corners)
     assert weights.min() >= 0.0
     assert np.allclose(weights.sum(axis=1), 1.0, rtol=0, atol=1e-14)
     nearest = np.einsum("nk,nki->ni", weights, corners)
@@ -28,7 +28,7 @@ def test_the_nearest_point_of_a_sliver(rng):
     corners = rng.normal(size=(2000, 3, 3))
     corners[:, 2] = corners[:, :2].mean(axis=1) + 1e-5 * rng.normal(size=(2000, 3))
     points = rng.normal(scale=2.0, size=(2000, 3))
-    nearest = np.einsum("nk,nki->ni", closest_on_triangles(points, corners), corners)
+    nearest = closest_on_triangles(points, corners)
     assert beyond(points, nearest, corners) < 1e-10
 
 
