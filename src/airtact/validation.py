@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 from jaxtyping import Complex128, Float64, Num, Real
 
-from airtact.conventions import InvalidInput
+from airtact.conventions import InvalidInput, Vector
 
 Given = TypeVar("Given")
 
@@ -27,13 +27,7 @@ def counted(number: int, one: str, many: str) -> str:
 
 
 def of_kind(value: Given, kind: type | UnionType, what: str, instead: str) -> Given:
-    """Return an object of the right type; ``instead`` names what to give.
-
-    Raises
-    ------
-    InvalidInput
-        "wrong_kind": the object has another type.
-    """
+    """Return an object of the right type, or raise "wrong_kind"; ``instead`` names what to give."""
     if not isinstance(value, kind):
         given = f"the class {value.__name__}" if isinstance(value, type) else _kind_of(value)
         name = kind.__name__ if isinstance(kind, type) else str(kind)
@@ -56,13 +50,7 @@ def _article(name: str) -> str:
 
 
 def number(value: float, what: str, unit: str) -> float:
-    """Return a real number as a float; NaN and infinity pass.
-
-    Raises
-    ------
-    InvalidInput
-        "not_a_number": it is a string, an array, a complex number or None.
-    """
+    """Return a real number as a float, or raise "not_a_number"; NaN and infinity pass."""
     given = np.asarray(value if np.isscalar(value) or isinstance(value, np.ndarray) else None)
     if given.ndim != 0 or given.dtype.kind not in "iuf":
         raise InvalidInput(
@@ -72,12 +60,7 @@ def number(value: float, what: str, unit: str) -> float:
 
 
 def positive(value: float, what: str, unit: str) -> float:
-    """Return a finite number above zero as a float.
-
-    Raises
-    ------
-    InvalidInput
-        "not_a_number", or "not_positive": it is zero, negative, NaN or infinite.
+    """Return a finite number above zero as a float, or raise "not_positive", or as ``number``.
 
     Examples
     --------
@@ -93,14 +76,9 @@ def positive(value: float, what: str, unit: str) -> float:
 
 
 def within(value: float, low: float, high: float, what: str, unit: str, slip: str) -> float:
-    """Return a number from ``low`` to ``high`` as a float; outside, its unit is probably wrong.
+    """Return a number from ``low`` to ``high`` as a float; raise "out_of_range", or as ``positive``.
 
-    ``slip`` is the question to ask then, such as "is it in kHz?".
-
-    Raises
-    ------
-    InvalidInput
-        As ``positive``, or "out_of_range".
+    Outside, its unit is probably wrong: ``slip`` is the question to ask then, such as "is it in kHz?".
 
     Examples
     --------
@@ -137,10 +115,7 @@ def fixed(array: Real[np.ndarray, "..."]) -> Float64[np.ndarray, "..."]:
 def points_of(array: Real[np.ndarray, "..."], what: str, least: int = 1) -> Float64[np.ndarray, "points 3"]:
     """Return at least ``least`` (0 or 1) points (P, 3) as read-only float64; one point (3,) is not a list of points.
 
-    Raises
-    ------
-    InvalidInput
-        As ``real_numbers``; "wrong_shape", "empty", or "not_finite".
+    Raise as ``real_numbers``, or "wrong_shape", "empty" or "not_finite".
     """
     points = real_numbers(array, what)
     if points.ndim != 2 or points.shape[1] != 3:
@@ -154,13 +129,19 @@ def points_of(array: Real[np.ndarray, "..."], what: str, least: int = 1) -> Floa
     return points
 
 
+def point_of(given: Vector, what: str) -> Float64[np.ndarray, "3"]:
+    """Return one point (3,) as read-only float64; raise as ``points_of``."""
+    point = real_numbers(np.asarray(given), what)
+    if point.shape != (3,):
+        raise InvalidInput(f"{what} has shape {point.shape}, but a point has shape (3,).", code="wrong_shape")
+    check_finite(point, what)
+    return point
+
+
 def real_numbers(array: Real[np.ndarray, "..."], what: str) -> Float64[np.ndarray, "..."]:
     """Return an array, or nested lists, of real numbers of any shape as read-only float64.
 
-    Raises
-    ------
-    InvalidInput
-        "wrong_shape": rows differ in length; "not_a_number": it holds complex numbers, text or other things.
+    Raise "wrong_shape" where rows differ in length, "not_a_number" for complex numbers, text or other things.
     """
     try:
         given = np.asarray(array)
@@ -177,13 +158,7 @@ def real_numbers(array: Real[np.ndarray, "..."], what: str) -> Float64[np.ndarra
 
 
 def complex_numbers(array: Num[np.ndarray, "..."], what: str) -> Complex128[np.ndarray, "..."]:
-    """Return an array, or nested lists, of numbers of any shape as a complex128 copy.
-
-    Raises
-    ------
-    InvalidInput
-        "not_a_number": rows differ in length, or it holds text or other things.
-    """
+    """Return an array, or nested lists, of numbers of any shape as a complex128 copy, or raise "not_a_number"."""
     try:
         return np.array(array, dtype=np.complex128)
     except (TypeError, ValueError):

@@ -18,7 +18,7 @@ from airtact.mesh.quadratic_triangles import (
     area_vectors,
     corner_angles,
     longest_edges,
-    points_at,
+    normals_at,
     unit,
 )
 from airtact.mesh.topology import Triangles, Twins, Vertices, components, edge_twins, smooth_patches
@@ -90,7 +90,7 @@ def _is_folded(quadratic_triangles: QuadraticTriangles, flat: Normals) -> Bool[n
     some = quadratic_triangles[folded]
     steep = np.zeros(len(some), dtype=bool)
     for node in NODE_PLACES:
-        _, normal = points_at(some, np.broadcast_to(node, (len(some), 2)))
+        normal = normals_at(some, node)
         steep |= np.einsum("td,td->t", normal, flat[folded]) < 0.5 * np.linalg.norm(normal, axis=1)
     folded[folded] = steep
     return folded

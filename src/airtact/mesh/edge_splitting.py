@@ -3,32 +3,42 @@
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
-from airtact.mesh.quadratic_triangles import QuadraticTriangles, edge_lengths, shape_functions, with_middles
-from airtact.mesh.topology import edge_twins
+from airtact.mesh.quadratic_triangles import (
+    NODE_PLACES,
+    QuadraticTriangles,
+    edge_lengths,
+    shape_functions,
+    with_middles,
+)
+from airtact.mesh.topology import Triangles, edge_twins
 
-_CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-_MIDDLES = np.array([[0.5, 0.0], [0.5, 0.5], [0.0, 0.5]])
+Edges = Bool[np.ndarray, "panels 3"]
+Split = tuple[Float64[np.ndarray, "pieces 6 3"], Int64[np.ndarray, "pieces 3"], Bool[np.ndarray, "pieces 3"]]
+"""Pieces of panels, their vertex indices and which of their edges are sharp."""
 
-_PARTS = {
-    1: [[0, 3, 2], [3, 1, 2]],
-    2: [[0, 3, 2], [3, 1, 4], [3, 4, 2]],
-    3: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]],
-}
-"""Pieces by the six nodes of their corners, where the first one, two or all three edges are split."""
+_ON_EDGES = ({0, 2}, {0, 1}, {1, 2}, {0}, {1}, {2})  # which of the edges 0, 1, 2 each of the six nodes lies on
+
+
+def split_pieces(two_split: list[list[int]]) -> dict[int, list[list[int]]]:
+    """Pieces of a triangle by their corners, of its six nodes, for every pattern of edges (bits 01, 12, 20) to split.
+
+    ``two_split`` are the pieces where edges 01 and 12 are split, whose diagonal is a choice.
+    """
+    found = {0: [[0, 1, 2]]}
+    for pattern, pieces in ((1, [[0, 3, 2], [3, 1, 2]]), (3, two_split)):
+        for turn in range(3):
+            turned = (pattern << turn | pattern >> (3 - turn)) & 7
+            found[turned] = [[node // 3 * 3 + (node + turn) % 3 for node in piece] for piece in pieces]
+    return found | {7: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]}
+
+
+_PIECES = split_pieces([[0, 3, 2], [3, 1, 4], [3, 4, 2]])
 
 
 def with_short_edges(
-    quadratic_triangles: QuadraticTriangles,
-    triangles: Int64[np.ndarray, "panels 3"],
-    sharp: Bool[np.ndarray, "panels 3"],
-    longest: float,
-) -> tuple[Float64[np.ndarray, "pieces 6 3"], Int64[np.ndarray, "pieces 3"], Bool[np.ndarray, "pieces 3"]]:
-    """Halve edges of a closed mesh until no straight one is longer than ``longest`` [m].
-
-    Returns
-    -------
-    The pieces, their vertex indices and which of their edges are sharp; all lie on the panels that they come from.
-    """
+    quadratic_triangles: QuadraticTriangles, triangles: Triangles, sharp: Edges, longest: float
+) -> Split:
+    """Halve edges of a closed mesh, on its panels, until no straight one is longer than ``longest`` [m]."""
     while True:
         long = edge_lengths(quadratic_triangles) > longest
         if not long.any():
@@ -36,40 +46,22 @@ def with_short_edges(
         quadratic_triangles, triangles, sharp = _split_once(quadratic_triangles, triangles, sharp, long)
 
 
-def _split_once(
-    quadratic_triangles: QuadraticTriangles,
-    triangles: Int64[np.ndarray, "panels 3"],
-    sharp: Bool[np.ndarray, "panels 3"],
-    long: Bool[np.ndarray, "panels 3"],
-) -> tuple[Float64[np.ndarray, "pieces 6 3"], Int64[np.ndarray, "pieces 3"], Bool[np.ndarray, "pieces 3"]]:
+def _split_once(quadratic_triangles: QuadraticTriangles, triangles: Triangles, sharp: Edges, long: Edges) -> Split:
     own = np.arange(3 * len(triangles)).reshape(-1, 3)
     edge = np.minimum(own, edge_twins(triangles))  # a name that both triangles have for it
-    names = np.unique(edge[long])
-    middle = int(triangles.max()) + 1 + np.searchsorted(names, edge)
-    panels, indices, ridges = (
-        [quadratic_triangles[~long.any(axis=1)]],
-        [triangles[~long.any(axis=1)]],
-        [sharp[~long.any(axis=1)]],
-    )
-    for count, parts in _PARTS.items():
-        for turn in range(3):
-            wanted = np.roll([True] * count + [False] * (3 - count), turn)
-            chosen = np.flatnonzero((long == wanted).all(axis=1))
-            if (count == 3 and turn) or not len(chosen):
-                continue
-            order = (np.arange(3) + turn) % 3  # the first split edge comes first
-            references = np.concatenate([_CORNERS[order], _MIDDLES[order]])
-            vertices = np.concatenate([triangles[chosen][:, order], middle[chosen][:, order]], axis=1)
-            bent = np.concatenate([sharp[chosen][:, order], np.zeros((len(chosen), 1), dtype=bool)], axis=1)
-            for part in parts:
-                shape = shape_functions(with_middles(references[part][None])[0])
-                panels.append(np.einsum("na,tad->tnd", shape, quadratic_triangles[chosen]))
-                indices.append(vertices[:, part])
-                ridges.append(bent[:, [_edge_between(part[i], part[(i + 1) % 3]) for i in range(3)]])
+    middle = int(triangles.max()) + 1 + np.searchsorted(np.unique(edge[long]), edge)
+    vertices = np.concatenate([triangles, middle], axis=1)
+    ridge = np.concatenate([sharp, np.zeros((len(sharp), 1), dtype=bool)], axis=1)
+    panels, indices, ridges = [], [], []
+    for pattern, pieces in _PIECES.items():
+        chosen = np.flatnonzero(long @ [1, 2, 4] == pattern)
+        for nodes in pieces:
+            shape = shape_functions(with_middles(NODE_PLACES[nodes][None])[0])
+            sides = [
+                next(iter(_ON_EDGES[one] & _ON_EDGES[two]), 3)
+                for one, two in zip(nodes, np.roll(nodes, -1), strict=True)
+            ]
+            panels.append(np.einsum("na,tad->tnd", shape, quadratic_triangles[chosen]))
+            indices.append(vertices[chosen][:, nodes])
+            ridges.append(ridge[chosen][:, sides])
     return np.concatenate(panels), np.concatenate(indices), np.concatenate(ridges)
-
-
-def _edge_between(start: int, end: int) -> int:
-    """Which of the edges 0, 1, 2 two of the six nodes both lie on; 3 where none."""
-    on = {0: {0, 2}, 1: {0, 1}, 2: {1, 2}, 3: {0}, 4: {1}, 5: {2}}
-    return next(iter(on[start] & on[end]), 3)

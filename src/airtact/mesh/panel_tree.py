@@ -11,13 +11,9 @@ from airtact.mesh.quadratic_triangles import QuadraticTriangles
 
 @dataclass(frozen=True, eq=False)
 class PanelTree:
-    """Curved panels in a binary tree of boxes.
+    """Curved panels in a binary tree of boxes, whose leaves hold them in an ``order``.
 
-    Attributes
-    ----------
-    quadratic_triangles : (T, 6, 3) [m].
-    order : (T,) the panels as the leaves hold them.
-    lower, upper : (2 L, 3) corners of the boxes, as a heap: box 1 holds all, box b holds 2 b and 2 b + 1 [m].
+    The corners of the boxes ``lower`` and ``upper`` [m] are a heap: box 1 holds all, box b holds 2 b and 2 b + 1.
     """
 
     quadratic_triangles: QuadraticTriangles

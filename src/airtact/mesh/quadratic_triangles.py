@@ -42,6 +42,13 @@ def points_at(
     return np.einsum("tn,tnd->td", shape_functions(references), quadratic_triangles), np.cross(along_u, along_v)
 
 
+def normals_at(
+    quadratic_triangles: QuadraticTriangles, reference: Real[np.ndarray, "2"]
+) -> Float64[np.ndarray, "panels 3"]:
+    """Outward normals of all panels at the same reference coordinates, as ``points_at`` has them."""
+    return points_at(quadratic_triangles, np.broadcast_to(reference, (len(quadratic_triangles), 2)))[1]
+
+
 def with_middles(corners: Float64[np.ndarray, "triangles 3 axes"]) -> Float64[np.ndarray, "triangles 6 axes"]:
     """Add the middles of edges 01, 12, 20 to the corners of straight triangles."""
     return np.concatenate([corners, 0.5 * (corners + np.roll(corners, -1, axis=1))], axis=1)

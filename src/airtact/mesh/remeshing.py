@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Int64, Real
 
 from airtact.conventions import InvalidInput
+from airtact.mesh.quadratic_triangles import edge_lengths
 from airtact.mesh.topology import Triangles, Vertices, edge_twins
 
 STRETCHES = (1.4, 1.2, 1.0, 0.85)
@@ -36,14 +37,7 @@ SMALLEST = 0.06
 
 @dataclass(frozen=True, eq=False)
 class RidgedMesh:
-    """A closed mesh with the edges that stay sharp.
-
-    Attributes
-    ----------
-    vertices : (V, 3) [m].
-    triangles : (T, 3) vertex indices.
-    ridges : (K, 2) ends of the sharp edges.
-    """
+    """A closed mesh with the ends (K, 2) of the edges that stay sharp."""
 
     vertices: Vertices
     triangles: Triangles
@@ -51,15 +45,8 @@ class RidgedMesh:
 
 
 def coarsened(mesh: RidgedMesh, edge: float) -> RidgedMesh:
-    """Coarsen a mesh of edges far shorter than ``edge`` [m], or MMG takes the roughness of a scan for bends.
-
-    Raises
-    ------
-    InvalidInput
-        When MMG cannot mesh the surface.
-    """
-    corners = mesh.vertices[mesh.triangles]
-    if np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).mean() > FINE * edge:
+    """Coarsen a mesh of edges far shorter than ``edge`` [m], or MMG takes the roughness of a scan for bends."""
+    if edge_lengths(mesh.vertices[mesh.triangles]).mean() > FINE * edge:
         return mesh
     return _meshed(mesh, np.full(len(mesh.vertices), FINE), edge, ROUGH)
 
@@ -69,11 +56,6 @@ def remeshed(mesh: RidgedMesh, sizes: Real[np.ndarray, "vertices"], edge: float,
 
     ``sizes`` (V,) are the longest edges allowed at each vertex beside what ``edge`` asks for [m], ``wanted`` is the
     number of triangles that the area asks for. The result is near the curved surface, not on it.
-
-    Raises
-    ------
-    InvalidInput
-        When MMG cannot mesh the surface.
     """
     for stretch in STRETCHES[:-1]:
         found = _meshed(mesh, np.clip(sizes / edge, SMALLEST, stretch), edge, FLATTEST)

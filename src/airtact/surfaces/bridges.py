@@ -49,13 +49,9 @@ _BITS = np.array([[corner >> axis & 1 for axis in range(3)] for corner in range(
 
 @dataclass(frozen=True, eq=False)
 class Filling:
-    """What is to be filled between two bodies.
+    """What is to be filled between two bodies, given by their depths, in the box from ``low`` to ``high`` [m].
 
-    Attributes
-    ----------
-    one, two : their depths.
-    low, high : (3,) corners of the box to look in [m].
-    width : what the distances to the bodies may add up to [m].
+    ``width`` is what the distances to the bodies may add up to [m].
     """
 
     one: Depth
@@ -77,22 +73,10 @@ class Filling:
 
 
 def filling(what: Filling, radius: float = 0.0) -> FlatMesh | None:
-    """FlatMesh the filling between two bodies.
+    """Mesh the filling between two bodies, closed and outward, in one or more pieces; None when there is none.
 
-    Parameters
-    ----------
-    what : the bodies and how wide it may be.
-    radius : where above zero, the filling is all balls of this radius [m] whose centres lie in the filling outside of
-        the bodies, so that it is nowhere thinner than these.
-
-    Returns
-    -------
-    A closed outward mesh of one or more pieces, or None when there is nothing to fill.
-
-    Raises
-    ------
-    InvalidInput
-        When it takes more than ``MOST`` cubes.
+    Where ``radius`` [m] is above zero, it is all balls of this radius whose centres lie in the filling outside of the
+    bodies, so that it is nowhere thinner than these. It is an error when it takes more than ``MOST`` cubes.
     """
     edge = what.width / CUBES_PER_WIDTH
     cubes = _cubes(what, edge)
@@ -106,7 +90,7 @@ def filling(what: Filling, radius: float = 0.0) -> FlatMesh | None:
 
 
 def balls(centres: Float64[np.ndarray, "points 3"], radius: float) -> FlatMesh:
-    """FlatMesh all points within a radius [m] of some centres (P, 3) [m]."""
+    """Mesh all points within a radius [m] of some centres (P, 3) [m]."""
     edge = radius / CUBES_PER_RADIUS
     low = centres.min(axis=0) - 2.0 * radius
     cubes = np.floor((centres - low) / edge).astype(np.int64)
@@ -119,16 +103,7 @@ def balls(centres: Float64[np.ndarray, "points 3"], radius: float) -> FlatMesh:
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """Cubes and their corners, each corner once.
-
-    Attributes
-    ----------
-    edge : of the cubes [m].
-    points : (P, 3) corners of the cubes [m].
-    keys : (P,) their numbers, ascending, which differ by a stride along each axis.
-    strides : (3,) these strides.
-    corners : (C, 8) which points each cube has.
-    """
+    """Cubes of an edge [m] and the points [m] at their corners, whose ascending keys differ by a stride an axis."""
 
     edge: float
     points: Float64[np.ndarray, "points 3"]
@@ -185,7 +160,7 @@ def _snapped(level: Float64[np.ndarray, "points"], edge: float) -> Float64[np.nd
 
 
 def _mesh(grid: _Grid, level: Float64[np.ndarray, "points"]) -> FlatMesh:
-    """FlatMesh where the level passes zero."""
+    """Mesh where the level passes zero."""
     tetrahedra = grid.corners[:, _TETRAHEDRA].reshape(-1, 4)
     pattern = (level[tetrahedra] < 0.0) @ np.array([1, 2, 4, 8])
     ends = [np.zeros((0, 3, 2), dtype=np.int64)]

@@ -36,14 +36,7 @@ APART = "move them apart, or merge them: airtact.merged([one, two]), in a scene 
 
 
 def check_surface(surface: Surface) -> None:
-    """Check that a surface does not cross itself, has no closed piece inside another, and is thick enough.
-
-    Raises
-    ------
-    InvalidInput
-        With the number of pairs of triangles that meet and where the first does, how deep a piece lies in another, or
-        how thin the surface is and where.
-    """
+    """Check that a surface does not cross itself, has no closed piece inside another, and is thick enough."""
     if surface not in _PASSED:
         check_not_crossed(surface)
         check_not_thin(surface)
@@ -51,13 +44,7 @@ def check_surface(surface: Surface) -> None:
 
 
 def check_not_crossed(surface: Surface) -> None:
-    """Check that a surface neither crosses nor touches itself, and has no closed piece inside another.
-
-    Raises
-    ------
-    InvalidInput
-        With the number of pairs of triangles that meet and where the first does, or how deep a piece lies in another.
-    """
+    """Check that a surface neither crosses nor touches itself, and has no closed piece inside another."""
     pairs = surface.crossings
     if len(pairs):
         first = pairs[0]
@@ -80,23 +67,17 @@ def check_not_crossed(surface: Surface) -> None:
         )
 
 
-def check_not_thin(surface: Surface, thinnest: float = THINNEST) -> None:
-    """Check that a body is nowhere thinner than a length; the edges of wedges are no fault.
+def check_not_thin(surface: Surface) -> None:
+    """Check that a body is nowhere thinner than ``THINNEST``; the edges of wedges are no fault.
 
     The thickness at a point of the surface is the diameter of the largest ball inside that touches the surface there
-    and reaches surface which looks the other way, to 20 degrees. Bumps, ribs and necks shorter than the length pass.
-
-    A tenth less passes, for meshes that are rough, or coarse on round bodies.
-
-    Raises
-    ------
-    InvalidInput
-        With how thin it is and where.
+    and reaches surface which looks the other way, to 20 degrees. Bumps, ribs and necks shorter than the length pass,
+    and a tenth less, for meshes that are rough, or coarse on round bodies.
     """
-    found = thin_part(surface, thinnest, short=thinnest)
+    found = thin_part(surface, THINNEST, short=THINNEST)
     if found is not None:
         raise InvalidInput(
-            f"the body is {found[0] * 1e3:.3g} mm thick near {in_mm(found[1])}, less than {thinnest * 1e3:g} mm; make "
+            f"the body is {found[0] * 1e3:.3g} mm thick near {in_mm(found[1])}, less than {THINNEST * 1e3:g} mm; make "
             "it thicker there, or cut that part off.",
             found[1],
             code="too_thin",
@@ -123,14 +104,7 @@ def _curved_out(surface: Surface) -> Float64[np.ndarray, "triangles 3 3"]:
 
 @dataclass(frozen=True, eq=False)
 class Approach:
-    """How near two bodies come.
-
-    Attributes
-    ----------
-    distance : of their surfaces [m]; 0 where they overlap or touch.
-    position : (3,) between them [m].
-    overlap : how they overlap, in words, or None where they do not.
-    """
+    """Distance of two bodies [m], a position (3,) between them [m], and in words how they overlap, if they do."""
 
     distance: float
     position: Float64[np.ndarray, "3"]
@@ -142,11 +116,6 @@ def check_apart(surfaces: Sequence[Surface]) -> None:
 
     Two capsules are measured exactly, a capsule and a mesh by the mesh's triangles, two meshes by their triangles and
     by which lies in the other.
-
-    Raises
-    ------
-    InvalidInput
-        With the two bodies, how deep, how many triangles or how near, and where.
     """
     for i, j in combinations(range(len(surfaces)), 2):
         found = approach(surfaces[i], surfaces[j], NEAREST * (1.0 - 1e-9))

@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
+from airtact.mesh.edge_splitting import split_pieces
 from airtact.mesh.quadratic_triangles import shape_functions
 from airtact.mesh.topology import edge_twins
 from airtact.surfaces.shape import FlatMesh
@@ -15,9 +16,9 @@ MIDDLE = 0.75
 """Distance of the surface from the middle of a straight edge, over that from the middle of its triangle, at least."""
 
 
-def flattened(surface: Surface, away: float = AWAY) -> FlatMesh:
-    """Follow the true surface with flat triangles: its own, split at edges that are more than ``away`` [m] off."""
-    exact = surface.shape.flat_mesh(away)
+def flattened(surface: Surface) -> FlatMesh:
+    """Follow the true surface with flat triangles: its own, split at edges that are more than ``AWAY`` off."""
+    exact = surface.shape.flat_mesh(AWAY)
     if exact is not None:
         return exact
     vertices, triangles, panels = surface.vertices, surface.triangles, surface.quadratic_triangles
@@ -30,7 +31,7 @@ def flattened(surface: Surface, away: float = AWAY) -> FlatMesh:
         corners = vertices[triangles]
         rise = np.linalg.norm(middles - 0.5 * (corners + np.roll(corners, -1, axis=1)), axis=2)
         twins = edge_twins(triangles)
-        far = rise > MIDDLE * away
+        far = rise > MIDDLE * AWAY
         far |= far.ravel()[twins]
         if not far.any():
             return vertices, triangles
@@ -57,24 +58,15 @@ def bulge(surface: Surface) -> float:
     return float(np.linalg.norm(surface.quadratic_triangles[:, 3:] - straight, axis=2).max()) / MIDDLE
 
 
-def _tables() -> dict[int, list[list[int]]]:
-    """Corners 0, 1, 2 and middles 3, 4, 5 of the pieces of a triangle, by which edges (bits 01, 12, 20) are split."""
-    tables = {0: [[0, 1, 2]], 7: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]}
-    for turn in range(3):
-        for pattern, pieces in ((1, [[0, 3, 2], [3, 1, 2]]), (3, [[3, 1, 4], [0, 3, 4], [0, 4, 2]])):
-            turned = (pattern << turn | pattern >> (3 - turn)) & 7
-            tables[turned] = [[node // 3 * 3 + (node + turn) % 3 for node in piece] for piece in pieces]
-    return tables
-
-
-_TABLES = _tables()
+_PIECES = split_pieces([[3, 1, 4], [0, 3, 4], [0, 4, 2]])
 
 
 def _split(split: Bool[np.ndarray, "triangles 3"]) -> tuple[Int64[np.ndarray, "pieces 3"], Int64[np.ndarray, "pieces"]]:
     """Cut triangles at the middles of some edges: which of their corners and middles, and which triangle."""
     pattern = split @ np.array([1, 2, 4])
     pieces, whole = [], []
-    for number, table in _TABLES.items():
+    for number in (0, 7, 1, 3, 2, 6, 4, 5):
+        table = _PIECES[number]
         chosen = np.flatnonzero(pattern == number)
         pieces.append(np.tile(table, (len(chosen), 1)))
         whole.append(np.repeat(chosen, len(table)))

@@ -4,9 +4,18 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
-from airtact.mesh.quadratic_triangles import QuadraticTriangles, cut, enclosed_volume, longest_edges, points_at, unit
+from airtact.mesh.quadratic_triangles import (
+    NODE_PLACES,
+    QuadraticTriangles,
+    cut,
+    enclosed_volume,
+    longest_edges,
+    normals_at,
+    unit,
+)
 from airtact.mesh.remeshing import RidgedMesh, coarsened, remeshed
 from airtact.mesh.sizing import bend_sizes, strip_sizes
+from airtact.mesh.topology import are_among, edge_ends
 from airtact.surfaces.quadratic_mesh import QuadraticMesh
 
 TOO_FAR = 0.004
@@ -46,11 +55,6 @@ def covered(mesh: QuadraticMesh, edge: float) -> QuadraticTriangles:
     MMG makes the triangles; their corners and middles are brought onto the surface, those of sharp edges onto these;
     panels that still leave the surface by more than ``TOO_FAR`` of the edge are cut in four. Where that does not
     enclose the body's volume, a part of it being smaller than the edge, shorter ones are tried.
-
-    Raises
-    ------
-    InvalidInput
-        When MMG cannot mesh the surface, or no edge makes panels that enclose its volume.
     """
     extent = float(np.ptp(mesh.vertices, axis=0).max())
     shorter, fault = min(edge, LARGEST_SHARE * extent), None
@@ -89,13 +93,11 @@ def _on_the_surface(mesh: QuadraticMesh, anew: RidgedMesh, edge: float) -> Quadr
         corners[on_ridge] = mesh.project_on_sharp_edges(vertices[on_ridge])
     outlying = np.linalg.norm(corners - vertices, axis=1) > OUTLYING * edge
     corners[outlying] = vertices[outlying]
-    ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-    unique, inverse = np.unique(ends, axis=0, return_inverse=True)
+    unique, inverse = np.unique(np.sort(edge_ends(triangles).reshape(-1, 2), axis=1), axis=0, return_inverse=True)
     straight = corners[unique].mean(axis=1)
     middles = mesh.project(straight)
     if len(on_ridge):
-        key = len(vertices)
-        along = np.isin(unique @ [key, 1], np.sort(ridges, axis=1) @ [key, 1])
+        along = are_among(unique, ridges)
         middles[along] = mesh.project_on_sharp_edges(straight[along])
     panels = np.concatenate([corners[triangles], middles[inverse.ravel()].reshape(-1, 3, 3)], axis=1)
     return mesh.levelled(panels)
@@ -126,9 +128,6 @@ def _cut_where_it_helps(
 
 def _bending(panels: QuadraticTriangles) -> Float64[np.ndarray, "panels"]:
     """Largest angle between the normals at the corners of each panel [rad]."""
-    normals = []
-    for corner in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)):
-        _, normal = points_at(panels, np.broadcast_to(corner, (len(panels), 2)))
-        normals.append(unit(normal))
+    normals = [unit(normals_at(panels, corner)) for corner in NODE_PLACES[:3]]
     cosine = np.min([np.einsum("td,td->t", normals[i], normals[i - 1]) for i in range(3)], axis=0)
     return np.arccos(np.clip(cosine, -1.0, 1.0))

@@ -13,6 +13,8 @@ from scipy.spatial import KDTree
 from airtact.mesh.quadratic_triangles import QuadraticTriangles, cut, longest_edges, panel_areas, shape_functions
 from airtact.surfaces.shape import BEND, Shape
 
+Points = Real[np.ndarray, "points 3"]
+
 LONGEST_TO_EQUILATERAL = 1.2
 """Longest edge of a typical triangle over the edge of the equilateral triangle of the same area."""
 
@@ -52,18 +54,11 @@ class Panels:
     mean_distance: Float64[np.ndarray, "bodies"]
 
 
-def panels_of(
-    shapes: Sequence[Shape], edge: float, near: Real[np.ndarray, "points 3"], smallest: float, bend: float = BEND
-) -> Panels:
-    """Panels of some bodies, smaller beside some points and where bodies come close.
+def panels_of(shapes: Sequence[Shape], edge: float, near: Points, smallest: float, bend: float = BEND) -> Panels:
+    """Panels of some bodies as large as equilateral triangles of an edge [m], smaller beside points and other bodies.
 
-    Parameters
-    ----------
-    shapes : the bodies' surfaces.
-    edge : edge of the equilateral triangle as large as the panels wanted [m].
-    near : (P, 3) points beside which panels are cut smaller [m].
-    smallest : edge below which no panel is cut for a point's or another body's sake [m].
-    bend : angle that a panel of a round surface may turn by [rad].
+    No panel is cut for a point's or another body's sake below the edge ``smallest`` [m]. Panels of a round surface turn
+    by ``bend`` [rad] at most.
     """
     whole = [shape.panels(edge, bend) for shape in shapes]
     bodies = []
@@ -71,22 +66,21 @@ def panels_of(
         others = [np.empty((0, 3))] + [panels.reshape(-1, 3) for other, panels in enumerate(whole) if other != index]
         bodies.append(_refined(whole[index], shape, near, np.concatenate(others), smallest))
     probes = [(PROBES @ body).reshape(-1, 3) for body in bodies]
-    distances = [_off_triangles(*one) for one in zip(bodies, shapes, probes, strict=True)]
+    placed = list(zip(bodies, shapes, probes, strict=True))
+    distances = [_off_triangles(*one) for one in placed]
     return Panels(
         quadratic_triangles=np.concatenate(bodies),
         body=np.repeat(np.arange(len(bodies)), [len(body) for body in bodies]),
-        deviation=np.concatenate([_deviation(*one) for one in zip(bodies, shapes, probes, strict=True)]),
+        deviation=np.concatenate(
+            [np.abs(shape.depth(at)).reshape(len(own), -1).max(axis=1) for own, shape, at in placed]
+        ),
         farthest=np.array([farthest for farthest, _ in distances]),
         mean_distance=np.array([mean for _, mean in distances]),
     )
 
 
 def _refined(
-    panels: QuadraticTriangles,
-    shape: Shape,
-    points: Real[np.ndarray, "points 3"],
-    others: Real[np.ndarray, "others 3"],
-    smallest: float,
+    panels: QuadraticTriangles, shape: Shape, points: Points, others: Real[np.ndarray, "others 3"], smallest: float
 ) -> Float64[np.ndarray, "pieces 6 3"]:
     """Cut in four the panels larger than ``smallest`` and than points or other bodies near them allow."""
     asking = (np.asarray(points, dtype=np.float64), LARGEST_TO_POINT), (others, LARGEST_TO_GAP)
@@ -106,10 +100,7 @@ def _refined(
 
 
 def _allowed(
-    panels: QuadraticTriangles,
-    edges: Float64[np.ndarray, "panels"],
-    points: Float64[np.ndarray, "points 3"],
-    factor: float,
+    panels: QuadraticTriangles, edges: Float64[np.ndarray, "panels"], points: Points, factor: float
 ) -> Float64[np.ndarray, "panels"]:
     """Longest edge that some points allow each panel [m]; infinite where they allow more than any has."""
     allowed = np.full(len(panels), np.inf)
@@ -126,16 +117,7 @@ def _allowed(
     return allowed
 
 
-def _deviation(
-    panels: QuadraticTriangles, shape: Shape, probes: Float64[np.ndarray, "probes 3"]
-) -> Float64[np.ndarray, "panels"]:
-    """How far panels lie from the true surface at their nodes, centre and the middles between them [m]."""
-    return np.abs(shape.depth(probes)).reshape(len(panels), -1).max(axis=1)
-
-
-def _off_triangles(
-    panels: QuadraticTriangles, shape: Shape, probes: Float64[np.ndarray, "probes 3"]
-) -> tuple[float, float]:
+def _off_triangles(panels: QuadraticTriangles, shape: Shape, probes: Points) -> tuple[float, float]:
     """Largest and mean distance of panels from the triangles that the body was given as [m]."""
     distance = shape.off_triangles(probes).reshape(len(panels), -1)
     if not distance.any():

@@ -8,14 +8,14 @@ import numpy as np
 from jaxtyping import Float64, Real
 
 from airtact.conventions import InvalidInput, Vector
-from airtact.mesh.quadratic_triangles import QuadraticTriangles, enclosed_volume, with_middles
+from airtact.mesh.quadratic_triangles import QuadraticTriangles, enclosed_volume, longest_edges, with_middles
 from airtact.mesh.remeshing import RidgedMesh
 from airtact.mesh.topology import Triangles, Vertices, check_size
 from airtact.pose import Pose
 from airtact.printing import in_short
 from airtact.surfaces.shape import BEND, FlatMesh, Shape
 from airtact.surfaces.surface import Surface
-from airtact.validation import check_finite, fixed, number, positive, real_numbers
+from airtact.validation import fixed, number, point_of, positive
 
 _SECTORS = 5  # triangles round a pole; five keep every angle above 30 degrees
 _MOST_RINGS = 400  # 1.6 million triangles: beyond it the edge is in a wrong unit
@@ -24,18 +24,7 @@ _LARGEST_SAGITTA = 0.01  # farthest that a flat mesh lies off, over the radius
 
 @dataclass(frozen=True, eq=False)
 class Capsule(Shape):
-    """All points within ``radius`` of a segment: the local z axis from -length/2 to +length/2. Length 0 is a sphere.
-
-    Attributes
-    ----------
-    radius : [m], above zero.
-    length : length of the axis [m], zero or more.
-    pose : where it stands.
-
-    Raises
-    ------
-    InvalidInput
-        When the radius is not above zero or the length is negative or not finite.
+    """All points within ``radius`` [m] of a segment: the local z axis from -length/2 to +length/2 [m]; 0 is a sphere.
 
     Examples
     --------
@@ -145,16 +134,7 @@ class Capsule(Shape):
 
         Each cap is a hemisphere of m rings, ring i having 5 i points; the cylinder between has rings of 5 m points,
         each turned by half a step. The mesh is made at rest and then moved, so that it moves exactly with the pose.
-
-        Parameters
-        ----------
-        edge : longest straight edge allowed [m]; a cap has at least two rings in any case.
-
-        Raises
-        ------
-        InvalidInput
-            When ``edge`` is not above zero, or so small that a cap would need more than 400 rings, or the body is over
-            2 m or under 0.5 mm.
+        ``edge`` is the longest straight edge allowed [m], so long that a cap needs 400 rings at most.
         """
         edge = positive(edge, "edge", "m")
         check_size(self.extent)
@@ -162,7 +142,7 @@ class Capsule(Shape):
         while rings <= _MOST_RINGS:
             vertices, triangles = _mesh(rings, _SECTORS, self.length / self.radius)
             corners = self.radius * vertices[triangles]
-            if np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max() <= edge:
+            if longest_edges(corners).max() <= edge:
                 return self._surface(self.radius * vertices, triangles)
             rings += 1
         raise InvalidInput(
@@ -173,9 +153,7 @@ class Capsule(Shape):
         )
 
     def _surface(self, vertices: Vertices, triangles: Triangles) -> Surface:
-        corners = vertices[triangles]
-        middles = ((corners + np.roll(corners, -1, axis=1)) / 2.0).reshape(-1, 3)
-        midpoints = Capsule(self.radius, self.length, Pose.identity()).project(middles).reshape(-1, 3, 3)
+        midpoints = Capsule(self.radius, self.length, Pose.identity()).edge_middles(vertices[triangles])
         triangles.flags.writeable = False
         placed = fixed(self.pose.apply(vertices)), triangles, fixed(self.pose.apply(midpoints))
         return Surface(*placed, primitive=self, _known_shape=self)
@@ -200,7 +178,7 @@ def sphere(radius: float, edge: float, centre: Vector = (0, 0, 0)) -> Surface:
     >>> sphere(radius=0.01, edge=0.003).midpoints is not None
     True
     """
-    return Capsule(radius, 0.0, Pose(np.eye(3), _point(centre, "sphere centre"))).mesh(edge)
+    return Capsule(radius, 0.0, Pose(np.eye(3), point_of(centre, "sphere centre"))).mesh(edge)
 
 
 def capsule(start: Vector, end: Vector, radius: float, edge: float) -> Surface:
@@ -217,18 +195,10 @@ def capsule(start: Vector, end: Vector, radius: float, edge: float) -> Surface:
     InvalidInput
         When a length is not above zero or an end is not finite.
     """
-    first, last = _point(start, "capsule start"), _point(end, "capsule end")
+    first, last = point_of(start, "capsule start"), point_of(end, "capsule end")
     length = float(np.linalg.norm(last - first))
     rotation = turn_from_z((last - first) / length) if length > 0.0 else np.eye(3)
     return Capsule(radius, length, Pose(rotation, (first + last) / 2.0)).mesh(edge)
-
-
-def _point(given: Vector, what: str) -> Float64[np.ndarray, "3"]:
-    point = real_numbers(np.asarray(given), what)
-    if point.shape != (3,):
-        raise InvalidInput(f"{what} has shape {point.shape}, but a point has shape (3,).", code="wrong_shape")
-    check_finite(point, what)
-    return point
 
 
 def turn_from_z(direction: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"]:

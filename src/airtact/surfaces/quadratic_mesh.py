@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int, Int64, Real
+from jaxtyping import Bool, Float64, Int64, Real
 from scipy.spatial import KDTree
 
 from airtact.mesh.curving import SHARP_DEGREES, curved
@@ -16,6 +16,7 @@ from airtact.mesh.quadratic_triangles import (
     QuadraticTriangles,
     enclosed_volume,
     gauss_square,
+    normals_at,
     panel_areas,
     points_at,
     shape_functions,
@@ -23,8 +24,10 @@ from airtact.mesh.quadratic_triangles import (
     with_middles,
 )
 from airtact.mesh.remeshing import RidgedMesh
-from airtact.mesh.topology import Triangles, Vertices, edge_twins, shells
+from airtact.mesh.topology import Numbers, Triangles, Twins, Vertices, edge_ends, edge_twins, shells
 from airtact.printing import in_short
+
+Points = Real[np.ndarray, "points 3"]
 
 EDGE = 1e-9
 """A closest point with a barycentric coordinate below this lies on the edge."""
@@ -45,17 +48,12 @@ LEVEL_FIT = np.linalg.solve((LEVEL_SHAPE.T * LEVEL_WEIGHTS) @ LEVEL_SHAPE, LEVEL
 class QuadraticMesh:
     """A closed mesh of quadratic triangles, where it was made; curved when first asked.
 
-    Attributes
-    ----------
-    vertices : (V, 3) [m].
-    triangles : (T, 3) vertex indices.
-    midpoints : (T, 3, 3) points of the surface over the middles of edges 01, 12, 20 [m]; None to curve by normals.
-    sharp_degrees : edges whose triangles turn by more than this stay sharp.
-    sharp_edges : (T, 3) which of the edges stay sharp; None to find them.
+    Without ``midpoints``, points of the surface over the middles of edges 01, 12, 20 [m], it is curved by normals;
+    without ``sharp_edges`` those are found that turn by more than ``sharp_degrees``.
     """
 
     vertices: Vertices
-    triangles: Int[np.ndarray, "triangles 3"]
+    triangles: Triangles
     midpoints: Float64[np.ndarray, "triangles 3 3"] | None = None
     sharp_degrees: float = SHARP_DEGREES
     sharp_edges: Bool[np.ndarray, "triangles 3"] | None = None
@@ -95,7 +93,7 @@ class QuadraticMesh:
         return panel_tree(with_middles(self.quadratic_triangles[:, :3]))
 
     @cached_property
-    def _twins(self) -> Triangles:
+    def _twins(self) -> Twins:
         return edge_twins(self.triangles)
 
     @cached_property
@@ -110,17 +108,16 @@ class QuadraticMesh:
     def _vertex_normals(self) -> Vertices:
         """Normals of the panels round each vertex, weighted by their angles there."""
         total, nodes = np.zeros((int(self.triangles.max()) + 1, 3)), self.quadratic_triangles
-        for corner, reference in enumerate(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))):
-            _, normal = points_at(nodes, np.broadcast_to(reference, (len(nodes), 2)))
+        for corner in range(3):
             here, following, before = nodes[:, corner], (corner + 1) % 3, (corner + 2) % 3
             out = 4 * nodes[:, 3 + corner] - 3 * here - nodes[:, following]
             back = 4 * nodes[:, 3 + before] - 3 * here - nodes[:, before]
             cosine = np.einsum("td,td->t", unit(out), unit(back))
             angle = np.arccos(np.clip(cosine, -1.0, 1.0))
-            np.add.at(total, self.triangles[:, corner], angle[:, None] * unit(normal))
+            np.add.at(total, self.triangles[:, corner], angle[:, None] * unit(normals_at(nodes, NODE_PLACES[corner])))
         return total
 
-    def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
+    def depth(self, points: Points) -> Float64[np.ndarray, "points"]:
         """Distance to the surface [m] of points (P, 3) [m], positive inside.
 
         The sign is that of the normal at the closest point; on edges and corners of its angle-weighted mean (J. A.
@@ -139,12 +136,7 @@ class QuadraticMesh:
         inward = np.einsum("pd,pd->p", position - points, normal)
         return np.copysign(distance, np.where(inward == 0.0, 1.0, inward))
 
-    def _edge_normals(
-        self,
-        panel: Int64[np.ndarray, "points"],
-        edge: Int64[np.ndarray, "points"],
-        weights: Float64[np.ndarray, "points 3"],
-    ) -> Float64[np.ndarray, "points 3"]:
+    def _edge_normals(self, panel: Numbers, edge: Numbers, weights: Float64[np.ndarray, "n 3"]) -> Points:
         """Sum of the unit normals of the two panels at a point of their edge."""
         rows = np.arange(len(panel))
         total = unit(points_at(self.quadratic_triangles[panel], weights[:, 1:])[1])
@@ -154,12 +146,12 @@ class QuadraticMesh:
         mirrored[rows, (across + 1) % 3] = weights[rows, edge]
         return total + unit(points_at(self.quadratic_triangles[other], mirrored[:, 1:])[1])
 
-    def project(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
+    def project(self, points: Points) -> Float64[np.ndarray, "points 3"]:
         """Nearest points of the surface (P, 3) [m] to points (P, 3) [m]."""
         panel, reference, _ = self.tree.closest(points)
         return np.einsum("pn,pnd->pd", shape_functions(reference), self.quadratic_triangles[panel])
 
-    def project_on_sharp_edges(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
+    def project_on_sharp_edges(self, points: Points) -> Float64[np.ndarray, "points 3"]:
         """Nearest points of the sharp edges (P, 3) [m] to points (P, 3) [m]."""
         steps = np.arange(RIDGE_PIECES + 1) / RIDGE_PIECES
         shape = _along_ridge(steps)[0]
@@ -187,9 +179,8 @@ class QuadraticMesh:
             own = label == number
             used, triangles = np.unique(self.triangles[own], return_inverse=True)
             middles, sharp = (part[own] for part in self._curved)
-            found.append(
-                QuadraticMesh(self.vertices[used], triangles.reshape(-1, 3), middles, self.sharp_degrees, sharp)
-            )
+            corners = triangles.reshape(-1, 3)
+            found.append(QuadraticMesh(self.vertices[used], corners, middles, self.sharp_degrees, sharp))
         return tuple(found)
 
     def with_short_edges(self, longest: float) -> RidgedMesh:
@@ -197,8 +188,7 @@ class QuadraticMesh:
         nodes, triangles, sharp = with_short_edges(self.quadratic_triangles, self.triangles, self.sharp, longest)
         vertices = np.empty((int(triangles.max()) + 1, 3))
         vertices[triangles] = nodes[:, :3]
-        triangle, corner = np.nonzero(sharp)
-        ridges = np.stack([triangles[triangle, corner], triangles[triangle, (corner + 1) % 3]], axis=1)
+        ridges = edge_ends(triangles)[sharp]
         return RidgedMesh(vertices, triangles, ridges[ridges[:, 0] < ridges[:, 1]])
 
     def leaving(self, panels: QuadraticTriangles) -> Float64[np.ndarray, "panels"]:
@@ -218,9 +208,7 @@ class QuadraticMesh:
         """
         depth = self.depth(np.einsum("qn,tnd->tqd", LEVEL_SHAPE, panels).reshape(-1, 3))
         rise = depth.reshape(-1, len(LEVEL_PLACES)) @ LEVEL_FIT.T
-        normals = np.stack(
-            [points_at(panels, np.broadcast_to(node, (len(panels), 2)))[1] for node in NODE_PLACES], axis=1
-        )
+        normals = np.stack([normals_at(panels, node) for node in NODE_PLACES], axis=1)
         return panels + rise[:, :, None] * unit(normals)
 
     @cached_property

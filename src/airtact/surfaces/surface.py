@@ -8,7 +8,7 @@ from jaxtyping import Float64, Int64, Integer, Real
 
 from airtact.conventions import InvalidInput
 from airtact.mesh.curving import SHARP_DEGREES
-from airtact.mesh.quadratic_triangles import QuadraticTriangles
+from airtact.mesh.quadratic_triangles import QuadraticTriangles, edge_lengths
 from airtact.mesh.topology import (
     Triangles,
     Twins,
@@ -107,7 +107,7 @@ class Surface:
     @cached_property
     def edge_lengths(self) -> Float64[np.ndarray, "triangles 3"]:
         """Lengths of the straight edges 01, 12, 20 (T, 3) [m]."""
-        return fixed(np.linalg.norm(np.roll(self.corners, -1, axis=1) - self.corners, axis=2))
+        return fixed(edge_lengths(self.corners))
 
     @cached_property
     def quadratic_triangles(self) -> QuadraticTriangles:
@@ -193,22 +193,18 @@ def rigid_motion(before: Surface, after: Surface) -> tuple[Pose, float]:
     if before is after:
         return Pose.identity(), 0.0
     same = before.triangles is after.triangles or np.array_equal(before.triangles, after.triangles)
-    if not same or len(before.vertices) != len(after.vertices) or not _curved_alike(before, after):
+    curved_alike = (
+        type(before.shape) is type(after.shape)
+        and (before.midpoints is None) == (after.midpoints is None)
+        and before.sharp_degrees == after.sharp_degrees
+    )
+    if not same or len(before.vertices) != len(after.vertices) or not curved_alike:
         return Pose.identity(), float("inf")
     pose = Pose(*nearest_motion(before.vertices, after.vertices))
     off = np.linalg.norm(pose.apply(before.vertices) - after.vertices, axis=1).max()
     if before.midpoints is not None and after.midpoints is not None:
         off = max(off, np.linalg.norm(pose.apply(before.midpoints) - after.midpoints, axis=2).max())
     return pose, float(off)
-
-
-def _curved_alike(before: Surface, after: Surface) -> bool:
-    """Whether two surfaces are made from their triangles in the same way."""
-    return (
-        type(before.shape) is type(after.shape)
-        and (before.midpoints is None) == (after.midpoints is None)
-        and before.sharp_degrees == after.sharp_degrees
-    )
 
 
 def _triangles_of(given: np.ndarray) -> Triangles:
@@ -264,9 +260,8 @@ def _check_midpoints(midpoints: np.ndarray, corners: Float64[np.ndarray, "triang
             first,
             code="midpoints_not_shared",
         )
-    along = np.roll(corners, -1, axis=1)
-    away = np.linalg.norm(midpoints - (corners + along) / 2.0, axis=2)
-    bulge = away / np.linalg.norm(along - corners, axis=2)
+    away = np.linalg.norm(midpoints - (corners + np.roll(corners, -1, axis=1)) / 2.0, axis=2)
+    bulge = away / edge_lengths(corners)
     if bulge.max() > 0.5:
         triangle, edge = np.unravel_index(bulge.argmax(), bulge.shape)
         raise InvalidInput(

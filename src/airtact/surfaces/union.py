@@ -1,19 +1,17 @@
 """One body of several that overlap, touch or nearly touch."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from itertools import combinations
 from operator import itemgetter
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from airtact.conventions import InvalidInput
 from airtact.mesh.intersections import crossings_between
+from airtact.mesh.quadratic_triangles import longest_edges
 from airtact.mesh.repair.slivers import without_slivers
-from airtact.mesh.topology import Triangles, Vertices, cone_volumes, edge_twins, shells
+from airtact.mesh.topology import Triangles, Vertices, components, cone_volumes, edge_twins, shells
 from airtact.surfaces.bridges import Filling, balls, filling
 from airtact.surfaces.checks import NEAREST, THINNEST, TOUCH, approach, check_not_crossed, check_surface, thin_part
 from airtact.surfaces.flattening import AWAY, corners_of, flattened
@@ -44,13 +42,8 @@ PASSES = 2
 """How often that is done with the whole."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Link:
-    """Two bodies no farther apart than the gap, by their numbers, and a position (3,) between them [m]."""
-
-    one: int
-    two: int
-    position: Float64[np.ndarray, "3"]
+Link = tuple[int, int, Float64[np.ndarray, "3"]]
+"""Two bodies no farther apart than the gap, by their numbers, and a position (3,) between them [m]."""
 
 
 def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
@@ -102,7 +95,7 @@ def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
     return found
 
 
-def _bridged(bodies: Sequence[Surface], meshes: dict[int, FlatMesh], links: Sequence[_Link], gap: float) -> Surface:
+def _bridged(bodies: Sequence[Surface], meshes: dict[int, FlatMesh], links: Sequence[Link], gap: float) -> Surface:
     """Make one body with bridges as wide as the gap, or thicker ones where these are too thin."""
     left = [bodies[index] for index in meshes]
     pieces = sum(int(shells(triangles).max()) + 1 for _, triangles in meshes.values()) - len(meshes) + 1
@@ -136,16 +129,15 @@ def _lies_in(bodies: Sequence[Surface], meshes: dict[int, FlatMesh], inner: int,
     return bool((two.depth(seeds) > 0.0).all()) and len(crossings_between(corners, corners_of(meshes[outer]))) == 0
 
 
-def _links(bodies: Sequence[Surface], chosen: list[int], gap: float) -> list[_Link]:
+def _links(bodies: Sequence[Surface], chosen: list[int], gap: float) -> list[Link]:
     """Find pairs of bodies no farther apart than the gap; raise ``InvalidInput`` where not all hang together."""
     links = []
     for one, two in combinations(chosen, 2):
         near = approach(bodies[one], bodies[two], gap * (1.0 + 1e-9))
         if near is not None:
-            links.append(_Link(one, two, near.position))
-    ends = np.array([(link.one, link.two) for link in links], dtype=np.int64).reshape(-1, 2).T
-    graph = coo_array((np.ones(len(links), dtype=bool), tuple(ends)), shape=(len(bodies),) * 2)
-    part = connected_components(graph, directed=False)[1]
+            links.append((one, two, near.position))
+    ends = np.array([(one, two) for one, two, _ in links], dtype=np.int64).reshape(-1, 2)
+    part = components(ends[:, 0], ends[:, 1], len(bodies))
     away = []
     for one, two in combinations(chosen, 2):
         if part[one] != part[two] and (near := approach(bodies[one], bodies[two])) is not None:
@@ -163,25 +155,23 @@ def _links(bodies: Sequence[Surface], chosen: list[int], gap: float) -> list[_Li
 
 
 def _bridges(
-    bodies: Sequence[Surface], meshes: dict[int, FlatMesh], link: _Link, gap: float, radius: float
+    bodies: Sequence[Surface], meshes: dict[int, FlatMesh], link: Link, gap: float, radius: float
 ) -> list[FlatMesh]:
-    """FlatMesh what fills the air between two bodies, made of balls where a radius is given."""
-    one, two = meshes[link.one][0], meshes[link.two][0]
-    low = np.maximum(one.min(axis=0), two.min(axis=0)) - 2.0 * gap
-    high = np.minimum(one.max(axis=0), two.max(axis=0)) + 2.0 * gap
-    found = filling(Filling(bodies[link.one].depth, bodies[link.two].depth, low, high, gap), radius)
-    always = balls(link.position[None], radius) if radius > 0.0 else None
+    """Mesh what fills the air between two bodies, made of balls where a radius is given."""
+    one, two, position = link
+    low = np.maximum(meshes[one][0].min(axis=0), meshes[two][0].min(axis=0)) - 2.0 * gap
+    high = np.minimum(meshes[one][0].max(axis=0), meshes[two][0].max(axis=0)) + 2.0 * gap
+    found = filling(Filling(bodies[one].depth, bodies[two].depth, low, high, gap), radius)
+    always = balls(position[None], radius) if radius > 0.0 else None
     return [mesh for mesh in (found, always) if mesh is not None]
 
 
-def _middles(
-    bodies: Sequence[Surface], vertices: Vertices, triangles: Triangles
-) -> Float64[np.ndarray, "triangles 3 3"]:
+def _middles(bodies: Sequence[Surface], vertices: Vertices, triangles: Triangles) -> Float64[np.ndarray, "_ 3 3"]:
     """Middles of the edges, brought to the surfaces of the bodies where these are so near that no triangle folds."""
     corners = vertices[triangles]
     along = np.roll(corners, -1, axis=1) - corners
     twice = np.linalg.norm(np.cross(along[:, 0], along[:, 1]), axis=1)
-    height = (twice / np.linalg.norm(along, axis=2).max(axis=1))[:, None]
+    height = (twice / longest_edges(corners))[:, None]
     twins = edge_twins(triangles)
     allowed = np.minimum(2.0 * AWAY, FLAT * np.minimum(height, height.ravel()[twins // 3])).ravel()
     once = np.flatnonzero(np.arange(twins.size) < twins.ravel())
@@ -198,22 +188,16 @@ def _middles(
 
 def _united(bodies: Iterable[FlatMesh], bridges: Iterable[FlatMesh], simple: float) -> tuple[Vertices, Triangles]:
     """Unite closed meshes into one, without slivers and without the air that is closed in."""
-    import manifold3d
+    from manifold3d import Error, Manifold, Mesh64, OpType
 
-    solids = [
-        manifold3d.Manifold(
-            manifold3d.Mesh64(vertices.copy(), triangles.astype(np.uint64))
-        )  # it takes no read-only ones
-        for vertices, triangles in bodies
-    ]
-    solids += [
-        manifold3d.Manifold(manifold3d.Mesh64(vertices, triangles.astype(np.uint64))).simplify(ROUGHLY)
-        for vertices, triangles in bridges
-    ]
-    whole = manifold3d.Manifold.batch_boolean(solids, manifold3d.OpType.Add)
+    def solid(mesh: FlatMesh) -> Manifold:
+        return Manifold(Mesh64(mesh[0].copy(), mesh[1].astype(np.uint64)))  # it takes no read-only ones
+
+    solids = [solid(body) for body in bodies] + [solid(bridge).simplify(ROUGHLY) for bridge in bridges]
+    whole = Manifold.batch_boolean(solids, OpType.Add)
     for _ in range(PASSES):
         whole = whole.as_original().simplify(simple)  # as if it had never been of several, where it keeps their borders
-    assert whole.status() == manifold3d.Error.NoError  # closed meshes that do not cross themselves
+    assert whole.status() == Error.NoError  # closed meshes that do not cross themselves
     mesh = whole.to_mesh64()
     vertices, triangles = mesh.vert_properties[:, :3].astype(np.float64), mesh.tri_verts.astype(np.int64)
     piece = shells(triangles)

@@ -58,9 +58,7 @@ def patch(
         if gap < size - 1:
             used = row[barred[row, row + gap]]
             cost[used, used + gap] = np.inf
-    if not np.isfinite(cost[0, size - 1]):
-        return None
-    return rim[_read(split)]
+    return rim[_read(split)] if np.isfinite(cost[0, size - 1]) else None
 
 
 def _barred(

@@ -13,9 +13,9 @@ from scipy.spatial import KDTree
 from scipy.spatial.distance import pdist
 
 from airtact.conventions import InvalidInput
-from airtact.mesh.quadratic_triangles import area_vectors
+from airtact.mesh.quadratic_triangles import area_vectors, unit
 from airtact.mesh.repair.hole_filling import patch
-from airtact.mesh.topology import Triangles, Twins, Vertices, cone_volumes, edge_keys, edge_twins, shells
+from airtact.mesh.topology import Numbers, Triangles, Twins, Vertices, cone_volumes, edge_keys, edge_twins, shells
 from airtact.validation import counted, in_mm
 
 LARGEST_SHARE = 5e-3
@@ -32,12 +32,8 @@ MOST_EDGES = 400
 class Hole:
     """A hole of a mesh.
 
-    Attributes
-    ----------
-    rim : (N,) vertices along it, in the direction of the triangles that would fill it.
-    beside : (N,) the triangle beside the edge from each rim vertex to the next.
-    width : largest distance of two rim vertices [m].
-    middle : (3,) mean of the rim [m].
+    Its ``rim`` (N,) are vertices in the direction of the triangles that would fill it, ``beside`` (N,) the triangles
+    beside the edge from each to the next; ``width`` is the largest distance of two of them, ``middle`` their mean [m].
     """
 
     rim: Int64[np.ndarray, "rim"]
@@ -49,19 +45,15 @@ class Hole:
 def without_holes(
     vertices: Vertices, triangles: Triangles, largest: float, notes: list[str]
 ) -> Int64[np.ndarray, "more 3"]:
-    """Fill the holes, at most ``largest`` [m] wide, of a mesh whose neighbours run alike; add a sentence to ``notes``.
+    """Fill the holes, at most ``largest`` [m] wide, of a mesh whose neighbours run alike.
 
-    Raises
-    ------
-    InvalidInput
-        With the number of holes that are too wide, whose missing part is unknown, or that no triangles over their own
-        vertices close; with the position and width of the largest.
+    Holes are errors that are too wide, whose missing part is unknown, or that no triangles over their vertices close.
     """
     holes = find_holes(vertices, triangles)
     if not holes:
         return triangles
     _check_wide(holes, largest)
-    normals = _normals(vertices[triangles])
+    normals = unit(area_vectors(vertices[triangles]))
     missing = np.array([_missing(vertices, normals, hole) for hole in holes])
     _check_none(
         [hole for hole, volume in zip(holes, missing, strict=True) if not np.isfinite(volume)],
@@ -77,12 +69,9 @@ def without_holes(
     twins = edge_twins(whole)
     _check_none([hole for hole in holes if _still_open(hole, whole, twins)], no_way)
     _check_doubtful(vertices, whole, twins, holes, missing)
-    widest = max(hole.width for hole in holes)
-    filled = counted(len(holes), "hole", "holes")
-    notes.append(
-        f"{filled} of up to {widest * 1e3:.2g} mm {'was' if len(holes) == 1 else 'were'} filled, the first near "
-        f"{in_mm(holes[0].middle)}."
-    )
+    up_to = f"of up to {max(hole.width for hole in holes) * 1e3:.2g} mm"
+    filled = counted(len(holes), f"hole {up_to} was", f"holes {up_to} were")
+    notes.append(f"{filled} filled, the first near {in_mm(holes[0].middle)}.")
     return whole
 
 
@@ -176,12 +165,6 @@ def _missing(vertices: Vertices, normals: Float64[np.ndarray, "triangles 3"], ho
     return size * hole.width / 2.0 * float(tangent) / 3.0
 
 
-def _normals(corners: Float64[np.ndarray, "triangles 3 3"]) -> Float64[np.ndarray, "triangles 3"]:
-    """Find unit normals; zero for triangles without area."""
-    normals = area_vectors(corners)
-    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-
-
 def find_holes(vertices: Vertices, triangles: Triangles) -> list[Hole]:
     """Walk along the borders of a mesh whose neighbours run alike.
 
@@ -191,7 +174,7 @@ def find_holes(vertices: Vertices, triangles: Triangles) -> list[Hole]:
     border = np.flatnonzero(edge_twins(triangles).ravel() < 0)
     starts = np.roll(triangles, -1, axis=1).ravel()[border]  # a hole runs against the triangles beside it
     ends = triangles.ravel()[border]
-    after = _next_edges(vertices, triangles, border, starts, ends)
+    after = _next_edges(vertices, triangles, starts, ends)
     holes, seen = [], np.zeros(len(border), dtype=bool)
     for first in range(len(border)):
         if seen[first]:
@@ -208,21 +191,15 @@ def find_holes(vertices: Vertices, triangles: Triangles) -> list[Hole]:
     return holes
 
 
-def _next_edges(
-    vertices: Vertices,
-    triangles: Triangles,
-    border: Int64[np.ndarray, "border"],
-    starts: Int64[np.ndarray, "border"],
-    ends: Int64[np.ndarray, "border"],
-) -> Int64[np.ndarray, "border"]:
-    """Which border edge follows each along its hole."""
+def _next_edges(vertices: Vertices, triangles: Triangles, starts: Numbers, ends: Numbers) -> Numbers:
+    """Which border edge follows each along its hole, by the vertices at which they start and end."""
     order = np.argsort(starts, kind="stable")
     ranked = starts[order]
     after = order[np.searchsorted(ranked, ends)]
     meeting = ranked[1:][ranked[1:] == ranked[:-1]]
     for vertex in np.unique(meeting):
         coming, going = np.flatnonzero(ends == vertex), np.flatnonzero(starts == vertex)
-        normal = _normals(vertices[triangles[(triangles == vertex).any(axis=1)]]).sum(axis=0)
+        normal = unit(area_vectors(vertices[triangles[(triangles == vertex).any(axis=1)]])).sum(axis=0)
         one = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
         two = np.cross(normal, one) / max(float(np.linalg.norm(normal)), 1e-300)
         away = vertices[np.r_[starts[coming], ends[going]]] - vertices[vertex]

@@ -11,8 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64, Integer, Real
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from airtact.conventions import InvalidInput
@@ -27,10 +25,16 @@ from airtact.mesh.topology import (
     check_indices,
     check_not_degenerate,
     check_size,
+    components,
     edge_twins,
 )
 from airtact.printing import in_short
 from airtact.validation import counted, in_mm, number, real_numbers
+
+Mesh = tuple[Float64[np.ndarray, "_ 3"], Triangles]
+"""Vertices (V, 3) [m] and triangles."""
+Changed = Int64[np.ndarray, "_ 3"]
+"""(T, 3) triangles of another number."""
 
 SAME_PLACE = 1e-6
 """Vertices nearer than this share of the whole extent are one vertex ..."""
@@ -42,15 +46,7 @@ LARGEST_HOLE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class RepairedMesh:
-    """A mesh that was repaired.
-
-    Attributes
-    ----------
-    vertices : (V, 3) [m].
-    triangles : (T, 3) vertex indices; closed, not degenerate, neighbours run alike, closed pieces look outward.
-    notes : one sentence for each kind of damage that was repaired, with a number and the position of the first; empty
-        when nothing was.
-    """
+    """A closed mesh whose pieces look outward, and one sentence for each kind of damage that was repaired."""
 
     vertices: Vertices
     triangles: Triangles
@@ -66,21 +62,10 @@ def repaired(
 
     Repaired are: vertices that no triangle names or that stand within a micrometre of another, triangles that repeat
     another or have no area, needles and caps, cracks without width, patches and pieces wound the wrong way, and small
-    holes where the surface round them shows what is missing. A mesh that needs nothing comes back as it is.
-    ``check_surface`` looks for crossings of the surface with itself.
-
-    Parameters
-    ----------
-    vertices : (V, 3) [m]; NaN only where no triangle names it.
-    triangles : (T, 3) vertex indices.
-    largest_hole : widest hole that is filled [m], 0 for none.
-
-    Raises
-    ------
-    InvalidInput
-        Indices out of range, NaN in a vertex that is named, an extent over 2 m or under 0.5 mm, edges of more than two
-        triangles, one-sided surfaces, holes that are too large or whose missing part is unknown, parts that hang
-        together in a point, triangles or pieces that stay flat: each with how many and where.
+    holes, up to ``largest_hole`` [m], where the surface round them shows what is missing. Errors are: indices out of
+    range, NaN in a vertex that is named, an extent over 2 m or under 0.5 mm, edges of more than two triangles,
+    one-sided surfaces, holes that are too large or whose missing part is unknown, parts that hang together in a point,
+    triangles or pieces that stay flat. ``check_surface`` looks for crossings of the surface with itself.
 
     Examples
     --------
@@ -105,14 +90,10 @@ def repaired(
     twins = check_closed(vertices, triangles)
     check_no_bow_ties(vertices, triangles, twins)
     triangles = turned_outward(vertices, triangles, twins, notes)
-    named = np.zeros(len(vertices), dtype=bool)
-    named[triangles] = True
-    return RepairedMesh(*_without_vertices(vertices, triangles, named), tuple(notes))
+    return RepairedMesh(*_with_vertices(vertices, triangles, _named(vertices, triangles)), tuple(notes))
 
 
-def _closed(
-    vertices: Vertices, triangles: Triangles, largest_hole: float, notes: list[str]
-) -> Int64[np.ndarray, "closed 3"]:
+def _closed(vertices: Vertices, triangles: Triangles, largest_hole: float, notes: list[str]) -> Changed:
     """Close the mesh with all triangles running alike."""
     if (edge_twins(triangles) >= 0).all():
         return without_slivers(vertices, triangles, notes)
@@ -135,21 +116,23 @@ def _width(largest_hole: float) -> float:
     return width
 
 
-def _without_vertices(
-    vertices: Vertices, triangles: Triangles, keep: Bool[np.ndarray, "vertices"]
-) -> tuple[Float64[np.ndarray, "left 3"], Triangles]:
-    """Leave some vertices out and count the others anew."""
+def _named(vertices: Vertices, triangles: Triangles) -> Bool[np.ndarray, "vertices"]:
+    """Which vertices a triangle names."""
+    named = np.zeros(len(vertices), dtype=bool)
+    named[triangles] = True
+    return named
+
+
+def _with_vertices(vertices: Vertices, triangles: Triangles, keep: Bool[np.ndarray, "vertices"]) -> Mesh:
+    """Keep some vertices and count them anew."""
     if keep.all():
         return vertices, triangles
     return vertices[keep], (np.cumsum(keep) - 1)[triangles]
 
 
-def _with_named_vertices(
-    vertices: Vertices, triangles: Triangles, notes: list[str]
-) -> tuple[Float64[np.ndarray, "named 3"], Triangles]:
+def _with_named_vertices(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Mesh:
     """Drop the vertices that no triangle names; raise ``InvalidInput`` for NaN in the others."""
-    named = np.zeros(len(vertices), dtype=bool)
-    named[triangles] = True
+    named = _named(vertices, triangles)
     wrong = np.flatnonzero(named & ~np.isfinite(vertices).all(axis=1))
     if len(wrong):
         count = counted(len(wrong), "vertex of the surface is", "vertices of the surface are")
@@ -167,31 +150,27 @@ def _with_named_vertices(
     if len(idle):
         count = counted(len(idle), "vertex that no triangle names was", "vertices that no triangle names were")
         notes.append(f"{count} dropped, the first is vertex {int(idle[0])}.")
-    return _without_vertices(vertices, triangles, named)
+    return _with_vertices(vertices, triangles, named)
 
 
-def _with_merged_vertices(
-    vertices: Vertices, triangles: Triangles, notes: list[str]
-) -> tuple[Float64[np.ndarray, "merged 3"], Triangles]:
+def _with_merged_vertices(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Mesh:
     """Make vertices at the same position one: the first of them, which stays where it is."""
     first = _first_alike(vertices)
     own = first == np.arange(len(vertices))
-    vertices, triangles = _without_vertices(vertices, first[triangles], own)
+    vertices, triangles = _with_vertices(vertices, first[triangles], own)
     near = min(SAME_PLACE * float(np.ptp(vertices, axis=0).max()), FARTHEST_MERGED)
     pairs = KDTree(vertices, compact_nodes=False, balanced_tree=False).query_pairs(near, output_type="ndarray")
     if len(pairs) == 0:
         return vertices, triangles
-    count = len(vertices)
-    graph = coo_array((np.ones(len(pairs), dtype=bool), tuple(pairs.T)), shape=(count, count))
-    cluster = connected_components(graph, directed=False)[1]
+    cluster = components(pairs[:, 0], pairs[:, 1], len(vertices))
     first = np.unique(cluster, return_index=True)[1][cluster]
-    own = first == np.arange(count)
+    own = first == np.arange(len(vertices))
     merged = counted(int((~own).sum()), "vertex was", "vertices were")
     notes.append(
         f"{merged} merged with another within {near * 1e6:.2g} micrometres, the first near "
         f"{in_mm(vertices[(~own).argmax()])}."
     )
-    return _without_vertices(vertices, first[triangles], own)
+    return _with_vertices(vertices, first[triangles], own)
 
 
 def _first_alike(vertices: Vertices) -> Int64[np.ndarray, "vertices"]:
@@ -204,16 +183,13 @@ def _first_alike(vertices: Vertices) -> Int64[np.ndarray, "vertices"]:
     return first
 
 
-def _with_three_corners(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Int64[np.ndarray, "left 3"]:
+def _with_three_corners(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Changed:
     """Drop triangles that name a vertex twice: their two other neighbours already share their edge."""
     collapsed = (triangles == np.roll(triangles, 1, axis=1)).any(axis=1)
     if not collapsed.any():
         return triangles
-    count = counted(
-        int(collapsed.sum()),
-        "triangle with two corners in one vertex was",
-        "triangles with two corners in one vertex were",
-    )
+    one, many = "triangle with two corners in one vertex was", "triangles with two corners in one vertex were"
+    count = counted(int(collapsed.sum()), one, many)
     notes.append(f"{count} removed, the first near {in_mm(vertices[triangles[collapsed.argmax()]].mean(axis=0))}.")
     triangles = triangles[~collapsed]
     if len(triangles) == 0:
@@ -223,7 +199,7 @@ def _with_three_corners(vertices: Vertices, triangles: Triangles, notes: list[st
     return triangles
 
 
-def _without_repeats(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Int64[np.ndarray, "left 3"]:
+def _without_repeats(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Changed:
     """Keep the first of triangles over the same three vertices, however they run."""
     corners = np.sort(triangles, axis=1)
     order = np.lexsort(corners.T)

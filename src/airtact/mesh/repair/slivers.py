@@ -27,7 +27,7 @@ ATTEMPTS = 4
 def without_slivers(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Int64[np.ndarray, "left 3"]:
     """Collapse needles and flip the longest edges of caps, where that leaves the surface closed and unfolded.
 
-    The mesh has at most two triangles at an edge; what was repaired is added to ``notes``.
+    The mesh has at most two triangles at an edge.
     """
     thin = np.flatnonzero(are_slivers(vertices[triangles]))
     if len(thin) == 0:
@@ -42,14 +42,10 @@ def without_slivers(vertices: Vertices, triangles: Triangles, notes: list[str]) 
         left_alone[crossing] = True
     else:
         return triangles
-    for found, one, many in (
-        (needles, "needle was collapsed", "needles were collapsed"),
-        (
-            caps,
-            "flat cap was removed by flipping its longest edge",
-            "flat caps were removed by flipping their longest edges",
-        ),
-    ):
+    flipped = "flat cap was removed by flipping its longest edge"
+    all_flipped = "flat caps were removed by flipping their longest edges"
+    collapsed = "needle was collapsed", "needles were collapsed"
+    for found, one, many in ((needles, *collapsed), (caps, flipped, all_flipped)):
         if found:
             middle = vertices[triangles[found[0]]].mean(axis=0)
             notes.append(f"{counted(len(found), one, many)}, the first near {in_mm(middle)}.")
