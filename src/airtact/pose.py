@@ -80,10 +80,8 @@ class Pose:
         InvalidInput
             When the axis is zero, or a number is not real or not finite.
         """
-        along, angle = (
-            real_numbers(np.asarray(axis), "the axis of a rotation"),
-            number(angle, "the angle of a rotation", "rad"),
-        )
+        along = real_numbers(np.asarray(axis), "the axis of a rotation")
+        angle = number(angle, "the angle of a rotation", "rad")
         if along.shape != (3,):
             raise InvalidInput(
                 f"the axis of a rotation has shape {along.shape}, but a direction has shape (3,).", code="wrong_shape"
@@ -97,21 +95,11 @@ class Pose:
         return cls(rotation, np.asarray(translation, dtype=np.float64))
 
     def apply(self, points: Real[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 3"]:
-        """Move points.
-
-        Parameters
-        ----------
-        points : (..., 3) [m].
-        """
+        """Move points (..., 3) [m]."""
         return self.rotate(points) + self.translation
 
     def rotate(self, vectors: Real[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 3"]:
-        """Rotate directions, without the translation.
-
-        Parameters
-        ----------
-        vectors : (..., 3).
-        """
+        """Rotate directions (..., 3), without the translation."""
         return np.asarray(vectors, dtype=np.float64) @ self.rotation.T
 
     def inverse(self) -> "Pose":

@@ -10,16 +10,7 @@ from airtact.conventions import InvalidInput
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Write under another name, then rename: the file appears only once it is finished.
-
-    Parameters
-    ----------
-    path : of the finished file.
-
-    Yields
-    ------
-    The path to write to, in the same folder; removed again if the writing fails.
-    """
+    """Yield another path in the same folder to write to, then rename it: the file appears only once it is finished."""
     partial = path.with_name(f".{path.name}.partial")
     try:
         yield partial
@@ -29,12 +20,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def writable_folder(path: Path) -> Path:
-    """Make a folder and prove that files can be written in it.
-
-    Raises
-    ------
-    InvalidInput : the folder cannot be made, or nothing can be written there.
-    """
+    """Make a folder and prove that files can be written in it, or raise "folder_not_writable"."""
     try:
         path.mkdir(parents=True, exist_ok=True)
         with whole_file(path / "probe") as probe:

@@ -20,15 +20,7 @@ OTHER_SEPARATORS = {";": "semicolon", "\t": "tab", " ": "space"}
 
 @dataclass(frozen=True, eq=False)
 class TextTable:
-    """Cells of a file, not yet read as numbers.
-
-    Attributes
-    ----------
-    file : its name, for sentences.
-    names : of the columns, in small letters.
-    rows : cells, as many in each row as there are names.
-    lines : the line of each row in the file, from 1.
-    """
+    """Cells of a file, not yet read as numbers: columns' names in small letters, and the line of each row, from 1."""
 
     file: str
     names: tuple[str, ...]
@@ -48,13 +40,7 @@ class TextTable:
             )
 
     def numbers(self, name: str) -> Float64[np.ndarray, "rows"]:
-        """Read a column as real numbers.
-
-        Raises
-        ------
-        InvalidInput
-            "column_missing", or "cell_unreadable": a cell is not a number, or is NaN or infinite.
-        """
+        """Read a column as real numbers; raise "column_missing", or "cell_unreadable" for NaN or infinity too."""
         found = self.complex_numbers(name)
         for row in np.flatnonzero(np.imag(found)):
             raise self._unreadable(int(row), name, "which is not a real number")
@@ -97,12 +83,6 @@ def read_text_table(path: Path) -> TextTable:
 
     The first line that is no comment names the columns; where it holds numbers already, the last comment before it
     does, as COMSOL writes it.
-
-    Raises
-    ------
-    InvalidInput
-        "file_missing", "file_unreadable", "not_text", "wrong_separator", "header_missing", "column_twice", or
-        "wrong_cell_count".
     """
     text = text_of(path)
     head, commented, rows, lines = "", True, [], []

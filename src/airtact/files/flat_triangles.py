@@ -7,12 +7,10 @@ distinguishable from gaps.
 
 import numpy as np
 from jaxtyping import Float64, Int64
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from airtact.mesh.quadratic_triangles import QuadraticTriangles, edge_lengths
-from airtact.mesh.topology import edge_twins
+from airtact.mesh.topology import Triangles, Vertices, are_among, components, edge_ends, edge_twins, with_fans
 
 PARTED = (1e-6, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
 """Nodes on open edges are joined that part by less than these shares of the shortest edge of the smaller panel, those
@@ -31,16 +29,8 @@ FOUR = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
 """The nodes of the four flat triangles of a panel."""
 
 
-def flat_triangles(
-    quadratic_triangles: QuadraticTriangles,
-) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
-    """Cut each panel into four flat triangles and join neighbours.
-
-    Returns
-    -------
-    vertices : (V, 3) [m], where neighbours part the mean of their nodes.
-    triangles : (T, 3) vertex indices; four for each panel, and more for panels that meet smaller ones.
-    """
+def flat_triangles(quadratic_triangles: QuadraticTriangles) -> tuple[Vertices, Triangles]:
+    """Cut each panel into four flat triangles, or more beside smaller ones, and join neighbours where they part."""
     points = quadratic_triangles.reshape(-1, 3)
     shortest = np.repeat(edge_lengths(quadratic_triangles).min(axis=1), 6)
     node = np.arange(len(points))
@@ -56,40 +46,33 @@ def flat_triangles(
         through = _bypassed(vertices, triangles)
         if not through:
             break
-        triangles = _split(triangles, through)
+        triangles = with_fans(triangles, through)
     return vertices, triangles
 
 
 def _joined(
-    vertices: Float64[np.ndarray, "vertices 3"],
-    triangles: Int64[np.ndarray, "triangles 3"],
-    near: Float64[np.ndarray, "vertices"],
+    vertices: Vertices, triangles: Triangles, near: Float64[np.ndarray, "vertices"]
 ) -> Int64[np.ndarray, "vertices"]:
     """Give the vertices new numbers, one to those that face each other over a gap."""
-    count = len(vertices)
-    ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
-    rim = np.unique(ends[edge_twins(triangles).ravel() == -1])
+    count, ends = len(vertices), edge_ends(triangles)
+    rim = np.unique(ends[edge_twins(triangles) == -1])
     if len(rim) == 0:
         return np.arange(count)
     pairs = rim[KDTree(vertices[rim]).query_pairs(float(near[rim].max()), output_type="ndarray")]
-    beside = np.isin(pairs.min(axis=1) * count + pairs.max(axis=1), ends.min(axis=1) * count + ends.max(axis=1))
     gap = np.linalg.norm(vertices[pairs[:, 0]] - vertices[pairs[:, 1]], axis=1)
-    fit = ~beside & (gap <= near[pairs].min(axis=1))
+    fit = ~are_among(pairs, ends) & (gap <= near[pairs].min(axis=1))
     pairs, gap = pairs[fit], gap[fit]
     nearest = np.full(count, np.inf)
     np.minimum.at(nearest, pairs.ravel(), np.repeat(gap, 2))
     touching = PARTED[0] * near[pairs].min(axis=1)
     pairs = pairs[gap <= np.maximum(CLOSEST * nearest[pairs].min(axis=1), touching)]
-    graph = coo_array((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    return connected_components(graph, directed=False)[1].astype(np.int64)
+    return components(pairs[:, 0], pairs[:, 1], count)
 
 
-def _bypassed(
-    vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"]
-) -> dict[int, list[int]]:
+def _bypassed(vertices: Vertices, triangles: Triangles) -> dict[int, list[int]]:
     """Edges 3 t + e with no neighbour, one of a triangle, and the vertices of shorter such edges that run back."""
     lone = np.flatnonzero(edge_twins(triangles).ravel() == -1)
-    starts, ends = triangles.ravel()[lone], np.roll(triangles, -1, axis=1).ravel()[lone]
+    starts, ends = edge_ends(triangles).reshape(-1, 2)[lone].T
     lengths = np.linalg.norm(vertices[ends] - vertices[starts], axis=1)
     following: dict[int, list[tuple[int, float]]] = {}
     for start, end, length in zip(starts.tolist(), ends.tolist(), lengths.tolist(), strict=True):
@@ -113,16 +96,3 @@ def _way(following: dict[int, list[tuple[int, float]]], here: int, goal: int, le
         if way:
             return [here, *way]
     return []
-
-
-def _split(triangles: Int64[np.ndarray, "triangles 3"], through: dict[int, list[int]]) -> Int64[np.ndarray, "more 3"]:
-    """Put fans in the place of triangles, from the corner opposite an edge to the vertices along it."""
-    fans = []
-    for edge, vertices in through.items():
-        owner, first = divmod(edge, 3)
-        start, end, apex = np.roll(triangles[owner], -first)
-        chain = np.array([start, *vertices, end])
-        fans.append(np.stack([chain[:-1], chain[1:], np.full(len(chain) - 1, apex)], axis=1))
-    kept = np.ones(len(triangles), dtype=bool)
-    kept[np.array(list(through)) // 3] = False
-    return np.concatenate([triangles[kept], *fans])

@@ -19,7 +19,6 @@ CURVED = ".vtkhdf"
 FLAT = (".stl", ".ply", ".glb")
 """File name endings that are written, in metres."""
 
-
 EDGE = 4e-3
 """Edge of the triangles of a hand's skin unless given [m]."""
 
@@ -49,22 +48,9 @@ def write_panels(path: Path, panels: Panels) -> int:
 def write_triangles(
     path: Path, quadratic_triangles: QuadraticTriangles, cells: Mapping[str, Real[np.ndarray, "panels"]] | None = None
 ) -> int:
-    """Write quadratic triangles in the format of the file's ending.
+    """Write quadratic triangles [m] in the format of the file's ending; .vtkhdf also holds further numbers by name.
 
-    Parameters
-    ----------
-    path : the file to write; it appears only once it is whole.
-    quadratic_triangles : (T, 6, 3) [m].
-    cells : further numbers of each triangle (T,), which .vtkhdf holds by name.
-
-    Returns
-    -------
-    How many edges of the flat triangles have no neighbour; 0 for curved panels, which need not meet.
-
-    Raises
-    ------
-    InvalidInput
-        See ``check_ending``.
+    Return how many edges of the flat triangles have no neighbour; 0 for curved panels, which need not meet.
     """
     check_ending(path)
     if path.suffix.lower() == CURVED:

@@ -21,18 +21,9 @@ QUADRATIC_TRIANGLE = 22
 
 
 def write_field(path: Path, box: Box, pressure: Complex[np.ndarray, "points"], bodies: Sequence[Surface]) -> None:
-    """Write the pressure in a box as image data, and the bodies as polygons beside it.
+    """Write the pressure [Pa] at a box's points as image data, and the bodies as polygons beside it.
 
-    Parameters
-    ----------
-    path : the file to write; it appears only once it is whole.
-    box : where the pressure was computed.
-    pressure : (P,) [Pa] at ``box.points``, NaN where there is no field; becomes pressure_real and pressure_imag.
-    bodies : the obstacles; cell data ``body`` numbers them.
-
-    Raises
-    ------
-    InvalidInput : not one pressure per point.
+    The data are pressure_real and pressure_imag, NaN where there is no field; cell data ``body`` numbers the bodies.
     """
     import h5py
 
@@ -57,13 +48,8 @@ def write_panels_vtkhdf(
 ) -> None:
     """Write curved panels as an unstructured grid of quadratic triangles.
 
-    Cell data: ``smallest_angle`` [degrees], ``area`` [m²], and what is given.
-
-    Parameters
-    ----------
-    path : the file to write; it appears only once it is whole.
-    quadratic_triangles : (T, 6, 3) [m]; each keeps its own six points, because neighbours need not share them.
-    cells : further numbers of each triangle (T,) by name.
+    Each keeps its own six points, because neighbours need not share them. Cell data: ``smallest_angle`` [degrees],
+    ``area`` [m²], and what is given.
     """
     import h5py
 

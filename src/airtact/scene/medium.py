@@ -49,9 +49,8 @@ class Medium:
 
     def __post_init__(self) -> None:
         """Check the three numbers."""
-        object.__setattr__(
-            self, "sound_speed", within(self.sound_speed, 1e2, 1e4, "sound speed", "m/s", "is it in km/s?")
-        )
+        sound_speed = within(self.sound_speed, 1e2, 1e4, "sound speed", "m/s", "is it in km/s?")
+        object.__setattr__(self, "sound_speed", sound_speed)
         object.__setattr__(self, "density", within(self.density, 1e-2, 3e4, "density", "kg/m³", "is it in g/cm³?"))
         absorption = number(self.absorption, "absorption", "Np/m")
         if not math.isfinite(absorption) or absorption < 0.0:
@@ -61,21 +60,11 @@ class Medium:
         object.__setattr__(self, "absorption", absorption)
 
     def wavenumber(self, frequency: float) -> complex:
-        """Wavenumber k = 2πf/c + i·absorption [1/m], so that e^{ikr} decays with distance.
-
-        Parameters
-        ----------
-        frequency : [Hz], above zero.
-        """
+        """Wavenumber k = 2πf/c + i·absorption [1/m] at a frequency [Hz], so that e^{ikr} decays with distance."""
         return complex(2.0 * math.pi * positive(frequency, "frequency", "Hz") / self.sound_speed, self.absorption)
 
     def wavelength(self, frequency: float) -> float:
-        """Wavelength c/f [m].
-
-        Parameters
-        ----------
-        frequency : [Hz], above zero.
-        """
+        """Wavelength c/f [m] at a frequency [Hz]."""
         return self.sound_speed / positive(frequency, "frequency", "Hz")
 
 
@@ -102,10 +91,8 @@ def air(celsius: float = 20.0, humidity: float = 0.5, frequency: float = 40e3) -
     (344.0, 1.199)
     """
     frequency = positive(frequency, "frequency", "Hz")
-    celsius, humidity = (
-        number(celsius, "the air's temperature", "°C"),
-        number(humidity, "relative humidity", "parts of 1"),
-    )
+    celsius = number(celsius, "the air's temperature", "°C")
+    humidity = number(humidity, "relative humidity", "parts of 1")
     if not -20.0 <= celsius <= 50.0:
         raise InvalidInput(
             f"the air's temperature is {celsius:g} °C, but the formulas hold from -20 to 50 °C.", code="out_of_range"
@@ -116,11 +103,7 @@ def air(celsius: float = 20.0, humidity: float = 0.5, frequency: float = 40e3) -
             code="out_of_range",
         )
     vapour = _vapour_fraction(celsius, humidity)
-    return Medium(
-        sound_speed=_sound_speed(celsius, vapour),
-        density=_density(celsius, vapour),
-        absorption=_absorption(celsius, humidity, frequency),
-    )
+    return Medium(_sound_speed(celsius, vapour), _density(celsius, vapour), _absorption(celsius, humidity, frequency))
 
 
 def _vapour_fraction(celsius: float, humidity: float) -> float:
@@ -152,18 +135,9 @@ def _density(t: float, w: float) -> float:
     """CIPM-2007, equation (2) with the compressibility of appendix A2."""
     kelvin = t + 273.15
     ratio = _PASCAL / kelvin
-    compressibility = (
-        1.0
-        - ratio
-        * (
-            1.58123e-6
-            - 2.9331e-8 * t
-            + 1.1043e-10 * t**2
-            + (5.707e-6 - 2.051e-8 * t) * w
-            + (1.9898e-4 - 2.376e-6 * t) * w**2
-        )
-        + ratio**2 * (1.83e-11 - 0.765e-8 * w**2)
-    )
+    dry_part = 1.58123e-6 - 2.9331e-8 * t + 1.1043e-10 * t**2
+    first = dry_part + (5.707e-6 - 2.051e-8 * t) * w + (1.9898e-4 - 2.376e-6 * t) * w**2
+    compressibility = 1.0 - ratio * first + ratio**2 * (1.83e-11 - 0.765e-8 * w**2)
     dry = 3.483740e-3 + 1.4446e-3 * (_CARBON_DIOXIDE - 0.0004)
     return dry * ratio / compressibility * (1.0 - 0.3780 * w)
 
@@ -176,16 +150,7 @@ def _absorption(celsius: float, humidity: float, frequency: float) -> float:
     percent = 100.0 * humidity * saturation  # molar concentration of water vapour, (B.1)
     oxygen = 24.0 + 4.04e4 * percent * (0.02 + percent) / (0.391 + percent)
     nitrogen = relative**-0.5 * (9.0 + 280.0 * percent * math.exp(-4.170 * (relative ** (-1.0 / 3.0) - 1.0)))
-    decibel = (
-        8.686
-        * frequency**2
-        * (
-            1.84e-11 * relative**0.5
-            + relative**-2.5
-            * (
-                0.01275 * math.exp(-2239.1 / kelvin) / (oxygen + frequency**2 / oxygen)
-                + 0.1068 * math.exp(-3352.0 / kelvin) / (nitrogen + frequency**2 / nitrogen)
-            )
-        )
-    )
+    relaxation = 0.01275 * math.exp(-2239.1 / kelvin) / (oxygen + frequency**2 / oxygen)
+    relaxation += 0.1068 * math.exp(-3352.0 / kelvin) / (nitrogen + frequency**2 / nitrogen)
+    decibel = 8.686 * frequency**2 * (1.84e-11 * relative**0.5 + relative**-2.5 * relaxation)
     return decibel / _DECIBEL_PER_NEPER

@@ -48,9 +48,7 @@ class Obstacle:
 
     def __post_init__(self) -> None:
         """Check that the boundary has the data that it needs and no more."""
-        of_kind(
-            self.surface, Surface, "an obstacle's surface", "one Surface, such as sphere(...) or pinch().surfaces[0]"
-        )
+        of_kind(self.surface, Surface, "an obstacle's surface", "one Surface: sphere(...) or pinch().surfaces[0]")
         wanted = {"sound_hard": (False, False), "impedance": (True, False), "filled": (False, True)}
         if not isinstance(self.boundary, str) or self.boundary not in wanted:
             raise InvalidInput(
@@ -82,12 +80,7 @@ class Obstacle:
 
 
 def sound_hard(surface: Surface) -> Obstacle:
-    """Build a rigid body: ∂p/∂n = 0 on its surface.
-
-    Parameters
-    ----------
-    surface : closed surface of the body.
-    """
+    """Build a rigid body from its closed surface: ∂p/∂n = 0."""
     return Obstacle(surface, "sound_hard")
 
 
@@ -108,13 +101,7 @@ def impedance(surface: Surface, ratio: complex | float) -> Obstacle:
 
 
 def filled(surface: Surface, medium: Medium) -> Obstacle:
-    """Build a body of another fluid, which sound enters.
-
-    Parameters
-    ----------
-    surface : closed surface of the body.
-    medium : fluid inside.
-    """
+    """Build a body from its closed surface and another fluid inside, which sound enters."""
     return Obstacle(surface, "filled", medium=medium)
 
 
@@ -150,14 +137,13 @@ class Scene:
         of_kind(self.medium, Medium, "the medium of a scene", "air() or Medium(sound_speed, density)")
         object.__setattr__(self, "frequency", check_frequency(self.frequency))
         object.__setattr__(self, "obstacles", _obstacles_of(self.obstacles))
-        self._check_size()
-        self._check_distance()
-        self._check_absorption()
+        self._check_lengths()
         for obstacle in self.obstacles:
             check_surface(obstacle.surface)
         check_apart([obstacle.surface for obstacle in self.obstacles])
 
-    def _check_size(self) -> None:
+    def _check_lengths(self) -> None:
+        """Raise where the bodies' size or position, or the absorption, is probably in another unit."""
         extent = max((obstacle.surface.extent for obstacle in self.obstacles), default=np.inf)
         if extent < MIN_SIZE_IN_WAVELENGTHS * self.wavelength:
             raise InvalidInput(
@@ -165,8 +151,6 @@ class Scene:
                 f"{self.wavelength * 1e3:.4g} mm at {self.frequency:g} Hz: is the frequency in kHz? Give hertz.",
                 code="body_too_small",
             )
-
-    def _check_distance(self) -> None:
         for index, obstacle in enumerate(self.obstacles):
             away = float(np.linalg.norm(obstacle.surface.corners[0, 0]))
             if away > MAX_BODY_DISTANCE:
@@ -175,8 +159,6 @@ class Scene:
                     "millimetres? Give metres.",
                     code="too_far",
                 )
-
-    def _check_absorption(self) -> None:
         decay = self.medium.absorption * self.wavelength
         if decay > 1.0:
             raise InvalidInput(
@@ -221,13 +203,7 @@ def check_outside(scene: Scene, points: Real[np.ndarray, "points 3"], what: str)
 
 
 def check_not_inside(depth: Float64[np.ndarray, "points"], points: Float64[np.ndarray, "points 3"], what: str) -> None:
-    """Raise where points (P, 3) lie deeper in a body than ``CONTACT`` by their depths (P,) [m].
-
-    Raises
-    ------
-    InvalidInput
-        "focus_inside_body", or "inside_body" for other points: how many, the deepest one and its depth.
-    """
+    """Raise "focus_inside_body" or "inside_body" where points lie deeper in a body than ``CONTACT``."""
     inside = np.flatnonzero(depth > CONTACT)
     if len(inside):
         deepest = int(depth.argmax())

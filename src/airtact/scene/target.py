@@ -93,11 +93,8 @@ class Target:
         """
         object.__setattr__(self, "points", _near_enough(points_of(points, "target points"), "focus"))
         none = np.empty((0, 3)) if suppression_points is None else suppression_points
-        object.__setattr__(
-            self,
-            "suppression_points",
-            _near_enough(points_of(none, "suppression points", least=0), "suppression point"),
-        )
+        suppressed = _near_enough(points_of(none, "suppression points", least=0), "suppression point")
+        object.__setattr__(self, "suppression_points", suppressed)
         self._check_suppressed_foci()
         if pressures is not None and shares is not None:
             raise InvalidInput(

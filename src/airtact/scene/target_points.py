@@ -14,7 +14,7 @@ from airtact.conventions import InvalidInput, Vector
 from airtact.mesh.quadratic_triangles import points_at
 from airtact.surfaces.panels import panels_of
 from airtact.surfaces.surface import Surface
-from airtact.validation import in_mm, number, of_kind, points_of, positive
+from airtact.validation import in_mm, number, of_kind, point_of, points_of, positive
 
 MOST_POINTS = 4096
 """Largest number of points of a shape; with more, a unit is probably wrong."""
@@ -53,7 +53,7 @@ def segment(start: Vector, end: Vector, spacing: float) -> Points:
     >>> segment((0, 0, 0), (0.01, 0, 0), spacing=4e-3)[:, 0].round(4).tolist()
     [0.0, 0.0033, 0.0067, 0.01]
     """
-    return polyline(np.stack([_vector(start, "the start"), _vector(end, "the end")]), spacing)
+    return polyline(np.stack([point_of(start, "the start"), point_of(end, "the end")]), spacing)
 
 
 def polyline(corners: Real[np.ndarray, "corners 3"], spacing: float, closed: bool = False) -> Points:
@@ -126,7 +126,7 @@ def circle(centre: Vector, radius: float, spacing: float, normal: Vector = (0.0,
     check_count(count, spacing)
     right, up, _ = frame_of(normal)
     angle = 2.0 * np.pi * np.arange(int(count)) / count
-    return _vector(centre, "the centre") + radius * (np.outer(np.cos(angle), right) + np.outer(np.sin(angle), up))
+    return point_of(centre, "the centre") + radius * (np.outer(np.cos(angle), right) + np.outer(np.sin(angle), up))
 
 
 def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
@@ -160,7 +160,7 @@ def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
     height, azimuth = 1.0 - 2.0 * index / count, np.pi * (1.0 + np.sqrt(5.0)) * index
     across = np.sqrt(1.0 - height**2)
     directions = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), height], axis=1)
-    return _vector(centre, "the centre") + radius * directions
+    return point_of(centre, "the centre") + radius * directions
 
 
 def surface_points(surface: Surface, spacing: float, facing: Vector | None = None, within: float = 90.0) -> Points:
@@ -189,7 +189,7 @@ def surface_points(surface: Surface, spacing: float, facing: Vector | None = Non
     panels = panels_of([surface.shape], edge, np.empty((0, 3)), smallest=edge).quadratic_triangles
     centres, normals = points_at(panels, np.full((len(panels), 2), 1.0 / 3.0))
     if facing is not None:
-        towards = _vector(facing, "the direction")
+        towards = point_of(facing, "the direction")
         length = positive(float(np.linalg.norm(towards)), "the length of the direction", "m")
         cosine = normals @ towards / (length * np.linalg.norm(normals, axis=1))
         centres = centres[cosine >= np.cos(np.radians(within)) - 1e-12]
@@ -237,11 +237,11 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
     shifted = projected + offset * outward(surface.depth, projected)
     short = np.flatnonzero(-surface.depth(shifted) < 0.5 * offset)
     if len(short):
+        where = projected[short[0]]
         raise InvalidInput(
-            f"point {int(short[0])}, shifted {1e3 * offset:.3g} mm off the surface at "
-            f"{in_mm(projected[short[0]])}, lies in "
+            f"point {int(short[0])}, shifted {1e3 * offset:.3g} mm off the surface at {in_mm(where)}, lies in "
             "a crevice or before another part of it; move the drawing.",
-            projected[short[0]],
+            where,
             code="in_crevice",
         )
     return shifted
@@ -265,7 +265,7 @@ def frame_of(
 
     ``up`` is projected to the plane; None stands for y, or z where the normal is nearly y.
     """
-    towards = _vector(normal, "the normal")
+    towards = point_of(normal, "the normal")
     length = float(np.linalg.norm(towards))
     if length == 0.0:
         raise InvalidInput(
@@ -274,7 +274,7 @@ def frame_of(
     towards = towards / length
     if up is None:
         up = (0.0, 1.0, 0.0) if abs(towards[1]) < 0.9 else (0.0, 0.0, 1.0)
-    given = _vector(up, "the direction up")
+    given = point_of(up, "the direction up")
     upwards = given - (given @ towards) * towards
     if np.linalg.norm(upwards) <= 1e-6 * np.linalg.norm(given):
         raise InvalidInput(
@@ -283,11 +283,6 @@ def frame_of(
         )
     upwards /= np.linalg.norm(upwards)
     return np.cross(upwards, towards), upwards, towards
-
-
-def _vector(given: Vector, what: str) -> Float64[np.ndarray, "3"]:
-    """Return three finite numbers as an array."""
-    return points_of(np.reshape(np.asarray(given), (1, -1)), what)[0]
 
 
 def check_count(count: float, spacing: float) -> None:
