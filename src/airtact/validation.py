@@ -87,7 +87,12 @@ def within(value: float, low: float, high: float, what: str, unit: str, slip: st
     ...
     airtact.conventions.InvalidInput: frequency is 40 Hz, but it must lie between 1000 and 1e+06 Hz: is it in kHz?
     """
-    given = positive(value, what, unit)
+    return between(positive(value, what, unit), low, high, what, unit, slip)
+
+
+def between(value: float, low: float, high: float, what: str, unit: str, slip: str) -> float:
+    """Return a number as ``within``, from limits that may be zero or negative."""
+    given = number(value, what, unit)
     if not low <= given <= high:
         raise InvalidInput(
             f"{what} is {given:g} {unit}, but it must lie between {low:g} and {high:g} {unit}: {slip}",

@@ -32,7 +32,7 @@ def text(
     normal: Vector = (0.0, 0.0, 1.0),
     up: Vector | None = None,
 ) -> Points:
-    """Points of writing, in single strokes: the centre lines of the letters (A. V. Hershey's fonts, 1967).
+    """Points (F, 3) [m] of writing, in single strokes: the centre lines of letters (A. V. Hershey's fonts, 1967).
 
     Parameters
     ----------
@@ -42,10 +42,6 @@ def text(
     centre : (3,) middle of the writing [m].
     normal : (3,) direction from which it is read.
     up : (3,) direction of the letters' tops; None for y, or z where the normal is nearly y.
-
-    Returns
-    -------
-    (F, 3) points [m].
 
     Raises
     ------
@@ -83,7 +79,7 @@ def svg_path(
     normal: Vector = (0.0, 0.0, 1.0),
     up: Vector | None = None,
 ) -> Points:
-    """Points of the lines of an SVG drawing: its paths, polygons, circles and so on, with their transforms.
+    """Points (F, 3) [m] of the lines of an SVG drawing: its paths, polygons, circles and so on, with transforms.
 
     Parameters
     ----------
@@ -93,10 +89,6 @@ def svg_path(
     centre : (3,) middle of the drawing [m].
     normal : (3,) direction from which it is seen.
     up : (3,) direction of its top; None for y, or z where the normal is nearly y.
-
-    Returns
-    -------
-    (F, 3) points [m].
 
     Raises
     ------

@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 
 from airtact.conventions import InvalidInput
-from airtact.validation import number, positive, within
+from airtact.validation import between, number, positive, within
 
 _PASCAL = 101325.0  # one standard atmosphere, the reference pressure of ISO 9613-1
 _CARBON_DIOXIDE = 0.0004  # mole fraction, as in CIPM-2007
@@ -91,12 +91,8 @@ def air(celsius: float = 20.0, humidity: float = 0.5, frequency: float = 40e3) -
     (344.0, 1.199)
     """
     frequency = positive(frequency, "frequency", "Hz")
-    celsius = number(celsius, "the air's temperature", "°C")
+    celsius = between(celsius, -20.0, 50.0, "the air's temperature", "°C", "the formulas hold there only.")
     humidity = number(humidity, "relative humidity", "parts of 1")
-    if not -20.0 <= celsius <= 50.0:
-        raise InvalidInput(
-            f"the air's temperature is {celsius:g} °C, but the formulas hold from -20 to 50 °C.", code="out_of_range"
-        )
     if not 0.0 <= humidity <= 1.0:
         raise InvalidInput(
             f"relative humidity is {humidity:g}, but it is a fraction from 0 to 1: 50 per cent is humidity=0.5.",

@@ -178,16 +178,9 @@ class Scene:
         return self.medium.wavelength(self.frequency)
 
     def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        """Depth of points in a body [m]: the largest over all bodies, negative outside, -inf when there are none.
+        """Depth of points (P, 3) [m] in a body [m]: the largest over all, negative outside, -inf when there are none.
 
-        Parameters
-        ----------
-        points : (P, 3) [m].
-
-        Raises
-        ------
-        InvalidInput
-            When they are of another shape, NaN or infinite.
+        Raise ``InvalidInput`` when they are of another shape, NaN or infinite.
         """
         points = points_of(points, "points", least=0)
         depth = np.full(len(points), -np.inf)

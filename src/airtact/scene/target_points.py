@@ -14,7 +14,7 @@ from airtact.conventions import InvalidInput, Vector
 from airtact.mesh.quadratic_triangles import points_at
 from airtact.surfaces.panels import panels_of
 from airtact.surfaces.surface import Surface
-from airtact.validation import in_mm, number, of_kind, point_of, points_of, positive
+from airtact.validation import between, in_mm, of_kind, point_of, points_of, positive
 
 MOST_POINTS = 4096
 """Largest number of points of a shape; with more, a unit is probably wrong."""
@@ -32,16 +32,12 @@ DEPTH_STEP = 1e-4
 
 
 def segment(start: Vector, end: Vector, spacing: float) -> Points:
-    """Points of a straight line, both ends among them.
+    """Points (F, 3) [m] of a straight line, evenly spaced, both ends among them.
 
     Parameters
     ----------
     start, end : (3,) [m].
     spacing : largest distance of neighbours [m].
-
-    Returns
-    -------
-    (F, 3) points [m], evenly spaced.
 
     Raises
     ------
@@ -57,17 +53,13 @@ def segment(start: Vector, end: Vector, spacing: float) -> Points:
 
 
 def polyline(corners: Real[np.ndarray, "corners 3"], spacing: float, closed: bool = False) -> Points:
-    """Points of straight lines from corner to corner, all corners among them.
+    """Points (F, 3) [m] of straight lines from corner to corner, evenly spaced on each, all corners among them.
 
     Parameters
     ----------
     corners : (C, 3) [m].
     spacing : largest distance of neighbours [m].
     closed : whether a line leads back from the last corner to the first.
-
-    Returns
-    -------
-    (F, 3) points [m], evenly spaced on each line.
 
     Raises
     ------
@@ -97,7 +89,7 @@ def polyline(corners: Real[np.ndarray, "corners 3"], spacing: float, closed: boo
 
 
 def circle(centre: Vector, radius: float, spacing: float, normal: Vector = (0.0, 0.0, 1.0)) -> Points:
-    """Points of a circle, evenly spaced.
+    """Points (F, 3) [m] of a circle, evenly spaced, anticlockwise seen from where the normal points to.
 
     Parameters
     ----------
@@ -105,10 +97,6 @@ def circle(centre: Vector, radius: float, spacing: float, normal: Vector = (0.0,
     radius : [m].
     spacing : largest distance of neighbours along the circle [m].
     normal : (3,) at right angles to its plane.
-
-    Returns
-    -------
-    (F, 3) points [m], anticlockwise seen from where the normal points to.
 
     Raises
     ------
@@ -130,17 +118,13 @@ def circle(centre: Vector, radius: float, spacing: float, normal: Vector = (0.0,
 
 
 def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
-    """Points spread evenly over a sphere, on a golden spiral.
+    """Points (F, 3) [m] spread evenly over a sphere, on a golden spiral.
 
     Parameters
     ----------
     centre : (3,) [m].
     radius : [m].
     spacing : about the distance of neighbours [m].
-
-    Returns
-    -------
-    (F, 3) points [m].
 
     Raises
     ------
@@ -164,7 +148,7 @@ def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
 
 
 def surface_points(surface: Surface, spacing: float, facing: Vector | None = None, within: float = 90.0) -> Points:
-    """Points spread over the surface of a body, or over the side that faces a direction: a suppression zone.
+    """Points (Q, 3) [m] on the exact surface of a body, or on its side that faces a direction: a suppression zone.
 
     Parameters
     ----------
@@ -172,10 +156,6 @@ def surface_points(surface: Surface, spacing: float, facing: Vector | None = Non
     spacing : about the distance of neighbours [m].
     facing : (3,) direction of the outward normals, or None for the whole surface.
     within : the largest angle between normal and ``facing`` [degrees].
-
-    Returns
-    -------
-    (Q, 3) points [m], on the exact surface.
 
     Raises
     ------
@@ -201,17 +181,13 @@ def surface_points(surface: Surface, spacing: float, facing: Vector | None = Non
 
 
 def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Points:
-    """Project points to a surface and shift them off it along the normal: a drawing becomes one on the hand.
+    """Project points to a surface and shift them (P, 3) [m] off it along the normal: a drawing for the hand.
 
     Parameters
     ----------
     points : (P, 3) [m].
     surface : the body.
     offset : their distance from the surface [m], 0 to 0.02.
-
-    Returns
-    -------
-    (P, 3) points [m].
 
     Raises
     ------
@@ -227,12 +203,7 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
     [[0.0, 0.0, 0.011]]
     """
     of_kind(surface, Surface, "the surface", "one Surface, such as pinch().surfaces[0]")
-    offset = number(offset, "the offset", "m")
-    if not 0.0 <= offset <= MAX_OFFSET:
-        raise InvalidInput(
-            f"the offset is {offset:g} m, but it must lie between 0 and {MAX_OFFSET:g}: give metres.",
-            code="out_of_range",
-        )
+    offset = between(offset, 0.0, MAX_OFFSET, "the offset", "m", "give metres.")
     projected = surface.shape.project(points_of(points, "points", least=0))
     shifted = projected + offset * outward(surface.depth, projected)
     short = np.flatnonzero(-surface.depth(shifted) < 0.5 * offset)

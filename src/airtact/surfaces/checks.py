@@ -50,9 +50,9 @@ def check_not_crossed(surface: Surface) -> None:
         first = pairs[0]
         where = surface.corners[first].mean(axis=(0, 1))
         meet = counted(len(pairs), "pair of triangles meets", "pairs of triangles meet")
+        which = f"triangles {int(first[0])} and {int(first[1])}"
         raise InvalidInput(
-            f"the surface crosses itself: {meet}, the first are triangles "
-            f"{int(first[0])} and {int(first[1])} near {in_mm(where)}; repair it.",
+            f"the surface crosses itself: {meet}, the first are {which} near {in_mm(where)}; repair it.",
             where,
             code="crosses_itself",
         )

@@ -24,7 +24,7 @@ from airtact.surfaces.mesh_shape import MeshShape
 from airtact.surfaces.panels import Panels, panels_of
 from airtact.surfaces.quadratic_mesh import QuadraticMesh
 from airtact.surfaces.shape import Shape
-from airtact.validation import check_finite, counted, fixed, in_mm, number, of_kind, points_of, positive, real_numbers
+from airtact.validation import between, check_finite, counted, fixed, in_mm, of_kind, points_of, positive, real_numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,10 +68,7 @@ class Surface:
 
     def __post_init__(self, _known_shape: Shape | None) -> None:
         """Check everything that is quick to check and keep read-only copies."""
-        if not 0.0 <= number(self.sharp_degrees, "sharp_degrees", "degrees") <= 180.0:
-            raise InvalidInput(
-                f"sharp_degrees is {self.sharp_degrees:g}, but edges turn by 0 to 180 degrees.", code="out_of_range"
-            )
+        between(self.sharp_degrees, 0.0, 180.0, "sharp_degrees", "degrees", "edges turn by no other angles.")
         if _known_shape is None:
             self._check()
             mesh = QuadraticMesh(self.vertices, self.triangles, self.midpoints, self.sharp_degrees)
@@ -153,26 +150,14 @@ class Surface:
         return panels_of([self.shape], edge, near, smallest=0.5 * edge)
 
     def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        """How deep points lie under the true surface [m]; negative outside.
+        """How deep points (P, 3) [m] lie under the true surface [m]; negative outside.
 
-        Parameters
-        ----------
-        points : (P, 3) [m].
-
-        Raises
-        ------
-        InvalidInput
-            When they are of another shape, NaN or infinite.
+        Raise ``InvalidInput`` when they are of another shape, NaN or infinite.
         """
         return self.shape.depth(points_of(points, "points", least=0))
 
     def moved(self, pose: Pose) -> "Surface":
-        """Move the surface rigidly, with its midpoints and its exact shape.
-
-        Parameters
-        ----------
-        pose : the motion.
-        """
+        """Move the surface rigidly by a motion, with its midpoints and its exact shape."""
         of_kind(pose, Pose, "the motion of a surface", "Pose(rotation, translation)")
         shape = self.shape.moved(pose)
         return replace(

@@ -29,7 +29,7 @@ from airtact.mesh.topology import (
     edge_twins,
 )
 from airtact.printing import in_short
-from airtact.validation import counted, in_mm, number, real_numbers
+from airtact.validation import between, counted, in_mm, real_numbers
 
 Mesh = tuple[Float64[np.ndarray, "_ 3"], Triangles]
 """Vertices (V, 3) [m] and triangles."""
@@ -74,7 +74,7 @@ def repaired(
     >>> print(*notes)
     1 triangle ran against its neighbours and was turned, the first near (0.00, 3.33, 3.33) mm.
     """
-    largest_hole = _width(largest_hole)
+    largest_hole = between(largest_hole, 0.0, LARGEST_HOLE, "largest_hole", "m", "is it in millimetres?")
     vertices, triangles = real_numbers(vertices, "surface vertices"), triangles.astype(np.int64)
     check_indices(len(vertices), triangles)
     if len(triangles) == 0:
@@ -104,16 +104,6 @@ def _closed(vertices: Vertices, triangles: Triangles, largest_hole: float, notes
     if filled is not triangles:
         filled = without_slivers(vertices, filled, notes)  # a rim along a straight line is filled with caps
     return filled
-
-
-def _width(largest_hole: float) -> float:
-    width = number(largest_hole, "largest_hole", "m")
-    if not 0.0 <= width <= LARGEST_HOLE:
-        raise InvalidInput(
-            f"largest_hole is {width:g} m, but it must lie between 0 and {LARGEST_HOLE:g} m: is it in millimetres?",
-            code="out_of_range",
-        )
-    return width
 
 
 def _named(vertices: Vertices, triangles: Triangles) -> Bool[np.ndarray, "vertices"]:
