@@ -23,7 +23,7 @@ Sizes = Float64[np.ndarray, "triangles"]
 Levels = Int64[np.ndarray, "triangles"]
 
 Depth = Callable[[Float64[np.ndarray, "points 3"]], Float64[np.ndarray, "points"]]
-"""How deep points (P, 3) [m] lie in a body (P,) [m]."""
+"""How deep points (P, 3) [m] lie in a body (P,) [m], negative outside."""
 
 WEDGE_DEGREES = 20.0
 """Surfaces bound a thickness where they are nearer to parallel than this."""

@@ -22,12 +22,7 @@ Wanted = Num[np.ndarray, "foci"] | complex | float | int
 
 @dataclass(frozen=True, eq=False)
 class Beacons(Monopoles):
-    """The virtual sources of a target, one at each focus, so that an error can call them foci.
-
-    Attributes
-    ----------
-    foci : how many of them, the first, are foci; the others are suppression points, without refined panels.
-    """
+    """The virtual sources of a target: the first ``foci`` at foci, the others, unrefined, at suppression points."""
 
     foci: int = 0
 

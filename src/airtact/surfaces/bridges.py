@@ -8,7 +8,6 @@ Source: A. Doi, A. Koide, "An efficient method of triangulating equi-valued surf
 IEICE Trans. E74, 214 (1991).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import permutations
 
@@ -17,10 +16,8 @@ from jaxtyping import Float64, Int64
 from scipy.spatial import KDTree
 
 from airtact.conventions import InvalidInput
+from airtact.mesh.thickness import Depth
 from airtact.surfaces.shape import FlatMesh
-
-Depth = Callable[[Float64[np.ndarray, "points 3"]], Float64[np.ndarray, "points"]]
-"""How deep points (P, 3) [m] lie in a body (P,) [m], negative outside."""
 
 CUBES_PER_WIDTH = 2.0
 """Width over the edge of the cubes."""

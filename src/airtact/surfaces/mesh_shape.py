@@ -16,13 +16,9 @@ from airtact.surfaces.shape import BEND, Shape
 
 @dataclass(frozen=True, eq=False)
 class MeshShape(Shape):
-    """A mesh of quadratic triangles that may have been moved; what is computed of it at rest is computed once.
+    """A mesh of quadratic triangles that stands at a pose now; what is computed of it at rest is computed once.
 
-    Attributes
-    ----------
-    mesh : the triangles where they were made.
-    pose : where it stands now.
-    cached : panels made before, at rest, by their edge.
+    The panels made before, at rest, are ``cached`` by their edge.
     """
 
     mesh: QuadraticMesh
