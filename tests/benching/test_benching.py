@@ -9,8 +9,7 @@ import pytest
 
 import airtact as at
 from airtact.benching import bench, contest, growth
-from airtact.benching.contest import Solved, faster, ours, run_case, theirs
-from airtact.benching.flat_mesh import flat_triangles, points_inside
+from airtact.benching.contest import Solved, faster, flat_triangles, ours, points_inside, run_case, theirs
 from airtact.benching.fundamental_solutions import reference_pressure
 from airtact.benching.machine import memory_over_matrix
 from airtact.benching.performance_page import Bench

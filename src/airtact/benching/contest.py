@@ -9,13 +9,16 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Complex128, Real
+from jaxtyping import Complex128, Float64, Int64, Real
 
-from airtact.benching.flat_mesh import flat_triangles, points_inside
 from airtact.benching.scenes import Bodies
 from airtact.benching.timing import Timed, relative_error
 from airtact.conventions import InvalidInput
+from airtact.hand.skin_mesh import even_skin
+from airtact.hand.sphere_mesh import Hulls
+from airtact.mesh.topology import cone_volumes
 from airtact.printing import in_short
+from airtact.surfaces.primitives import Capsule
 from airtact.timing import Progress, no_progress
 
 Case = dict[str, Real[np.ndarray, "..."] | float | int]
@@ -34,6 +37,9 @@ NO_ESTIMATE = ", no estimate"
 
 CHIEF_POINTS = 20
 """Points inside each finger for AcousTools, which does not converge without them."""
+
+INSIDE = 0.25, 0.8
+"""Depth of the points inside, as fractions of the radius."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,3 +173,41 @@ def _shared(bodies: Bodies, elements: Real[np.ndarray, "elements 3"], runs: int)
 def _solved(answer: Answer, setting: str, reference: Complex128[np.ndarray, "foci elements"]) -> Solved:
     error = relative_error(answer.matrix, reference)
     return Solved(answer.version, setting, answer.unknowns, Timed(answer.seconds), error, answer.peak)
+
+
+def flat_triangles(bodies: Bodies, edge: float) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "t 3"]]:
+    """Cover capsules with even flat triangles of a given edge [m], closed, outward, that hold the exact volume."""
+    capsules = bodies.capsules
+    balls = np.array([[*end, capsule.radius] for capsule in capsules for end in capsule.axis])
+    parts = np.array([[2 * index, 2 * index + 1, -1] for index in range(len(capsules))])
+    count = len(capsules)
+    skin = even_skin(Hulls(balls, parts, np.zeros((count, count)), 1.0 - np.eye(count)), edge)
+    vertices, triangles = np.array(skin.vertices), skin.triangles.astype(np.int64)
+    owner = np.argmax([capsule.depth(vertices) for capsule in capsules], axis=0)
+    for index, capsule in enumerate(capsules):
+        own = triangles[owner[triangles[:, 0]] == index]
+        axis = nearest_on_axis(capsule, vertices)
+        out, stretch = vertices - axis, 1.0
+        for _ in range(20):
+            held = float(cone_volumes((axis + stretch * out)[own]).sum())
+            stretch *= (capsule.volume / held) ** 0.4  # the volume grows between the first and the third power
+        vertices[owner == index] = (axis + stretch * out)[owner == index]
+    return vertices, triangles
+
+
+def nearest_on_axis(capsule: Capsule, points: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
+    """Find the point of a capsule's axis that is nearest to each point (P, 3) [m]."""
+    start, along = capsule.axis[0], capsule.axis[1] - capsule.axis[0]
+    share = np.clip((points - start) @ along / max(float(along @ along), 1e-30), 0.0, 1.0)
+    return start + share[:, None] * along
+
+
+def points_inside(bodies: Bodies, count: int, seed: int = 0) -> Float64[np.ndarray, "points 3"]:
+    """Choose points inside capsules at random, ``count`` in each, for CHIEF."""
+    pick, found = np.random.default_rng(seed), []
+    for capsule in bodies.capsules:
+        reach = 0.5 * capsule.extent
+        some = capsule.axis.mean(axis=0) + pick.uniform(-reach, reach, size=(400 * count, 3))
+        depth = capsule.depth(some) / capsule.radius
+        found.append(some[(INSIDE[0] < depth) & (depth < INSIDE[1])][:count])
+    return np.concatenate(found)

@@ -121,7 +121,7 @@ class BoundaryField(RadiatedField):
         out[away] = self.transposed.at(located.points[away], total)
         by_both = self._by_both
         if by_both.any():
-            direct = self._direct_at(located.points[away], total)[:, by_both]
+            direct = self.direct_at(located.points[away], total)[:, by_both]
             out[np.ix_(away, by_both)] = 0.5 * (out[np.ix_(away, by_both)] + direct)
         return out
 
@@ -153,14 +153,11 @@ class BoundaryField(RadiatedField):
     def _cells_error(self) -> float:
         return ERROR_OF_CELLS * self.accuracy if self.surface.precision == "float32" else 0.0
 
-    def direct_at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
-        """Total pressure by the direct solution alone [Pa], at points (P, 3) outside the bodies."""
-        return self._direct_at(points_of(points, "points", least=0))
-
-    def _direct_at(
-        self, points: Float64[np.ndarray, "points 3"], total: bool = True
+    def direct_at(
+        self, points: Real[np.ndarray, "points 3"], total: bool = True
     ) -> Complex128[np.ndarray, "points sounds"]:
-        return self.direct.at(*project_contacts(self.surface.nodes, points), total)
+        """Total (or scattered) pressure by the direct solution alone [Pa], at points (P, 3) outside the bodies."""
+        return self.direct.at(*project_contacts(self.surface.nodes, points_of(points, "points", least=0)), total)
 
     def error_at(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "sounds"]:
         """Relative error of the direct solution over points (P, 3) away from the surface, for each excitation.
@@ -174,7 +171,7 @@ class BoundaryField(RadiatedField):
             return np.full(self.density.shape[1], np.nan)
         transposed = self.transposed.at(points)
         size = np.linalg.norm(transposed, axis=0)
-        difference = np.linalg.norm(self._direct_at(points) - transposed, axis=0)
+        difference = np.linalg.norm(self.direct_at(points) - transposed, axis=0)
         scattered = np.linalg.norm(transposed - incident_pressure(points, self.sources, self.surface), axis=0)
         return np.hypot(difference, COMMON_ERROR * self.accuracy * scattered) / np.where(size > 0, size, 1)
 

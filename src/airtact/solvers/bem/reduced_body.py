@@ -89,80 +89,46 @@ def reduced_body(surface: DualSurface, reach: float, wanted: float) -> ReducedBo
     proxies = _proxies(surface.nodes, tree, reach)
     matrix = assemble(surface, "float64" if surface.precision == "float64" else "float32").dense()
     factors = scipy.linalg.lu_factor(matrix, overwrite_a=True, check_finite=False)
-    checks = _checks(surface, proxies, factors)
-    tolerance, body = FIRST * wanted, None
-    for _ in range(TRIES):
-        body = _skeletonised(surface, reach, tree, proxies, factors, tolerance, checks)
-        if body.error <= wanted:
-            break
-        tolerance *= TIGHTER
-    assert body is not None
-    return body
-
-
-def _skeletonised(
-    surface: DualSurface,
-    reach: float,
-    tree: KDTree,
-    proxies: Float64[np.ndarray, "proxies 3"],
-    factors: tuple[Complex[np.ndarray, "nodes nodes"], Int32[np.ndarray, "nodes"]],
-    tolerance: float,
-    checks: "_Checks",
-) -> ReducedBody:
-    """Find skeletons to a tolerance, and the reduced scattering."""
+    error_of = _checks(surface, proxies, factors)
     kind = factors[0].dtype.type
     area = float(surface.nodes.weights.sum()) * (surface.wavenumber.real / (2 * np.pi)) ** 2
     count = min(math.ceil(SKETCHED * (area + 4)), len(proxies))
-    rows, of_rows = _skeleton(partial(_direct_sides, surface, proxies), len(proxies), count, tolerance, kind)
-    columns, of_columns = _skeleton(partial(_transposed_sides, surface, proxies), len(proxies), count, tolerance, kind)
-    solved = np.ascontiguousarray(scipy.linalg.lu_solve(factors, of_rows.T.astype(kind), check_finite=False).T)
-    scattering = solved @ of_columns.T.astype(kind)
-    error = checks.error(rows, columns, solved, scattering)
-    return ReducedBody(surface, reach, rows, columns, solved, scattering, error, tree)
-
-
-@dataclass(frozen=True, eq=False)
-class _Checks:
-    """Right-hand sides of the transposed equation for sources as near as the reach, and beside the surface.
-
-    ``radiated`` is the pressure of each node at receivers as near as the reach, the exact ones are those scattered by
-    all nodes together.
-    """
-
-    far: Complex128[np.ndarray, "nodes far"]
-    near: Complex128[np.ndarray, "nodes near"]
-    radiated: Complex128[np.ndarray, "nodes receivers"]
-    exact_far: Complex128[np.ndarray, "far receivers"]
-    exact_near: Complex128[np.ndarray, "near receivers"]
-
-    def error(
-        self,
-        rows: Int64[np.ndarray, "rows"],
-        columns: Int64[np.ndarray, "columns"],
-        solved: Complex[np.ndarray, "rows nodes"],
-        scattering: Complex[np.ndarray, "rows columns"],
-    ) -> float:
-        """Relative error of skeletons, the larger of both kinds."""
-        radiated = self.radiated[rows]
-        pairs = (
-            (self.exact_far, (scattering @ self.far[columns]).T @ radiated),
-            (self.exact_near, (solved @ self.near).T @ radiated),
-        )
-        return max(float(np.linalg.norm(found - exact) / np.linalg.norm(exact)) for exact, found in pairs)
+    direct, transposed = (partial(sides, surface, proxies) for sides in (_direct_sides, _transposed_sides))
+    tolerance, trials = FIRST * wanted, 0
+    while True:
+        rows, of_rows = _skeleton(direct, len(proxies), count, tolerance, kind)
+        columns, of_columns = _skeleton(transposed, len(proxies), count, tolerance, kind)
+        solved = np.ascontiguousarray(scipy.linalg.lu_solve(factors, of_rows.T.astype(kind), check_finite=False).T)
+        scattering = solved @ of_columns.T.astype(kind)
+        error = error_of(rows, columns, solved, scattering)
+        trials += 1
+        if error <= wanted or trials == TRIES:
+            return ReducedBody(surface, reach, rows, columns, solved, scattering, error, tree)
+        tolerance *= TIGHTER
 
 
 def _checks(
     surface: DualSurface,
     proxies: Float64[np.ndarray, "proxies 3"],
     factors: tuple[Complex[np.ndarray, "nodes nodes"], Int32[np.ndarray, "nodes"]],
-) -> _Checks:
+) -> Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], float]:
+    """Make the function that gives the relative error of skeletons from their rows, columns, solution and scattering.
+
+    It is the larger one for sources as near as the reach and sources beside the surface, at points near the reach.
+    """
     nodes, wavelength = surface.nodes, 2 * np.pi / surface.wavenumber.real
     some, beside = (np.arange(0, count, -(-count // CHECKED)) for count in (len(proxies), len(nodes.points)))
     radiated = _direct_sides(surface, proxies[some - len(proxies) // 2], np.eye(len(some)))
     close = nodes.points[beside] + BESIDE * wavelength * nodes.normals[beside]
     far, near = (_transposed_sides(surface, points, np.eye(len(points))) for points in (proxies[some], close))
     exact = [scipy.linalg.lu_solve(factors, one, trans=1, check_finite=False).T @ radiated for one in (far, near)]
-    return _Checks(far, near, radiated, *exact)
+
+    def error_of(rows: np.ndarray, columns: np.ndarray, solved: np.ndarray, scattering: np.ndarray) -> float:
+        scattered = (scattering @ far[columns]).T @ radiated[rows], (solved @ near).T @ radiated[rows]
+        pairs = zip(scattered, exact, strict=True)
+        return max(float(np.linalg.norm(found - true) / np.linalg.norm(true)) for found, true in pairs)
+
+    return error_of
 
 
 def _proxies(nodes: Nodes, tree: KDTree, reach: float) -> Float64[np.ndarray, "proxies 3"]:
