@@ -7,25 +7,14 @@ from airtact.experiments.dummies import Entering
 
 @dataclass(frozen=True)
 class Settings:
-    """Accuracies, sweeps and limits.
+    """Accuracies, sweeps and limits, in metres, degrees, seconds and bytes.
 
-    Attributes
-    ----------
-    name : title on the page.
-    order, elements_per_wavelength : of the finite elements that make the drive.
-    plane_step : distance of the points in the picture of the beacons' phase [m].
-    verifying : accuracy of the boundary elements that verify it.
-    reference : accuracy of the boundary elements against which errors are computed.
-    sweep_drive, sweep_verify : accuracy of the boundary elements that make and verify the drives of the sweep.
-    gaps, radii : of the fingers in the sweep [m].
-    tilts : of the fingers [degrees].
-    ways : how the fingers enter.
-    tilt_gaps : gaps at which the tilts and the ways of entering are swept [m].
-    scan_step, scan_half : step and half side of the virtual measurement [m].
-    study_orders, study_sizes : polynomial orders, and elements per wavelength, of the study of meshes.
-    study_seconds, study_bytes : a combination that is predicted to take more is not run.
-    study_budget : no further combination is begun after so many seconds.
-    poses, node_spacings : random poses, and wavelengths over the distance of nodes, of the study of interpolation.
+    ``order`` and ``elements_per_wavelength`` are those of the finite elements that make the drive; ``verifying`` and
+    ``reference`` accuracies of the boundary elements that verify it, and against which errors are computed;
+    ``sweep_drive`` and ``sweep_verify`` those that make and verify the drives of the sweep of fingers. The tilts and
+    ways of entering are swept at ``tilt_gaps``. A combination of the study of meshes that is predicted to take more
+    than ``study_seconds`` or ``study_bytes`` is not run, and none is begun after ``study_budget``. ``node_spacings``
+    are wavelengths over the distance of nodes, in the study of interpolation.
     """
 
     name: str

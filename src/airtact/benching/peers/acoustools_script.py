@@ -17,7 +17,7 @@ def main(case_file: str, answer_file: str) -> None:
     """Time H and E on a mesh, as many times as the case asks, after one run on a small mesh to warm up."""
     import torch
     from acoustools.BEM import compute_E, compute_H
-    from peak_memory import forget_peak, peak
+    from peak_memory import write_answer
     from vedo import Mesh
 
     case = np.load(case_file)
@@ -37,21 +37,10 @@ def main(case_file: str, answer_file: str) -> None:
         began = time.perf_counter()
         density = compute_H(scatterer, board, internal_points=inside, **same)
         pressure = compute_E(scatterer, tensor(case["foci"]), board, H=density, internal_points=inside, **same)
-        return pressure[0].numpy().astype(np.complex128), time.perf_counter() - began
+        return pressure[0].numpy().astype(np.complex128), time.perf_counter() - began, len(triangles)
 
     solve(case["warm_vertices"], case["warm_triangles"])
-    before, seconds, matrix = forget_peak(), [], np.empty(0)
-    for _ in range(int(case["runs"])):
-        matrix, took = solve(case["vertices"], case["triangles"])
-        seconds.append(took)
-    np.savez(
-        answer_file,
-        matrix=matrix,
-        seconds=seconds,
-        peak=peak() - before,
-        unknowns=len(case["triangles"]),
-        version="AcousTools " + version("acoustools"),
-    )
+    write_answer(answer_file, case, solve, "AcousTools " + version("acoustools"))
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ def main(case_file: str, answer_file: str) -> None:
     import bempp_cl.api as bempp
     from bempp_cl.api.operators.boundary import helmholtz, sparse
     from bempp_cl.api.operators.potential.helmholtz import double_layer
-    from peak_memory import forget_peak, peak
+    from peak_memory import write_answer
 
     bempp.DEFAULT_DEVICE_INTERFACE = "opencl"
     case = np.load(case_file)
@@ -56,18 +56,7 @@ def main(case_file: str, answer_file: str) -> None:
         return np.array(rows), time.perf_counter() - began, space.global_dof_count
 
     solve(case["warm_vertices"], case["warm_triangles"])
-    before, seconds, matrix, unknowns = forget_peak(), [], np.empty(0), 0
-    for _ in range(int(case["runs"])):
-        matrix, took, unknowns = solve(case["vertices"], case["triangles"])
-        seconds.append(took)
-    np.savez(
-        answer_file,
-        matrix=matrix,
-        seconds=seconds,
-        peak=peak() - before,
-        unknowns=unknowns,
-        version="bempp-cl " + version("bempp-cl"),
-    )
+    write_answer(answer_file, case, solve, "bempp-cl " + version("bempp-cl"))
 
 
 if __name__ == "__main__":
