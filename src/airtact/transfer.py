@@ -183,8 +183,7 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
 
     Returns
     -------
-    The matrix [Pa]. Its ``estimated_error`` is the relative error at the elements that the solver estimates for the
-    worst beacon.
+    The matrix [Pa], with the relative error at the elements that the solver estimates for the worst beacon.
 
     Raises
     ------
@@ -232,14 +231,8 @@ def focus_by_distance(array: PhasedArray, target: Target, medium: Medium, freque
 
     Parameters
     ----------
-    array : the E transducers in the target's frame.
-    target : the foci.
-    medium : the air.
-    frequency : of the sound [Hz].
-
-    Returns
-    -------
-    The drive of E elements.
+    array, target : the transducers in the target's frame, and the foci.
+    medium, frequency : of the sound [Hz].
 
     Raises
     ------

@@ -123,14 +123,7 @@ def _contest(
 def row_jobs(references: Path, hand: Path | None, runs: int) -> dict[str, Callable[[], list[Row]]]:
     """Return the job of every row by its name; those of the hand only where its pose (.json) is given."""
     fingers = RealTime(references, runs)
-    single: dict[str, Callable[[], Row]] = {
-        "deformed": fingers.deformed_to_drive,
-        "each": fingers.moved_each_to_drive,
-        "drive": fingers.drive_only,
-        "whole": fingers.whole_moved,
-        "focus": fingers.new_focus,
-        "slice": fingers.slice_beside,
-    }
+    single = fingers.jobs()
     if hand is not None:
         open_hand = OpenHand(load_hand(hand), references, runs)
         single |= {"hand-drive": open_hand.drive_only, "hand": open_hand.pressures}

@@ -4,7 +4,7 @@ Everything goes through the public names; the reference is fundamental solutions
 solution.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -102,27 +102,30 @@ class RealTime:
         """Boundary elements without an estimate of the error."""
         return BoundaryElement(accuracy=self.accuracy, estimate=False)
 
-    def deformed_to_drive(self) -> Row:
-        """Time two fingers that change their shape at every frame."""
-        return self._deformed("new pose to drive, 2 foci", "25 ms (goal 15), 3 %", self.accuracy)
-
-    def moved_each_to_drive(self) -> Row:
-        """Time two fingers that keep their shapes and move against each other."""
-        frames = [moved_each(self.rest, frame) for frame in range(self.runs + 1)]
-        return self._frames("two fingers, each moved rigidly, to drive", "5 ms, 3 %", self.factorised, frames)
-
-    def drive_only(self) -> Row:
-        """Time two fingers that change their shape, solved just accurately enough for a drive."""
-        return self._deformed("drive only", "12 ms, correlation 0.995", DRIVE_ACCURACY)
+    def jobs(self) -> dict[str, Callable[[], Row]]:
+        """Return the job of every row by its name."""
+        deforming = partial(self._deformed, "new pose to drive, 2 foci", "25 ms (goal 15), 3 %", self.accuracy)
+        return {
+            "deformed": deforming,
+            "each": partial(self._factorised, "two fingers, each moved rigidly, to drive", "5 ms, 3 %", moved_each),
+            "drive": partial(self._deformed, "drive only", "12 ms, correlation 0.995", DRIVE_ACCURACY),
+            "whole": self.whole_moved,
+            "focus": partial(self._factorised, "new foci on a solved shape, to drive", "3 ms", moved_foci),
+            "slice": self.slice_beside,
+        }
 
     def at_accuracies(self) -> list[Row]:
-        """Time the same at other accuracies."""
+        """Time two fingers that change their shape at every frame, at other accuracies."""
         return [self._deformed(f"accuracy = {accuracy}", "", accuracy) for accuracy in ACCURACIES]
 
     def _deformed(self, what: str, asked: str, accuracy: float) -> Row:
         frames = [deformed(frame) for frame in range(self.runs + 1)]
         solver = BoundaryElement(accuracy=accuracy, estimate=False)
         return self._frames(f"two fingers deformed, {what}", asked, solver, frames)
+
+    def _factorised(self, what: str, asked: str, moved: Callable[[Bodies, int], Bodies]) -> Row:
+        frames = [moved(self.rest, frame) for frame in range(self.runs + 1)]
+        return self._frames(what, asked, self.factorised, frames)
 
     def whole_moved(self) -> Row:
         """Time a solved shape that moves as a whole: transfer matrix and drive again, no solve.
@@ -145,11 +148,6 @@ class RealTime:
         found, off = waves.report.seconds["expansion"], float(waves.report.settings["expansion_error"])
         profile = f"{row.profile}; by the surface integral {by_sum}; expansion computed once in {1e3 * found:.3g} ms"
         return replace(row, error=f"{row.error}; expansion {off:.1e} off", profile=profile)
-
-    def new_focus(self) -> Row:
-        """Time other foci beside the same bodies, each of which was factorised alone."""
-        frames = [moved_foci(self.rest, frame) for frame in range(self.runs + 1)]
-        return self._frames("new foci on a solved shape, to drive", "3 ms", self.factorised, frames)
 
     def slice_beside(self) -> Row:
         """Time the field of a drive on 200 x 200 points between and beside two fingers."""

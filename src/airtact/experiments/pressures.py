@@ -40,7 +40,9 @@ def pressures(made: Solved, folder: Path, clock: Clock) -> Part:
     columns = {"considered": ("Pa", magnitudes[:, 0]), "ignored": ("Pa", magnitudes[:, 1])}
     write_columns(folder, "pressures", coordinates(window.points) | columns)
     scale = (COLOURS, 0.0, 1.0, f"pressure over the largest of both, {HELD}")
-    off = abs(made.verified - made.predicted) / abs(made.predicted)
+    drive = made.drives[CONSIDERED].amplitudes
+    predicted = made.array.element.sensitivity * (made.received @ drive) / len(fingers.foci)  # by reciprocity
+    off = float(abs(made.compared.at(fingers.foci)[CONSIDERED].mean() - predicted) / abs(predicted))
     pieces = (
         paragraph(
             "The drives were made by finite elements and are verified by boundary elements, which share no code with "

@@ -43,17 +43,6 @@ class Solved:
 
     __repr__ = in_short
 
-    @property
-    def predicted(self) -> complex:
-        """Mean pressure at the foci [Pa] under the first drive, as the finite elements predict it by reciprocity."""
-        drive = self.drives[CONSIDERED].amplitudes
-        return complex(self.array.element.sensitivity * (self.received @ drive) / len(self.dummies.foci))
-
-    @property
-    def verified(self) -> complex:
-        """The same by the boundary elements, all transducers emitting."""
-        return complex(self.compared.at(self.dummies.foci)[CONSIDERED].mean())
-
 
 def solved(settings: Settings, clock: Clock) -> Solved:
     """Solve for the beacons by finite elements, make both drives, and verify them by boundary elements."""

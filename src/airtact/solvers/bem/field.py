@@ -11,9 +11,8 @@ from airtact.mesh.quadratic_triangles import points_at
 from airtact.printing import in_short
 from airtact.scene.scene import Scene
 from airtact.scene.sources import STANDS_ON, Monopoles, nearest_source
-from airtact.solvers.bem.layer_potentials import find_contacts, near_surface, project_contacts
+from airtact.solvers.bem.layer_potentials import Located, find_contacts, locate, near_surface, project_contacts
 from airtact.solvers.bem.operator import DualSurface
-from airtact.solvers.bem.point_location import Located, locate
 from airtact.solvers.bem.solutions import DirectSolution, TransposedSolution, incident_pressure, surface_gradient
 from airtact.solvers.bem.target_cells import Cells, cells_of
 from airtact.solvers.problem import DIFFERENCE, RadiatedField, SolveReport, SurfaceField, receivers
