@@ -26,7 +26,7 @@ def peak() -> int:
         return per_unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
-def write_answer(file: str, case: Mapping[str, np.ndarray], solve: Callable, version: str) -> None:
+def write_answer(file: str, case: Mapping, solve: Callable, version: str) -> None:
     """Run ``solve``, which returns matrix, seconds and unknowns for a mesh, as often as the case asks."""
     before, seconds, matrix, unknowns = forget_peak(), [], np.empty(0), 0
     for _ in range(int(case["runs"])):
