@@ -16,10 +16,7 @@ from airtact.surfaces.shape import BEND, Shape
 
 @dataclass(frozen=True, eq=False)
 class MeshShape(Shape):
-    """A mesh of quadratic triangles that stands at a pose now; what is computed of it at rest is computed once.
-
-    The panels made before, at rest, are ``cached`` by their edge.
-    """
+    """A mesh of quadratic triangles that stands at a pose; its panels at rest are ``cached`` by their edge."""
 
     mesh: QuadraticMesh
     pose: Pose

@@ -25,10 +25,7 @@ ATTEMPTS = 4
 
 
 def without_slivers(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Int64[np.ndarray, "left 3"]:
-    """Collapse needles and flip the longest edges of caps, where that leaves the surface closed and unfolded.
-
-    The mesh has at most two triangles at an edge.
-    """
+    """Collapse needles and flip long edges of caps of a mesh with two triangles at an edge at most, without folds."""
     thin = np.flatnonzero(are_slivers(vertices[triangles]))
     if len(thin) == 0:
         return triangles
