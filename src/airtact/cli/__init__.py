@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import click
 
-from airtact.cli import bench, boards, check, compare, compare_scan, emit, hand, listen, mesh, render, reproduce
+from airtact.cli import bench, boards, check, compare, compare_scan, emit, export, hand, listen, mesh, render, reproduce
 from airtact.conventions import InvalidInput, NotConverged
 from airtact.hardware.link import LinkFailed
 
@@ -48,7 +48,7 @@ def commands() -> None:
 
 
 for _command in (
-    *(bench.bench, boards.boards, check.check, compare.compare, compare_scan.compare_scan, emit.emit, emit.export),
+    *(bench.bench, boards.boards, check.check, compare.compare, compare_scan.compare_scan, emit.emit, export.export),
     *(hand.hand, listen.listen, mesh.mesh, render.render, reproduce.reproduce),
 ):
     commands.add_command(_command)

@@ -25,9 +25,8 @@ def bench(folder: Path, acoustools: str | None, bempp: str | None, hand: Path | 
     """
     with progress() as report_step:
         report_step("starting")
-        from airtact.benching import bench as benching
+        from airtact.workflows import bench as workflow
 
-        found = benching.bench(folder, acoustools, bempp, hand, quick, report_step)
-    page = folder / benching.FILES[2]
+        page, notes = workflow.bench(folder, acoustools, bempp, hand, quick, report_step)
     click.echo(page.read_text(encoding="utf-8"))
-    show(warnings=found.notes, lines=[f"Report: {page}"])
+    show(warnings=notes, lines=[f"Report: {page}"])

@@ -1,4 +1,4 @@
-"""``airtact emit`` and ``airtact export``: a drive or a sequence on boards, or as their frames in a file."""
+"""``airtact emit``: a drive or a sequence on boards."""
 
 import sys
 from pathlib import Path
@@ -36,7 +36,7 @@ def emit(drive: Path, board: str, link: str, cap: float, seconds: float, yes: bo
     positive(seconds, "how long to emit", "s")
     plan = workflow.plan(drive, board, cap)
     way = workflow.link_for(plan, link, **where)
-    show(_plan_table(plan, link), lines=[NO_SAFETY_ASSESSMENT])
+    show(plan_table(plan, link), lines=[NO_SAFETY_ASSESSMENT])
     if not yes:
         _ask(f"Emit for {seconds:g} s through {link} to {way.devices}?")
     with progress() as report_step:
@@ -52,24 +52,7 @@ def emit(drive: Path, board: str, link: str, cap: float, seconds: float, yes: bo
         show(lines=[f"{rate}, {played.frames} frames, {played.dropped} dropped."])
 
 
-@click.command(
-    short_help="Write a drive or a sequence as a board's frames.",
-    epilog="Example: airtact export out/pinch/drive.h5 --board openmpd --format bin --out frames.bin",
-)
-@drive_settings
-@click.option(
-    "--format", "kind", type=click.Choice(("npz", "csv", "h5", "bin")), help="Kind of file, if not its suffix."
-)
-@click.option("--out", "file", required=True, type=FILE, help="File to write.")
-def export(drive: Path, board: str, cap: float, kind: str | None, file: Path) -> None:
-    """Write DRIVE.h5 as the frames of a board: .npz, .csv, .h5, or .bin, the very bytes that it is sent."""
-    if kind is not None and file.suffix.lower() != f".{kind}":
-        file = file.with_name(f"{file.name}.{kind}")
-    plan, written = workflow.export(drive, board, file, cap)
-    show(_plan_table(plan, "file"), lines=[f"{written}: {file}"])
-
-
-def _plan_table(plan: workflow.Plan, link: str) -> Table:
+def plan_table(plan: workflow.Plan, link: str) -> Table:
     """Tabulate what would be emitted."""
     import numpy as np
 

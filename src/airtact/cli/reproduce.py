@@ -1,6 +1,5 @@
 """``airtact reproduce``: a published experiment, computed again."""
 
-from importlib import import_module
 from pathlib import Path
 
 import click
@@ -8,6 +7,7 @@ import click
 from airtact.cli.console import progress, show
 from airtact.cli.options import Names, results
 from airtact.conventions import NotConverged
+from airtact.workflows import reproduce as workflow
 
 
 @click.command(
@@ -26,7 +26,7 @@ def reproduce(paper: str, folder: Path, quick: bool) -> None:
     """
     with progress() as report_step:
         report_step(f"starting {paper}")
-        done = import_module(f"airtact.experiments.{paper}").reproduce(folder, quick, report_step)
+        done = workflow.reproduce(paper, folder, quick, report_step)
     facts = [f"{number:>8}  {what}" for number, what in done.facts]
     show(lines=[*facts, f"Report: {done.page} ({done.seconds:.0f} s)"])
     if done.failed:

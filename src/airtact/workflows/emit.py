@@ -1,4 +1,4 @@
-"""From a drive file to boards or to the frames of boards in a file: what it takes and costs. Prints nothing."""
+"""From a drive file to boards: what it takes, what it costs, and playing it. Prints nothing."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +11,6 @@ from airtact.evaluation.thresholds import sound_pressure_level
 from airtact.hardware.amplitudes import faded, largest_pressure_around, share_under_cap
 from airtact.hardware.codecs import codec_of
 from airtact.hardware.emission import Emission, Played
-from airtact.hardware.file_link import write_frames
 from airtact.hardware.link import Link
 from airtact.hardware.links import link_to
 from airtact.pose import Pose
@@ -24,7 +23,7 @@ from airtact.transducers.drive_file import DriveFile, read_drive_file
 from airtact.transducers.element import DEFAULT_SENSITIVITY
 from airtact.transducers.levels import Levels
 from airtact.transfer import Drive, TransferMatrix
-from airtact.validation import counted, positive
+from airtact.validation import positive
 
 FREQUENCY = 40e3
 """What all boards here play [Hz]."""
@@ -143,23 +142,3 @@ def emit(made: Plan, link: Link, seconds: float, report_step: Progress = no_prog
             emission.hold(seconds)
         report_step("silencing")
     return played
-
-
-def export(path: Path, board: str, file: Path, cap: float = 100.0) -> tuple[Plan, str]:
-    """Write a drive or a sequence as the frames of a kind of board, without ramp and silence.
-
-    Returns
-    -------
-    What the frames were made from, and in words how many were written.
-
-    Raises
-    ------
-    InvalidInput
-        As ``plan``, or the file cannot be written.
-    """
-    made = plan(path, board, cap)
-    levels = codec_of(made.board).levels
-    share = share_under_cap(made.stored.drives, levels, made.cap)
-    frames = tuple(faded(Drive(row), levels, share) for row in made.stored.drives)
-    write_frames(file, board, frames, made.stored.rate)
-    return made, f"{counted(len(frames), 'frame', 'frames')} for {counted(len(made.poses), 'board', 'boards')}"
