@@ -323,9 +323,7 @@ def _check_repeated(nodes: Float64[np.ndarray, "nodes 3"]) -> None:
         )
 
 
-def _read_csv(
-    path: Path,
-) -> tuple[Float64[np.ndarray, "nodes 3"], Complex128[np.ndarray, "nodes excitations"], None]:
+def _read_csv(path: Path) -> tuple[Float64[np.ndarray, "nodes 3"], Complex128[np.ndarray, "nodes excitations"], None]:
     table = read_text_table(path)
     table.require(*"xyz")
     positions = np.stack([table.numbers(name) for name in "xyz"], axis=1)

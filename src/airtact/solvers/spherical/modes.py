@@ -166,10 +166,7 @@ class _Tail:
         return self.scale * (self.images[0] * point - self.images[1] * line)
 
     def beyond(
-        self,
-        partial: Complex128[np.ndarray, "points sources"],
-        recent: list[_Term],
-        order: int,
+        self, partial: Complex128[np.ndarray, "points sources"], recent: list[_Term], order: int
     ) -> Complex128[np.ndarray, "points sources"]:
         """Whole sum from the partial sum up to order + 2, by two summations by parts after ``order``.
 

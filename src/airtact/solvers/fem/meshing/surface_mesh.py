@@ -100,11 +100,7 @@ def surface_mesh(
 
 
 def _covered(
-    shape: Shape,
-    rough: RidgedMesh,
-    edge: float,
-    others: Real[np.ndarray, "others 3"],
-    mirrors: Sequence[Mirror],
+    shape: Shape, rough: RidgedMesh, edge: float, others: Real[np.ndarray, "others 3"], mirrors: Sequence[Mirror]
 ) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"], Float64[np.ndarray, "triangles 3 3"]]:
     """Vertices, triangles and mid-edge points over one closed piece, cut at the mirrors."""
     for mirror in mirrors:
