@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Complex128, Real
 
 from airtact.conventions import InvalidInput
 from airtact.printing import in_short
 from airtact.scene.scene import Scene, check_sources
 from airtact.scene.sources import Monopoles
+from airtact.solvers.arrays import ComplexPairs, Gradients, Mask, Points, Pressures, SourcePoints
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport, SurfaceField, receivers
 from airtact.solvers.velocity import open_air_gradient, velocity_of
 from airtact.validation import counted, points_of
@@ -16,17 +16,13 @@ from airtact.validation import counted, points_of
 _PAIRS_AT_ONCE = 1 << 20
 
 
-def unit_monopoles(
-    points: Real[np.ndarray, "points 3"], positions: Real[np.ndarray, "sources 3"], wavenumber: complex
-) -> Complex128[np.ndarray, "points sources"]:
+def unit_monopoles(points: Points, positions: SourcePoints, wavenumber: complex) -> ComplexPairs:
     """Pressure e^{ikr}/r of monopoles of 1 Pa·m in open air [Pa]; no point may be on a monopole."""
     distance = np.sqrt(np.sum((points[:, None, :] - positions[None, :, :]) ** 2, axis=-1))
     return np.exp(1j * wavenumber * distance) / distance
 
 
-def open_air_pressure(
-    points: Real[np.ndarray, "points 3"], sources: Monopoles, wavenumber: complex
-) -> Complex128[np.ndarray, "points sounds"]:
+def open_air_pressure(points: Points, sources: Monopoles, wavenumber: complex) -> Pressures:
     """Pressure of ``sources`` in open air at points (P, 3) [m]: (P, S) [Pa], in blocks that bound the memory."""
     rows = max(1, _PAIRS_AT_ONCE // max(1, len(sources.positions)))
     pressure = np.zeros((len(points), sources.strengths.shape[1]), dtype=np.complex128)
@@ -38,14 +34,7 @@ def open_air_pressure(
 
 @dataclass(frozen=True, eq=False)
 class OpenAirField(RadiatedField):
-    """The field of monopoles in a scene without obstacles (a ``RadiatedField``).
-
-    Attributes
-    ----------
-    scene : the scene, without obstacles.
-    sources : the monopoles.
-    report : how the field was made.
-    """
+    """The field of monopoles in a scene without obstacles."""
 
     scene: Scene
     sources: Monopoles
@@ -58,29 +47,23 @@ class OpenAirField(RadiatedField):
         """No surface: arrays of length 0."""
         return SurfaceField.empty(self.sources)
 
-    def at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
-        """Pressure [Pa] at points (P, 3) [m] for each of the S excitations.
-
-        Raises
-        ------
-        InvalidInput
-            If the points are of another shape than (P, 3), NaN or infinite, or one stands on a source.
-        """
+    def at(self, points: Points) -> Pressures:
+        """Pressure [Pa] at points (P, 3) [m] for each of the S excitations; errors as of ``RadiatedField.at``."""
         points = receivers(points, self.sources)
         return open_air_pressure(points, self.sources, self.scene.wavenumber)
 
-    def scattered_at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
+    def scattered_at(self, points: Points) -> Pressures:
         """Return zeros (P, S): nothing scatters in open air."""
         points = points_of(points, "points", least=0)
         return np.zeros((len(points), self.sources.strengths.shape[1]), dtype=np.complex128)
 
-    def velocity(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
-        """Particle velocity [m/s] at points (P, 3) [m], in closed form; parameters and errors of ``at``."""
+    def velocity(self, points: Points) -> Gradients:
+        """Particle velocity [m/s] at points (P, 3) [m], in closed form; errors as of ``at``."""
         points = receivers(points, self.sources)
         gradient = open_air_gradient(points, self.sources, self.scene.wavenumber)
         return velocity_of(gradient, self.scene.frequency, self.scene.medium.density)
 
-    def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
+    def valid(self, points: Points) -> Mask:
         """Everywhere: there is no body."""
         return np.ones(len(points_of(points, "points", least=0)), dtype=np.bool_)
 

@@ -1,18 +1,19 @@
 """The open-air field of monopoles, which every solver adds to the scattered field."""
 
 import numpy as np
-from jaxtyping import Complex, Complex128, Real
+from jaxtyping import Complex
 
+from airtact.solvers.arrays import Points, Pressures, SourcePoints
 from airtact.solvers.loops import loop
 
 
 def monopole_pressure(
-    points: Real[np.ndarray, "points 3"],
-    positions: Real[np.ndarray, "sources 3"],
-    strengths: Complex[np.ndarray, "sources sounds"],
+    points: Points,
+    positions: SourcePoints,
+    strengths: Complex[np.ndarray, "sources excitations"],
     wavenumber: complex,
     precision: str,
-) -> Complex128[np.ndarray, "points sounds"]:
+) -> Pressures:
     """Open-air pressure Σ_j s_j e^{ikr}/r at points [Pa]; ``precision`` is float32 or float64."""
     out = np.empty((len(points), strengths.shape[1]), dtype=np.complex128)
     points, positions = (np.ascontiguousarray(one, dtype=np.float64) for one in (points, positions))

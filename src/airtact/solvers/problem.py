@@ -5,11 +5,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Bool, Complex128, Float64, Real
+from jaxtyping import Complex128, Float64
 
 from airtact.printing import in_short
 from airtact.scene.scene import Scene
 from airtact.scene.sources import Monopoles, check_off_sources
+from airtact.solvers.arrays import Gradients, Mask, Points, Pressures, Vectors
 from airtact.solvers.monopoles import monopole_pressure
 from airtact.solvers.velocity import differences, velocity_of
 from airtact.validation import points_of
@@ -67,7 +68,7 @@ class SurfaceField:
     points: Float64[np.ndarray, "nodes 3"]
     normals: Float64[np.ndarray, "nodes 3"]
     areas: Float64[np.ndarray, "nodes"]
-    pressure: Complex128[np.ndarray, "nodes sounds"]
+    pressure: Complex128[np.ndarray, "nodes excitations"]
 
     __repr__ = in_short
 
@@ -98,22 +99,21 @@ class RadiatedField(ABC):
         """Total pressure on the surfaces of the bodies; arrays of length 0 where there are none."""
 
     @abstractmethod
-    def at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
-        """Total pressure [Pa] at points (P, 3) [m] for each of the S excitations; NaN where ``valid`` is False."""
+    def at(self, points: Points) -> Pressures:
+        """Total pressure [Pa] at points (P, 3) [m] for each of the S excitations; NaN where ``valid`` is False.
 
-    def scattered_at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
+        Raises
+        ------
+        InvalidInput
+            A point is NaN or infinite, the shape is another, or a point stands on a source.
+        """
+
+    def scattered_at(self, points: Points) -> Pressures:
         """Scattered pressure [Pa]: the total pressure less that of the sources alone in open air.
 
-        It is finite at the sources' own positions, where ``at`` is infinite, except at a source that touches a body.
-        By default the open-air pressure is subtracted from ``at``, which needs points off the sources.
-
-        Parameters
-        ----------
-        points : (P, 3) receivers [m].
-
-        Returns
-        -------
-        (P, S) pressure [Pa]; NaN where ``valid`` is False, and at a source that touches a body.
+        It is (P, S) at points (P, 3) [m]; finite at the sources' own positions, where ``at`` is infinite; NaN where
+        ``valid`` is False, and at a source that touches a body. By default the open-air pressure is subtracted from
+        ``at``, which needs points off the sources.
 
         Raises
         ------
@@ -121,41 +121,34 @@ class RadiatedField(ABC):
             A point is NaN or infinite.
         """
         points = points_of(points, "points", least=0)
+        return self.at(points) - self._incident(points)
+
+    def _incident(self, points: Points) -> Pressures:
+        """Pressure [Pa] of the sources alone in open air at points (P, 3) [m] off the sources."""
         sources, wavenumber = self.sources, self.scene.wavenumber
-        incident = monopole_pressure(points, sources.positions, sources.strengths, wavenumber, "float64")
-        return self.at(points) - incident
+        return monopole_pressure(points, sources.positions, sources.strengths, wavenumber, "float64")
 
     @abstractmethod
-    def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
+    def valid(self, points: Points) -> Mask:
         """Whether the field exists at points (P, 3): False inside bodies, except filled ones."""
 
-    def velocity(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
+    def velocity(self, points: Points) -> Gradients:
         """Particle velocity v = ∇p/(iωρ) [m/s] at points (P, 3) [m], along x, y and z, for each of the S excitations.
 
-        On a sound-hard surface it is tangential. By default ``at`` is differenced over 1/40 of a wavelength, which
-        gives NaN where the difference reaches into a body.
-
-        Parameters
-        ----------
-        points : (P, 3) [m].
+        On a sound-hard surface it is tangential; NaN where ``valid`` is False. By default ``at`` is differenced over
+        1/40 of a wavelength, which gives NaN where the difference reaches into a body. Errors as of ``at``.
         """
         points = points_of(points, "points", least=0)
         step = np.full(len(points), DIFFERENCE * self.scene.wavelength)
         return velocity_of(differences(self.at, points, step), self.scene.frequency, self.scene.medium.density)
 
-    def error_at(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "sounds"]:
+    def error_at(self, points: Points) -> Float64[np.ndarray, "excitations"]:
         """Estimated relative error over points (P, 3) away from the surfaces, for each of the S excitations."""
         return np.full(self.sources.strengths.shape[1], self.report.estimated_error)
 
 
-def receivers(points: Real[np.ndarray, "points 3"], sources: Monopoles) -> Float64[np.ndarray, "points 3"]:
-    """Return points (P, 3) [m] at which a total pressure is evaluated, as float64.
-
-    Raises
-    ------
-    InvalidInput
-        A point is NaN or infinite, the shape is another, or a point stands on a source.
-    """
+def receivers(points: Points, sources: Monopoles) -> Vectors:
+    """Return points (P, 3) [m] at which a total pressure is evaluated, as float64; raise as ``RadiatedField.at``."""
     points = points_of(points, "points", least=0)
     check_off_sources(points, sources)
     return points

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Complex128, Float64, Int64, Num, Real
+from jaxtyping import Complex128, Float64, Int64, Num, Real
 from scipy.spatial import Delaunay, KDTree, QhullError
 
 from airtact.conventions import InvalidInput, about
@@ -15,7 +15,7 @@ from airtact.file_access.text_table import read_text_table
 from airtact.printing import in_short
 from airtact.scene.scene import Scene, check_sources
 from airtact.scene.sources import STANDS_ON, Monopoles, nearest_source
-from airtact.solvers.monopoles import monopole_pressure
+from airtact.solvers.arrays import Barycentric, Indices, Mask, Points, Pressures, SourcePoints, Vectors
 from airtact.solvers.problem import RadiatedField, SolveReport, SurfaceField, receivers
 from airtact.solvers.tetrahedra import Tetrahedra
 from airtact.validation import check_finite, file_fault, in_mm, points_of, positive
@@ -36,6 +36,9 @@ UNITS = (1.0, 0.01, 1e-3, 1e-6, 0.0254, 0.3048)
 
 REPEATED = 1e-9
 """Nodes nearer than this are one [m]."""
+
+_Cells = Int64[np.ndarray, "tetrahedra 4"] | None
+_Samples = tuple[Float64[np.ndarray, "nodes 3"], Complex128[np.ndarray, "nodes excitations"], _Cells]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +66,7 @@ class SampledField(RadiatedField):
     sources: Monopoles
     nodes: Real[np.ndarray, "nodes 3"]
     pressures: Num[np.ndarray, "nodes excitations"] | Num[np.ndarray, "nodes"]
-    tetrahedra: Int64[np.ndarray, "tetrahedra 4"] | None = None
+    tetrahedra: _Cells = None
     report: SolveReport = field(init=False)
 
     __repr__ = in_short
@@ -85,19 +88,14 @@ class SampledField(RadiatedField):
         _check_repeated(nodes)
         object.__setattr__(self, "nodes", nodes)
         object.__setattr__(self, "pressures", pressures)
-        object.__setattr__(self, "report", self._first_report())
-
-    def _first_report(self) -> SolveReport:
-        cells = "Delaunay" if self.tetrahedra is None else "mesh"
-        return SolveReport(
+        report = SolveReport(
             solver="SampledField",
-            residual=0.0,
-            iterations=0,
-            nodes=len(self.nodes),
+            nodes=len(nodes),
             nodes_per_square_wavelength=float("nan"),
             estimated_error=float("nan"),
-            settings={"cells": cells, "tetrahedra": len(self._cells)},
+            settings={"cells": "Delaunay" if self.tetrahedra is None else "mesh", "tetrahedra": len(self._cells)},
         )
+        object.__setattr__(self, "report", report)
 
     @cached_property
     def _cells(self) -> Int64[np.ndarray, "tetrahedra 4"]:
@@ -116,7 +114,7 @@ class SampledField(RadiatedField):
 
     @cached_property
     def _search(self) -> Tetrahedra:
-        corners = np.asarray(self.nodes, dtype=np.float64)[self._cells]
+        corners = np.asarray(self.nodes)[self._cells]
         return Tetrahedra(corners, np.zeros((len(corners), 6, 3)))
 
     @property
@@ -124,32 +122,21 @@ class SampledField(RadiatedField):
         """Arrays of length 0: the nodes do not show where the surfaces of the bodies are."""
         return SurfaceField.empty(self.sources)
 
-    def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
+    def valid(self, points: Points) -> Mask:
         """Whether points (P, 3) [m] lie in a cell: nothing is known beyond the samples."""
         return self._holding(points_of(points, "points", least=0))[0] >= 0
 
-    def at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points excitations"]:
-        """Total pressure [Pa] at points (P, 3) [m] for each of the S excitations; NaN where ``valid`` is False.
-
-        Raises
-        ------
-        InvalidInput
-            A point is NaN or infinite, or stands on a source.
-        """
+    def at(self, points: Points) -> Pressures:
+        """Total pressure [Pa] at points (P, 3) [m], as ``RadiatedField.at``."""
         points = receivers(points, self.sources)
-        return self._interpolated(points, np.asarray(self.pressures), self._emitting)
+        emitting = [self.sources.positions[strength != 0] for strength in self.sources.strengths.T]
+        return self._interpolated(points, np.asarray(self.pressures), emitting)
 
-    def scattered_at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points excitations"]:
-        """Scattered pressure [Pa] at points (P, 3) [m] for each of the S excitations; NaN where ``valid`` is False.
+    def scattered_at(self, points: Points) -> Pressures:
+        """Scattered pressure [Pa] at points (P, 3) [m], as ``RadiatedField.scattered_at``.
 
         The open-air pressure is subtracted at the nodes, and what remains is interpolated after division by e^{ikr}/r
-        of the nearest body's middle. It is finite at the sources' own positions, but NaN at a source that touches a
-        body.
-
-        Raises
-        ------
-        InvalidInput
-            A point is NaN or infinite.
+        of the nearest body's middle.
         """
         points = points_of(points, "points", least=0)
         found = self._interpolated(points, self._scattered, [self._middles] * self.sources.strengths.shape[1])
@@ -157,11 +144,6 @@ class SampledField(RadiatedField):
         on = np.flatnonzero(distance < STANDS_ON)
         found[on[self.scene.depth(self.sources.positions[source[on]]) > -STANDS_ON]] = np.nan
         return found
-
-    @cached_property
-    def _emitting(self) -> list[Float64[np.ndarray, "sources 3"]]:
-        """Positions of the sources of each excitation [m]."""
-        return [self.sources.positions[strength != 0] for strength in self.sources.strengths.T]
 
     @cached_property
     def _middles(self) -> Float64[np.ndarray, "bodies 3"]:
@@ -172,17 +154,11 @@ class SampledField(RadiatedField):
     @cached_property
     def _scattered(self) -> Complex128[np.ndarray, "nodes excitations"]:
         """Scattered pressure at the nodes [Pa]; not finite at a node that stands on a source."""
-        positions, strengths = self.sources.positions, self.sources.strengths
-        return np.asarray(self.pressures) - monopole_pressure(
-            np.asarray(self.nodes), positions, strengths, self.scene.wavenumber, "float64"
-        )
+        return np.asarray(self.pressures) - self._incident(np.asarray(self.nodes))
 
     def _interpolated(
-        self,
-        points: Float64[np.ndarray, "points 3"],
-        values: Complex128[np.ndarray, "nodes excitations"],
-        centres: Sequence[Float64[np.ndarray, "_ 3"]],
-    ) -> Complex128[np.ndarray, "points excitations"]:
+        self, points: Vectors, values: Complex128[np.ndarray, "nodes excitations"], centres: Sequence[SourcePoints]
+    ) -> Pressures:
         """Interpolate each excitation after division by e^{ikr}/r of the centre nearest to its cell, if any."""
         number, weights = self._holding(points)
         inside = np.flatnonzero(number >= 0)
@@ -200,16 +176,12 @@ class SampledField(RadiatedField):
             found[inside, column] = np.einsum("pc,pc->p", weights, divided) / at_point
         return found
 
-    def _holding(
-        self, points: Real[np.ndarray, "points 3"]
-    ) -> tuple[Int64[np.ndarray, "points"], Float64[np.ndarray, "points 4"]]:
+    def _holding(self, points: Points) -> tuple[Indices, Barycentric]:
         number, weights = self._search.holding(points)
-        beyond = weights.min(axis=1) < -1e-6
-        return np.where(beyond, -1, number), weights
+        return np.where(weights.min(axis=1) < -1e-6, -1, number), weights
 
 
 def _delaunay(nodes: Float64[np.ndarray, "nodes 3"]) -> Int64[np.ndarray, "tetrahedra 4"]:
-    """Join nodes by Delaunay's tetrahedra."""
     try:
         return Delaunay(nodes).simplices.astype(np.int64)
     except QhullError:
@@ -323,7 +295,7 @@ def _check_repeated(nodes: Float64[np.ndarray, "nodes 3"]) -> None:
         )
 
 
-def _read_csv(path: Path) -> tuple[Float64[np.ndarray, "nodes 3"], Complex128[np.ndarray, "nodes excitations"], None]:
+def _read_csv(path: Path) -> _Samples:
     table = read_text_table(path)
     table.require(*"xyz")
     positions = np.stack([table.numbers(name) for name in "xyz"], axis=1)
@@ -332,13 +304,7 @@ def _read_csv(path: Path) -> tuple[Float64[np.ndarray, "nodes 3"], Complex128[np
         return positions, _excitations(columns), None
 
 
-def _read_vtu(
-    path: Path,
-) -> tuple[
-    Float64[np.ndarray, "nodes 3"],
-    Complex128[np.ndarray, "nodes excitations"],
-    Int64[np.ndarray, "tetrahedra 4"] | None,
-]:
+def _read_vtu(path: Path) -> _Samples:
     try:
         import meshio  # an extra: few fields come as VTU files
     except ImportError:

@@ -4,10 +4,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float64, Int64, Real
+from jaxtyping import Float64
 from scipy.spatial import KDTree
 
 from airtact.printing import in_short
+from airtact.solvers.arrays import Barycentric, Indices, Points, Vectors
 
 EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 """Corners of the six edges of a tetrahedron."""
@@ -44,17 +45,13 @@ class Tetrahedra:
     def _tree(self) -> KDTree:
         return KDTree(self.corners.mean(axis=1))
 
-    def positions(
-        self, number: Int64[np.ndarray, "points"], weights: Real[np.ndarray, "points 4"]
-    ) -> Float64[np.ndarray, "points 3"]:
+    def positions(self, number: Indices, weights: Barycentric) -> Vectors:
         """Points with barycentric coordinates (P, 4) of tetrahedra (P,) [λ]."""
         one, other = weights[:, EDGES[:, 0]], weights[:, EDGES[:, 1]]
         straight = np.einsum("pc,pcd->pd", weights, self.corners[number])
         return straight + 4 * np.einsum("pe,ped->pd", one * other, self.bends[number])
 
-    def jacobians(
-        self, number: Int64[np.ndarray, "points"], weights: Real[np.ndarray, "points 4"]
-    ) -> Float64[np.ndarray, "points 3 3"]:
+    def jacobians(self, number: Indices, weights: Barycentric) -> Float64[np.ndarray, "points 3 3"]:
         """Differentiate the position along the first three barycentric coordinates, as columns."""
         along = np.array(self.corners[number])
         for edge, (one, other) in enumerate(EDGES):
@@ -77,9 +74,7 @@ class Tetrahedra:
             smallest = np.minimum(smallest, volume / flat)
         return float(smallest.min()), int(smallest.argmin())
 
-    def holding(
-        self, points: Real[np.ndarray, "points 3"]
-    ) -> tuple[Int64[np.ndarray, "points"], Float64[np.ndarray, "points 4"]]:
+    def holding(self, points: Points) -> tuple[Indices, Barycentric]:
         """Find the tetrahedron of each point (P, 3) [λ], -1 for none, and its barycentric coordinates there."""
         best = np.full(len(points), -1, dtype=np.int64)
         weights, depth = np.zeros((len(points), 4)), np.full(len(points), -np.inf)
@@ -100,9 +95,7 @@ class Tetrahedra:
         best[depth < -BESIDE] = -1
         return best, weights
 
-    def _weights(
-        self, number: Int64[np.ndarray, "points"], points: Real[np.ndarray, "points 3"]
-    ) -> Float64[np.ndarray, "points 4"]:
+    def _weights(self, number: Indices, points: Points) -> Barycentric:
         """Barycentric coordinates of points in given tetrahedra, by Newton's method where those are curved."""
         weights = np.full((len(points), 4), 0.25)
         bent = np.arange(len(points))

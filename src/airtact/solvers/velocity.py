@@ -3,9 +3,10 @@
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Complex, Complex128, Float64, Real
+from jaxtyping import Real
 
 from airtact.scene.sources import Monopoles
+from airtact.solvers.arrays import Gradients, Lengths, Points, Pressures
 
 PAIRS_AT_ONCE = 1 << 18
 
@@ -13,16 +14,12 @@ STENCIL = ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12))
 """Steps and weights of the central difference whose error falls as the fourth power of the step."""
 
 
-def velocity_of(
-    gradient: Complex[np.ndarray, "points 3 sounds"], frequency: float, density: Real[np.ndarray, "points"] | float
-) -> Complex128[np.ndarray, "points 3 sounds"]:
+def velocity_of(gradient: Gradients, frequency: float, density: Real[np.ndarray, "points"] | float) -> Gradients:
     """Particle velocity [m/s] from ∇p (P, 3, S) [Pa/m], the frequency [Hz] and the density at each point [kg/m³]."""
     return gradient / (2j * np.pi * frequency * np.broadcast_to(density, len(gradient))[:, None, None])
 
 
-def open_air_gradient(
-    points: Real[np.ndarray, "points 3"], sources: Monopoles, wavenumber: complex
-) -> Complex128[np.ndarray, "points 3 sounds"]:
+def open_air_gradient(points: Points, sources: Monopoles, wavenumber: complex) -> Gradients:
     """∇p [Pa/m] of monopoles in open air: Σ_j s_j (ik − 1/r) e^{ikr}/r · (x − x_j)/r."""
     gradient = np.empty((len(points), 3, sources.strengths.shape[1]), dtype=np.complex128)
     rows = max(1, PAIRS_AT_ONCE // len(sources.positions))
@@ -36,11 +33,7 @@ def open_air_gradient(
     return gradient
 
 
-def differences(
-    pressure: Callable[[Float64[np.ndarray, "shifted 3"]], Complex128[np.ndarray, "shifted sounds"]],
-    points: Real[np.ndarray, "points 3"],
-    step: Float64[np.ndarray, "points"],
-) -> Complex128[np.ndarray, "points 3 sounds"]:
+def differences(pressure: Callable[[Points], Pressures], points: Points, step: Lengths) -> Gradients:
     """∇p [Pa/m] by central differences along x, y and z; the pressure must exist two steps [m] away on all sides."""
     gradient = []
     for axis in np.eye(3):

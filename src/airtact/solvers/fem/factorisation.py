@@ -4,7 +4,7 @@ import ctypes
 import importlib.metadata
 import weakref
 from abc import ABC, abstractmethod
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -12,10 +12,10 @@ from jaxtyping import Bool, Complex128, Int32
 from scipy.sparse import csr_array
 
 from airtact.conventions import InvalidInput, NotConverged
-from airtact.solvers.fem.meshing.netgen import AssembledForm, many_threads, ngsolve_library
+from airtact.solvers.arrays import Coefficients
+from airtact.solvers.fem.meshing.netgen import AssembledForm, many_threads, ngsolve_library, thread_count
 from airtact.solvers.fem.meshing.volume import Box
 from airtact.solvers.memory import available_memory
-from airtact.solvers.threads import thread_count
 
 COMPLEX_SYMMETRIC = 6
 """Pardiso's number for matrices that equal their transpose."""
@@ -50,24 +50,17 @@ OVERHEAD = 1.5
 class Factor(ABC):
     """A factorised matrix whose unknowns inside tetrahedra are eliminated before (static condensation).
 
-    Parameters
-    ----------
-    form : the assembled matrix.
-    free : (unknowns,) which of those that tetrahedra share are solved for; the others are 0.
+    ``free`` are the unknowns shared by tetrahedra that are solved for; the others are 0.
     """
 
     def __init__(self, form: AssembledForm, free: Bool[np.ndarray, "unknowns"]) -> None:
         self.form, self.free = form, free
 
     @abstractmethod
-    def solve_shared(
-        self, right: Complex128[np.ndarray, "unknowns excitations"]
-    ) -> Complex128[np.ndarray, "unknowns excitations"]:
+    def solve_shared(self, right: Coefficients) -> Coefficients:
         """Solve for the unknowns that tetrahedra share; the others are 0."""
 
-    def solve(
-        self, right: Complex128[np.ndarray, "unknowns excitations"]
-    ) -> Complex128[np.ndarray, "unknowns excitations"]:
+    def solve(self, right: Coefficients) -> Coefficients:
         """Solution for each column of a right-hand side."""
         form, found = self.form, np.empty_like(right)
         column, inner = form.mat.CreateColVector(), form.mat.CreateColVector()
@@ -85,9 +78,7 @@ class Factor(ABC):
                 found[:, number] = column.FV().NumPy()
         return found
 
-    def _times(
-        self, matrix: Any, vectors: Complex128[np.ndarray, "unknowns excitations"]
-    ) -> Complex128[np.ndarray, "unknowns excitations"]:
+    def _times(self, matrix: Any, vectors: Coefficients) -> Coefficients:
         """Product of one of NGSolve's matrices with each column."""
         found, vector = np.empty_like(vectors), self.form.mat.CreateColVector()
         product = vector.CreateVector()
@@ -106,10 +97,8 @@ class SparseCholesky(Factor):
         with many_threads():
             self._inverse = form.mat.Inverse(ngsolve_library().BitArray(free.tolist()), inverse="sparsecholesky")
 
-    def solve_shared(
-        self, right: Complex128[np.ndarray, "unknowns excitations"]
-    ) -> Complex128[np.ndarray, "unknowns excitations"]:
-        """Solve by triangles, column by column."""
+    def solve_shared(self, right: Coefficients) -> Coefficients:
+        """Solve column by column."""
         return self._times(self._inverse, right)
 
 
@@ -118,11 +107,7 @@ class Pardiso(Factor):
 
     Generalised conjugate residuals (S. Eisenstat, H. Elman, M. Schultz, SIAM J. Numer. Anal. 20 (1983) 345) converge
     also where plain refinement does not. Where they stall, the factor is made again in double precision.
-
-    Parameters
-    ----------
-    form, free : as of ``Factor``.
-    residual : largest residual over the right-hand side.
+    ``residual`` is the largest residual over the right-hand side.
     """
 
     def __init__(self, form: AssembledForm, free: Bool[np.ndarray, "unknowns"], residual: float) -> None:
@@ -133,19 +118,14 @@ class Pardiso(Factor):
 
     def _factorise(self, kind: type[np.complex64 | np.complex128]) -> None:
         entries, columns, ends = _upper_backwards(self.form, self.free)
-        self._memory, self._settings, self._kind = (ctypes.c_int64 * 64)(), (ctypes.c_int * 64)(), kind
+        memory, settings, self._kind = (ctypes.c_int64 * 64)(), (ctypes.c_int * 64)(), kind
         for number, value in {**SETTINGS, SINGLE_PRECISION: int(kind == np.complex64)}.items():
-            self._settings[number] = value
-        self._matrix = (entries.astype(kind), ends, columns)
+            settings[number] = value
+        self._call = partial(_pardiso, self._library, memory, settings, (entries.astype(kind), ends, columns))
         self._call(12)
-        self._release = weakref.finalize(self, _pardiso, self._library, self._memory, self._settings, self._matrix, -1)
+        self._release = weakref.finalize(self, self._call, -1)
 
-    def _call(self, phase: int, right: np.ndarray | None = None, solution: np.ndarray | None = None) -> None:
-        _pardiso(self._library, self._memory, self._settings, self._matrix, phase, right, solution)
-
-    def solve_shared(
-        self, right: Complex128[np.ndarray, "unknowns excitations"]
-    ) -> Complex128[np.ndarray, "unknowns excitations"]:
+    def solve_shared(self, right: Coefficients) -> Coefficients:
         """Solve, and solve again for the residual.
 
         Raises
@@ -166,9 +146,7 @@ class Pardiso(Factor):
             )
         return solution
 
-    def _refined(
-        self, right: Complex128[np.ndarray, "unknowns excitations"]
-    ) -> tuple[Complex128[np.ndarray, "unknowns excitations"], float]:
+    def _refined(self, right: Coefficients) -> tuple[Coefficients, float]:
         """Solution, and the largest residual that it leaves over its right-hand side."""
         left, worst = np.where(self.free[:, None], right, 0), 0.0
         size = np.linalg.norm(left, axis=0)
@@ -192,9 +170,7 @@ class Pardiso(Factor):
                 break
         return solution, worst
 
-    def _solved_once(
-        self, right: Complex128[np.ndarray, "unknowns excitations"]
-    ) -> Complex128[np.ndarray, "unknowns excitations"]:
+    def _solved_once(self, right: Coefficients) -> Coefficients:
         columns = np.asfortranarray(right[self.free][::-1], dtype=self._kind)
         solved, found = np.zeros_like(columns), np.zeros_like(right)
         self._call(33, columns, solved)
@@ -262,13 +238,7 @@ def pardiso_library() -> str | None:
 
 
 def chosen_method(asked: str) -> str:
-    """Factorisation that is taken for "found", "sparsecholesky" or "pardiso".
-
-    Raises
-    ------
-    InvalidInput
-        Pardiso is asked for where the package ``mkl`` is not installed.
-    """
+    """Factorisation taken for "found", "sparsecholesky" or "pardiso"; raises where ``mkl`` is not installed for it."""
     if asked == "found":
         return "sparsecholesky" if pardiso_library() is None else "pardiso"
     if asked == "pardiso" and pardiso_library() is None:
@@ -287,21 +257,10 @@ def factorised(form: AssembledForm, free: Bool[np.ndarray, "unknowns"], order: i
     return Pardiso(form, free, COARSE_RESIDUAL if order <= COARSE else RESIDUAL)
 
 
-def expected_unknowns(box: Box, wavelength: float, order: int, elements_per_wavelength: float) -> float:
-    """Unknowns that tetrahedra of a size have in a box with its perfectly matched layer."""
-    volume = float((box.outer_high - box.outer_low).prod()) / wavelength**3
-    return TETRAHEDRA * volume * elements_per_wavelength**3 * order**3 / 6
-
-
 def check_memory(box: Box, wavelength: float, order: int, elements_per_wavelength: float, method: str) -> None:
-    """Check that the machine has the memory of a factorisation, before it is taken.
-
-    Raises
-    ------
-    InvalidInput
-        It has not.
-    """
-    unknowns = expected_unknowns(box, wavelength, order, elements_per_wavelength)
+    """Raise "too_little_memory" where the machine has not the memory of a factorisation, before it is taken."""
+    volume = float((box.outer_high - box.outer_low).prod()) / wavelength**3
+    unknowns = TETRAHEDRA * volume * elements_per_wavelength**3 * order**3 / 6
     each, fill = FILL[method]
     size, free = OVERHEAD * each * fill * unknowns ** (4 / 3), available_memory()
     if size > 0.9 * free:

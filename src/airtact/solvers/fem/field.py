@@ -5,11 +5,12 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
-from jaxtyping import Bool, Complex128, Real
+from jaxtyping import Bool
 
 from airtact.printing import in_short
 from airtact.scene.scene import CONTACT, Scene
 from airtact.scene.sources import STANDS_ON, Monopoles, nearest_source
+from airtact.solvers.arrays import Gradients, Mask, Points, Pressures
 from airtact.solvers.fem.meshing.symmetry import TOLERANCE, images
 from airtact.solvers.fem.solution import PointSources, Solution, solve
 from airtact.solvers.fem.system import System
@@ -36,21 +37,22 @@ class FiniteField(RadiatedField):
 
     Attributes
     ----------
-    scene, sources : what was solved.
-    system : the assembled equation.
     from_afar : the solution with the sources beside the bodies as point loads: right away from the bodies.
-    report : how it was made.
     workspace : whether the whole workspace is meshed and read off the mesh, as the paper does.
     """
 
     scene: Scene
     sources: Monopoles
-    system: System
     from_afar: Solution
     report: SolveReport
     workspace: bool = False
 
     __repr__ = in_short
+
+    @property
+    def system(self) -> System:
+        """The assembled equation."""
+        return self.from_afar.system
 
     @property
     def on_surface(self) -> SurfaceField:
@@ -77,8 +79,7 @@ class FiniteField(RadiatedField):
 
     @cached_property
     def _touching_filled(self) -> Bool[np.ndarray, "sources"]:
-        """Which sources touch filled bodies."""
-        return _touching(self.scene, self.sources.positions, ("filled",))
+        return _touching(self.scene, self.sources.positions, ("filled",), TOUCHING * self.scene.wavelength)
 
     @cached_property
     def _images(self) -> list[PointSources]:
@@ -100,7 +101,7 @@ class FiniteField(RadiatedField):
                 found.append(PointSources(image, source.strengths))
         return found
 
-    def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
+    def valid(self, points: Points) -> Mask:
         """Whether points (P, 3) [m] lie outside the bodies, on them or in a filled one; and in the workspace."""
         points = points_of(points, "points", least=0)
         valid = self._in_workspace(points) if self.workspace else np.ones(len(points), dtype=np.bool_)
@@ -109,14 +110,8 @@ class FiniteField(RadiatedField):
                 valid &= obstacle.surface.depth(points) <= CONTACT
         return valid
 
-    def at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points excitations"]:
-        """Total pressure [Pa] at points (P, 3) [m] for each of the S excitations; NaN where ``valid`` is False.
-
-        Raises
-        ------
-        InvalidInput
-            A point is NaN or infinite, or stands on a source.
-        """
+    def at(self, points: Points) -> Pressures:
+        """Total pressure [Pa] at points (P, 3) [m], as ``RadiatedField.at``."""
         points = receivers(points, self.sources)
         found = np.full((len(points), self.sources.strengths.shape[1]), np.nan, dtype=np.complex128)
         close, away = self._close_and_away(points)
@@ -127,16 +122,10 @@ class FiniteField(RadiatedField):
             found[away] = self._total_away(points[away])
         return found
 
-    def scattered_at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points excitations"]:
-        """Scattered pressure [Pa] at points (P, 3) [m] for each of the S excitations: the total less the open-air one.
+    def scattered_at(self, points: Points) -> Pressures:
+        """Scattered pressure [Pa] at points (P, 3) [m], as ``RadiatedField.scattered_at``.
 
-        It is finite at the sources' own positions, but NaN at a source that touches a body (a filled one: within 0.04
-        wavelengths of it), and where ``valid`` is False.
-
-        Raises
-        ------
-        InvalidInput
-            A point is NaN or infinite.
+        A source within 0.04 wavelengths of a filled body touches it.
         """
         points = points_of(points, "points", least=0)
         found = np.full((len(points), self.sources.strengths.shape[1]), np.nan, dtype=np.complex128)
@@ -157,17 +146,12 @@ class FiniteField(RadiatedField):
         found[on[touching[source[on]]]] = np.nan
         return found
 
-    def velocity(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 excitations"]:
-        """Particle velocity [m/s] at points (P, 3) [m] for each of the S excitations; NaN where ``valid`` is False.
+    def velocity(self, points: Points) -> Gradients:
+        """Particle velocity [m/s] at points (P, 3) [m], as ``RadiatedField.velocity``.
 
         Beside the bodies, on their surfaces and in them it is the gradient of the finite elements: along the surface
         where that is sound-hard, and on either side of a filled body's. Elsewhere the surface integral is
         differentiated.
-
-        Raises
-        ------
-        InvalidInput
-            As ``at``.
         """
         points = receivers(points, self.sources)
         close, away = self._close_and_away(points)
@@ -176,7 +160,7 @@ class FiniteField(RadiatedField):
         if close.any():
             gradients[close], density[close] = self.from_nearby.gradients(points[close] / length)
             gradients /= length**2
-            hard = close & self._on_hard(points)
+            hard = close & _touching(self.scene, points, ("sound_hard",), CONTACT)
             normals = self.system.nearest_on_surface(points[hard] / length)[1]
             gradients[hard] -= normals[:, :, None] * np.einsum("pd,pds->ps", normals, gradients[hard])[:, None]
         if away.any():
@@ -184,23 +168,17 @@ class FiniteField(RadiatedField):
             gradients[away] = differences(partial(self._total_away, fine=True), points[away], step)
         return velocity_of(gradients, self.scene.frequency, density)
 
-    def _close_and_away(
-        self, points: Real[np.ndarray, "points 3"]
-    ) -> tuple[Bool[np.ndarray, "points"], Bool[np.ndarray, "points"]]:
+    def _close_and_away(self, points: Points) -> tuple[Mask, Mask]:
         """Find the valid points beside the bodies or in a meshed workspace, and the other valid ones."""
         valid, near = self.valid(points), self.workspace | beside(self.scene, points)
         return valid & near, valid & ~near
 
-    def _total_away(
-        self, points: Real[np.ndarray, "points 3"], fine: bool = False
-    ) -> Complex128[np.ndarray, "points excitations"]:
+    def _total_away(self, points: Points, fine: bool = False) -> Pressures:
         length = self.scene.wavelength
         free_field = _scaled(self.scene, self.sources).pressure(points / length, self.system.wavenumber) / length
         return self._scattered_away(points, fine) + free_field
 
-    def _scattered_away(
-        self, points: Real[np.ndarray, "points 3"], fine: bool = False
-    ) -> Complex128[np.ndarray, "points excitations"]:
+    def _scattered_away(self, points: Points, fine: bool = False) -> Pressures:
         """Scattered pressure at points off the bodies; if not ``fine``, from few quadrature points where those do."""
         length = self.scene.wavelength
         clear = np.zeros(len(points), dtype=bool) if fine else self.scene.depth(points) < -CLEAR * length
@@ -210,19 +188,12 @@ class FiniteField(RadiatedField):
                 found[some] = self.from_afar.scattered(points[some] / length, apart) / length
         return found
 
-    def _on_hard(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
-        found = np.zeros(len(points), dtype=np.bool_)
-        for obstacle in self.scene.obstacles:
-            if obstacle.boundary == "sound_hard":
-                found |= obstacle.surface.depth(points) >= -CONTACT
-        return found
-
-    def _in_workspace(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
+    def _in_workspace(self, points: Points) -> Mask:
         folded = images(self.system.mirrors, points / self.scene.wavelength)
         return np.any([self.system.box.holds(image * self.scene.wavelength) for image in folded], axis=0)
 
 
-def beside(scene: Scene, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
+def beside(scene: Scene, points: Points) -> Mask:
     """Whether points lie in a body or within ``NEAR`` wavelengths of one."""
     return scene.depth(points) > -NEAR * scene.wavelength
 
@@ -238,7 +209,7 @@ def solved_from_afar(system: System, scene: Scene, sources: Monopoles, workspace
 
 def touching_warnings(scene: Scene, sources: Monopoles) -> tuple[str, ...]:
     """Warn of sources that touch bodies that are not sound-hard: right beside them the pressure is rough."""
-    touching = np.flatnonzero(_touching(scene, sources.positions, ("impedance", "filled")))
+    touching = np.flatnonzero(_touching(scene, sources.positions, ("impedance", "filled"), TOUCHING * scene.wavelength))
     if not len(touching):
         return ()
     return (
@@ -253,12 +224,10 @@ def _scaled(scene: Scene, sources: Monopoles) -> PointSources:
     return PointSources(sources.positions / scene.wavelength, np.asarray(sources.strengths, dtype=np.complex128))
 
 
-def _touching(
-    scene: Scene, points: Real[np.ndarray, "points 3"], boundaries: Sequence[str]
-) -> Bool[np.ndarray, "points"]:
-    """Whether points touch bodies of some kinds, or nearly so."""
+def _touching(scene: Scene, points: Points, boundaries: Sequence[str], gap: float) -> Mask:
+    """Whether points are less than a gap [m] off bodies of some kinds, or in them."""
     found = np.zeros(len(points), dtype=np.bool_)
     for obstacle in scene.obstacles:
         if obstacle.boundary in boundaries:
-            found |= obstacle.surface.depth(points) > -TOUCHING * scene.wavelength
+            found |= obstacle.surface.depth(points) > -gap
     return found

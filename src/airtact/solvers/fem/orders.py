@@ -5,7 +5,6 @@ error and the smallest the cost; with an order of its own, each contributes equa
 """
 
 from math import factorial
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float64, Int64, Real
@@ -35,12 +34,7 @@ def longest_served(order: int, size: float, ease: float = 1.0) -> Float64[np.nda
     """Longest edges [λ] that orders 1, 2 ... serve as well as one order serves a given edge.
 
     A polynomial of order p misses e^{ikx} over an edge h by 2 (kh/4)^(p+1) / (p+1)! (interpolation after Chebyshev).
-
-    Parameters
-    ----------
-    order : the order that serves ``size``.
-    size : edge [λ].
-    ease : how much more error is allowed.
+    ``order`` serves the edge ``size`` [λ]; ``ease`` is how much more error is allowed.
     """
     error = ease * (0.5 * np.pi * size) ** (order + 1) / factorial(order + 1)
     return np.array([(error * factorial(p + 1)) ** (1 / (p + 1)) / (0.5 * np.pi) for p in range(1, order + HIGHER + 1)])
@@ -55,24 +49,16 @@ def grade_orders(
     size: float,
     surface: Real[np.ndarray, "nodes 3"] | None,
 ) -> None:
-    """Give edges, faces and tetrahedra the orders that their lengths ask for.
+    """Give edges, faces and tetrahedra the orders that their lengths ask for: ``order`` where an edge is ``size`` [λ].
 
-    Parameters
-    ----------
-    space : the unknowns, whose orders are set.
-    mesh : NGSolve's mesh [λ].
-    scene : its filled bodies may hold shorter waves than the air.
-    box : the air; round it is the layer.
-    order : of edges as long as asked for.
-    size : the edge asked for [λ].
-    surface : points all over the surfaces [λ]; None where the pressure is read off the mesh far from them too.
+    ``surface`` are points all over the surfaces [λ]; None where the pressure is read off the mesh far from them too.
     """
-    ngsolve, grid, unknowns = ngsolve_library(), mesh, space
-    points = np.array([vertex.point for vertex in grid.vertices])
-    ends = np.array([[vertex.nr for vertex in edge.vertices] for edge in grid.edges])
-    lengths = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1) * _shortening(scene, grid)
-    faces = np.array([[edge.nr for edge in face.edges] for face in grid.faces])
-    cells = np.array([[edge.nr for edge in cell.edges] for cell in grid.Elements(ngsolve.VOL)])
+    ngsolve = ngsolve_library()
+    points = np.array([vertex.point for vertex in mesh.vertices])
+    ends = np.array([[vertex.nr for vertex in edge.vertices] for edge in mesh.edges])
+    lengths = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1) * _shortening(scene, mesh)
+    faces = np.array([[edge.nr for edge in face.edges] for face in mesh.faces])
+    cells = np.array([[edge.nr for edge in cell.edges] for cell in mesh.Elements(ngsolve.VOL)])
     middles = points[ends].mean(axis=1)
     near = None if surface is None else KDTree(surface)
     every = (np.arange(len(ends))[:, None], faces, cells)
@@ -83,8 +69,8 @@ def grade_orders(
             eased |= near.query(middle)[0] > FAR
         orders = np.where(eased, _served(longest, order, size, EASE), _served(longest, order, size, 1.0))
         for number in np.flatnonzero(orders != order).tolist():
-            unknowns.SetOrder(ngsolve.NodeId(kind, number), int(orders[number]))
-    unknowns.UpdateDofTables()
+            space.SetOrder(ngsolve.NodeId(kind, number), int(orders[number]))
+    space.UpdateDofTables()
 
 
 def _served(lengths: Real[np.ndarray, "nodes"], order: int, size: float, ease: float) -> Int64[np.ndarray, "nodes"]:
@@ -92,13 +78,13 @@ def _served(lengths: Real[np.ndarray, "nodes"], order: int, size: float, ease: f
     return np.clip(1 + np.searchsorted(limits, lengths), min(order, LEAST), order + HIGHER)
 
 
-def _shortening(scene: Scene, grid: Any) -> Float64[np.ndarray, "edges"]:
+def _shortening(scene: Scene, mesh: CurvedMesh) -> Float64[np.ndarray, "edges"]:
     """Divide the wave in air by the one beside each edge, where that is in a filled body and shorter."""
-    found = np.ones(grid.nedge)
+    found = np.ones(mesh.nedge)
     for body, obstacle in enumerate(scene.obstacles):
         if obstacle.medium is None or obstacle.medium.sound_speed >= scene.medium.sound_speed:
             continue
         shorter = scene.medium.sound_speed / obstacle.medium.sound_speed
-        for cell in grid.Materials(f"body{body}").Elements():
+        for cell in mesh.Materials(f"body{body}").Elements():
             found[[edge.nr for edge in cell.edges]] = shorter
     return found

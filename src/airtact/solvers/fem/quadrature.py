@@ -8,6 +8,7 @@ from jaxtyping import Complex128, Float64, Int64
 from scipy.sparse import csr_array
 
 from airtact.printing import in_short
+from airtact.solvers.arrays import Coefficients
 from airtact.solvers.fem.meshing.netgen import CurvedMesh, FiniteSpace, ngsolve_library
 
 LARGEST_RULE = 5
@@ -20,8 +21,7 @@ class QuadraturePoints:
 
     Attributes
     ----------
-    points : (Q, 3) [λ].
-    normals : (Q, 3) out of the body; 0 inside.
+    points, normals : [λ]; the normals out of the body, 0 inside.
     areas : (Q,) area [λ²] or volume [λ³] that each represents.
     body : (Q,) obstacle of each.
     weighted : (unknowns, Q) integrates values at the points against the test functions.
@@ -35,9 +35,7 @@ class QuadraturePoints:
 
     __repr__ = in_short
 
-    def pressure(
-        self, solution: Complex128[np.ndarray, "unknowns excitations"]
-    ) -> Complex128[np.ndarray, "nodes excitations"]:
+    def pressure(self, solution: Coefficients) -> Complex128[np.ndarray, "nodes excitations"]:
         """Pressure of a solution at the points."""
         return (self.weighted.T @ solution) / self.areas[:, None]
 

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Complex128, Float64, Int64, Real
+from jaxtyping import Bool, Complex128
 
 from airtact.printing import in_short
 from airtact.scene.sources import Monopoles
+from airtact.solvers.arrays import Coefficients, Gradients, Indices, Lengths, Points, Pressures, SourcePoints, Strengths
 from airtact.solvers.fem.meshing.netgen import ngsolve_library
 from airtact.solvers.fem.meshing.symmetry import images, parities, signs
 from airtact.solvers.fem.quadrature import QuadraturePoints
@@ -23,16 +24,10 @@ NEGLIGIBLE = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class PointSources:
-    """Some monopoles, or none, in wavelengths.
+    """Some monopoles, or none: positions [λ] and the strengths of e^{ikr}/r."""
 
-    Attributes
-    ----------
-    positions : (N, 3) [λ].
-    strengths : (N, S) of e^{ikr}/r.
-    """
-
-    positions: Float64[np.ndarray, "sources 3"]
-    strengths: Complex128[np.ndarray, "sources excitations"]
+    positions: SourcePoints
+    strengths: Strengths
 
     __repr__ = in_short
 
@@ -47,9 +42,7 @@ class PointSources:
             np.concatenate([one.positions for one in every]), np.concatenate([one.strengths for one in every])
         )
 
-    def pressure(
-        self, points: Real[np.ndarray, "points 3"], wavenumber: complex
-    ) -> Complex128[np.ndarray, "points excitations"]:
+    def pressure(self, points: Points, wavenumber: complex) -> Pressures:
         """Their free field at points (P, 3) [λ]."""
         if not len(self.positions) or not len(points):
             return np.zeros((len(points), self.strengths.shape[1]), dtype=np.complex128)
@@ -69,15 +62,15 @@ class Solution:
 
     system: System
     outer: PointSources
-    parts: dict[tuple[int, ...], Complex128[np.ndarray, "unknowns excitations"]]
+    parts: dict[tuple[int, ...], Coefficients]
 
     __repr__ = in_short
 
-    def total(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points excitations"]:
+    def total(self, points: Points) -> Pressures:
         """Total pressure at points (P, 3) [λ] in the box, by interpolation in the tetrahedra."""
         return self.finite_elements(points) + self.outer.pressure(points, self.system.wavenumber)
 
-    def finite_elements(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points excitations"]:
+    def finite_elements(self, points: Points) -> Pressures:
         """Total pressure less the free field of the outer monopoles at points (P, 3) [λ] in the box."""
         folded, choice = self.system.folded(points)
         mapped = self.system.mesh_points(*self.system.holding(folded))
@@ -86,9 +79,7 @@ class Solution:
             found[:, column] += sign * np.asarray(pressure(mapped)).ravel()
         return found
 
-    def gradients(
-        self, points: Real[np.ndarray, "points 3"]
-    ) -> tuple[Complex128[np.ndarray, "points 3 excitations"], Float64[np.ndarray, "points"]]:
+    def gradients(self, points: Points) -> tuple[Gradients, Lengths]:
         """Gradient of the total pressure at points (P, 3) [λ] in the box [1/λ²], and the density there [kg/m³]."""
         folded, choice = self.system.folded(points)
         number, weights = self.system.holding(folded)
@@ -102,7 +93,7 @@ class Solution:
             found += open_air_gradient(points, waves, self.system.wavenumber)
         return found, self.system.density_at(number, weights)
 
-    def _columns(self, choice: Int64[np.ndarray, "points"]) -> Iterator[tuple[Float64[np.ndarray, "points"], int, Any]]:
+    def _columns(self, choice: Indices) -> Iterator[tuple[Lengths, int, Any]]:
         """Each part and excitation as a function of NGSolve's with its signs at images; the next one replaces it."""
         pressure = ngsolve_library().GridFunction(self.system.space)
         for parity, part in self.parts.items() if len(choice) else ():
@@ -110,9 +101,7 @@ class Solution:
                 pressure.vec.FV().NumPy()[:] = part[:, column]
                 yield signs(parity)[choice], column, pressure
 
-    def scattered(
-        self, points: Real[np.ndarray, "points 3"], clear: bool = False
-    ) -> Complex128[np.ndarray, "points excitations"]:
+    def scattered(self, points: Points, clear: bool = False) -> Pressures:
         """Scattered pressure at points (P, 3) [λ] off the bodies, by the surface integral.
 
         Fewer quadrature points serve points that are ``clear`` of the bodies.
@@ -145,14 +134,7 @@ class Solution:
 
 
 def solve(system: System, outer: PointSources, inner: PointSources) -> Solution:
-    """Solve a system for monopoles.
-
-    Parameters
-    ----------
-    system : the assembled equation.
-    outer : monopoles to solve for by the pressure that they scatter.
-    inner : monopoles in the box to solve for as point loads, by their total pressure.
-    """
+    """Solve for ``outer`` monopoles by the pressure that they scatter, for ``inner`` ones (in the box) as loads."""
     ways = parities(system.mirrors)
     right = np.zeros((len(ways), system.unknowns, outer.strengths.shape[1]), dtype=np.complex128)
     if len(outer.positions):

@@ -5,19 +5,20 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float64, Real
+from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput, Vector
 from airtact.printing import in_short
 from airtact.scene.scene import Scene, check_sources
 from airtact.scene.sources import Monopoles
-from airtact.solvers.fem import pml
+from airtact.solvers.arrays import Points
 from airtact.solvers.fem.factorisation import check_memory, chosen_method
 from airtact.solvers.fem.field import FiniteField, solved_from_afar, touching_warnings
 from airtact.solvers.fem.meshing.meshing import meshed
 from airtact.solvers.fem.meshing.symmetry import AXES, Mirror, mirrors_of
 from airtact.solvers.fem.meshing.volume import Box
 from airtact.solvers.fem.system import System, assembled
+from airtact.solvers.fem.weak_form import THICKNESS
 from airtact.solvers.probes import surrounding_points
 from airtact.solvers.problem import Solver, SolveReport
 from airtact.timing import Clock
@@ -132,14 +133,7 @@ class FiniteElement(Solver):
     def reaching(cls, accuracy: float) -> "FiniteElement":
         """Choose the order that reaches an accuracy: 4 for 3 % or more, 5 down to 0.5 %, else 6.
 
-        Parameters
-        ----------
-        accuracy : relative error wanted away from the surface.
-
-        Raises
-        ------
-        InvalidInput
-            An accuracy outside 0.001 to 0.3.
+        ``accuracy`` is the relative error wanted away from the surface, 0.001 to 0.3; others raise ``InvalidInput``.
         """
         number(accuracy, "accuracy", "parts of 1")
         if not 1e-3 <= accuracy <= 0.3:
@@ -149,12 +143,7 @@ class FiniteElement(Solver):
         return cls(order=4 if accuracy >= 0.03 else 5 if accuracy >= 0.005 else 6)
 
     def radiate(self, scene: Scene, sources: Monopoles) -> FiniteField:
-        """Solve the scene for the monopoles.
-
-        Parameters
-        ----------
-        scene : the bodies.
-        sources : monopoles outside the bodies or on their surface.
+        """Solve the scene for monopoles outside the bodies or on their surface.
 
         Raises
         ------
@@ -165,13 +154,10 @@ class FiniteElement(Solver):
         check_sources(scene, sources)
         return self.factorised(scene).radiate(scene, sources)
 
-    def factorised(self, scene: Scene, refined: Real[np.ndarray, "points 3"] | None = None) -> "FactorisedScene":
+    def factorised(self, scene: Scene, refined: Points | None = None) -> "FactorisedScene":
         """Mesh and assemble a scene once, to be solved for many sources: a solver for this scene alone.
 
-        Parameters
-        ----------
-        scene : the bodies.
-        refined : (P, 3) points near which sources will stand; the triangles on the surface are smaller there [m].
+        ``refined`` are points (P, 3) [m] near which sources will stand; the surface triangles are smaller there.
 
         Raises
         ------
@@ -191,15 +177,11 @@ class FiniteElement(Solver):
         size = 1 / self.elements_per_wavelength if self._grades() else None
         orders = (self.order, self.order + 1) if self.estimate else (self.order,)
         with clock.step("assembling"):
-            systems = tuple(
-                assembled(scene, box, surface, tetrahedra, mesh, order, method, size, self.domain == "box")
-                for order in orders
-            )
+            parts = scene, box, surface, tetrahedra, mesh
+            systems = tuple(assembled(*parts, order, method, size, self.domain == "box") for order in orders)
         nodes = systems[0].surface
         report = SolveReport(
             solver="FiniteElement",
-            residual=0.0,
-            iterations=0,
             nodes=systems[0].unknowns,
             nodes_per_square_wavelength=float(np.count_nonzero(nodes.weighted.sum(axis=1)) / nodes.areas.sum()),
             estimated_error=float("nan"),
@@ -214,7 +196,7 @@ class FiniteElement(Solver):
             },
             citations=CITATIONS,
         )
-        return FactorisedScene(scene, systems, report, clock, self.domain == "box", self.factorisation == "found")
+        return FactorisedScene(scene, self, systems, report, clock)
 
     def _grades(self) -> bool:
         """Whether orders may be graded: on coarser meshes and below that order nothing can be spared."""
@@ -236,7 +218,7 @@ class FiniteElement(Solver):
                     code="not_symmetric",
                 )
             low[mirror.axis] = mirror.position
-        return Box(low, high, pml.THICKNESS * scene.wavelength, mirrors)
+        return Box(low, high, THICKNESS * scene.wavelength, mirrors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,30 +227,22 @@ class FactorisedScene(Solver):
 
     Attributes
     ----------
-    scene : what it solves.
+    settings : of the solver that made it.
     systems : the assembled system, and the one of the next order where an estimate was asked for.
     report : how it was made, before any excitation was solved.
     clock : time taken by step.
-    workspace : whether the whole workspace is meshed.
-    found : whether the factorisation was left to the solver.
     """
 
     scene: Scene
+    settings: FiniteElement
     systems: tuple[System, ...]
     report: SolveReport
     clock: Clock
-    workspace: bool
-    found: bool = False
 
     __repr__ = in_short
 
     def radiate(self, scene: Scene, sources: Monopoles) -> FiniteField:
-        """Solve for the monopoles, without meshing or factorising anew.
-
-        Parameters
-        ----------
-        scene : the same scene.
-        sources : monopoles outside the bodies or on their surface.
+        """Solve the same scene for the monopoles, without meshing or factorising anew.
 
         Raises
         ------
@@ -282,18 +256,19 @@ class FactorisedScene(Solver):
                 code="not_factorised",
             )
         check_sources(scene, sources)
-        if self.workspace:
-            _check_in_layer(self.systems[0].box, sources)
+        first, workspace = self.systems[0], self.settings.domain == "box"
+        if workspace:
+            _check_in_layer(first.box, sources)
         words = "factorising and solving"
-        if self.found and self.systems[0].method == "sparsecholesky" and self.systems[0].unknowns > MANY:
-            words += f" {self.systems[0].unknowns:,} unknowns (a sixth of the time with pip install 'airtact[mkl]')"
+        if self.settings.factorisation == "found" and first.method == "sparsecholesky" and first.unknowns > MANY:
+            words += f" {first.unknowns:,} unknowns (a sixth of the time with pip install 'airtact[mkl]')"
         with self.clock.step("factorising and solving", words):
-            solved = [solved_from_afar(system, scene, sources, self.workspace) for system in self.systems]
+            solved = [solved_from_afar(system, scene, sources, workspace) for system in self.systems]
         report = replace(self.report, seconds=dict(self.clock.seconds), warnings=touching_warnings(scene, sources))
-        fields = [FiniteField(scene, sources, one.system, one, report, self.workspace) for one in solved]
+        fields = [FiniteField(scene, sources, one, report, workspace) for one in solved]
         if len(fields) == 1:
             return fields[0]
-        points = surrounding_points(scene, self.systems[0].surface.points * scene.wavelength)
+        points = surrounding_points(scene, first.surface.points * scene.wavelength)
         pressures = [one.at(points) for one in fields]
         size = np.linalg.norm(pressures[1], axis=0)
         error = float((np.linalg.norm(pressures[0] - pressures[1], axis=0) / np.where(size > 0, size, 1)).max())

@@ -4,16 +4,17 @@ import numpy as np
 from jaxtyping import Complex128, Real
 
 from airtact import _kernels
+from airtact.solvers.arrays import Points, Pressures, SourcePoints, Strengths
 
 
 def surface_integral(
-    points: Real[np.ndarray, "points 3"],
+    points: Points,
     positions: Real[np.ndarray, "nodes 3"],
     normals: Real[np.ndarray, "nodes 3"],
     monopoles: Complex128[np.ndarray, "nodes excitations"],
     dipoles: Complex128[np.ndarray, "nodes excitations"],
     wavenumber: complex,
-) -> Complex128[np.ndarray, "points excitations"]:
+) -> Pressures:
     """Return Σ_j m_j G(x, y_j) + d_j ∂G(x, y_j)/∂n_j with G = e^{ikr}/r at points x off the positions y_j."""
     found = np.empty((len(points), monopoles.shape[1]), dtype=np.complex128)
     where, nodes, directions = (np.ascontiguousarray(one, dtype=np.float64) for one in (points, positions, normals))
@@ -23,12 +24,8 @@ def surface_integral(
 
 
 def normal_derivative(
-    points: Real[np.ndarray, "points 3"],
-    normals: Real[np.ndarray, "points 3"],
-    positions: Real[np.ndarray, "sources 3"],
-    strengths: Complex128[np.ndarray, "sources excitations"],
-    wavenumber: complex,
-) -> Complex128[np.ndarray, "points excitations"]:
+    points: Points, normals: Points, positions: SourcePoints, strengths: Strengths, wavenumber: complex
+) -> Pressures:
     """Return Σ_j s_j ∂G(x, y_j)/∂n at points x with normals n, off the positions y_j."""
     found = np.empty((len(points), strengths.shape[1]), dtype=np.complex128)
     where, directions, sources = (np.ascontiguousarray(one, dtype=np.float64) for one in (points, normals, positions))

@@ -6,13 +6,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Complex128, Float64, Int64, Real, Shaped
+from jaxtyping import Bool, Complex128, Real, Shaped
 
 from airtact.conventions import InvalidInput
 from airtact.mesh.panel_tree import PanelTree, panel_tree
 from airtact.mesh.quadratic_triangles import points_at
 from airtact.printing import in_short
 from airtact.scene.scene import Scene
+from airtact.solvers.arrays import Barycentric, Coefficients, Indices, Lengths, Points, SourcePoints, Strengths, Vectors
 from airtact.solvers.fem.factorisation import Factor, factorised
 from airtact.solvers.fem.meshing.netgen import (
     AssembledForm,
@@ -40,11 +41,7 @@ class System:
 
     Attributes
     ----------
-    scene : what is solved.
-    box : where.
-    tetrahedra : the curved mesh.
     panels : the bodies' surfaces as meshed [λ].
-    order : polynomial order.
     mesh, space, form : NGSolve's mesh, unknowns and assembled matrix, the unknowns inside tetrahedra eliminated.
     surface, interior : quadrature points of right-hand sides, on the surfaces and inside the filled bodies.
     coarse_surface : fewer quadrature points on the surfaces, enough for receivers a wavelength off.
@@ -105,9 +102,7 @@ class System:
             self.factors[parity] = factorised(self.form, self._free(parity, shared=True), self.order, self.method)
         return self.factors[parity]
 
-    def right_hand_side(
-        self, positions: Real[np.ndarray, "sources 3"], strengths: Complex128[np.ndarray, "sources excitations"]
-    ) -> Complex128[np.ndarray, "unknowns excitations"]:
+    def right_hand_side(self, positions: SourcePoints, strengths: Strengths) -> Coefficients:
         """Right-hand side for the pressure that monopoles at positions [λ] scatter."""
         w_d, w_s, w_v = self.weights
         on, within, k = self.surface, self.interior, self.wavenumber
@@ -129,9 +124,7 @@ class System:
         load[list(self.space.GetDofNrs(element))] = 4 * np.pi * shape
         return load
 
-    def folded(
-        self, points: Real[np.ndarray, "points 3"]
-    ) -> tuple[Float64[np.ndarray, "points 3"], Int64[np.ndarray, "points"]]:
+    def folded(self, points: Points) -> tuple[Vectors, Indices]:
         """Mirror points to the positive side of all mirrors; also the number of the image that each came from."""
         folded, choice = np.array(points, dtype=np.float64), np.zeros(len(points), dtype=np.int64)
         for mirror in self.mirrors:
@@ -140,23 +133,15 @@ class System:
             choice = 2 * choice + beyond
         return folded, choice
 
-    def axis_signs(self, choice: Int64[np.ndarray, "points"]) -> Float64[np.ndarray, "points 3"]:
+    def axis_signs(self, choice: Indices) -> Vectors:
         """Signs that turn a vector at folded points into that at the points themselves."""
         found = np.ones((len(choice), 3))
         for bit, mirror in enumerate(reversed(self.mirrors)):
             found[:, mirror.axis] = 1.0 - 2.0 * (choice >> bit & 1)
         return found
 
-    def holding(
-        self, points: Real[np.ndarray, "points 3"]
-    ) -> tuple[Int64[np.ndarray, "points"], Float64[np.ndarray, "points 4"]]:
-        """Tetrahedron of each folded point (P, 3) [λ], and its barycentric coordinates there.
-
-        Raises
-        ------
-        InvalidInput
-            A point lies in no tetrahedron.
-        """
+    def holding(self, points: Points) -> tuple[Indices, Barycentric]:
+        """Tetrahedron of each folded point [λ] and its coordinates there; raises "outside_mesh" where there is none."""
         number, weights = self.tetrahedra.holding(points)
         if (number < 0).any():
             lost = points[int(np.argmax(number < 0))] * self.scene.wavelength
@@ -167,31 +152,23 @@ class System:
             )
         return number, weights
 
-    def nearest_on_surface(
-        self, points: Real[np.ndarray, "points 3"]
-    ) -> tuple[Float64[np.ndarray, "points 3"], Float64[np.ndarray, "points 3"]]:
+    def nearest_on_surface(self, points: Points) -> tuple[Vectors, Vectors]:
         """Nearest points (P, 3) [λ] of the surfaces as meshed, and the unit normals out of the bodies there."""
         folded, choice = self.folded(points)
         panel, reference, _ = self.panels.closest(folded)
         nearest, normals = points_at(self.panels.quadratic_triangles[panel], reference)[:2]
+        nearest = np.stack(images(self.mirrors, nearest))[choice, np.arange(len(choice))]
         normals = normals * self.axis_signs(choice)
-        return (
-            np.stack(images(self.mirrors, nearest))[choice, np.arange(len(choice))],
-            normals / np.linalg.norm(normals, axis=1, keepdims=True),
-        )
+        return nearest, normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
-    def density_at(
-        self, number: Int64[np.ndarray, "points"], weights: Real[np.ndarray, "points 4"]
-    ) -> Float64[np.ndarray, "points"]:
+    def density_at(self, number: Indices, weights: Barycentric) -> Lengths:
         """Density of what tetrahedra hold [kg/m³]."""
         fillings = enumerate(obstacle.medium for obstacle in self.scene.obstacles)
         densities = {f"body{body}": medium.density for body, medium in fillings if medium is not None}
         held = self.mesh.MaterialCF(densities, default=self.scene.medium.density)(self.mesh_points(number, weights))
         return np.asarray(held, dtype=np.float64).ravel()
 
-    def mesh_points(
-        self, number: Int64[np.ndarray, "points"], weights: Real[np.ndarray, "points 4"]
-    ) -> Shaped[np.ndarray, "points"]:
+    def mesh_points(self, number: Indices, weights: Barycentric) -> Shaped[np.ndarray, "points"]:
         """Barycentric coordinates in tetrahedra as NGSolve's points."""
         points: Any = np.zeros(len(number), dtype=self._mesh_point.dtype)
         points[:] = self._mesh_point
@@ -213,21 +190,13 @@ def assembled(
     netgen_mesh: NetgenMesh,
     order: int,
     method: str,
-    graded: float | None = None,
-    workspace: bool = False,
+    graded: float | None,
+    workspace: bool,
 ) -> System:
-    """Assemble the equation on a mesh of Netgen's.
+    """Assemble the equation on a mesh of Netgen's, in wavelengths.
 
-    Parameters
-    ----------
-    scene, box : what is solved, and where.
-    surface : the bodies' triangles.
-    tetrahedra : how the mesh is curved.
-    netgen_mesh : Netgen's mesh, in wavelengths.
-    order : polynomial order.
-    method : "pardiso" or "sparsecholesky".
-    graded : the edge that this order is for [λ], others getting their own; None for the same order everywhere.
-    workspace : whether pressure is read off the mesh far from the surfaces too.
+    ``graded`` is the edge that this order is for [λ], others getting their own; None for the same order everywhere.
+    In a ``workspace`` the pressure is read off the mesh far from the surfaces too.
     """
     ngsolve = ngsolve_library()
     with many_threads():
@@ -237,9 +206,8 @@ def assembled(
         if graded is not None:
             nodes = surface.quadratic_triangles.reshape(-1, 3) / scene.wavelength
             grade_orders(space, mesh, scene, box, order, graded, None if workspace else nodes)
-        form = ngsolve.BilinearForm(
-            weak_form(scene, box, mesh, space), symmetric=True, symmetric_storage=True, condense=True
-        )
+        equation = weak_form(scene, box, mesh, space)
+        form = ngsolve.BilinearForm(equation, symmetric=True, symmetric_storage=True, condense=True)
         form.Assemble()
         fine = quadrature(mesh, space, "surface", order + 2)
         coarse = quadrature(mesh, space, "surface", max(order - 2, 3))

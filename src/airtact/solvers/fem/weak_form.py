@@ -11,7 +11,13 @@ pressure with the right-hand side
 
 and by the symmetry of the form L_y(p) is also the scattered pressure, times 4π, that a total pressure p makes at y
 (Kirchhoff and Helmholtz): n points out of the body, w_d = 1 − w, w_s = ik/ratio, w_v = −w (k² − k_body²).
+
+In the perfectly matched layer (PML) round the box, which absorbs outgoing sound without reflecting it, the coordinates
+are complex, so that a wave decays along them: J.-P. Berenger, J. Comput. Phys. 114 (1994) 185; F. Collino, P. Monk,
+SIAM J. Sci. Comput. 19 (1998) 2061. Its terms are written out, since NGSolve's own layer takes twice as long.
 """
+
+from typing import Any
 
 import numpy as np
 from jaxtyping import Complex128
@@ -19,7 +25,15 @@ from jaxtyping import Complex128
 from airtact.scene.scene import Scene
 from airtact.solvers.fem.meshing.netgen import CurvedMesh, Expression, FiniteSpace, ngsolve_library
 from airtact.solvers.fem.meshing.volume import Box
-from airtact.solvers.fem.pml import layer_form
+
+THICKNESS = 0.55
+"""Thickness of the layer [λ]."""
+
+STRETCH = 1.4
+"""Imaginary part of the complex coordinate over the real one."""
+
+NEVER = 1e5
+"""A position [λ] that no layer begins beyond."""
 
 
 def weak_form(scene: Scene, box: Box, mesh: CurvedMesh, space: FiniteSpace) -> Expression:
@@ -35,12 +49,34 @@ def weak_form(scene: Scene, box: Box, mesh: CurvedMesh, space: FiniteSpace) -> E
             weights[f"body{body}"], squares[f"body{body}"] = ratio, _plain(ratio * inner)
     form = mesh.MaterialCF(weights, default=1.0) * ngsolve.grad(trial) * ngsolve.grad(test) * inside
     form -= mesh.MaterialCF(squares, default=squared) * trial * test * inside
-    form += layer_form(box, scene.wavelength, squared, trial, test, mesh)
+    form += _layer_form(box, scene.wavelength, squared, trial, test, mesh)
     for body, obstacle in enumerate(scene.obstacles):
         if obstacle.ratio is not None:
             factor = -1j * np.sqrt(complex(squared)) / obstacle.ratio
             form += factor * trial * test * ngsolve.ds(f"surface{body}")
     return form
+
+
+def _layer_form(
+    box: Box, wavelength: float, squared: complex | float, trial: Expression, test: Expression, mesh: CurvedMesh
+) -> Expression:
+    ngsolve = ngsolve_library()
+    layer, stretch = ngsolve.dx(definedon=mesh.Materials("layer")), _stretches(box, wavelength)
+    volume = stretch[0] * stretch[1] * stretch[2]
+    pairs = zip(ngsolve.grad(trial), ngsolve.grad(test), stretch, strict=True)
+    form = sum(volume / along**2 * one * other for one, other, along in pairs) * layer
+    return form - squared * volume * trial * test * layer
+
+
+def _stretches(box: Box, wavelength: float) -> list[Any]:
+    """Differentiate the complex coordinates along x, y and z; there is no layer beyond a mirror."""
+    ngsolve = ngsolve_library()
+    low, high = box.low / wavelength, box.high / wavelength
+    for mirror in box.mirrors:
+        low[mirror.axis] = -NEVER
+    along = zip((ngsolve.x, ngsolve.y, ngsolve.z), low.tolist(), high.tolist(), strict=True)
+    beyond = [ngsolve.IfPos(x - top, 1, ngsolve.IfPos(bottom - x, 1, 0)) for x, bottom, top in along]
+    return [1 + 1j * STRETCH * one for one in beyond]
 
 
 def boundary_weights(scene: Scene) -> Complex128[np.ndarray, "3 bodies"]:

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Complex128, Float64
 
 from airtact.conventions import NotConverged
+from airtact.solvers.arrays import ComplexPairs, Lengths, Pairs
 from airtact.solvers.spherical.modes import SphereModes
 from airtact.solvers.spherical.radial_functions import (
     legendre_polynomials,
@@ -27,12 +28,8 @@ _SMALLEST_RADIUS = 1e-6
 
 
 def scattered_gradient(
-    modes: SphereModes,
-    inside: bool,
-    radii: Float64[np.ndarray, "points"],
-    source_radii: Float64[np.ndarray, "sources"],
-    versine: Float64[np.ndarray, "points sources"],
-) -> tuple[Complex128[np.ndarray, "points sources"], Complex128[np.ndarray, "points sources"]]:
+    modes: SphereModes, inside: bool, radii: Lengths, source_radii: Float64[np.ndarray, "sources"], versine: Pairs
+) -> tuple[ComplexPairs, ComplexPairs]:
     """Differentiate the scattered pressure of unit monopoles, or the total one inside a fluid sphere.
 
     ``versine`` is 1 - cos γ of every point and source; the points are all ``inside`` the sphere or all outside.
@@ -78,7 +75,7 @@ def scattered_gradient(
 
 
 def _radial(
-    modes: SphereModes, inside: bool, radii: Float64[np.ndarray, "points"]
+    modes: SphereModes, inside: bool, radii: Lengths
 ) -> Iterator[tuple[Complex128[np.ndarray, "points"], Complex128[np.ndarray, "points"]]]:
     """Yield the radial function of every order and its derivative [1/m]."""
     if inside and modes.inner_wavenumber is not None:

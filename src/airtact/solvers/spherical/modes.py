@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Complex128, Float64
 
 from airtact.conventions import NotConverged
+from airtact.solvers.arrays import ComplexPairs, Lengths, Pairs
 from airtact.solvers.spherical.radial_functions import (
     image_sums,
     legendre_polynomials,
@@ -37,7 +38,7 @@ _STOP = 1e-10
 _NOISY_DISTANCE = 0.01
 
 _Radial = Complex128[np.ndarray, "radii"]
-_Term = tuple[Complex128[np.ndarray, "points sources"], Float64[np.ndarray, "points sources"]]
+_Term = tuple[ComplexPairs, Pairs]
 
 
 @dataclass(frozen=True)
@@ -97,13 +98,8 @@ class SphereModes:
         return int(largest + 5.0 * np.cbrt(largest) + 10.0)
 
     def scattered(
-        self,
-        inside: bool,
-        radii: Float64[np.ndarray, "points"],
-        source_radii: Float64[np.ndarray, "sources"],
-        versine: Float64[np.ndarray, "points sources"],
-        scale: Float64[np.ndarray, "points sources"],
-    ) -> Complex128[np.ndarray, "points sources"]:
+        self, inside: bool, radii: Lengths, source_radii: Float64[np.ndarray, "sources"], versine: Pairs, scale: Pairs
+    ) -> ComplexPairs:
         """Scattered pressure of unit monopoles outside, or total pressure inside a fluid sphere: (P, N) [Pa].
 
         ``versine`` is 1 - cos γ of every point and source, ``scale`` the pressure [Pa] that ``ACCURACY`` is of.
@@ -137,9 +133,9 @@ class SphereModes:
 class _Tail:
     """Static part of the terms, scale·x^n (A - B/(n+1)), and what remains of the series past a given order."""
 
-    ratio: Float64[np.ndarray, "points sources"]
-    versine: Float64[np.ndarray, "points sources"]
-    scale: Float64[np.ndarray, "points sources"]
+    ratio: Pairs
+    versine: Pairs
+    scale: Pairs
     images: tuple[complex, complex]
 
     @classmethod
@@ -147,9 +143,9 @@ class _Tail:
         cls,
         modes: SphereModes,
         inside: bool,
-        radii: Float64[np.ndarray, "points"],
+        radii: Lengths,
         source_radii: Float64[np.ndarray, "sources"],
-        versine: Float64[np.ndarray, "points sources"],
+        versine: Pairs,
     ) -> "_Tail":
         """Take x = a²/(r r0) outside and r/r0 inside; the waves' quotients of order n go over to scale·x^n."""
         inverse = (modes.radius / source_radii)[None, :]
@@ -160,14 +156,12 @@ class _Tail:
         ratio = (modes.radius / radii)[:, None] * inverse
         return cls(ratio, versine, ratio, modes.images(inside))
 
-    def closed_form(self) -> Complex128[np.ndarray, "points sources"]:
+    def closed_form(self) -> ComplexPairs:
         """Sum over all orders of the static terms times the Legendre polynomials."""
         point, line = image_sums(self.ratio, self.versine)
         return self.scale * (self.images[0] * point - self.images[1] * line)
 
-    def beyond(
-        self, partial: Complex128[np.ndarray, "points sources"], recent: list[_Term], order: int
-    ) -> Complex128[np.ndarray, "points sources"]:
+    def beyond(self, partial: ComplexPairs, recent: list[_Term], order: int) -> ComplexPairs:
         """Whole sum from the partial sum up to order + 2, by two summations by parts after ``order``.
 
         Multiplying a Legendre series of terms d_n by q = 1 - 2x cos γ + x² gives the series of
@@ -185,9 +179,7 @@ class _Tail:
         def down(n: int) -> float:
             return n / (2 * n + 1)
 
-        def left_over(
-            term: Complex128[np.ndarray, "points sources"], following: Complex128[np.ndarray, "points sources"]
-        ) -> Complex128[np.ndarray, "points sources"]:
+        def left_over(term: ComplexPairs, following: ComplexPairs) -> ComplexPairs:
             return weight * (up(order) * term * legendre_after - down(order + 1) * following * legendre)
 
         reduced = (1.0 + self.ratio**2) * here - 2.0 * self.ratio * (up(order - 1) * before + down(order + 1) * after)
@@ -198,11 +190,8 @@ class _Tail:
 
 
 def _summed(
-    waves: Iterator[tuple[complex, _Radial, _Radial, Float64[np.ndarray, "points sources"]]],
-    tail: _Tail,
-    first_check: int,
-    tolerance: Float64[np.ndarray, "points sources"],
-) -> Complex128[np.ndarray, "points sources"] | None:
+    waves: Iterator[tuple[complex, _Radial, _Radial, Pairs]], tail: _Tail, first_check: int, tolerance: Pairs
+) -> ComplexPairs | None:
     """Add terms until two estimates of the whole, a quarter more terms apart, agree; None if they never do."""
     check, last_estimate = first_check, None
     partial, power = tail.closed_form(), tail.scale

@@ -10,7 +10,7 @@ C479), along 1/r by Chebyshev polynomials.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Complex64, Complex128, Float32, Float64, Int64, Real
+from jaxtyping import Complex64, Complex128, Float32, Float64
 from scipy.fft import fft, ifft2
 from scipy.special import sph_harm_y_all
 
@@ -19,6 +19,7 @@ from airtact.conventions import InvalidInput
 from airtact.printing import in_short
 from airtact.scene.scene import Scene
 from airtact.scene.sources import Monopoles
+from airtact.solvers.arrays import Gradients, Indices, Lengths, Mask, Points, Pressures, Vectors
 from airtact.solvers.chebyshev import chebyshev_weights
 from airtact.solvers.memory import available_memory
 from airtact.solvers.monopoles import monopole_pressure
@@ -59,13 +60,11 @@ class InterpolationSpheres:
     centre: Float64[np.ndarray, "3"]
     radius: float
     order: int
-    values: Complex64[np.ndarray, "polar azimuths radii sounds"]
+    values: Complex64[np.ndarray, "polar azimuths radii excitations"]
 
     __repr__ = in_short
 
-    def at(
-        self, offsets: Float64[np.ndarray, "points 3"], wavenumber: complex
-    ) -> Complex128[np.ndarray, "points sounds"]:
+    def at(self, offsets: Vectors, wavenumber: complex) -> Pressures:
         """Scattered pressure [Pa] at points (P, 3) relative to the centre [m], outside the smallest sphere."""
         _, azimuths, radii, sounds = self.values.shape
         distance = np.sqrt(np.einsum("pd,pd->p", offsets, offsets))
@@ -104,7 +103,7 @@ class MultipoleField(RadiatedField):
     solved: RadiatedField
     spheres: InterpolationSpheres
     report: SolveReport
-    errors: Float64[np.ndarray, "sounds"]
+    errors: Float64[np.ndarray, "excitations"]
 
     __repr__ = in_short
 
@@ -113,14 +112,14 @@ class MultipoleField(RadiatedField):
         """Pressure on the surfaces of the bodies, as it was solved."""
         return self.solved.on_surface
 
-    def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
+    def valid(self, points: Points) -> Mask:
         """Whether the field exists at points (P, 3) [m]."""
         points = points_of(points, "points", least=0)
         valid = self._distance(points) >= self.spheres.radius
         valid[~valid] = self.solved.valid(points[~valid])
         return valid
 
-    def at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
+    def at(self, points: Points) -> Pressures:
         """Total pressure [Pa] at points (P, 3): from the expansion, or as it was solved nearer to the bodies.
 
         Raises
@@ -137,7 +136,7 @@ class MultipoleField(RadiatedField):
         out[~away] = self.solved.at(points[~away])
         return out
 
-    def scattered_at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
+    def scattered_at(self, points: Points) -> Pressures:
         """Scattered pressure [Pa] at points (P, 3), also at the sources: from the expansion, or as solved nearer by."""
         points = points_of(points, "points", least=0)
         away = self._distance(points) >= self.spheres.radius
@@ -146,19 +145,19 @@ class MultipoleField(RadiatedField):
         out[~away] = self.solved.scattered_at(points[~away])
         return out
 
-    def velocity(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
+    def velocity(self, points: Points) -> Gradients:
         """Particle velocity [m/s] at points (P, 3), as it was solved: no faster than there."""
         return self.solved.velocity(points)
 
-    def error_at(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "sounds"]:
+    def error_at(self, points: Points) -> Float64[np.ndarray, "excitations"]:
         """Relative error of each excitation around the bodies, as estimated when the expansion was made."""
         return self.errors
 
-    def _away(self, points: Float64[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
+    def _away(self, points: Vectors) -> Pressures:
         scattered = self.spheres.at(points - self.spheres.centre, self.scene.wavenumber)
         return scattered + _incident(self.solved, points)
 
-    def _distance(self, points: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
+    def _distance(self, points: Vectors) -> Lengths:
         offsets = points - self.spheres.centre
         return np.sqrt(np.einsum("pd,pd->p", offsets, offsets))
 
@@ -221,7 +220,7 @@ def multipole_expansion(field: RadiatedField) -> RadiatedField:
     return replace(expanded, report=report, errors=np.hypot(field.error_at(points), own))
 
 
-def _incident(field: RadiatedField, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
+def _incident(field: RadiatedField, points: Points) -> Pressures:
     sources = field.sources
     return monopole_pressure(points, sources.positions, sources.strengths, field.scene.wavenumber, "float64")
 
@@ -263,7 +262,7 @@ def interpolation_spheres(
 
 def _coefficients(
     field: RadiatedField, centre: Float64[np.ndarray, "3"], radius: float, order: int
-) -> Complex128[np.ndarray, "orders degrees sounds"]:
+) -> Complex128[np.ndarray, "orders degrees excitations"]:
     """Coefficients of the waves Y_nm h_n(kr)/h_n(k radius), m as Fourier series have it (0, 1, ... -2, -1)."""
     cosines, weights = np.polynomial.legendre.leggauss(order + 1)
     polar, azimuth = np.arccos(cosines), 2 * np.pi * np.arange(2 * order + 1) / (2 * order + 1)
@@ -283,8 +282,8 @@ def _coefficients(
 
 
 def _table(
-    strengths: Complex128[np.ndarray, "orders degrees sounds"], radial: Complex128[np.ndarray, "orders radii"]
-) -> Complex64[np.ndarray, "polar azimuths radii sounds"]:
+    strengths: Complex128[np.ndarray, "orders degrees excitations"], radial: Complex128[np.ndarray, "orders radii"]
+) -> Complex64[np.ndarray, "polar azimuths radii excitations"]:
     """Sum the waves on the spheres, at twice as many angles as they need, ready for the kernel."""
     orders, degrees = strengths.shape[:2]
     around = degrees + 1  # polar angles of a full turn over both poles
@@ -330,9 +329,7 @@ def _around(spheres: InterpolationSpheres) -> Float64[np.ndarray, "checked 3"]:
     return spheres.centre + spheres.radius / random.uniform(0.05, 1, (CHECKED, 1)) * directions
 
 
-def _window(
-    angles: Float64[np.ndarray, "points"], step: float
-) -> tuple[Int64[np.ndarray, "points"], Float32[np.ndarray, "points spread"]]:
+def _window(angles: Lengths, step: float) -> tuple[Indices, Float32[np.ndarray, "points spread"]]:
     """First grid point beside each angle, as an index of the table, and the weights of it and the next ones."""
     position = angles / step
     first = np.ceil(position - SPREAD / 2).astype(np.int64)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Complex128, Float64, Int64, Real
+from jaxtyping import Float64
 from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
@@ -12,6 +12,7 @@ from airtact.conventions import InvalidInput
 from airtact.printing import in_short
 from airtact.scene.scene import CONTACT, Obstacle, Scene, check_sources
 from airtact.scene.sources import STANDS_ON, Monopoles, nearest_source
+from airtact.solvers.arrays import Gradients, Indices, Lengths, Mask, Pairs, Points, Pressures, SourcePoints, Vectors
 from airtact.solvers.free_field import open_air_pressure, unit_monopoles
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport, SurfaceField, receivers
 from airtact.solvers.spherical.gradient import scattered_gradient
@@ -23,14 +24,7 @@ from airtact.validation import points_of
 
 _PAIRS_AT_ONCE = 1 << 14
 
-_PolarBlock = tuple[
-    Int64[np.ndarray, "points"],
-    Float64[np.ndarray, "points"],
-    Float64[np.ndarray, "sources"],
-    Float64[np.ndarray, "points 3"],
-    Float64[np.ndarray, "sources 3"],
-    Float64[np.ndarray, "points sources"],
-]
+_PolarBlock = tuple[Indices, Lengths, Float64[np.ndarray, "sources"], Vectors, SourcePoints, Pairs]
 
 _CITATIONS = (
     "J. J. Bowman, T. B. A. Senior, P. L. E. Uslenghi, Electromagnetic and Acoustic Scattering by Simple Shapes (1987)",
@@ -85,14 +79,14 @@ class SphereField(RadiatedField):
         points = self.centre + self.modes.radius * normals
         return SurfaceField(points, normals, areas, self.at(points))
 
-    def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
+    def valid(self, points: Points) -> Mask:
         """Whether the field exists at points (P, 3) [m]: not inside a sphere that is hard or has an impedance."""
         points = points_of(points, "points", least=0)
         if self.modes.inner_wavenumber is not None:
             return np.ones(len(points), dtype=np.bool_)
         return ~self._inside(points)
 
-    def at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
+    def at(self, points: Points) -> Pressures:
         """Total pressure [Pa] at points (P, 3) [m] for each of the S excitations; NaN where ``valid`` is False.
 
         It is right to 1e-8 of the open-air pressures of the sources.
@@ -114,7 +108,7 @@ class SphereField(RadiatedField):
             pressure[inside] = self._scattered(points[inside], inside=True)
         return pressure
 
-    def scattered_at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
+    def scattered_at(self, points: Points) -> Pressures:
         """Scattered pressure [Pa] at points (P, 3) [m] for each of the S excitations; NaN where ``valid`` is False.
 
         It is the series itself, also at the sources' own positions; there it is NaN if the source touches the sphere.
@@ -138,7 +132,7 @@ class SphereField(RadiatedField):
             pressure[inside] = total - open_air_pressure(points[inside], self.sources, self.scene.wavenumber)
         return pressure
 
-    def velocity(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
+    def velocity(self, points: Points) -> Gradients:
         """Particle velocity [m/s] at points (P, 3) [m] for each of the S excitations; NaN where ``valid`` is False.
 
         Raises
@@ -160,13 +154,11 @@ class SphereField(RadiatedField):
             density[within] = filling.density
         return velocity_of(gradient, self.scene.frequency, density)
 
-    def _inside(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
+    def _inside(self, points: Points) -> Mask:
         """Whether points lie deeper than rounding under the surface."""
         return np.linalg.norm(points - self.centre, axis=1) < self.modes.radius - CONTACT
 
-    def _scattered(
-        self, points: Real[np.ndarray, "points 3"], inside: bool, alone: bool = False
-    ) -> Complex128[np.ndarray, "points sounds"]:
+    def _scattered(self, points: Points, inside: bool, alone: bool = False) -> Pressures:
         """Sum the series for points on one side of the surface, in blocks of points that need about as many terms.
 
         It is right to ``ACCURACY`` of the open-air pressure; or, ``alone``, of that at the distance of the image too,
@@ -185,9 +177,7 @@ class SphereField(RadiatedField):
             pressure[block] = unit @ self.sources.strengths
         return pressure
 
-    def _scattered_gradient(
-        self, points: Real[np.ndarray, "points 3"], inside: bool
-    ) -> Complex128[np.ndarray, "points 3 sounds"]:
+    def _scattered_gradient(self, points: Points, inside: bool) -> Gradients:
         """Gradient of the series for points on one side of the surface [Pa/m]."""
         gradient = np.zeros((len(points), 3, self.sources.strengths.shape[1]), dtype=np.complex128)
         for block, radii, source_radii, directions, source_directions, versine in self._polar_blocks(
@@ -201,9 +191,7 @@ class SphereField(RadiatedField):
                 gradient[block, axis] = unit @ self.sources.strengths
         return gradient
 
-    def _polar_blocks(
-        self, points: Real[np.ndarray, "points 3"], inside: bool, order: Int64[np.ndarray, "points"]
-    ) -> Iterator[_PolarBlock]:
+    def _polar_blocks(self, points: Points, inside: bool, order: Indices) -> Iterator[_PolarBlock]:
         """Yield blocks of points: their indices, radii [m] and directions with those of the sources, and 1 - cos γ."""
         radii, directions = self._polar(points)
         source_radii, source_directions = self._polar(self.sources.positions)
@@ -216,9 +204,7 @@ class SphereField(RadiatedField):
             versine = 0.5 * np.sum((directions[block, None, :] - source_directions) ** 2, axis=-1)
             yield block, radii[block], source_radii, directions[block], source_directions, versine
 
-    def _polar(
-        self, points: Real[np.ndarray, "points 3"]
-    ) -> tuple[Float64[np.ndarray, "points"], Float64[np.ndarray, "points 3"]]:
+    def _polar(self, points: Points) -> tuple[Lengths, Vectors]:
         """Distances from the centre and unit directions; the centre itself gets the direction z."""
         offset = points - self.centre
         radius = np.linalg.norm(offset, axis=1)

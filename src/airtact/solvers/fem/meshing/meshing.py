@@ -1,17 +1,16 @@
 """From a scene to a volume mesh, and from Netgen's failures to sentences that name the body."""
 
-from typing import Any
-
 import numpy as np
-from jaxtyping import Real
+from jaxtyping import Float64, Int64
 from scipy.spatial import KDTree
 
 from airtact.conventions import InvalidInput
 from airtact.mesh.intersections import self_crossings
 from airtact.scene.scene import Scene
+from airtact.solvers.arrays import Points
 from airtact.solvers.fem.meshing.netgen import NetgenMesh, heeding_interrupts, muted
 from airtact.solvers.fem.meshing.surface_mesh import SurfaceMesh, surface_mesh
-from airtact.solvers.fem.meshing.volume import Box, flat_faces, tetrahedra
+from airtact.solvers.fem.meshing.volume import Box, tetrahedra
 from airtact.solvers.tetrahedra import EDGES, Tetrahedra
 from airtact.validation import in_mm
 
@@ -26,20 +25,11 @@ VOLUME_OFF = 1e-6
 
 
 def meshed(
-    scene: Scene, box: Box, elements_per_wavelength: float, refined: Real[np.ndarray, "points 3"]
+    scene: Scene, box: Box, elements_per_wavelength: float, refined: Points
 ) -> tuple[NetgenMesh, SurfaceMesh, Tetrahedra]:
     """Mesh the air in a box round the bodies, the filled bodies, and the perfectly matched layer.
 
-    Parameters
-    ----------
-    scene : the bodies.
-    box : what is meshed.
-    elements_per_wavelength : wavelength over the edge wanted.
-    refined : points near which the triangles on the surface are smaller [m].
-
-    Returns
-    -------
-    Netgen's mesh in wavelengths, the bodies' triangles, and the curved tetrahedra.
+    Netgen's mesh and the curved tetrahedra are in wavelengths; the bodies' triangles are smaller near ``refined`` [m].
 
     Raises
     ------
@@ -52,9 +42,8 @@ def meshed(
     fault = None
     for shrunk in SHRINKING:
         surface = surface_mesh(shapes, shrunk * size * length, box.mirrors, refined)
-        planes = flat_faces(surface, box, filled, length, size)
         with muted(), heeding_interrupts():
-            mesh = tetrahedra(surface, planes, filled, length, size)
+            mesh = tetrahedra(surface, box, filled, length, size)
         if not _whole(mesh, box, surface, filled, length):
             fault = _crossing(surface, shrunk * size * length)
             continue
@@ -75,9 +64,7 @@ def meshed(
 
 def curved_tetrahedra(mesh: NetgenMesh, surface: SurfaceMesh, wavelength: float) -> Tetrahedra:
     """Take the tetrahedra out of a mesh of Netgen's, and bend those beside the bodies to their surfaces."""
-    vertices = np.array(mesh.Coordinates(), dtype=np.float64)
-    elements: Any = mesh.Elements3D().NumPy()
-    corners = elements["nodes"][:, :4].astype(np.int64) - 1
+    vertices, corners = _straight(mesh)
     own = np.asarray(KDTree(vertices).query(surface.vertices / wavelength)[1])
     triangles = own[surface.triangles]
     ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
@@ -90,13 +77,18 @@ def curved_tetrahedra(mesh: NetgenMesh, surface: SurfaceMesh, wavelength: float)
     return Tetrahedra(vertices[corners], bends)
 
 
+def _straight(mesh: NetgenMesh) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "tetrahedra 4"]]:
+    """Vertices and corners of the tetrahedra of a mesh of Netgen's."""
+    corners = mesh.Elements3D().NumPy()["nodes"][:, :4].astype(np.int64) - 1
+    return np.array(mesh.Coordinates(), dtype=np.float64), corners
+
+
 def _whole(mesh: NetgenMesh, box: Box, surface: SurfaceMesh, filled: list[bool], length: float) -> bool:
     """Whether tetrahedra fill the box but for the bodies that no sound enters."""
-    corners = np.array(mesh.Coordinates(), dtype=np.float64)
-    elements = mesh.Elements3D().NumPy()
-    if not len(elements):
+    vertices, corners = _straight(mesh)
+    if not len(corners):
         return False
-    four = corners[elements["nodes"][:, :4].astype(np.int64) - 1]
+    four = vertices[corners]
     found = np.abs(np.linalg.det(four[:, 1:] - four[:, :1])).sum() / 6
     wanted = float((box.outer_high - box.outer_low).prod())
     shut = ~np.array(filled)[surface.body]

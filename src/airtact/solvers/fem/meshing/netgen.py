@@ -5,80 +5,52 @@ import signal
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import ModuleType
-from typing import Protocol, runtime_checkable
-
-from airtact.solvers.threads import thread_count
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 
 @runtime_checkable
-class NetgenMesh(Protocol):
-    """What is used of Netgen's ``Mesh``; neither library has types."""
+class Untyped(Protocol):
+    """An object of Netgen's or NGSolve's: neither library has types."""
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any: ...
+
+
+@runtime_checkable
+class NetgenMesh(Untyped, Protocol):
+    """Netgen's ``Mesh``."""
 
     Coordinates: Callable
-    Elements3D: Callable
 
 
 @runtime_checkable
-class CurvedMesh(Protocol):
-    """What is used of NGSolve's ``Mesh``."""
+class CurvedMesh(Untyped, Protocol):
+    """NGSolve's ``Mesh``."""
 
-    nv: int
-    nedge: int
-    vertices: Iterable
-    edges: Iterable
-    faces: Iterable
-    Elements: Callable
-    Boundaries: Callable
-    Materials: Callable
-    GetBoundaries: Callable
-    GetMaterials: Callable
-    BoundaryCF: Callable
-    MaterialCF: Callable
     MapToAllElements: Callable
-    SetDeformation: Callable
 
 
 @runtime_checkable
-class FiniteSpace(Protocol):
-    """What is used of NGSolve's ``H1``."""
+class FiniteSpace(Untyped, Protocol):
+    """NGSolve's ``H1``."""
 
-    ndof: int
     FreeDofs: Callable
-    GetDofNrs: Callable
-    GetDofs: Callable
-    GetFE: Callable
-    SetOrder: Callable
-    TestFunction: Callable
-    TnT: Callable
-    UpdateDofTables: Callable
 
 
 @runtime_checkable
-class Matrix(Protocol):
-    """What is used of NGSolve's matrices."""
+class AssembledForm(Untyped, Protocol):
+    """NGSolve's ``BilinearForm``, assembled with its inner unknowns eliminated."""
 
-    CSR: Callable
-    CreateColVector: Callable
-    Inverse: Callable
-    __mul__: Callable
-
-
-@runtime_checkable
-class AssembledForm(Protocol):
-    """What is used of NGSolve's ``BilinearForm``, assembled with its inner unknowns eliminated."""
-
-    mat: Matrix
-    harmonic_extension: Matrix
-    harmonic_extension_trans: Matrix
-    inner_solve: Matrix
+    harmonic_extension: Any
 
 
 @runtime_checkable
 class Expression(Protocol):
-    """What is used of NGSolve's symbolic expressions and integrals."""
+    """NGSolve's symbolic expressions and integrals."""
 
     __add__: Callable
     __rmul__: Callable
@@ -97,6 +69,14 @@ def netgen_libraries() -> tuple[ModuleType, ModuleType]:
     from netgen import meshing, occ
 
     return meshing, occ
+
+
+def thread_count() -> int:
+    """Return the number of threads: ``OMP_NUM_THREADS`` if it is set, else the processors of this process."""
+    asked = os.environ.get("OMP_NUM_THREADS", "")
+    if asked.isdigit() and int(asked) > 0:
+        return int(asked)
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager

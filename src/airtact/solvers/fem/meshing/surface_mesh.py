@@ -14,6 +14,7 @@ from airtact.mesh.quadratic_triangles import QuadraticTriangles
 from airtact.mesh.remeshing import RidgedMesh, remeshed
 from airtact.mesh.sizing import bend_sizes, strip_sizes
 from airtact.printing import in_short
+from airtact.solvers.arrays import Mask, Points, Vectors
 from airtact.solvers.fem.meshing.symmetry import Mirror, images
 from airtact.surfaces.shape import Shape
 
@@ -140,20 +141,14 @@ def _on_the_surface(
     return vertices, middles[inverse.ravel()].reshape(-1, 3, 3)
 
 
-def _on_mirrors(
-    points: Real[np.ndarray, "points 3"], edge: float, mirrors: Sequence[Mirror]
-) -> Bool[np.ndarray, "points mirrors"]:
+def _on_mirrors(points: Points, edge: float, mirrors: Sequence[Mirror]) -> Bool[np.ndarray, "points mirrors"]:
     near = [np.abs(points[:, mirror.axis] - mirror.position) < ON_PLANE * edge for mirror in mirrors]
     return np.stack(near, axis=1) if near else np.zeros((len(points), 0), dtype=bool)
 
 
 def _projected(
-    shape: Shape,
-    points: Real[np.ndarray, "points 3"],
-    on_sharp: Bool[np.ndarray, "points"],
-    held: Bool[np.ndarray, "points mirrors"],
-    mirrors: Sequence[Mirror],
-) -> Float64[np.ndarray, "points 3"]:
+    shape: Shape, points: Points, on_sharp: Mask, held: Bool[np.ndarray, "points mirrors"], mirrors: Sequence[Mirror]
+) -> Vectors:
     """Nearest points of the surface, on its sharp edges and on the mirrors where those are asked for."""
     points = _put_on(points, held, mirrors)
     found = shape.project(points)
@@ -162,9 +157,7 @@ def _projected(
     return _put_on(found, held, mirrors)
 
 
-def _put_on(
-    points: Real[np.ndarray, "points 3"], held: Bool[np.ndarray, "points mirrors"], mirrors: Sequence[Mirror]
-) -> Float64[np.ndarray, "points 3"]:
+def _put_on(points: Points, held: Bool[np.ndarray, "points mirrors"], mirrors: Sequence[Mirror]) -> Vectors:
     points = np.array(points, dtype=np.float64)
     for column, mirror in enumerate(mirrors):
         points[held[:, column], mirror.axis] = mirror.position

@@ -9,6 +9,7 @@ from jaxtyping import Float64, Real
 
 from airtact.conventions import InvalidInput
 from airtact.scene.scene import Obstacle, Scene
+from airtact.solvers.arrays import Points, Vectors
 
 AXES = "xyz"
 
@@ -73,7 +74,7 @@ def mirrors_of(scene: Scene, asked: Sequence[str] | None) -> tuple[Mirror, ...]:
     return tuple(found)
 
 
-def images(mirrors: Sequence[Mirror], points: Real[np.ndarray, "points 3"]) -> list[Float64[np.ndarray, "points 3"]]:
+def images(mirrors: Sequence[Mirror], points: Points) -> list[Vectors]:
     """Points (P, 3) reflected by every choice of the mirrors: 1, 2, 4 or 8 sets, in the order of ``parities``."""
     found = []
     for choice in product((0, 1), repeat=len(mirrors)):
@@ -94,7 +95,7 @@ def signs(parity: Sequence[int]) -> Float64[np.ndarray, "images"]:
     return np.array([(-1.0) ** np.dot(parity, choice) for choice in product((0, 1), repeat=len(parity))])
 
 
-def _surface_points(obstacle: Obstacle) -> Float64[np.ndarray, "points 3"]:
+def _surface_points(obstacle: Obstacle) -> Vectors:
     return obstacle.surface.quadratic_triangles.reshape(-1, 3)
 
 

@@ -4,15 +4,16 @@ Netgen meshes the flat faces; the bodies' own triangles are added to them, and t
 curved by a deformation. Lengths are in wavelengths here, so that no tolerance of Netgen's depends on the frequency.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64, Real
+from jaxtyping import Float64, Int64, Real
 from scipy.spatial import KDTree
 
+from airtact.solvers.arrays import Mask, Points
 from airtact.solvers.fem.meshing.netgen import NetgenMesh, netgen_libraries
 from airtact.solvers.fem.meshing.surface_mesh import SurfaceMesh
 from airtact.solvers.fem.meshing.symmetry import Mirror
@@ -28,6 +29,9 @@ SAME = 1e-6
 
 AIR, LAYER, BODY = 1, 2, 3
 """Numbers of the first three materials; body b that is filled is ``BODY`` + b."""
+
+_Faces = tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"], Int64[np.ndarray, "triangles 3"]]
+"""Netgen's triangles on the flat faces: vertices [λ], triangles, and the materials on both sides and number of each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,31 +61,12 @@ class Box:
         """(3,) upper corner of the perfectly matched layer [m]."""
         return self.high + self.layer
 
-    def holds(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
+    def holds(self, points: Points) -> Mask:
         """Whether points (P, 3) [m] lie in the air of the box."""
         return np.all((points >= self.low) & (points <= self.high), axis=1)
 
 
-@dataclass(frozen=True, eq=False)
-class Planes:
-    """Triangles of Netgen's on the flat faces.
-
-    Attributes
-    ----------
-    vertices : (V, 3) [λ].
-    triangles : (T, 3) vertex indices, anticlockwise seen from outside ``inside``.
-    inside, outside : (T,) material on both sides; 0 for none.
-    face : (T,) number of the flat face.
-    """
-
-    vertices: Float64[np.ndarray, "vertices 3"]
-    triangles: Int64[np.ndarray, "triangles 3"]
-    inside: Int64[np.ndarray, "triangles"]
-    outside: Int64[np.ndarray, "triangles"]
-    face: Int64[np.ndarray, "triangles"]
-
-
-def outlines(surface: SurfaceMesh, mirror: Mirror) -> list[Int64[np.ndarray, "vertices"]]:
+def _outlines(surface: SurfaceMesh, mirror: Mirror) -> list[Int64[np.ndarray, "vertices"]]:
     """Chains of vertices along which the surfaces are cut at a mirror, each body's in order."""
     triangles, vertices = surface.triangles, surface.vertices
     ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
@@ -99,34 +84,20 @@ def outlines(surface: SurfaceMesh, mirror: Mirror) -> list[Int64[np.ndarray, "ve
     return chains
 
 
-def flat_faces(surface: SurfaceMesh, box: Box, filled: Sequence[bool], wavelength: float, size: float) -> Planes:
-    """Mesh the faces of the box, of the perfectly matched layer and of the mirrors less the cuts of hollow bodies.
-
-    Parameters
-    ----------
-    surface : the bodies' triangles.
-    box : the box.
-    filled : of each body, whether it is filled.
-    wavelength : [m].
-    size : longest edge wanted [λ].
-    """
+def _flat_faces(surface: SurfaceMesh, box: Box, filled: Sequence[bool], wavelength: float, size: float) -> _Faces:
+    """Mesh the faces of the box, of the perfectly matched layer and of the mirrors less the cuts of hollow bodies."""
     meshing, occ = netgen_libraries()
-    faces, cuts = [], [np.empty((0, 3))]
-    for axis, side, low, high, material in _walls(box):
-        faces.append(
-            _named(
-                _rectangle(axis, (low, high)[side][axis] / wavelength, low / wavelength, high / wavelength),
-                *material,
-                side,
-                axis,
-            )
-        )
+    faces, cuts, closed = [], [np.empty((0, 3))], [mirror.axis for mirror in box.mirrors]
+    air = box.low / wavelength, box.high / wavelength, (AIR, LAYER)
+    layer = box.outer_low / wavelength, box.outer_high / wavelength, (LAYER, 0)
+    for axis, side in product(range(3), (0, 1)):
+        if side == 1 or axis not in closed:
+            for low, high, materials in (air, layer):
+                faces.append(_named(_rectangle(axis, (low, high)[side][axis], low, high), *materials, side, axis))
     for mirror in box.mirrors:
-        plane = mirror.position / wavelength
-        inner = _rectangle(mirror.axis, plane, box.low / wavelength, box.high / wavelength)
-        outer = _rectangle(mirror.axis, plane, box.outer_low / wavelength, box.outer_high / wavelength)
+        inner, outer = (_rectangle(mirror.axis, mirror.position / wavelength, *ends[:2]) for ends in (air, layer))
         faces.append(_named(outer - inner, LAYER, 0, 0, mirror.axis))
-        for chain in outlines(surface, mirror):
+        for chain in _outlines(surface, mirror):
             corners = _loop(surface.vertices[chain], mirror, box.mirrors) / wavelength
             cuts.append(0.5 * (corners + np.roll(corners, -1, axis=0))[: len(chain) - 1])
             section = _polygon(corners)
@@ -139,19 +110,8 @@ def flat_faces(surface: SurfaceMesh, box: Box, filled: Sequence[bool], wavelengt
     for edge in glued.edges:
         if middles is not None and middles.query(np.array([edge.center.x, edge.center.y, edge.center.z]))[0] < SAME:
             edge.partition = np.empty(0)  # or Netgen would split what the body's triangles have whole
-    found = occ.OCCGeometry(glued).GenerateMesh(
-        maxh=size, grading=GRADING, perfstepsend=meshing.MeshingStep.MESHSURFACE
-    )
-    return _triangles_of(found)
-
-
-def _walls(box: Box) -> Iterator[tuple[int, int, Any, Any, tuple[int, int]]]:
-    """Axis, side, corners and materials of the faces that are no mirrors."""
-    closed = [mirror.axis for mirror in box.mirrors]
-    for axis, side in product(range(3), (0, 1)):
-        if side == 1 or axis not in closed:
-            yield axis, side, box.low, box.high, (AIR, LAYER)
-            yield axis, side, box.outer_low, box.outer_high, (LAYER, 0)
+    until = meshing.MeshingStep.MESHSURFACE
+    return _triangles_of(occ.OCCGeometry(glued).GenerateMesh(maxh=size, grading=GRADING, perfstepsend=until))
 
 
 def _named(face: Any, inside: int, outside: int, side: int, axis: int) -> Any:
@@ -192,7 +152,7 @@ def _loop(
     return np.concatenate([chain, corner[None]])
 
 
-def _triangles_of(mesh: Any) -> Planes:
+def _triangles_of(mesh: Any) -> _Faces:
     """Take the faces of a mesh of Netgen's out of it, turned outwards."""
     vertices = np.array(mesh.Coordinates(), dtype=np.float64)
     elements = mesh.Elements2D().NumPy()
@@ -203,30 +163,28 @@ def _triangles_of(mesh: Any) -> Planes:
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     wrong = (normals[np.arange(len(axis)), axis] > 0) != (side == 1)
     triangles[wrong] = triangles[wrong][:, ::-1]
-    return Planes(vertices, triangles, inside, outside, 2 * axis + side)
+    return vertices, triangles, np.stack([inside, outside, 2 * axis + side], axis=1)
 
 
-def tetrahedra(
-    surface: SurfaceMesh, planes: Planes, filled: Sequence[bool], wavelength: float, size: float
-) -> NetgenMesh:
-    """Fill the faces with tetrahedra: Netgen's mesh in wavelengths, before it is curved.
+def tetrahedra(surface: SurfaceMesh, box: Box, filled: Sequence[bool], wavelength: float, size: float) -> NetgenMesh:
+    """Fill a box with tetrahedra of edges up to ``size`` [λ]: Netgen's mesh in wavelengths, before it is curved.
 
     The boundaries are named ``surface0``, ``surface1`` ... for the bodies and ``wall0``, ``wall2``, ``wall4`` for
-    mirrors across x, y, z; the materials ``air``, ``layer`` and ``body0``, ``body1`` ...
-
-    Raises
-    ------
-    InvalidInput
-        When Netgen cannot, with the bodies that are the likely cause.
+    mirrors across x, y, z; the materials ``air``, ``layer`` and ``body0``, ``body1`` ... Where Netgen fails, tetrahedra
+    are missing.
     """
     meshing, _ = netgen_libraries()
+    vertices, flat, sides = _flat_faces(surface, box, filled, wavelength, size)
     own = surface.vertices / wavelength
-    distance, nearest = KDTree(planes.vertices).query(own)
+    distance, nearest = KDTree(vertices).query(own)
     same = distance < SAME
-    number = np.where(same, nearest, len(planes.vertices) + np.cumsum(~same) - 1)
+    number = np.where(same, nearest, len(vertices) + np.cumsum(~same) - 1)
     mesh = meshing.Mesh()
-    mesh.AddPoints(np.concatenate([planes.vertices, own[~same]]))
-    groups = [(materials, name, planes.triangles[chosen]) for materials, name, chosen in _groups(planes)]
+    mesh.AddPoints(np.concatenate([vertices, own[~same]]))
+    groups = []
+    for inside, outside, face in np.unique(sides, axis=0).tolist():
+        name = f"between{face}" if outside else f"wall{face}"
+        groups.append(((inside, outside), name, flat[(sides == [inside, outside, face]).all(axis=1)]))
     corners = number[surface.triangles]
     for body in np.unique(surface.body):
         inner = BODY + int(body) if filled[body] else 0
@@ -242,10 +200,3 @@ def tetrahedra(
             mesh.SetMaterial(BODY + body, f"body{body}")
     mesh.GenerateVolumeMesh(maxh=size, grading=INNER_GRADING if any(filled) else GRADING)
     return mesh
-
-
-def _groups(planes: Planes) -> Iterator[tuple[tuple[int, int], str, Any]]:
-    keys = np.stack([planes.inside, planes.outside, planes.face], axis=1)
-    for inside, outside, face in np.unique(keys, axis=0):
-        name = f"between{face}" if outside else f"wall{face}"
-        yield (int(inside), int(outside)), name, (keys == [inside, outside, face]).all(axis=1)
