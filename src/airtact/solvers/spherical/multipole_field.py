@@ -22,7 +22,6 @@ from airtact.scene.sources import Monopoles
 from airtact.solvers.arrays import Gradients, Indices, Lengths, Mask, Points, Pressures, Vectors
 from airtact.solvers.chebyshev import chebyshev_weights
 from airtact.solvers.memory import available_memory
-from airtact.solvers.monopoles import monopole_pressure
 from airtact.solvers.problem import RadiatedField, SolveReport, SurfaceField, receivers
 from airtact.solvers.spherical.radial_functions import outgoing_shapes
 from airtact.timing import Clock
@@ -91,9 +90,7 @@ class MultipoleField(RadiatedField):
 
     Attributes
     ----------
-    scene, sources : what was solved.
     solved : the field itself, which serves nearer to the bodies than the smallest interpolation sphere.
-    spheres : the scattered field.
     report : of the solve, with the error of the expansion.
     errors : (S,) relative error of each excitation, of the solution and the expansion together.
     """
@@ -120,13 +117,7 @@ class MultipoleField(RadiatedField):
         return valid
 
     def at(self, points: Points) -> Pressures:
-        """Total pressure [Pa] at points (P, 3): from the expansion, or as it was solved nearer to the bodies.
-
-        Raises
-        ------
-        InvalidInput
-            A point is NaN or infinite, or stands on a source.
-        """
+        """Total pressure [Pa] at points (P, 3): from the expansion, or as it was solved nearer to the bodies."""
         points = receivers(points, self.sources)
         away = self._distance(points) >= self.spheres.radius
         if away.all():
@@ -155,7 +146,7 @@ class MultipoleField(RadiatedField):
 
     def _away(self, points: Vectors) -> Pressures:
         scattered = self.spheres.at(points - self.spheres.centre, self.scene.wavenumber)
-        return scattered + _incident(self.solved, points)
+        return scattered + self._incident(points)
 
     def _distance(self, points: Vectors) -> Lengths:
         offsets = points - self.spheres.centre
@@ -220,11 +211,6 @@ def multipole_expansion(field: RadiatedField) -> RadiatedField:
     return replace(expanded, report=report, errors=np.hypot(field.error_at(points), own))
 
 
-def _incident(field: RadiatedField, points: Points) -> Pressures:
-    sources = field.sources
-    return monopole_pressure(points, sources.positions, sources.strengths, field.scene.wavenumber, "float64")
-
-
 def ball_of(scene: Scene) -> tuple[Float64[np.ndarray, "3"], float]:
     """Centre and radius of a ball around the bodies, hardly larger than the smallest [m].
 
@@ -247,10 +233,7 @@ def interpolation_spheres(
 ) -> InterpolationSpheres:
     """Expand the field that leaves a sphere around all bodies, and tabulate it on spheres from there to infinity.
 
-    Raises
-    ------
-    InvalidInput
-        The field is not known on all of the sphere.
+    Raises "field_unknown" where the field is not known on all of the sphere.
     """
     strengths = _coefficients(field, centre, radius, order)
     shrinkings = 0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)
@@ -268,7 +251,7 @@ def _coefficients(
     polar, azimuth = np.arccos(cosines), 2 * np.pi * np.arange(2 * order + 1) / (2 * order + 1)
     points = centre + radius * _directions(polar[:, None], azimuth)
     flat = points.reshape(-1, 3)
-    scattered = field.at(flat) - _incident(field, flat)
+    scattered = field.at(flat) - field._incident(flat)
     unknown = int((~np.isfinite(scattered)).any(axis=1).sum())
     if unknown:
         raise InvalidInput(

@@ -35,16 +35,7 @@ _CITATIONS = (
 
 @dataclass(frozen=True, eq=False)
 class SphereField(RadiatedField):
-    """The field of monopoles around one sphere, and inside it if it is filled (a ``RadiatedField``).
-
-    Attributes
-    ----------
-    scene : the scene with its one sphere.
-    sources : the monopoles, outside the sphere or on its surface.
-    modes : the sphere's boundary, mode by mode.
-    centre : (3,) of the sphere [m].
-    report : how the field was made.
-    """
+    """The field of monopoles around one sphere, and inside it if it is filled; ``centre`` is the sphere's [m]."""
 
     scene: Scene
     sources: Monopoles
@@ -56,25 +47,13 @@ class SphereField(RadiatedField):
 
     @property
     def on_surface(self) -> SurfaceField:
-        """Pressure at Gauss-Legendre latitudes and equal longitudes, with the exact area of the sphere.
-
-        Raises
-        ------
-        InvalidInput
-            If a source stands on one of these points.
-        """
+        """Pressure at Gauss-Legendre latitudes and equal longitudes, with the exact area of the sphere."""
         latitudes = int(np.ceil(2.0 * abs(self.modes.size))) + 12
         cosine, weight = np.polynomial.legendre.leggauss(latitudes)
         longitude = 2.0 * np.pi * (np.arange(2 * latitudes) + 0.5) / (2 * latitudes)
         sine = np.sqrt(1.0 - cosine**2)
-        normals = np.stack(
-            [
-                np.outer(sine, np.cos(longitude)).ravel(),
-                np.outer(sine, np.sin(longitude)).ravel(),
-                np.repeat(cosine, len(longitude)),
-            ],
-            axis=1,
-        )
+        across = np.outer(sine, np.cos(longitude)).ravel(), np.outer(sine, np.sin(longitude)).ravel()
+        normals = np.stack([*across, np.repeat(cosine, len(longitude))], axis=1)
         areas = np.repeat(weight, len(longitude)) * np.pi / latitudes * self.modes.radius**2
         points = self.centre + self.modes.radius * normals
         return SurfaceField(points, normals, areas, self.at(points))
@@ -87,14 +66,10 @@ class SphereField(RadiatedField):
         return ~self._inside(points)
 
     def at(self, points: Points) -> Pressures:
-        """Total pressure [Pa] at points (P, 3) [m] for each of the S excitations; NaN where ``valid`` is False.
-
-        It is right to 1e-8 of the open-air pressures of the sources.
+        """Total pressure [Pa] at points (P, 3) [m], as ``RadiatedField.at``; right to 1e-8 of the open-air pressures.
 
         Raises
         ------
-        InvalidInput
-            If the points are of another shape than (P, 3), NaN or infinite, or one stands on a source.
         NotConverged
             If a point lies within micrometres of a source that touches the surface.
         """
@@ -109,17 +84,7 @@ class SphereField(RadiatedField):
         return pressure
 
     def scattered_at(self, points: Points) -> Pressures:
-        """Scattered pressure [Pa] at points (P, 3) [m] for each of the S excitations; NaN where ``valid`` is False.
-
-        It is the series itself, also at the sources' own positions; there it is NaN if the source touches the sphere.
-
-        Raises
-        ------
-        InvalidInput
-            If the points are of another shape than (P, 3), NaN or infinite.
-        NotConverged
-            If a point lies within micrometres of a source that touches the sphere.
-        """
+        """Scattered pressure [Pa] at points (P, 3) [m], the series itself; errors as of ``at``, but for sources."""
         points = points_of(points, "points", least=0)
         pressure = np.full((len(points), self.sources.strengths.shape[1]), np.nan + 0j)
         inside = self._inside(points)
@@ -133,12 +98,10 @@ class SphereField(RadiatedField):
         return pressure
 
     def velocity(self, points: Points) -> Gradients:
-        """Particle velocity [m/s] at points (P, 3) [m] for each of the S excitations; NaN where ``valid`` is False.
+        """Particle velocity [m/s] at points (P, 3) [m], as ``RadiatedField.velocity``.
 
         Raises
         ------
-        InvalidInput
-            If the points are of another shape than (P, 3), NaN or infinite, or one stands on a source.
         NotConverged
             If a point and a source are both within about 0.3 % of the radius from the surface.
         """
