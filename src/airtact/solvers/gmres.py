@@ -17,14 +17,7 @@ from airtact.conventions import NotConverged
 
 @dataclass(frozen=True, eq=False)
 class GmresResult:
-    """Solutions of a linear system.
-
-    Attributes
-    ----------
-    solution : (S, M) one row for each right-hand side.
-    residuals : (S,) relative residual of each.
-    iterations : products with the matrix.
-    """
+    """Solutions of a linear system, the relative residual of each right-hand side, and the products with the matrix."""
 
     solution: Complex[np.ndarray, "sides unknowns"]
     residuals: Float64[np.ndarray, "sides"]
@@ -39,12 +32,8 @@ def gmres(
 ) -> GmresResult:
     """Solve A x = b for several b, in the precision of the right-hand sides (S, M).
 
-    ``product`` returns A v for each row v of (S, M); ``tolerance`` is the relative residual that all must reach.
-
-    Raises
-    ------
-    NotConverged
-        The tolerance was not reached in ``most_iterations``, or the right-hand sides are not finite.
+    ``product`` returns A v for each row v of (S, M); ``tolerance`` is the relative residual that all must reach, or
+    ``NotConverged`` is raised, as where the right-hand sides are not finite.
     """
     if not np.isfinite(right_sides).all():
         raise NotConverged(

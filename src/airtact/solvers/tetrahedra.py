@@ -28,13 +28,7 @@ BESIDE = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Tetrahedra:
-    """Quadratic tetrahedra.
-
-    Attributes
-    ----------
-    corners : (T, 4, 3) [λ].
-    bends : (T, 6, 3) offsets of the midpoints of the edges from the straight ones [λ].
-    """
+    """Quadratic tetrahedra: corners, and offsets of the midpoints of the edges from the straight ones [λ]."""
 
     corners: Float64[np.ndarray, "tetrahedra 4 3"]
     bends: Float64[np.ndarray, "tetrahedra 6 3"]

@@ -36,13 +36,7 @@ class DamagedError(Exception):
 
 
 def written(field: RadiatedField, key: str) -> bytes:
-    """Return the bytes of a field's file.
-
-    Raises
-    ------
-    InvalidInput
-        It holds something that cannot be written, such as a factorised matrix of another library.
-    """
+    """Return the bytes of a field's file; raises "not_storable" for such as a factorised matrix of another library."""
     import h5py
 
     arrays: list[Num[np.ndarray, ...]] = []
@@ -59,13 +53,7 @@ def written(field: RadiatedField, key: str) -> bytes:
 
 
 def read(whole: bytes, key: str, scene: Scene, sources: Monopoles) -> RadiatedField:
-    """Restore the field from the bytes of its file.
-
-    Raises
-    ------
-    DamagedError
-        The bytes are not those that were written, or were written for another key.
-    """
+    """Restore the field from its file; raises ``DamagedError`` for bytes not as written, or for another key."""
     import h5py
 
     if whole[:HEAD] != (MARK + _checksum(whole)).ljust(HEAD, b"\0"):
@@ -84,10 +72,7 @@ def read(whole: bytes, key: str, scene: Scene, sources: Monopoles) -> RadiatedFi
 def save(path: Path, whole: bytes) -> None:
     """Write a file that appears with all its bytes on the disk, even if others write it or the process is killed.
 
-    Raises
-    ------
-    OSError
-        The folder or the disk takes no more; nothing of the file is left.
+    Nothing of it is left after an ``OSError``.
     """
     partial = path.with_name(f".{path.name}.{os.getpid()}-{secrets.token_hex(4)}.partial")
     try:

@@ -31,16 +31,8 @@ def fingerprint(solver: Solver, scene: Scene, sources: Monopoles, made_by: str |
 
     That is every field of the dataclasses that solver, scene and sources consist of, except those that take no part in
     comparisons (``field(compare=False)``: caches): each vertex and mid-edge point, boundary, medium, frequency,
-    position, strength and setting; and ``made_by``.
-
-    Parameters
-    ----------
-    solver, scene, sources : as given to ``radiate``.
-    made_by : what computes it; by default ``program`` of the modules that define those dataclasses.
-
-    Returns
-    -------
-    40 hexadecimal digits.
+    position, strength and setting; and ``made_by``, by default ``program`` of the modules that define those
+    dataclasses. The name has 40 hexadecimal digits.
 
     Raises
     ------
@@ -58,16 +50,7 @@ def fingerprint(solver: Solver, scene: Scene, sources: Monopoles, made_by: str |
 def program(modules: frozenset[str], package: Path = PACKAGE, kernels: Path = KERNELS) -> str:
     """Name the code that some modules run: airtact's version and a digest of all files that their imports lead to.
 
-    Parameters
-    ----------
-    modules : names of the modules to start from; those outside airtact count as well.
-    package : folder of airtact.
-    kernels : its compiled loops, which always count.
-
-    Raises
-    ------
-    InvalidInput
-        A file is missing.
+    Modules outside airtact count as well, and always the compiled loops; raises "file_missing".
     """
     digest = hashlib.blake2b(digest_size=20)
     for name, file in sorted(code_files(modules, package).items()):
@@ -77,12 +60,10 @@ def program(modules: frozenset[str], package: Path = PACKAGE, kernels: Path = KE
 
 
 def code_files(modules: frozenset[str], package: Path = PACKAGE) -> dict[str, Path]:
-    """Follow imports of modules of airtact, also those inside functions, to all files that they lead to.
+    """Follow imports of modules of airtact, also those inside functions: all files by the names of their modules.
 
-    Returns
-    -------
-    The files by the names of their modules. A package on the way counts with its own file; what that imports is
-    followed only where a module asks the package for a name that it takes from there.
+    A package on the way counts with its own file; what that imports is followed only where a module asks the package
+    for a name that it takes from there.
     """
     found: dict[str, Path] = {}
     waiting, followed = list(modules), {"airtact._kernels"}

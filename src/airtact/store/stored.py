@@ -77,13 +77,9 @@ class Stored(Solver):
         self._memory: OrderedDict[str, RadiatedField] = OrderedDict()
 
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
-        """Give the field of the monopoles, from memory, from the folder, or solved.
+        """Give the field of the monopoles, from memory, from the folder, or solved; errors as of the solver.
 
         One that was read has ``store`` as the only step in its report's ``seconds``.
-
-        Parameters
-        ----------
-        scene, sources : as for the solver itself, which also checks them.
         """
         try:
             key = fingerprint(self.solver, scene, sources)

@@ -45,7 +45,7 @@ class FiniteSpace(Untyped, Protocol):
 class AssembledForm(Untyped, Protocol):
     """NGSolve's ``BilinearForm``, assembled with its inner unknowns eliminated."""
 
-    harmonic_extension: Any
+    Assemble: Callable
 
 
 @runtime_checkable

@@ -68,19 +68,10 @@ def surface_mesh(
     mirrors: Sequence[Mirror],
     refined: Real[np.ndarray, "refined 3"] | None = None,
 ) -> SurfaceMesh:
-    """Cover the surfaces of some bodies.
+    """Cover the surfaces of some bodies; raises ``InvalidInput`` when MMG cannot.
 
-    Parameters
-    ----------
-    shapes : the bodies' surfaces.
-    edge : edge of the equilateral triangle as large as those wanted [m].
-    mirrors : planes that the scene is symmetric about.
-    refined : points near which triangles are small, as beside another body [m].
-
-    Raises
-    ------
-    InvalidInput
-        When MMG cannot mesh a surface.
+    ``edge`` is that of the equilateral triangle as large as those wanted [m]; near ``refined`` points [m] triangles are
+    small, as beside another body.
     """
     rough = [shape.coarse_meshes(LARGEST * edge) for shape in shapes]
     vertices, triangles, middles, body, count = [], [], [], [], 0

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64, Real
 
 from airtact.conventions import InvalidInput
-from airtact.scene.scene import Obstacle, Scene
+from airtact.scene.scene import Scene
 from airtact.solvers.arrays import Points, Vectors
 
 AXES = "xyz"
@@ -19,13 +19,7 @@ TOLERANCE = 1e-3
 
 @dataclass(frozen=True)
 class Mirror:
-    """A plane across one axis.
-
-    Attributes
-    ----------
-    axis : 0, 1 or 2 for a plane across x, y or z.
-    position : where it stands on that axis [m].
-    """
+    """A plane across one axis, 0, 1 or 2 for x, y or z, and its position there [m]."""
 
     axis: int
     position: float
@@ -40,15 +34,8 @@ class Mirror:
 def mirrors_of(scene: Scene, asked: Sequence[str] | None) -> tuple[Mirror, ...]:
     """Planes across x, y and z, through the middle of the bodies, that the scene is symmetric about.
 
-    Parameters
-    ----------
-    scene : the bodies.
-    asked : the axes of the planes to take; None for all that there are.
-
-    Raises
-    ------
-    InvalidInput
-        When the scene is not symmetric about a plane that was asked for: by how much it is off.
+    ``asked`` are the axes of the planes to take, None for all that there are; raises "not_symmetric" where the scene is
+    not symmetric about a plane that was asked for.
     """
     corners = np.concatenate([obstacle.surface.shape.extreme_points() for obstacle in scene.obstacles])
     middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
@@ -61,14 +48,11 @@ def mirrors_of(scene: Scene, asked: Sequence[str] | None) -> tuple[Mirror, ...]:
         if off <= TOLERANCE * scene.wavelength:
             found.append(mirror)
         elif asked is not None:
+            apart = f"the bodies are {1e3 * off:.3g} mm off it"
             raise InvalidInput(
                 f"symmetry about the plane {AXES[axis]} = {1e3 * mirror.position:.4g} mm was asked for, but "
-                + (
-                    f"the bodies are {1e3 * off:.3g} mm off it"
-                    if np.isfinite(off)
-                    else "bodies of 2 kinds face each other"
-                )
-                + f", more than {1e3 * TOLERANCE * scene.wavelength:.2g} mm; leave {AXES[axis]!r} out of symmetry.",
+                f"{apart if np.isfinite(off) else 'bodies of 2 kinds face each other'}, more than "
+                f"{1e3 * TOLERANCE * scene.wavelength:.2g} mm; leave {AXES[axis]!r} out of symmetry.",
                 code="not_symmetric",
             )
     return tuple(found)
@@ -95,15 +79,11 @@ def signs(parity: Sequence[int]) -> Float64[np.ndarray, "images"]:
     return np.array([(-1.0) ** np.dot(parity, choice) for choice in product((0, 1), repeat=len(parity))])
 
 
-def _surface_points(obstacle: Obstacle) -> Vectors:
-    return obstacle.surface.quadratic_triangles.reshape(-1, 3)
-
-
 def _off_symmetry(scene: Scene, mirror: Mirror) -> float:
     """Largest distance of mirrored surfaces from the surfaces [m]; infinite where bodies of two kinds face."""
     off = 0.0
     for obstacle in scene.obstacles:
-        image = mirror.image(_surface_points(obstacle))
+        image = mirror.image(obstacle.surface.quadratic_triangles.reshape(-1, 3))
         distances = [float(np.abs(other.surface.shape.depth(image)).max()) for other in scene.obstacles]
         nearest = scene.obstacles[int(np.argmin(distances))]
         if (nearest.boundary, nearest.ratio, nearest.medium) != (obstacle.boundary, obstacle.ratio, obstacle.medium):
