@@ -16,8 +16,8 @@ from airtact.benching.peers.peak_memory import peak
 from airtact.experiments.dummies import AIR, dummies
 from airtact.printing import in_short
 from airtact.solvers.fem.meshing.netgen import netgen_libraries, ngsolve_library
-from airtact.solvers.fem.pml import THICKNESS
 from airtact.solvers.fem.solver import MARGIN, FiniteElement
+from airtact.solvers.fem.weak_form import THICKNESS
 from airtact.transducers.layout import surrounding_box
 
 ROOM = 0.5e-3
