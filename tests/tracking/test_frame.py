@@ -28,7 +28,7 @@ FAULTS = {
     "impossible": ({"landmarks": LONG}, "mm"),
     "mirrored": (
         {"side": "right"},
-        "a right hand's, but the fingers bend and the thumb points as those of a left one",
+        "those of a right hand, but the fingers bend and the thumb points as those of a left one",
     ),
 }
 
@@ -49,7 +49,7 @@ def test_landmarks_that_are_no_hand_are_rejected_by_what_is_wrong(fault):
         ({"sequence": -1}, "-1"),
         ({"sequence": True}, "True"),
         ({"cloud": np.empty((0, 3))}, "0 points"),
-        ({"cloud": HALF}, "7 points"),
+        ({"cloud": HALF}, "21 NaN"),
     ],
 )
 def test_other_parts_that_are_none_are_unreadable(changed, shown):
@@ -105,7 +105,7 @@ def test_json_is_what_the_page_says():
 def test_landmarks_that_a_tracker_did_not_find_are_half_lost(hole):
     message = json.loads(to_json(still(0)))
     message["landmarks"][4] = "hole"
-    with raises_code("half_lost", "1 landmark", "number 4") as rejected:
+    with raises_code("half_lost", "1 landmark", "landmark 4") as rejected:
         from_json(json.dumps(message).replace('"hole"', hole))
     assert rejected.value.fault == "half_lost"
 

@@ -58,7 +58,7 @@ BAD = {
     "not_metres": (scaled(LINES[2], 1000), "line 3: the landmarks span 156.4 m"),
     "mirrored": (
         scaled(LINES[2], [-1, 1, 1]),
-        "line 3: the landmarks are labelled as a left hand's",
+        "line 3: the landmarks are given as those of a left hand",
     ),
     "half_lost": (scaled(LINES[2], np.nan), "line 3: 25 landmarks"),
     "unknown_count": (changed(LINES[2], landmarks=[[0.0, 0.0, 0.0]] * 22), "line 3: 22 landmarks"),

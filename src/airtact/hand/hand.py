@@ -4,26 +4,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import cast
 
 import numpy as np
 from jaxtyping import Float64, Real
 
 from airtact.conventions import InvalidInput
 from airtact.hand.anatomy_parts import Touch, hand_hulls
-from airtact.hand.joints import (
-    CHAINS,
-    FINGERS,
-    Side,
-    check_finger_order,
-    check_side,
-    check_side_name,
-    evidence_of,
-    joints_of,
-    radii_of,
-    side_of,
-    unit,
-)
+from airtact.hand.joints import CHAINS, FINGERS, Side, check_finger_order, checked_side, joints_of, radii_of, unit
 from airtact.hand.kinematics import bending_axis, opened
 from airtact.hand.shape import HandShape
 from airtact.hand.skin_mesh import Graded, even_skin, midpoints
@@ -231,13 +218,4 @@ def hand_from_joints(
     joints = joints_of(positions)
     check_finger_order(joints)
     sizes = radii_of(radii, length, joints)
-    seen = side_of(joints)
-    check_side_name(side)
-    if side is None and seen == "unknown":
-        raise InvalidInput(
-            "the 5 fingers are too straight to distinguish a left hand from a right one; give side.",
-            code="side_unclear",
-        )
-    if side is not None and seen != "unknown":
-        check_side(side, seen, evidence_of(joints), "joints")
-    return Hand(joints, sizes, side or cast("Side", seen))
+    return Hand(joints, sizes, checked_side(joints, side))

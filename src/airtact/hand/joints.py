@@ -12,10 +12,10 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float64, Int64, Real
+from jaxtyping import Float64, Real
 
 from airtact.conventions import InvalidInput
-from airtact.validation import check_finite, counted, fixed, number, points_of, real_numbers
+from airtact.validation import check_finite, counted, fixed, points_of, real_numbers, within
 
 Side = Literal["right", "left"]
 
@@ -51,6 +51,9 @@ RADII = fixed(
 LENGTH = 0.1942
 """Length of that hand: wrist to middle tip along the bones [m], without the tip's own radius."""
 
+LENGTHS = (0.08, 0.3)
+"""Lengths that hands have [m]."""
+
 KNUCKLE = 0.41
 """Share of the way from wrist to knuckle at which the base of the metacarpal lies, where it is not tracked."""
 
@@ -63,11 +66,11 @@ LONGEST = (0.08, 0.11, 0.08, 0.06, 0.05)
 SHORTEST = (0.01, 0.025, 0.018, 0.01, 0.008)
 """Shortest bones there are, a child's [m]."""
 
+_BOUNDS = np.array([SHORTEST, LONGEST])[:, [0] * 5 + [1, 2, 4] + 4 * [1, 2, 3, 4]]
+"""Those of each of ``BONES``, shortest and longest; the thumb has no intermediate phalanx."""
+
 ORDERED = 5e-3
 """By so much may knuckles, or the thumb between its neighbours, be out of order [m]."""
-
-THUMB_BONES = (0, 1, 2, 4)
-"""Which of these the thumb's bones are."""
 
 STRAIGHT = 0.2
 """Sum of the sines of all bends below which the side of a hand is unknown."""
@@ -76,55 +79,41 @@ RADIUS = (0.003, 0.035)
 """Radii that the skin round a joint may have [m]."""
 
 
-def joints_of(given: Real[np.ndarray, "joints 3"], rough: float = 0.0) -> Float64[np.ndarray, "25 3"]:
-    """Return the 25 joints of WebXR, or raise for joints that no hand has.
+def joints_of(
+    given: Real[np.ndarray, "joints 3"], rough: float = 0.0, what: str = "joint"
+) -> Float64[np.ndarray, "25 3"]:
+    """Return the 25 joints of WebXR [m] of these, or of the 21 of MediaPipe and Leap; raise for joints no hand has.
 
-    Parameters
-    ----------
-    given : (25, 3) in WebXR's order, or (21, 3) in that of MediaPipe and Leap, without four metacarpal bases [m].
-    rough : by so much may bones be longer or shorter than any are, because the joints are rough [m].
-
-    Raises
-    ------
-    InvalidInput
-        Another number of joints, NaN, millimetres, or a bone longer or shorter than any: which and how long.
+    Bones of rough joints may be longer or shorter than any by ``rough`` [m]; ``what`` is a joint's name in sentences.
     """
-    given = np.asarray(given)
-    rows = given.reshape(-1, 3) if given.dtype.kind == "f" and given.ndim == 2 and given.shape[1] == 3 else None
-    if rows is not None and len(rows) in (21, 25) and not np.isfinite(rows).all():
-        bad = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
-        what = _name(bad, len(rows))
-        count = int((~np.isfinite(rows).all(axis=1)).sum())
+    joints = real_numbers(given, f"{what}s of a hand")
+    if joints.shape in ((21, 3), (25, 3)) and not np.isfinite(joints).all():
+        bad = np.flatnonzero(~np.isfinite(joints).all(axis=1))
+        first = NAMES[bad[0]] if len(joints) == 25 else NAMES[_TRACKED[bad[0]]]
+        are = counted(len(bad), f"{what} is", f"{what}s are")
         raise InvalidInput(
-            f"{counted(count, 'joint is', 'joints are')} NaN or infinite, the first is joint {bad}, {what}: the "
-            "tracker lost it; leave this frame out.",
+            f"{are} NaN or infinite, the first is {what} {bad[0]}, {first}: the tracker lost it; leave this frame out.",
             code="not_finite",
         )
-    joints = points_of(given, "joints of a hand")
+    joints = points_of(joints, f"{what}s of a hand")
     if len(joints) not in (21, 25):
-        raise InvalidInput(
-            f"{counted(len(joints), 'joint is', 'joints are')} given, but a hand has 25 (WebXR) or 21 (MediaPipe, "
-            "Leap).",
-            code="joint_count",
-        )
+        are = counted(len(joints), f"{what} is", f"{what}s are")
+        raise InvalidInput(f"{are} given, but a hand has 25 (WebXR) or 21 (MediaPipe, Leap).", code="joint_count")
     spread = float(np.ptp(joints, axis=0).max())
     if spread > LARGEST:
-        raise InvalidInput(
-            f"the joints span {spread:.4g} m: are they in millimetres? Give metres.", code="not_in_metres"
-        )
-    joints = joints if len(joints) == 25 else _with_bases(joints)
+        sentence = f"the {what}s span {spread:.4g} m: are they in millimetres? Give metres."
+        raise InvalidInput(sentence, code="not_in_metres")
+    if len(joints) == 21:
+        tracked, joints = joints, np.empty((25, 3))
+        joints[_TRACKED] = tracked
+        for chain in CHAINS[1:]:
+            joints[chain[0]] = (1.0 - KNUCKLE) * joints[0] + KNUCKLE * joints[chain[1]]
     _check_bone_lengths(joints, rough)
     return fixed(joints)
 
 
 def named_joints(given: Mapping[str, Real[np.ndarray, "3"]]) -> Float64[np.ndarray, "25 3"]:
-    """Put joints that are given by WebXR's names, three coordinates each [m], into its order.
-
-    Raises
-    ------
-    InvalidInput
-        When joints are missing or unknown, naming the first, or as ``joints_of``.
-    """
+    """Put joints that are given by WebXR's names, three coordinates each [m], into its order; raise where any lacks."""
     missing = [name for name in NAMES if name not in given]
     if missing:
         count = counted(len(missing), "joint is", "joints are")
@@ -138,33 +127,22 @@ def named_joints(given: Mapping[str, Real[np.ndarray, "3"]]) -> Float64[np.ndarr
 def radii_of(
     given: Real[np.ndarray, "joints"] | None, length: float | None, joints: Float64[np.ndarray, "25 3"]
 ) -> Float64[np.ndarray, "25"]:
-    """Return the radius of the skin round each of the 25 joints [m].
+    """Return the radius of the skin round each joint [m], those of the generic hand where None are given.
 
-    Parameters
-    ----------
-    given : (25,) or (21,) radii [m], or None to take those of a generic hand.
-    length : the hand's length, wrist to the tip of the middle finger [m], which scales the generic hand; None to take
-        it from the joints.
-    joints : (25, 3) [m].
-
-    Raises
-    ------
-    InvalidInput
-        When radii are not finite, too small or too large, or their number is not that of the joints.
+    That hand is scaled to the ``length`` from the wrist to the tip of the middle finger [m], or else to the joints.
     """
+    if given is None and length is not None:
+        length = within(length, *LENGTHS, "the length of a hand", "m", "is it in millimetres? Give metres.")
+        return fixed(length / LENGTH * RADII)
+    full = hand_length(joints) / LENGTH * RADII
     if given is None:
-        scale = (hand_length(joints) if length is None else _checked_length(length)) / LENGTH
-        return fixed(scale * RADII)
+        return fixed(full)
     radii = real_numbers(given, "radii of a hand")
     if radii.shape not in ((25,), (21,)):
-        raise InvalidInput(
-            f"radii of a hand have shape {radii.shape}, but there are 25, or 21, one for each joint.",
-            code="wrong_shape",
-        )
+        sentence = f"radii of a hand have shape {radii.shape}, but there are 25, or 21, one for each joint."
+        raise InvalidInput(sentence, code="wrong_shape")
     check_finite(radii, "radii of a hand")
     if len(radii) == 21:
-        scale = hand_length(joints) / LENGTH
-        full = scale * RADII
         full[_TRACKED] = radii
         radii = fixed(full)
     wrong = np.flatnonzero((radii < RADIUS[0]) | (radii > RADIUS[1]))
@@ -183,31 +161,30 @@ def hand_length(joints: Float64[np.ndarray, "25 3"]) -> float:
     return float(np.linalg.norm(np.diff(chain, axis=0), axis=1).sum())
 
 
-def side_of(joints: Float64[np.ndarray, "25 3"]) -> str:
-    """Find the side of a hand from the bends of its fingers and the lean of its thumb.
+def checked_side(
+    joints: Float64[np.ndarray, "25 3"], side: str | None, what: str = "joints", clear: float = STRAIGHT
+) -> Side:
+    """Return the side of a hand, found from its bends unless given; raise where these leave it open or contradict it.
 
-    It is "right", "left", or "unknown" where the fingers are too straight.
+    Bends distinguish a left hand from a right one where the magnitude of ``evidence_of`` is at least ``clear``.
     """
-    evidence = evidence_of(joints)
-    if abs(evidence) < STRAIGHT:
-        return "unknown"
-    return "right" if evidence > 0.0 else "left"
-
-
-def check_side_name(side: str | None) -> None:
-    """Raise unless the side of a hand is "right", "left" or None."""
     if side not in ("right", "left", None):
         raise InvalidInput(f"the side of a hand is {side!r}, but there are 2: 'right' and 'left'.", code="unknown_side")
-
-
-def check_side(side: str, seen: str, evidence: float, what: str) -> None:
-    """Raise where the side that is given is not the one that the joints show."""
-    if side != seen:
+    evidence = evidence_of(joints)
+    seen = "right" if evidence > 0.0 else "left"
+    if side is None and abs(evidence) < clear:
+        raise InvalidInput(
+            f"the {what} do not distinguish a left hand from a right one ({evidence:+.2f}, beyond {clear:g} they "
+            "would): the fingers are too straight; give side.",
+            code="side_unclear",
+        )
+    if side is not None and side != seen and abs(evidence) >= clear:
         raise InvalidInput(
             f"the {what} are given as those of a {side} hand, but the fingers bend and the thumb points as those of a "
             f"{seen} one ({evidence:+.2f}, above 0 being right): are they mirrored?",
             code="wrong_side",
         )
+    return side or seen
 
 
 def evidence_of(joints: Float64[np.ndarray, "25 3"]) -> float:
@@ -253,42 +230,10 @@ _TRACKED = np.array([0, 1, 2, 3, 4, *(start + k for start in (5, 10, 15, 20) for
 """Which of the 25 the 21 are."""
 
 
-def _with_bases(tracked: Float64[np.ndarray, "21 3"]) -> Float64[np.ndarray, "25 3"]:
-    joints = np.empty((25, 3))
-    joints[_TRACKED] = tracked
-    for chain in CHAINS[1:]:
-        joints[chain[0]] = (1.0 - KNUCKLE) * joints[0] + KNUCKLE * joints[chain[1]]
-    return joints
-
-
-def _name(index: int, count: int) -> str:
-    return NAMES[index] if count == 25 else NAMES[_TRACKED[index]]
-
-
-def _checked_length(length: float) -> float:
-    length = number(length, "the length of a hand", "m")
-    if not 0.08 <= length <= 0.3:
-        raise InvalidInput(
-            f"the length of a hand is {length:g} m, but hands are 0.08 to 0.3 m long: is it in millimetres? Give "
-            "metres.",
-            code="out_of_range",
-        )
-    return length
-
-
-def bone_kinds() -> Int64[np.ndarray, "bones"]:
-    """Return for each of ``BONES`` which of ``LONGEST`` it is."""
-    kinds = [0] * 5
-    for chain in CHAINS:
-        kinds += THUMB_BONES[1:] if len(chain) == 4 else [1, 2, 3, 4]
-    return np.array(kinds)
-
-
 def _check_bone_lengths(joints: Float64[np.ndarray, "25 3"], rough: float) -> None:
     ends = np.array(BONES)
     lengths = np.linalg.norm(joints[ends[:, 0]] - joints[ends[:, 1]], axis=1)
-    kinds = bone_kinds()
-    low, high = np.array(SHORTEST)[kinds], np.array(LONGEST)[kinds]
+    low, high = _BOUNDS
     wrong = np.flatnonzero((lengths < low - rough) | (lengths > high + rough))
     if len(wrong) == 0:
         return

@@ -6,17 +6,17 @@ scene.
 """
 
 from dataclasses import dataclass, replace
-from typing import Literal, cast
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float64, Real
 
 from airtact.conventions import InvalidInput
 from airtact.hand.hand import Hand, Side, hand_from_joints
-from airtact.hand.joints import LARGEST, evidence_of, joints_of, side_of
+from airtact.hand.joints import checked_side, joints_of
 from airtact.pose import Pose
 from airtact.printing import in_short
-from airtact.validation import counted, fixed, number
+from airtact.validation import fixed, number, points_of
 
 Fault = Literal[
     "unreadable",
@@ -81,7 +81,12 @@ class HandFrame:
 
     def __post_init__(self) -> None:
         """Check everything and keep the arrays read-only."""
-        object.__setattr__(self, "time", _checked_time(self.time))
+        try:
+            object.__setattr__(self, "time", number(self.time, "the time of a frame", "s"))
+        except InvalidInput as fault:
+            raise FaultyFrame("unreadable", str(fault)) from None
+        if not np.isfinite(self.time):
+            raise FaultyFrame("unreadable", f"the time of a frame is {self.time:g} s, but it must be finite.")
         if self.side not in ("left", "right"):
             raise FaultyFrame("unreadable", f"the side is {self.side!r}, but there are 2: 'left' and 'right'.")
         if isinstance(self.sequence, bool) or not isinstance(self.sequence, int | np.integer):
@@ -129,65 +134,31 @@ class HandFrame:
         return hand_from_joints(self.landmarks, radii, side=self.side)
 
 
-def _checked_time(time: float) -> float:
-    try:
-        given = number(time, "the time of a frame", "s")
-    except InvalidInput as fault:
-        raise FaultyFrame("unreadable", str(fault)) from None
-    if not np.isfinite(given):
-        raise FaultyFrame("unreadable", f"the time of a frame is {given:g} s, but it must be finite.")
-    return given
+_FAULTS: dict[str, Fault] = {
+    "not_finite": "half_lost",
+    "joint_count": "unknown_count",
+    "empty": "unknown_count",
+    "not_in_metres": "not_metres",
+    "bone_length": "impossible",
+    "wrong_side": "mirrored",
+}
+"""Faults by the codes of landmarks; others make a frame unreadable."""
 
 
 def _checked_landmarks(given: Real[np.ndarray, "landmarks 3"], side: str) -> Float64[np.ndarray, "landmarks 3"]:
-    landmarks = _points(given, "landmarks")
-    if len(landmarks) not in (21, 25):
-        are = counted(len(landmarks), "landmark is", "landmarks are")
-        raise FaultyFrame("unknown_count", f"{are} given, but a hand has 25 (WebXR) or 21 (MediaPipe, Leap).")
-    bad = ~np.isfinite(landmarks).all(axis=1)
-    if bad.any():
-        are = counted(int(bad.sum()), "landmark is", "landmarks are")
-        first = int(np.flatnonzero(bad)[0])
-        raise FaultyFrame(
-            "half_lost",
-            f"{are} NaN or infinite, the first is number {first}: the tracker lost it; leave the frame out.",
-        )
-    if float(np.ptp(landmarks, axis=0).max()) > LARGEST:
-        spread = float(np.ptp(landmarks, axis=0).max())
-        raise FaultyFrame("not_metres", f"the landmarks span {spread:.4g} m: are they in millimetres? Give metres.")
     try:
-        joints = joints_of(landmarks)
+        checked_side(joints_of(given, what="landmark"), side, "landmarks")
     except InvalidInput as fault:
-        raise FaultyFrame("impossible", str(fault), fault.position) from None
-    if side_of(joints) not in (side, "unknown"):
-        raise FaultyFrame(
-            "mirrored",
-            f"the landmarks are labelled as a {side} hand's, but the fingers bend and the thumb points as those of a "
-            f"{side_of(joints)} one ({evidence_of(joints):+.2f}, above 0 being right): are they mirrored?",
-        )
-    return landmarks
+        raise FaultyFrame(_FAULTS.get(fault.code, "unreadable"), str(fault), fault.position) from None
+    return fixed(given)
 
 
 def _checked_cloud(given: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
-    cloud = _points(given, "points of a cloud")
-    if len(cloud) == 0:
-        raise FaultyFrame("unreadable", "the cloud has 0 points; give None where there is no cloud.")
-    bad = int((~np.isfinite(cloud).all(axis=1)).sum())
-    if bad:
-        raise FaultyFrame(
-            "unreadable", f"{counted(bad, 'point', 'points')} of the cloud are NaN or infinite; leave them out."
-        )
+    try:
+        cloud = points_of(given, "points of a cloud")
+    except InvalidInput as fault:
+        raise FaultyFrame("unreadable", str(fault)) from None
     spread = float(np.ptp(cloud, axis=0).max())
     if spread > LARGEST_CLOUD:
         raise FaultyFrame("not_metres", f"the cloud spans {spread:.4g} m: is it in millimetres? Give metres.")
     return cloud
-
-
-def _points(given: Real[np.ndarray, "..."], what: str) -> Float64[np.ndarray, "points 3"]:
-    array = np.asarray(given)
-    if array.dtype.kind not in "iuf" or array.ndim != 2 or array.shape[1] != 3:
-        raise FaultyFrame(
-            "unreadable",
-            f"{what} have shape {array.shape} and type {array.dtype}, but they must be real and (number, 3).",
-        )
-    return cast("Float64[np.ndarray, 'points 3']", fixed(array))

@@ -19,17 +19,7 @@ from airtact.hand.fitting.skin_offset import EDGES, with_offset
 from airtact.hand.fitting.skin_residuals import skin_residuals
 from airtact.hand.fitting.unknowns import JOINTS, SIZES
 from airtact.hand.hand import Hand
-from airtact.hand.joints import (
-    BONES,
-    FINGERS,
-    NAMES,
-    Side,
-    check_finger_order,
-    check_side,
-    check_side_name,
-    evidence_of,
-    joints_of,
-)
+from airtact.hand.joints import BONES, FINGERS, NAMES, Side, check_finger_order, checked_side, joints_of
 from airtact.hand.kinematics import evenly_bent
 from airtact.pose import nearest_motion
 from airtact.printing import in_short
@@ -108,6 +98,9 @@ ROUGH = 6e-3
 BASE = 20e-3
 """That of the bases of the metacarpals where a tracker does not give them [m]."""
 
+CLEAR = 1.5
+"""Sum of the sines of bends from which rough landmarks distinguish a left hand from a right one."""
+
 SLACK = 20e-3
 """By so much may the bones between rough landmarks be longer or shorter than any are [m]."""
 
@@ -145,7 +138,7 @@ def fit_hand(
     """
     joints = joints_of(landmarks, SLACK)
     check_finger_order(joints, SLACK)
-    side = _checked_side(joints, side)
+    side = checked_side(joints, side, "landmarks", CLEAR)
     eye = None if camera is None else _checked_camera(camera)
     if before is not None:
         of_kind(before, FittedHand, "the frame before", "what fit_hand gave")
@@ -205,25 +198,6 @@ def _fitted(seen: Observation, found: HandEstimate, before: FittedHand | None, p
         outliers,
         float(np.sqrt(np.mean(found.residuals.distance[~outliers] ** 2))),
     )
-
-
-CLEAR = 1.5
-"""Sum of the sines of bends from which rough landmarks distinguish a left hand from a right one."""
-
-
-def _checked_side(joints: Float64[np.ndarray, "25 3"], side: Side | None) -> Side:
-    check_side_name(side)
-    evidence = evidence_of(joints)
-    seen = "right" if evidence > 0.0 else "left"
-    if side is None and abs(evidence) < CLEAR:
-        raise InvalidInput(
-            f"the landmarks do not distinguish a left hand from a right one ({evidence:+.2f}, beyond {CLEAR:g} they "
-            "would); give side.",
-            code="side_unclear",
-        )
-    if side is not None and abs(evidence) > CLEAR:
-        check_side(side, seen, evidence, "landmarks")
-    return side or seen
 
 
 def _checked_camera(camera: Real[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
