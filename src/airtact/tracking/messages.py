@@ -15,6 +15,7 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
+from airtact.hand.joints import Side
 from airtact.tracking.frame import LAST_SEQUENCE, FaultyFrame, HandFrame
 from airtact.validation import counted
 
@@ -28,15 +29,10 @@ Coordinates = tuple[float | None, float | None, float | None]
 
 
 class Message(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
-    """A frame as JSON has it.
-
-    Attributes
-    ----------
-    time, side, sequence, landmarks, cloud : see ``HandFrame``.
-    """
+    """A frame as JSON has it; see ``HandFrame``."""
 
     time: float
-    side: str
+    side: Side
     sequence: Annotated[int, msgspec.Meta(ge=0, le=LAST_SEQUENCE)]
     landmarks: list[Coordinates | None] | None = None
     cloud: list[Coordinates] | None = None
@@ -61,12 +57,16 @@ def from_json(text: bytes | str) -> HandFrame:
         It is not such JSON, or the frame is faulty: a ``FaultyFrame`` with the kind of fault.
     """
     try:
-        message = _message_in(text)
+        raw = text.encode() if isinstance(text, str) else text
+        if b"NaN" in raw or b"Infinity" in raw:  # no JSON, but what Python and others write
+            message = msgspec.convert(json.loads(raw), Message)
+        else:
+            message = _decoder.decode(raw)
     except (msgspec.MsgspecError, ValueError, RecursionError) as error:
         reason = "it is nested too deep" if isinstance(error, RecursionError) else str(error)
         raise FaultyFrame("unreadable", f"this is not 1 frame as JSON: {reason}.") from None
     landmarks = [(None,) * 3 if one is None else one for one in message.landmarks or []]
-    return _frame(message.time, message.side, message.sequence, landmarks, message.cloud or [])
+    return _frame(message, landmarks, message.cloud or [])
 
 
 def to_osc(frame: HandFrame) -> bytes:
@@ -102,35 +102,23 @@ def from_osc(packet: bytes) -> list[HandFrame]:
     return [_from_arguments(arguments) for address, arguments in read if address == ADDRESS]
 
 
-def _message_in(text: bytes | str) -> Message:
-    raw = text.encode() if isinstance(text, str) else text
-    if b"NaN" in raw or b"Infinity" in raw:  # no JSON, but what Python and others write
-        return msgspec.convert(json.loads(raw), Message)
-    return _decoder.decode(raw)
-
-
 def _from_arguments(arguments: list[Any]) -> HandFrame:
     blob = arguments.pop() if arguments and isinstance(arguments[-1], bytes) else b""
     if len(arguments) < 3 or not all(isinstance(one, float | int) for one in [arguments[0], *arguments[3:]]):
-        raise FaultyFrame(
-            "unreadable",
-            f"{counted(len(arguments), 'argument is', 'arguments are')} not time, side, sequence and floats.",
-        )
+        are = counted(len(arguments), "argument is", "arguments are")
+        raise FaultyFrame("unreadable", f"{are} not time, side, sequence and floats.")
     if len(arguments[3:]) % 3 or len(blob) % 12:
-        raise FaultyFrame(
-            "unreadable",
-            f"{len(arguments) - 3} floats and {len(blob)} bytes are not x, y, z of each landmark and point.",
-        )
+        are = f"{len(arguments) - 3} floats and {len(blob)} bytes are"
+        raise FaultyFrame("unreadable", f"{are} not x, y, z of each landmark and point.")
+    try:
+        head = msgspec.convert(dict(zip(Message.__struct_fields__, arguments[:3], strict=False)), Message)
+    except msgspec.ValidationError as error:
+        raise FaultyFrame("unreadable", f"the first 3 arguments are not time, side, sequence: {error}.") from None
     landmarks = np.array(arguments[3:], dtype=np.float64).reshape(-1, 3)
-    cloud = np.frombuffer(blob, dtype=">f4").reshape(-1, 3).astype(np.float64)
-    return _frame(arguments[0], arguments[1], arguments[2], landmarks, cloud)
+    return _frame(head, landmarks, np.frombuffer(blob, dtype=">f4").reshape(-1, 3))
 
 
-def _frame(time: float, side: Any, sequence: Any, landmarks: Any, cloud: Any) -> HandFrame:
+def _frame(head: Message, landmarks: Any, cloud: Any) -> HandFrame:
     """Make the frame of lists or arrays of points, empty ones being none."""
-    if side not in ("left", "right"):
-        raise FaultyFrame("unreadable", f"the side is {side!r}, but there are 2: 'left' and 'right'.")
-    if isinstance(sequence, bool) or not isinstance(sequence, int):
-        raise FaultyFrame("unreadable", f"the sequence number is {sequence!r}, but it must be an integer.")
     points = [np.array(one, dtype=np.float64).reshape(-1, 3) if len(one) else None for one in (landmarks, cloud)]
-    return HandFrame(time, side, sequence, *points)
+    return HandFrame(head.time, head.side, head.sequence, *points)
