@@ -2,8 +2,9 @@
 
 import time
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -71,13 +72,16 @@ def load_recording(path: Path, leave_out: bool = False) -> Recording:
         now = 0.0
         stream = HandStream(clock=lambda: now)
         frames = []
-        for where, found in _lines(path) if path.suffix == ".jsonl" else _entries(path):
-            if isinstance(found, HandFrame):
-                now = found.time
-            fault = stream.feed(found)
-            if fault is None:
-                frames.append(found)
-            elif not leave_out:
+        for where, frame_in in _lines(path) if path.suffix == ".jsonl" else _entries(path):
+            try:
+                frame = frame_in()
+            except FaultyFrame as unreadable:
+                fault = stream.feed(unreadable)
+            else:
+                now = frame.time
+                fault = stream.feed(frame)
+                frames += [frame] if fault is None else []
+            if fault is not None and not leave_out:
                 raise InvalidInput(f"{where}: {fault}", fault.position, code=fault.code)
         if not frames:
             raise InvalidInput(f"there are 0 frames of a hand that can be used ({stream.health}).", code="no_frames")
@@ -104,7 +108,7 @@ def save_recording(path: Path, frames: Iterable[HandFrame]) -> None:
             f"of {' or '.join(ENDINGS)}.",
             code="not_writable",
         )
-    with whole_file(path) as partial, partial.open("wb") as file:
+    with whole_file(path) as unfinished, unfinished.open("wb") as file:
         if path.suffix == ".jsonl":
             file.writelines(to_json(frame) + b"\n" for frame in kept)
         else:
@@ -140,28 +144,21 @@ def replay(frames: Iterable[HandFrame], speed: float = 1.0) -> Iterator[HandFram
         yield frame
 
 
-Found = Iterator[tuple[str, HandFrame | FaultyFrame]]
-"""Where in a file a frame stands, and the frame or what is wrong with it."""
+Entries = Iterator[tuple[str, Callable[[], HandFrame]]]
+"""Where in a file each frame stands, and what makes it or raises its fault."""
 
 
-def _lines(path: Path) -> Found:
+def _lines(path: Path) -> Entries:
     try:
         with path.open("rb") as file:
             for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE), b""), start=1):
                 if line.strip():
-                    yield f"line {number}", _read(line)
+                    yield f"line {number}", partial(from_json, line)
     except OSError as error:
         raise InvalidInput(f"the recording cannot be read: {error.strerror}.", code="file_unreadable") from None
 
 
-def _read(line: bytes) -> HandFrame | FaultyFrame:
-    try:
-        return from_json(line)
-    except FaultyFrame as fault:
-        return fault
-
-
-def _entries(path: Path) -> Found:
+def _entries(path: Path) -> Entries:
     arrays = _arrays_in(path)
     ends = [np.cumsum(arrays[name].astype(np.int64)) for name in ("landmark_counts", "cloud_counts")]
     for index, (taken, right, sequence) in enumerate(zip(*(arrays[name] for name in ARRAYS[:3]), strict=True)):
@@ -169,11 +166,8 @@ def _entries(path: Path) -> Found:
         for name, end in zip(("landmarks", "clouds"), ends, strict=True):
             start = end[index - 1] if index else 0
             parts.append(arrays[name][start : end[index]] if end[index] > start else None)
-        try:
-            frame = HandFrame(float(taken), "right" if right else "left", int(sequence), *parts)
-        except FaultyFrame as fault:
-            frame = fault
-        yield f"frame {index + 1}", frame
+        side = "right" if right else "left"
+        yield f"frame {index + 1}", partial(HandFrame, float(taken), side, int(sequence), *parts)
 
 
 def _arrays_in(path: Path) -> Mapping[str, Real[np.ndarray, "..."]]:
@@ -182,13 +176,11 @@ def _arrays_in(path: Path) -> Mapping[str, Real[np.ndarray, "..."]]:
             arrays = {name: np.asarray(file[name]) for name in ARRAYS if name in file}
             version = file["format_version"].tolist() if "format_version" in file else 0
     except OSError as error:
-        raise InvalidInput(
-            f"the recording cannot be read: {error.strerror or 'it is not of NumPy'}.", code="file_unreadable"
-        ) from None
+        sentence = f"the recording cannot be read: {error.strerror or 'it is not of NumPy'}."
+        raise InvalidInput(sentence, code="file_unreadable") from None
     except (ValueError, EOFError, KeyError, zipfile.BadZipFile):
-        raise InvalidInput(
-            f"these {path.stat().st_size} bytes are no whole .npz file of NumPy: record anew.", code="file_unreadable"
-        ) from None
+        sentence = f"these {path.stat().st_size} bytes are no whole .npz file of NumPy: record anew."
+        raise InvalidInput(sentence, code="file_unreadable") from None
     if version not in range(VERSION + 1):
         raise InvalidInput(
             f"the recording is of version {version}, and versions 0 to {VERSION} are read: update airtact.",
@@ -196,28 +188,20 @@ def _arrays_in(path: Path) -> Mapping[str, Real[np.ndarray, "..."]]:
         )
     missing = [name for name in ARRAYS if name not in arrays]
     if missing:
-        raise InvalidInput(
-            f"{counted(len(missing), 'array is', 'arrays are')} missing, the first is {missing[0]}.",
-            code="dataset_missing",
-        )
+        are = counted(len(missing), "array is", "arrays are")
+        raise InvalidInput(f"{are} missing, the first is {missing[0]}.", code="dataset_missing")
     for name in ("landmark_counts", "cloud_counts"):
         least = int(arrays[name].min(initial=0)) if arrays[name].dtype.kind in "iu" else 0
         if least < 0:
             raise InvalidInput(f"{name} holds a count of {least}; write the recording anew.", code="out_of_range")
     count = len(arrays["time"]) if arrays["time"].ndim == 1 else 0
+    counts = {"landmarks": "landmark_counts", "clouds": "cloud_counts"}
     for name in ARRAYS:
         one = arrays[name]
-        of_points = name in ("landmarks", "clouds")
-        shape = (
-            (int(arrays[{"landmarks": "landmark_counts", "clouds": "cloud_counts"}[name]].sum()), 3)
-            if of_points
-            else (count,)
-        )
-        if one.shape != shape or one.dtype.kind not in ("fiu" if of_points or name == "time" else "iub"):
-            raise InvalidInput(
-                f"{name} has shape {one.shape} and type {one.dtype}, but {count} frames need {shape}.",
-                code="wrong_shape",
-            )
+        shape = (int(arrays[counts[name]].sum()), 3) if name in counts else (count,)
+        if one.shape != shape or one.dtype.kind not in ("fiu" if name in counts or name == "time" else "iub"):
+            sentence = f"{name} has shape {one.shape} and type {one.dtype}, but {count} frames need {shape}."
+            raise InvalidInput(sentence, code="wrong_shape")
     return arrays
 
 
