@@ -5,8 +5,7 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 from airtact.tracking.frame import HandFrame
-from airtact.tracking.kalman_filter import first_seen, measured, process_noise, transition
-from airtact.tracking.prediction import Predictor
+from airtact.tracking.prediction import Predictor, first_seen, measured, process_noise, transition
 from faults import raises_code
 from tracking.motions import Pinching, pinch_pose, still
 

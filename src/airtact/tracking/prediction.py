@@ -1,14 +1,26 @@
-"""Where a hand will be when the sound arrives: noise smoothed, latency made up for."""
+"""Where a hand will be when the sound arrives: noise smoothed, latency made up for.
 
+A Kalman filter keeps the velocity of every coordinate up to white noise of the acceleration. All coordinates are
+equally noisy and agile, so they share one covariance (2, 2) of position and velocity, and with it one gain.
+
+Times are in seconds, positions (P, 3) in metres; ``noise`` is the standard deviation of each measured coordinate [m],
+``agility`` the spectral density of the acceleration [m²/s³].
+
+Source: Y. Bar-Shalom, X. R. Li, T. Kirubarajan, *Estimation with Applications to Tracking and Navigation*, Wiley 2001:
+section 6.2.2, discretised continuous white noise acceleration (equations 6.2.2-4 and 6.2.2-9); section 5.5.3, starting
+from two measurements.
+"""
+
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Real
 
 from airtact.conventions import InvalidInput
 from airtact.hand.joints import CHAINS
+from airtact.printing import in_short
 from airtact.tracking.frame import FaultyFrame, HandFrame
-from airtact.tracking.kalman_filter import Motion, first_seen, measured
 from airtact.validation import number, positive
 
 NOISE = 1e-3
@@ -23,6 +35,79 @@ TRACKED_CHAINS = tuple(tuple(range(start, start + 4)) for start in (1, 5, 9, 13,
 
 LONGEST_LATENCY = 1.0
 """Longest latency over which a prediction makes sense [s]."""
+
+
+# --- Kalman filter --------------------------------------------------------------------------------------------------
+
+USUAL = 0.5
+"""Standard deviation of the velocity of a hand of which nothing else is known [m/s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Positions and velocities of points, as estimated from measurements.
+
+    Attributes
+    ----------
+    time : of these positions [s].
+    positions : (P, 3) [m].
+    velocities : (P, 3) [m/s].
+    covariance : (2, 2) of position and velocity, of every coordinate.
+    seen_once : whether there was one measurement only, so that the velocity is a guess.
+    """
+
+    time: float
+    positions: Float64[np.ndarray, "points 3"]
+    velocities: Float64[np.ndarray, "points 3"]
+    covariance: Float64[np.ndarray, "2 2"]
+    seen_once: bool = False
+
+    __repr__ = in_short
+
+    def at(self, time: float, agility: float) -> "Motion":
+        """Carry the points on at their velocities."""
+        step = time - self.time
+        forward, chance = transition(step), process_noise(step, agility)
+        positions = self.positions + step * self.velocities
+        return replace(self, time=time, positions=positions, covariance=forward @ self.covariance @ forward.T + chance)
+
+
+def transition(step: float) -> Float64[np.ndarray, "2 2"]:
+    """Return the matrix that advances position and velocity by a step of time [s]."""
+    return np.array([[1.0, step], [0.0, 1.0]])
+
+
+def process_noise(step: float, agility: float) -> Float64[np.ndarray, "2 2"]:
+    """Return the covariance that random acceleration adds to position and velocity in a step of time."""
+    size = abs(step)
+    return agility * np.array([[size**3 / 3.0, step * size / 2.0], [step * size / 2.0, size]])
+
+
+def first_seen(time: float, positions: Real[np.ndarray, "points 3"], noise: float) -> Motion:
+    """Start from one measurement, with the points at rest."""
+    covariance = np.diag([noise**2, USUAL**2])
+    return Motion(time, np.asarray(positions, dtype=np.float64), np.zeros(positions.shape), covariance, seen_once=True)
+
+
+def measured(
+    motion: Motion, time: float, positions: Real[np.ndarray, "points 3"], noise: float, agility: float
+) -> Motion:
+    """Update the estimate with a measurement."""
+    if motion.seen_once:
+        step = time - motion.time
+        velocities, crossed = (positions - motion.positions) / step, noise**2 / step
+        turned = 2.0 * noise**2 / step**2 + agility * step / 3.0
+        covariance = np.array([[noise**2, crossed], [crossed, turned]])
+        return Motion(time, np.asarray(positions, dtype=np.float64), velocities, covariance)
+    expected = motion.at(time, agility)
+    gain = expected.covariance[:, 0] / (expected.covariance[0, 0] + noise**2)
+    surprise = positions - expected.positions
+    keep = np.eye(2) - np.outer(gain, [1.0, 0.0])
+    covariance = keep @ expected.covariance @ keep.T + noise**2 * np.outer(gain, gain)  # Joseph's form stays positive
+    return Motion(time, expected.positions + gain[0] * surprise, motion.velocities + gain[1] * surprise, covariance)
+
+
+# --- prediction -----------------------------------------------------------------------------------------------------
 
 
 class Predictor:
@@ -50,8 +135,7 @@ class Predictor:
         self._noise = positive(noise, "noise", "m")
         self._agility = positive(agility, "agility", "m²/s³")
         self._patience = positive(patience, "patience", "s")
-        self._motion: Motion | None = None
-        self._newest: HandFrame | None = None
+        self._seen: tuple[HandFrame, Motion] | None = None
 
     def take(self, frame: HandFrame) -> None:
         """Take the next frame of the hand; one that is lost changes nothing.
@@ -65,25 +149,22 @@ class Predictor:
         InvalidInput
             When it is of the other hand, or not later than the one before; a ``HandStream`` gives no such frames.
         """
-        last = self._newest
-        if last is not None and frame.side != last.side:
-            raise InvalidInput(
-                f"frame {frame.sequence} is of the {frame.side} hand; make a second predictor for it.",
-                code="other_hand",
-            )
-        if last is not None and frame.time <= last.time:
+        last, motion = self._seen or (frame, None)
+        if frame.side != last.side:
+            sentence = f"frame {frame.sequence} is of the {frame.side} hand; make a second predictor for it."
+            raise InvalidInput(sentence, code="other_hand")
+        if motion is not None and frame.time <= last.time:
             raise InvalidInput(
                 f"time goes back from {last.time:g} to {frame.time:g} s at frame {frame.sequence}; leave it out.",
                 code="backwards",
             )
         if frame.landmarks is None:
             return
-        motion = self._motion
         if motion is None or frame.time - motion.time > self._patience or len(motion.positions) != len(frame.landmarks):
-            self._motion = first_seen(frame.time, frame.landmarks, self._noise)
+            motion = first_seen(frame.time, frame.landmarks, self._noise)
         else:
-            self._motion = measured(motion, frame.time, frame.landmarks, self._noise, self._agility)
-        self._newest = frame
+            motion = measured(motion, frame.time, frame.landmarks, self._noise, self._agility)
+        self._seen = frame, motion
 
     def at(self, time: float) -> HandFrame:
         """Predict the hand a latency after a time.
@@ -103,9 +184,7 @@ class Predictor:
         InvalidInput
             When no frame was taken yet.
         """
-        last, motion = self._newest, self._motion
-        if last is None or motion is None:
-            raise InvalidInput("0 frames with landmarks were taken; take one before a prediction.", code="no_frames")
+        last, motion = self._newest()
         then = number(time, "time", "s") + self.latency
         if time - motion.time > self._patience:
             return HandFrame(then, last.side, last.sequence)
@@ -129,9 +208,12 @@ class Predictor:
         InvalidInput
             When no frame was taken yet.
         """
-        if self._motion is None:
+        return float(np.sqrt(self._newest()[1].at(time + self.latency, self._agility).covariance[0, 0]))
+
+    def _newest(self) -> tuple[HandFrame, Motion]:
+        if self._seen is None:
             raise InvalidInput("0 frames with landmarks were taken; take one before a prediction.", code="no_frames")
-        return float(np.sqrt(self._motion.at(time + self.latency, self._agility).covariance[0, 0]))
+        return self._seen
 
 
 def _with_lengths(
