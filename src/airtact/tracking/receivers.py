@@ -7,9 +7,9 @@ in a browser cannot connect to them.
 import re
 import socket
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from threading import Lock, Thread
-from types import TracebackType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 from airtact.conventions import InvalidInput
 from airtact.tracking.stream import HandStream
@@ -27,26 +27,47 @@ OWN_PAGES = re.compile(r"https?://(localhost|127\.0\.0\.1)(:\d+)?")
 """Pages that may send frames; programs that are no browser name no page and may always."""
 
 
-class _Listening(ABC):
-    """What listens at a port from its making to the end of its block, and feeds a stream."""
+class _Receiver(ABC):
+    """Listens at a port from its making to the end of its block, and feeds a stream."""
 
-    stream: HandStream
-    port: int
+    def __init__(self, stream: HandStream | None, kind: socket.SocketKind, port: int, host: str) -> None:
+        if not 0 <= port <= 65535:
+            raise InvalidInput(
+                f"port {port} does not exist; give 1 to 65535, or 0 for any that is free.", code="out_of_range"
+            )
+        self.stream = HandStream() if stream is None else stream
+        self._socket = socket.socket(socket.AF_INET, kind)
+        try:
+            if kind == socket.SOCK_STREAM:
+                self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            self._socket.bind((host, port))
+            if kind == socket.SOCK_STREAM:
+                self._socket.listen()
+        except OSError as error:
+            self._socket.close()
+            raise InvalidInput(
+                f"the receiver cannot listen at {host}, port {port}: {error.strerror}; take another port.",
+                code="port_taken",
+            ) from None
+        self.port: int = self._socket.getsockname()[1]
+        self._closed = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *fault: object) -> None:
+        self.close()
 
     @abstractmethod
     def close(self) -> None:
         """Stop listening."""
 
-    def __enter__(self) -> "_Listening":
-        """Take itself into the block."""
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, fault: BaseException | None, at: TracebackType | None) -> None:
-        """Close at the end of the block."""
-        self.close()
+    def _start(self, listen: Callable[[], None]) -> None:
+        self._thread = Thread(target=listen, name=f"airtact {type(self).__name__}", daemon=True)
+        self._thread.start()
 
 
-class WebSocketReceiver(_Listening):
+class WebSocketReceiver(_Receiver):
     """Listens for websockets that send frames in JSON, as many at a time as like.
 
     Use it in a ``with`` block; it listens from its making to the end of the block.
@@ -66,21 +87,12 @@ class WebSocketReceiver(_Listening):
     def __init__(self, stream: HandStream | None = None, port: int = 0, host: str = "127.0.0.1") -> None:
         from websockets.sync.server import serve
 
-        self.stream = HandStream() if stream is None else stream
+        super().__init__(stream, socket.SOCK_STREAM, port, host)
         self._connections: set[ServerConnection] = set()
-        self._lock, self._closed = Lock(), False
-        bound = _bound(socket.SOCK_STREAM, port, host)
-        self.port = bound.getsockname()[1]
-        self._server = serve(
-            self._receive,
-            sock=bound,
-            origins=[None, OWN_PAGES],
-            max_size=LARGEST_MESSAGE,
-            compression=None,
-            close_timeout=1,
-        )
-        self._thread = Thread(target=self._server.serve_forever, name="airtact websocket", daemon=True)
-        self._thread.start()
+        self._lock = Lock()
+        limits = {"max_size": LARGEST_MESSAGE, "compression": None, "close_timeout": 1}
+        self._server = serve(self._receive, sock=self._socket, origins=[None, OWN_PAGES], **limits)
+        self._start(self._server.serve_forever)
 
     def close(self) -> None:
         """Stop listening and end all connections."""
@@ -109,31 +121,13 @@ class WebSocketReceiver(_Listening):
                 self._connections.discard(connection)
 
 
-class OscReceiver(_Listening):
-    """Listens for OSC over UDP.
-
-    Use it in a ``with`` block; it listens from its making to the end of the block.
-
-    Parameters
-    ----------
-    stream : what is fed; a new one unless given.
-    port : to listen at; 0 takes a free one, which the attribute ``port`` holds.
-    host : the address to listen at.
-
-    Raises
-    ------
-    InvalidInput
-        The port is taken by another program, or does not exist.
-    """
+class OscReceiver(_Receiver):
+    """Listens for OSC over UDP; its parameters, its errors and its use are those of ``WebSocketReceiver``."""
 
     def __init__(self, stream: HandStream | None = None, port: int = 0, host: str = "127.0.0.1") -> None:
-        self.stream = HandStream() if stream is None else stream
-        self._socket = _bound(socket.SOCK_DGRAM, port, host)
+        super().__init__(stream, socket.SOCK_DGRAM, port, host)
         self._socket.settimeout(0.1)  # so often it looks whether it was closed
-        self.port = self._socket.getsockname()[1]
-        self._closed = False
-        self._thread = Thread(target=self._listen, name="airtact OSC", daemon=True)
-        self._thread.start()
+        self._start(self._listen)
 
     def close(self) -> None:
         """Stop listening."""
@@ -145,30 +139,6 @@ class OscReceiver(_Listening):
         while not self._closed:
             try:
                 packet = self._socket.recv(LARGEST_PACKET)
-            except TimeoutError:
-                continue
-            except OSError:  # of Windows, when an answer could not be delivered; the next packet comes all the same
+            except OSError:  # timeout; or of Windows, when an answer could not be delivered: the next packet comes
                 continue
             self.stream.feed_osc(packet)
-
-
-def _bound(kind: socket.SocketKind, port: int, host: str) -> socket.socket:
-    """Open a socket that listens at a port."""
-    if not 0 <= port <= 65535:
-        raise InvalidInput(
-            f"port {port} does not exist; give 1 to 65535, or 0 for any that is free.", code="out_of_range"
-        )
-    made = socket.socket(socket.AF_INET, kind)
-    try:
-        if kind == socket.SOCK_STREAM:
-            made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        made.bind((host, port))
-        if kind == socket.SOCK_STREAM:
-            made.listen()
-    except OSError as error:
-        made.close()
-        raise InvalidInput(
-            f"the receiver cannot listen at {host}, port {port}: {error.strerror}; take another port.",
-            code="port_taken",
-        ) from None
-    return made
