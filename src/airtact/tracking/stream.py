@@ -129,32 +129,14 @@ class HandStream:
             return StreamHealth(**self._counts)
 
     def feed_json(self, text: bytes | str) -> FaultyFrame | None:
-        """Take a message in JSON.
-
-        Parameters
-        ----------
-        text : whatever came.
-
-        Returns
-        -------
-        Why it was left out, or None where it is used.
-        """
+        """Take a message in JSON, whatever it is; return why it was left out, or None where it is used."""
         try:
             return self.feed(from_json(text))
         except FaultyFrame as fault:
             return self.feed(fault)
 
     def feed_osc(self, packet: bytes) -> FaultyFrame | None:
-        """Take a packet of OSC.
-
-        Parameters
-        ----------
-        packet : whatever came.
-
-        Returns
-        -------
-        Why it, or the last frame in it, was left out, or None.
-        """
+        """Take a packet of OSC, whatever it is; return why it, or the last frame in it, was left out, or None."""
         try:
             frames = from_osc(packet)
         except FaultyFrame as fault:
@@ -163,11 +145,7 @@ class HandStream:
         return faults[-1] if faults else None
 
     def feed(self, frame: HandFrame | FaultyFrame) -> FaultyFrame | None:
-        """Take a frame.
-
-        Parameters
-        ----------
-        frame : as the tracker gave it, or what is wrong with it.
+        """Take a frame as the tracker gave it, or what is wrong with it.
 
         Returns
         -------
@@ -194,12 +172,7 @@ class HandStream:
             self._counts["interrupted"] += 1
 
     def latest(self, side: Side) -> HandFrame | None:
-        """Give the newest frame of a hand, a lost one where nothing came for a while, or None where none ever came.
-
-        Parameters
-        ----------
-        side : ``"left"`` or ``"right"``.
-        """
+        """Give the newest frame of a hand, a lost one where nothing came for a while, or None where none ever came."""
         with self._changed:
             self._notice_silence()
             return self._hands[side].newest

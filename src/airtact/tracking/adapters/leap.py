@@ -51,16 +51,10 @@ def main() -> None:
 
 
 def hands_in(messages: Iterator[str]) -> Iterator[Frame]:
-    """Find hands in messages of the service.
+    """Find hands in messages of the service; those that are no frame, such as the greeting, are passed over.
 
-    Parameters
-    ----------
-    messages : in JSON; those that are no frame, such as the greeting, are passed over.
-
-    Yields
-    ------
-    Frames as airtact takes them: of each hand, and one that is lost where a hand is no longer tracked. Joints that the
-    service does not give are null.
+    Gives frames of each hand, and one that is lost where a hand is no longer tracked. Joints that the service does not
+    give are null.
     """
     seen: set[str] = set()
     for message in messages:

@@ -53,17 +53,7 @@ def main() -> None:
 
 
 def _hands_in(pictures: Iterator[tuple[float, Picture]], options: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    """Find hands in pictures.
-
-    Parameters
-    ----------
-    pictures : times [s] and pictures.
-    options : of the command line.
-
-    Yields
-    ------
-    Frames as airtact takes them: of each side that is seen, and one that is lost where a side is no longer seen.
-    """
+    """Give frames of each side seen in pictures with their times [s], and a lost one where a side is seen no longer."""
     import mediapipe  # pyright: ignore[reportMissingImports]
     import numpy as np
 
@@ -106,13 +96,9 @@ def _look(result: Any, mirrored: bool) -> list[tuple[str, tuple[Any, Any]]]:
 
 
 def _placed(looks: list[tuple[Any, Any]], shape: tuple[int, ...], options: argparse.Namespace) -> Landmarks:
-    """Bring the shape of a hand to where it is seen, in the camera's frame [m].
+    """Bring the shape of a hand to where it is seen in a picture of some shape, in the camera's frame [m].
 
-    Parameters
-    ----------
-    looks : landmarks of MediaPipe: in shares of the picture's sides, and in metres round the hand's middle.
-    shape : rows and columns of the picture.
-    options : of the command line; focal length and hand length.
+    ``looks`` are landmarks of MediaPipe, in shares of the picture's sides and in metres round the hand's middle.
     """
     import cv2  # pyright: ignore[reportMissingImports]
     import numpy as np

@@ -42,17 +42,7 @@ def main() -> None:
 
 
 def _clouds_in(depths: Iterator[Any], options: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    """Find the points of a hand in pictures of depth.
-
-    Parameters
-    ----------
-    depths : depth frames of pyrealsense2.
-    options : of the command line.
-
-    Yields
-    ------
-    Frames as airtact takes them, with a cloud; lost ones where there are too few points.
-    """
+    """Find a hand's points in depth frames; give frames as airtact takes them, lost ones where points are too few."""
     import numpy as np
 
     cloud = _library().pointcloud()
@@ -112,17 +102,9 @@ def _played(options: argparse.Namespace) -> Iterator[Any]:
         frame = rs.software_video_frame()
         levels = np.where(np.isfinite(metres), np.round(metres / UNIT), 0.0)
         frame.pixels = np.ascontiguousarray(levels.astype(np.uint16))
-        frame.stride, frame.bpp, frame.profile, frame.depth_units = (
-            2 * columns,
-            2,
-            profile.as_video_stream_profile(),
-            UNIT,
-        )
-        frame.timestamp, frame.frame_number, frame.domain = (
-            1e3 * number / 30,
-            number,
-            rs.timestamp_domain.hardware_clock,
-        )
+        frame.stride, frame.bpp, frame.depth_units = 2 * columns, 2, UNIT
+        frame.profile, frame.domain = profile.as_video_stream_profile(), rs.timestamp_domain.hardware_clock
+        frame.timestamp, frame.frame_number = 1e3 * number / 30, number
         sensor.on_video_frame(frame)
         yield queue.wait_for_frame(5000).as_depth_frame()
     sensor.stop()
@@ -134,9 +116,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--to", help="address of the receiver, ws://127.0.0.1:8765; JSON lines are printed without it")
     parser.add_argument("--side", choices=("left", "right"), required=True, help="which hand it is")
     parser.add_argument("--nearest", type=float, default=0.1, help="nearer points are none, in metres; 0.1 by default")
-    parser.add_argument(
-        "--farthest", type=float, default=0.6, help="farther ones are no hand, in metres; 0.6 by default"
-    )
+    parser.add_argument("--farthest", type=float, default=0.6, help="farther are no hand, in metres; 0.6 by default")
     parser.add_argument("--points", type=int, default=4000, help="points sent at most; 4000 by default")
     parser.add_argument("--depths", type=Path, help="folder of pictures of depth to play instead of a camera")
     parser.add_argument("--focal", type=float, default=600.0, help="focal length of those in pixels; 600 by default")
