@@ -6,17 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from airtact.hand.fitting.joint_priors import (
-    bend_rules,
-    bending_axes,
-    landmark_cost,
-    landmark_weights,
-    length_rules,
-    usual_last_bones,
-)
+from airtact.hand.fitting.joint_priors import bend_rules, bending_axes, landmark_pull, length_rules, usual_last_bones
+from airtact.hand.fitting.normal_equations import skin_residuals
 from airtact.hand.fitting.point_cloud import cell_means
 from airtact.hand.fitting.silhouette import FAR, LOOSE, SPARE, silhouette_of
-from airtact.hand.fitting.skin_residuals import skin_residuals
 from airtact.hand.fitting.unknowns import COUNT, JOINTS, SIZES
 from airtact.hand.hand import hand_from_joints
 from airtact.hand.joints import BONES, CHAINS
@@ -117,10 +110,10 @@ def test_landmarks_pull_as_their_cost_falls() -> None:
     random = np.random.default_rng(2)
     off, spread = random.normal(scale=12e-3, size=(25, 3)), random.uniform(4e-3, 20e-3, 25)
 
-    gradient = by_differences(lambda x: np.array([landmark_cost(x, spread)]), off)[0]
+    gradient = by_differences(lambda x: np.array([landmark_pull(x, spread)[1]]), off)[0]
 
     np.testing.assert_allclose(
-        2.0 * (landmark_weights(off, spread)[:, None] ** 2 * off).ravel(), gradient, rtol=1e-6, atol=1e-2
+        2.0 * (landmark_pull(off, spread)[0][:, None] ** 2 * off).ravel(), gradient, rtol=1e-6, atol=1e-2
     )
 
 

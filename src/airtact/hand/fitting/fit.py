@@ -11,12 +11,11 @@ from threadpoolctl import ThreadpoolController
 from airtact.conventions import InvalidInput
 from airtact.hand.anatomy_parts import OWNER, PARTS
 from airtact.hand.fitting.gauss_newton import HandEstimate, best_hand, next_hand, skin_spread
-from airtact.hand.fitting.normal_equations import Observation
+from airtact.hand.fitting.normal_equations import Observation, skin_residuals
 from airtact.hand.fitting.point_cloud import AROUND, cell_means, checked_cloud
 from airtact.hand.fitting.silhouette import silhouette_of
 from airtact.hand.fitting.size_prior import HandAnatomy, population_prior
 from airtact.hand.fitting.skin_offset import EDGES, with_offset
-from airtact.hand.fitting.skin_residuals import skin_residuals
 from airtact.hand.fitting.unknowns import JOINTS, SIZES
 from airtact.hand.hand import Hand
 from airtact.hand.joints import BONES, FINGERS, NAMES, Side, check_finger_order, checked_side, joints_of
@@ -139,12 +138,10 @@ def fit_hand(
     joints = joints_of(landmarks, SLACK)
     check_finger_order(joints, SLACK)
     side = checked_side(joints, side, "landmarks", CLEAR)
-    eye = None if camera is None else _checked_camera(camera)
     if before is not None:
         of_kind(before, FittedHand, "the frame before", "what fit_hand gave")
     cloud = checked_cloud(points, joints)
-    if eye is not None:
-        _check_camera_inside(eye, cloud)
+    eye = None if camera is None else _checked_camera(camera, cloud)
     person = anatomy or (before.anatomy if before is not None else None)
     known = person if person is not None and person.settled else population_prior(joints)
     spread = np.full(25, ROUGH)
@@ -200,15 +197,6 @@ def _fitted(seen: Observation, found: HandEstimate, before: FittedHand | None, p
     )
 
 
-def _checked_camera(camera: Real[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
-    what = "the position of the camera"
-    eye = real_numbers(camera, what)
-    if eye.shape != (3,):
-        raise InvalidInput(f"{what} has shape {eye.shape}, but it is 3 numbers, in metres.", code="wrong_shape")
-    check_finite(eye, what)
-    return eye
-
-
 JUMP = 25e-3
 """A hand that has moved farther since the frame before starts anew from its landmarks [m]."""
 
@@ -256,13 +244,19 @@ BEFORE = 30e-3
 """A camera stands farther than this before what it sees [m]."""
 
 
-def _check_camera_inside(camera: Float64[np.ndarray, "3"], cloud: Float64[np.ndarray, "near 3"]) -> None:
-    sight = np.median(cloud, axis=0) - camera
-    ahead = (cloud - camera) @ sight / max(float(np.linalg.norm(sight)), BEFORE)
+def _checked_camera(camera: Real[np.ndarray, "3"], cloud: Float64[np.ndarray, "near 3"]) -> Float64[np.ndarray, "3"]:
+    what = "the position of the camera"
+    eye = real_numbers(camera, what)
+    if eye.shape != (3,):
+        raise InvalidInput(f"{what} has shape {eye.shape}, but it is 3 numbers, in metres.", code="wrong_shape")
+    check_finite(eye, what)
+    sight = np.median(cloud, axis=0) - eye
+    ahead = (cloud - eye) @ sight / max(float(np.linalg.norm(sight)), BEFORE)
     if ahead.min() < BEFORE:
         raise InvalidInput(
-            f"the camera stands at {in_mm(camera)}, and {(ahead < BEFORE).sum()} of {len(cloud)} points lie beside it, "
+            f"the camera stands at {in_mm(eye)}, and {(ahead < BEFORE).sum()} of {len(cloud)} points lie beside it, "
             f"behind it or less than {1e3 * BEFORE:g} mm before it: give the place they were seen from, in metres.",
-            camera,
+            eye,
             code="camera_among_points",
         )
+    return eye

@@ -13,27 +13,27 @@ from airtact.hand.fitting.normal_equations import (
     FEW,
     KIND,
     MOST,
-    Joining,
     NormalEquations,
     Observation,
+    SkinResiduals,
     normal_equations,
     of_points,
     without_points,
 )
-from airtact.hand.fitting.skin_residuals import SkinResiduals
 from airtact.hand.fitting.unknowns import (
     BALLS,
-    BODY,
+    BODY_BLOCK,
     COUNT,
     JOINTS,
+    RADII,
     SIZE_COUNT,
     SIZE_RADII,
     SIZES,
-    add_to_body,
     by_body,
     joined,
     joints_in,
 )
+from airtact.hand.sphere_mesh import Hulls
 from airtact.printing import in_short
 
 
@@ -104,12 +104,12 @@ def next_hand(
     seen: Observation, joints: Float64[np.ndarray, "25 3"], sizes: Float64[np.ndarray, "62"], hold: bool
 ) -> HandEstimate:
     """Find the hand that explains a cloud best near the joints of the frame before [m], first with few points."""
-    unknowns, joining, floor = joined(joints, sizes), _joining(joints, sizes), WIDEST
+    unknowns, hulls, floor = joined(joints, sizes), hand_hulls(joints, np.exp(sizes[SIZE_RADII]))[0], WIDEST
     for each, most in LATER:
         few = replace(seen, points=np.ascontiguousarray(seen.points[::each]), each=each)
-        end = _descended(few, unknowns, floor, most, hold, joining)
+        end = _descended(few, unknowns, floor, most, hold, hulls)
         unknowns, floor = end.here.unknowns, end.floor
-    return _estimate(seen, normal_equations(seen, joining, unknowns, floor), hold)
+    return _estimate(seen, normal_equations(seen, hulls, unknowns, floor), hold)
 
 
 class _End(NamedTuple):
@@ -117,11 +117,6 @@ class _End(NamedTuple):
 
     here: NormalEquations
     floor: float
-
-
-def _joining(joints: Float64[np.ndarray, "25 3"], sizes: Float64[np.ndarray, "62"]) -> Joining:
-    hulls, _ = hand_hulls(joints, np.exp(sizes[SIZE_RADII]))
-    return hulls.blend, hulls.apart
 
 
 def _better(one: _End, other: _End) -> _End:
@@ -147,13 +142,13 @@ def _descended(
     floor: float,
     most: int,
     hold: bool,
-    joining: Joining | None = None,
+    hulls: Hulls | None = None,
 ) -> _End:
-    """Take damped steps until they promise little."""
+    """Take damped steps until they promise little, with the hulls joined as they are at the start, or as these are."""
     free = JOINTS.stop if hold else COUNT
     damping, steps = FIRST, 0
-    joining = joining or _joining(joints_in(unknowns), unknowns[SIZES])
-    here = normal_equations(seen, joining, unknowns, floor)
+    hulls = hulls or hand_hulls(joints_in(unknowns), np.exp(unknowns[RADII]))[0]
+    here = normal_equations(seen, hulls, unknowns, floor)
     while steps < most:
         steps += 1
         matrix = here.matrix[:free, :free].copy()
@@ -165,7 +160,7 @@ def _descended(
         tried = here.unknowns.copy()
         tried[:free] += move
         floor *= SHARPER
-        there = normal_equations(seen, joining, tried, floor)
+        there = normal_equations(seen, hulls, tried, floor)
         better = there.cost(here.scale) < here.cost(here.scale)
         damping = damping / EASIER if better else damping * HARDER
         if better:
@@ -192,7 +187,7 @@ def skin_spread(found: HandEstimate) -> Float64[np.ndarray, "hulls"]:
     It includes what the shape of the body cannot follow, at least as much as the misfit that neighbouring points share.
     """
     ways = np.vstack([np.eye(3), -np.eye(3)])
-    own = found.covariance[np.ix_(BODY, BODY)]
+    own = found.covariance[BODY_BLOCK]
     spread = np.zeros(len(PARTS))
     for hull, part in enumerate(PARTS.tolist()):
         balls = [ball for ball in part if ball >= 0]
@@ -214,7 +209,7 @@ def _estimate(seen: Observation, here: NormalEquations, hold: bool) -> HandEstim
         own = np.flatnonzero((here.weights > 0.0) & (kinds == kind))
         alike[kind], common[kind] = _alike(seen.points[own], here.residuals.distance[own], here.residuals.hull[own])
     matrix = without_points(seen, here.unknowns)[0]
-    add_to_body(matrix, of_points(here.residuals, here.weights / (alike * here.scale**2)[kinds], sizes)[0])
+    matrix[BODY_BLOCK] += of_points(here.residuals, here.weights / (alike * here.scale**2)[kinds], sizes)[0]
     if hold:  # the sizes keep their covariance, whatever this frame shows of them
         follow = np.vstack([-np.linalg.solve(matrix[JOINTS, JOINTS], matrix[JOINTS, SIZES]), np.eye(SIZE_COUNT)])
         covariance = follow @ seen.anatomy.covariance @ follow.T

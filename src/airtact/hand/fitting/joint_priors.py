@@ -178,13 +178,12 @@ def _by_joints(
     return gradients
 
 
-def landmark_weights(off: Float64[np.ndarray, "25 3"], spread: Float64[np.ndarray, "25"]) -> Float64[np.ndarray, "25"]:
-    """Weight landmarks [1/m] that are ``off`` [m] by the density of Cauchy's distribution of a ``spread`` [m]."""
-    far = np.linalg.norm(off, axis=1) / (3.0 * spread)
-    return 1.0 / (spread * np.sqrt(1.0 + far**2))
+def landmark_pull(
+    off: Float64[np.ndarray, "25 3"], spread: Float64[np.ndarray, "25"]
+) -> tuple[Float64[np.ndarray, "25"], float]:
+    """Weight landmarks [1/m] that are ``off`` [m] by the density of Cauchy's distribution of a ``spread`` [m].
 
-
-def landmark_cost(off: Float64[np.ndarray, "25 3"], spread: Float64[np.ndarray, "25"]) -> float:
-    """Return twice the cost of landmarks, whose gradient is twice the square of ``landmark_weights`` times ``off``."""
+    Also returns twice their cost, whose gradient is twice the squares of the weights times ``off``.
+    """
     far = np.linalg.norm(off, axis=1) / (3.0 * spread)
-    return 9.0 * float(np.log1p(far**2).sum())
+    return 1.0 / (spread * np.sqrt(1.0 + far**2)), 9.0 * float(np.log1p(far**2).sum())

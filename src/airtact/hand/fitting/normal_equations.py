@@ -4,27 +4,25 @@ Sources
 -------
 - A. E. Beaton, J. W. Tukey, Technometrics 16, 147 (1974): the weights of points that are far off.
 - F. R. Hampel, J. Am. Stat. Assoc. 69, 383 (1974): the scale of the misfit from its median.
+- A. Tkach, M. Pauly, A. Tagliasacchi, ACM Trans. Graph. 35, 222 (2016): the distance of a point x to a hull of balls is
+  the least of |x - c(w)| - r(w) over the weights w of its balls; its derivatives there are -w n by the centres and -w
+  by the radii, n pointing from c(w) to x. Section 4.2: a point that a camera has seen belongs to skin that faces it, so
+  that where the nearest skin of a hull faces away, the distance is taken from the front or the rim.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
+from airtact import _kernels
 from airtact.hand.anatomy_parts import FREE, PARTS
-from airtact.hand.fitting.joint_priors import (
-    bend_rules,
-    bending_axes,
-    landmark_cost,
-    landmark_weights,
-    length_rules,
-    usual_last_bones,
-)
+from airtact.hand.fitting.joint_priors import bend_rules, bending_axes, landmark_pull, length_rules, usual_last_bones
 from airtact.hand.fitting.silhouette import Silhouette
 from airtact.hand.fitting.size_prior import HandAnatomy
-from airtact.hand.fitting.skin_residuals import SkinResiduals, skin_residuals
-from airtact.hand.fitting.unknowns import BALLS, BODY, JOINTS, SIZES, add_to_body, balls_at, by_body, joints_in
+from airtact.hand.fitting.unknowns import BALLS, BODY, BODY_BLOCK, JOINTS, SIZES, balls_at, by_body, joints_in
 from airtact.hand.joints import Side
 from airtact.hand.sphere_mesh import Hulls
 from airtact.printing import in_short
@@ -38,9 +36,6 @@ farther from hulls of balls."""
 
 KIND = (np.arange(len(PARTS)) >= FREE).astype(np.int64)
 """0 for the hulls of fingers, 1 for those of the palm."""
-
-Joining = tuple[Float64[np.ndarray, "hulls hulls"], Float64[np.ndarray, "hulls hulls"]]
-"""``blend`` and ``apart`` of the hulls of a hand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +71,40 @@ class Observation:
         return np.linalg.inv(self.anatomy.covariance)
 
 
+FACING = -0.05
+"""Cosine to the line of sight below which skin faces away from the camera."""
+
+
+class SkinResiduals(NamedTuple):
+    """Signed distances of points (N,) from the skin that they belong to, and their derivatives.
+
+    Attributes
+    ----------
+    distance : (N,) [m].
+    by_balls : (N, 104) derivatives by centre and radius of each ball.
+    hull : (N,) the hull that each belongs to.
+    """
+
+    distance: Float64[np.ndarray, "points"]
+    by_balls: Float64[np.ndarray, "points numbers"]
+    hull: Int64[np.ndarray, "points"]
+
+
+def skin_residuals(
+    points: Float64[np.ndarray, "points 3"], hulls: Hulls, camera: Float64[np.ndarray, "3"] | None = None
+) -> SkinResiduals:
+    """Find the distances of points from the skin of a body, by the three nearest hulls, and their derivatives.
+
+    Points that a ``camera`` (3,) [m] saw belong to skin that faces it.
+    """
+    count = len(points)
+    found = SkinResiduals(np.empty(count), np.empty((count, hulls.balls.size)), np.empty(count, dtype=np.int64))
+    eye = np.zeros(0) if camera is None else np.ascontiguousarray(camera, dtype=np.float64)
+    points = np.ascontiguousarray(points)
+    _kernels.hull_gaps(points, hulls.balls, hulls.parts, hulls.blend, eye, FACING, *found)
+    return found
+
+
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
     """The normal equations of a step, and what the cost is made of.
@@ -109,14 +138,14 @@ class NormalEquations:
 
 
 def normal_equations(
-    seen: Observation, joining: Joining, unknowns: Float64[np.ndarray, "137"], floor: float
+    seen: Observation, joined_as: Hulls, unknowns: Float64[np.ndarray, "137"], floor: float
 ) -> NormalEquations:
     """Set up the normal equations at some unknowns; ``floor`` is the least scale of the misfit [m]."""
     matrix, gradient, squares = without_points(seen, unknowns)
-    residuals, weights, scale = _misfit(seen, Hulls(balls_at(unknowns), PARTS, *joining), floor)
+    residuals, weights, scale = _misfit(seen, replace(joined_as, balls=balls_at(unknowns)), floor)
     kind = KIND[residuals.hull]
     part, pull = of_points(residuals, seen.each * weights / (ALIKE * scale**2)[kind], unknowns[SIZES])
-    add_to_body(matrix, part)
+    matrix[BODY_BLOCK] += part
     gradient[BODY] += pull
     return NormalEquations(unknowns, matrix, gradient, squares, residuals, weights, scale, seen.each)
 
@@ -131,17 +160,18 @@ def without_points(
     residuals, gradients = (np.concatenate(part) for part in zip(*rules, strict=True))
     matrix, gradient = gradients.T @ gradients, gradients.T @ residuals
     off = joints - seen.landmarks
-    weights = np.repeat(landmark_weights(off, seen.spread) ** 2, 3)
+    weights, squares = landmark_pull(off, seen.spread)
+    weights = np.repeat(weights**2, 3)
     matrix[JOINTS, JOINTS][np.diag_indices(len(weights))] += weights
     gradient[JOINTS] += weights * off.ravel()
     from_mean = sizes - seen.anatomy.mean
     matrix[SIZES, SIZES] += seen.precision
     gradient[SIZES] += seen.precision @ from_mean
-    squares = landmark_cost(off, seen.spread) + float(residuals @ residuals + from_mean @ seen.precision @ from_mean)
+    squares += float(residuals @ residuals + from_mean @ seen.precision @ from_mean)
     if seen.silhouette is not None:
         beyond, by_balls, cost = seen.silhouette.beyond(balls_at(unknowns))
         rows = by_body(by_balls, sizes)
-        add_to_body(matrix, rows.T @ rows)
+        matrix[BODY_BLOCK] += rows.T @ rows
         gradient[BODY] += rows.T @ beyond
         squares += cost
     return matrix, gradient, squares

@@ -79,16 +79,10 @@ class Silhouette:
     def beyond(
         self, balls: Float64[np.ndarray, "balls 4"]
     ) -> tuple[Float64[np.ndarray, "rims"], Float64[np.ndarray, "rims numbers"], float]:
-        """Find how far the rims of a hand's balls reach out of the silhouette.
+        """Find how far the rims of a hand's balls (26, 4) [m] reach out of the silhouette.
 
-        Parameters
-        ----------
-        balls : (26, 4) centres and radii [m].
-
-        Returns
-        -------
-        (R,) distances over their standard deviation, weighted, of those rims that do; (R, 104) their derivatives by
-        the balls, weights held fixed; and twice the cost.
+        Returns the distances (R,) of those that do over their standard deviation, weighted; their derivatives (R, 104)
+        by the balls, weights held fixed; and twice the cost.
         """
         ball = SAMPLES @ balls
         seen = (ball[:, :3] - self.camera) @ self.frame.T
@@ -107,11 +101,8 @@ class Silhouette:
         by_ball[:, :3] = by_position @ self.frame[:2] + fall[:, None] * self.frame[2]
         by_ball[:, 3] = np.einsum("ri,ri->r", by_position, way)
         cost = (FAR / LOOSE) ** 2 / 3.0 * float((1.0 - (1.0 - np.clip(over / FAR, 0.0, 1.0) ** 2) ** 3).sum())
-        return (
-            over[out] * weight,
-            (SAMPLES[sample][:, :, None] * by_ball[:, None]).reshape(len(out), 4 * SAMPLES.shape[1]),
-            cost,
-        )
+        by_balls = (SAMPLES[sample][:, :, None] * by_ball[:, None]).reshape(len(out), 4 * BALLS)
+        return over[out] * weight, by_balls, cost
 
     def _at(
         self, positions: Float64[np.ndarray, "positions 2"]

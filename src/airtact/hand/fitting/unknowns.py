@@ -42,8 +42,11 @@ SIZE_LENGTHS, SIZE_RADII = slice(0, len(SPANS)), slice(len(SPANS), SIZE_COUNT)
 BODY = np.r_[JOINTS, RADII]
 """The unknowns that the body depends on: 100."""
 
-BODY_JOINTS, BODY_RADII = slice(0, JOINTS.stop), slice(JOINTS.stop, len(BODY))
-"""Joints and radii among these."""
+BODY_BLOCK = np.ix_(BODY, BODY)
+"""Their block in a matrix of all unknowns."""
+
+BODY_RADII = slice(JOINTS.stop, len(BODY))
+"""Radii among the unknowns of the body."""
 
 BALLS = len(NAMES) + 1
 """Balls of the body, one at each joint and one in the thumb's metacarpal; a ball has four numbers."""
@@ -85,11 +88,3 @@ def by_body(
     found = by_balls @ BALLS_BY_BODY
     found[:, BODY_RADII] *= np.exp(sizes[SIZE_RADII])
     return found
-
-
-def add_to_body(matrix: Float64[np.ndarray, "unknowns unknowns"], part: Float64[np.ndarray, "body body"]) -> None:
-    """Add a matrix of the body's unknowns to one of all unknowns, in place."""
-    matrix[JOINTS, JOINTS] += part[BODY_JOINTS, BODY_JOINTS]
-    matrix[JOINTS, RADII] += part[BODY_JOINTS, BODY_RADII]
-    matrix[RADII, JOINTS] += part[BODY_RADII, BODY_JOINTS]
-    matrix[RADII, RADII] += part[BODY_RADII, BODY_RADII]
