@@ -15,7 +15,7 @@ import numpy as np
 from airtact.hand.anatomy_parts import hand_hulls
 from airtact.hand.hand import hand_from_joints
 from airtact.hand.joints import joints_of
-from airtact.hand.mesh_tracking import deformed
+from airtact.hand.shape import deformed
 from airtact.hand.skin_mesh import HandMesh, even_skin
 from airtact.hand.sphere_mesh import Hulls
 from airtact.mesh.topology import cone_volumes, edge_twins, shells

@@ -50,7 +50,7 @@ def test_the_program_is_named_by_its_version_and_its_files() -> None:
         "solvers/gmres.py",
         "solvers/memory.py",
         "hand/skin_mesh.py",
-        "hand/mesh_tracking.py",
+        "hand/shape.py",
     ],
 )
 def test_a_changed_byte_that_a_solve_follows_from_changes_the_name(copied: Path, path: str) -> None:

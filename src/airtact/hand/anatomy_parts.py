@@ -161,20 +161,9 @@ def _near(
     pairs, order = np.stack([one_of, other_of], axis=1), np.argsort(gap, kind="stable")
     order = order[(gap < MERGED)[order] | (beside[one_of, other_of] & (gap < BESIDE))[order]]
     order = order[np.sort(np.unique(pairs[order], axis=0, return_index=True)[1])]
-    return pairs[order], gap[order], _between(hulls, sphere[order], other[order], gap[order])
-
-
-def _between(
-    hulls: Hulls,
-    spheres: Float64[np.ndarray, "touches 4"],
-    others: Int64[np.ndarray, "touches"],
-    gaps: Float64[np.ndarray, "touches"],
-) -> Float64[np.ndarray, "touches 3"]:
-    """Positions in the middle between balls and the hulls that they touch."""
-    zero = np.zeros((1, 1))
-    positions = np.empty((len(others), 3))
-    for index, other in enumerate(others):
-        alone = Hulls(hulls.balls, PARTS[other : other + 1], zero, zero)
-        away = alone.look(spheres[index : index + 1, :3]).gradient[0]
-        positions[index] = spheres[index, :3] - (spheres[index, 3] + 0.5 * gaps[index]) * away
-    return positions
+    zero, positions = np.zeros((1, 1)), np.empty((len(order), 3))
+    for row, index in enumerate(order):
+        alone = Hulls(hulls.balls, PARTS[other[index], None], zero, zero)
+        away = alone.look(sphere[index, None, :3]).gradient[0]
+        positions[row] = sphere[index, :3] - (sphere[index, 3] + 0.5 * gap[index]) * away
+    return pairs[order], gap[order], positions

@@ -13,7 +13,7 @@ from airtact.hand.anatomy_parts import Touch, hand_hulls
 from airtact.hand.joints import CHAINS, FINGERS, Side, check_finger_order, checked_side, joints_of, radii_of, unit
 from airtact.hand.kinematics import bending_axis, opened
 from airtact.hand.shape import HandShape
-from airtact.hand.skin_mesh import Graded, even_skin, midpoints
+from airtact.hand.skin_mesh import even_skin, graded, midpoints
 from airtact.hand.sphere_mesh import Hulls
 from airtact.printing import in_short
 from airtact.surfaces.surface import Surface
@@ -64,10 +64,9 @@ class Hand:
     @cached_property
     def surface(self) -> Surface:
         """The closed skin, with exact points over the middles of edges; fine at the pads, coarse elsewhere."""
-        skin = even_skin(self.shape.hulls, COARSE, Graded(COARSE, FINE, self.pads))
-        notes = tuple(touch.note for touch in self.touches)
-        middles = midpoints(self.shape.hulls, skin)
-        return Surface(skin.vertices, skin.triangles, middles, self.shape, repairs=notes)
+        hulls, notes = self.shape.hulls, tuple(touch.note for touch in self.touches)
+        skin = graded(hulls, even_skin(hulls, COARSE), COARSE, FINE, self.pads)
+        return Surface(skin.vertices, skin.triangles, midpoints(hulls, skin), self.shape, repairs=notes)
 
     @cached_property
     def pads(self) -> Float64[np.ndarray, "5 3"]:

@@ -65,16 +65,10 @@ def turned(joints: Float64[np.ndarray, "25 3"], side: str, finger: int, angle: f
 def evenly_bent(
     landmarks: Float64[np.ndarray, "25 3"], lengths: Float64[np.ndarray, "bones"], side: str
 ) -> Float64[np.ndarray, "25 3"]:
-    """Bend fingers so that they reach from rough knuckles to rough tips, with usual bends at the joints between.
+    """Bend fingers, with ``lengths`` of ``BONES`` [m], so that they reach from rough knuckles to rough tips.
 
     Landmarks that are off by the length of a bone do not show the bends between them, but the distance from a knuckle
-    to a tip still does.
-
-    Parameters
-    ----------
-    landmarks : (25, 3) [m].
-    lengths : (24,) of the bones, as ``BONES`` orders them [m].
-    side : "right" or "left".
+    to a tip still does; the bends at the joints between are usual ones.
     """
     joints = landmarks.copy()
     across = unit(landmarks[6] - landmarks[21]) * (1.0 if side == "right" else -1.0)
@@ -114,35 +108,28 @@ def gap_of(joints: Float64[np.ndarray, "25 3"], radii: Float64[np.ndarray, "25"]
 
 
 def opened(
-    joints: Float64[np.ndarray, "25 3"],
-    radii: Float64[np.ndarray, "25"],
-    side: str,
-    fingers: tuple[int, int],
-    gap: float,
+    joints: Float64[np.ndarray, "25 3"], radii: Float64[np.ndarray, "25"], side: str, pair: tuple[int, int], gap: float
 ) -> Float64[np.ndarray, "25 3"]:
     """Turn two fingers at their roots by the same angle until the skins of their last phalanges are a gap [m] apart.
 
-    Raises
-    ------
-    InvalidInput
-        No angle gives the gap; the sentence has the nearest and farthest that they come.
+    Raises where no angle gives the gap, with the nearest and farthest that they come.
     """
 
     def both(angle: float) -> Float64[np.ndarray, "25 3"]:
         moved = joints
-        for finger in fingers:
+        for finger in pair:
             moved = turned(moved, side, finger, angle)
         return moved
 
     def missing(angle: float) -> float:
-        return gap_of(both(angle), radii, fingers) - gap
+        return gap_of(both(angle), radii, pair) - gap
 
     found = np.array([missing(float(angle)) for angle in ANGLES])
     for way in (np.flatnonzero(ANGLES >= 0.0), np.r_[0, np.flatnonzero(ANGLES < 0.0)]):
         for start, end in pairwise(way):
             if found[start] <= 0.0 <= found[end] or found[end] <= 0.0 <= found[start]:
                 return both(float(cast("float", brentq(missing, ANGLES[start], ANGLES[end], xtol=1e-9))))
-    one, other = (FINGERS[finger] for finger in fingers)
+    one, other = (FINGERS[finger] for finger in pair)
     raise InvalidInput(
         f"the {one} and the {other} cannot be brought {1e3 * gap:g} mm apart: turning their roots leaves them "
         f"{1e3 * (found.min() + gap):.3g} to {1e3 * (found.max() + gap):.3g} mm apart; give such a gap, or "

@@ -6,12 +6,12 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float64, Real
 
-from airtact.hand.mesh_tracking import deformed, motion
-from airtact.hand.skin_mesh import HandMesh, even_skin, midpoints
+from airtact.hand.joints import unit
+from airtact.hand.skin_mesh import HandMesh, even_skin, midpoints, settled
 from airtact.hand.sphere_mesh import Hulls
 from airtact.mesh.quadratic_triangles import QuadraticTriangles, enclosed_volume, panel_areas
 from airtact.mesh.remeshing import RidgedMesh
-from airtact.pose import Pose
+from airtact.pose import Pose, nearest_motion
 from airtact.printing import in_short
 from airtact.surfaces.shape import BEND, Shape
 
@@ -131,3 +131,64 @@ def curved_panels(hulls: Hulls, skin: HandMesh) -> QuadraticTriangles:
     """Curve triangles by the points of the skin over the middles of their edges."""
     corners = skin.vertices[skin.triangles]
     return np.concatenate([corners, midpoints(hulls, skin)], axis=1)
+
+
+# --- deformed meshes ------------------------------------------------------------------------------------------------
+
+BLEND = 3e-3
+"""Corners move with the hulls nearest to them, weighted over about this distance [m]."""
+
+LEAST_ANGLE = 20.0
+"""A deformed mesh with a smaller angle is rejected [degrees]."""
+
+LONGEST = 2.0
+"""So is one with an edge longer than this, over the edge wanted there."""
+
+
+def motion(before: Hulls, now: Hulls) -> float:
+    """Find how far the farthest ball has moved [m], the rigid motion of the whole hand taken out."""
+    turn, shift = nearest_motion(before.balls[:, :3], now.balls[:, :3])
+    return float(np.linalg.norm(before.balls[:, :3] @ turn.T + shift - now.balls[:, :3], axis=1).max())
+
+
+def deformed(before: Hulls, mesh: HandMesh, now: Hulls, edge: float) -> HandMesh | None:
+    """Deform the mesh of a body, made with an edge [m], to another pose in which the same hulls are joined.
+
+    The triangles stay the same; None where one gets too thin or too long.
+    """
+    found = settled(now, replace(mesh, vertices=_moved_with_hulls(before, now, mesh.vertices)), edge)
+    ends = np.roll(found.triangles, -1, axis=1)
+    lengths = np.linalg.norm(found.vertices[found.triangles] - found.vertices[ends], axis=2)
+    wanted = mesh.sizes[found.triangles].max(axis=1, keepdims=True)
+    good = found.angles.min() >= LEAST_ANGLE and (lengths / wanted).max() <= LONGEST
+    return found if good else None
+
+
+def _moved_with_hulls(
+    before: Hulls, now: Hulls, vertices: Float64[np.ndarray, "vertices 3"]
+) -> Float64[np.ndarray, "vertices 3"]:
+    turn, shift = nearest_motion(before.balls[:, :3], now.balls[:, :3])
+    distance = before.each(vertices)
+    weight = np.exp(-((distance - distance.min(axis=1, keepdims=True)) / BLEND))
+    weight /= weight.sum(axis=1, keepdims=True)
+    old, new = before.balls[:, :3] @ turn.T + shift, now.balls[:, :3]
+    start = vertices @ turn.T + shift
+    moved = np.zeros_like(vertices)
+    for hull, part in enumerate(now.parts):
+        members = part[part >= 0]
+        own_turn, own_shift = _rigid(old[members], new[members])
+        moved += weight[:, hull, None] * (start @ own_turn.T + own_shift)
+    return moved
+
+
+def _rigid(
+    old: Float64[np.ndarray, "points 3"], new: Float64[np.ndarray, "points 3"]
+) -> tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, "3"]]:
+    """Rigid motion that brings points nearest to others, without needless twist where they are two."""
+    if len(old) > 2:
+        return nearest_motion(old, new)
+    one, two = unit(old[1] - old[0]), unit(new[1] - new[0])
+    x, y, z = np.cross(one, two)
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turn = np.eye(3) + across + across @ across / (1.0 + one @ two)
+    return turn, new.mean(axis=0) - turn @ old.mean(axis=0)

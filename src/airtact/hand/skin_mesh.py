@@ -6,7 +6,6 @@ each other, so that even a coarse grid resolves the air between them; their tria
 """
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -17,7 +16,7 @@ from scipy.spatial import KDTree
 from airtact import _kernels
 from airtact.hand.sphere_mesh import Hulls
 from airtact.mesh.quadratic_triangles import smallest_angles, with_middles
-from airtact.mesh.topology import cone_volumes
+from airtact.mesh.topology import cone_volumes, edge_keys
 from airtact.surfaces.panels import LARGEST_TO_GAP
 from airtact.validation import fixed
 
@@ -55,30 +54,6 @@ class HandMesh:
         return smallest_angles(with_middles(self.vertices[self.triangles]))
 
 
-BESIDE = 4.0
-"""Edges stay fine within this distance of the points of a ``Graded``, over the fine edge."""
-
-
-class Graded(NamedTuple):
-    """Edges that are shorter beside some points.
-
-    Attributes
-    ----------
-    edge : far from them [m].
-    fine : beside them [m].
-    points : (P, 3) [m].
-    """
-
-    edge: float
-    fine: float
-    points: Float64[np.ndarray, "points 3"]
-
-    def at(self, positions: Float64[np.ndarray, "positions 3"]) -> Float64[np.ndarray, "positions"]:
-        """Return the edges wanted at positions (P, 3) [m]."""
-        away = KDTree(self.points).query(positions)[0]
-        return np.clip(self.fine + GRADING * (away - BESIDE * self.fine), self.fine, self.edge)
-
-
 # --- whole meshes ---------------------------------------------------------------------------------------------------
 
 PASSES = 4
@@ -95,42 +70,39 @@ FIRST, COARSENING = 1.2, 1.7
 """Edge of the first pass over the step of the grid, and the factor by which it grows from pass to pass."""
 
 
-def even_skin(hulls: Hulls, edge: float, graded: Graded | None = None) -> HandMesh:
-    """Cover a body with even triangles.
-
-    Parameters
-    ----------
-    hulls : the body.
-    edge : edge of the equilateral triangles wanted [m]; bends and narrow gaps get smaller ones.
-    graded : smaller triangles beside some points, or None.
-    """
-    best = None
+def even_skin(hulls: Hulls, edge: float) -> HandMesh:
+    """Cover a body with equilateral triangles of about an edge [m]; bends and narrow gaps get smaller ones."""
+    best, least = None, np.inf
     for level, share in GRIDS:
-        fault, mesh = _from_grid(hulls, edge, level, share)
-        if best is None or fault < best[0]:
-            best = fault, mesh
+        step = share * min(FINE * edge, COARSEST * hulls.thinnest)
+        mesh = _projected(hulls, _marching_cubes(hulls, step, level * step), edge)
+        now = FIRST * step
+        while now < edge:
+            mesh = _evened(hulls, mesh, edge, now)
+            now *= COARSENING
+        for _ in range(PASSES):
+            mesh = _evened(hulls, mesh, edge)
+        fault, mesh = _repaired(hulls, mesh, edge)
+        if best is None or fault < least:
+            best, least = mesh, fault
         if fault <= 0.0:
             break
     assert best is not None
-    if graded is None:
-        return best[1]
-    mesh = best[1]
+    return best
+
+
+BESIDE = 4.0
+"""Edges stay fine within this distance of the points of ``graded``, over the fine edge."""
+
+
+def graded(hulls: Hulls, mesh: HandMesh, edge: float, fine: float, points: Float64[np.ndarray, "points 3"]) -> HandMesh:
+    """Make the triangles of a mesh of an edge [m] smaller beside points (P, 3) [m], with ``fine`` edges [m] there."""
+    tree = KDTree(points)
     for _ in range(PASSES):
-        mesh = _evened(hulls, replace(mesh, sizes=graded.at(mesh.vertices)), edge, hold=True)
+        away = tree.query(mesh.vertices)[0]
+        sizes = np.clip(fine + GRADING * (away - BESIDE * fine), fine, edge)
+        mesh = _evened(hulls, replace(mesh, sizes=sizes), edge, hold=True)
     return _repaired(hulls, mesh, edge)[1]
-
-
-def _from_grid(hulls: Hulls, edge: float, level: float, share: float) -> tuple[float, HandMesh]:
-    """Even triangles from one grid, and their fault."""
-    step = share * min(FINE * edge, COARSEST * hulls.thinnest)
-    mesh = _projected(hulls, _marching_cubes(hulls, step, level * step), edge)
-    now = FIRST * step
-    while now < edge:
-        mesh = _evened(hulls, mesh, edge, now)
-        now *= COARSENING
-    for _ in range(PASSES):
-        mesh = _evened(hulls, mesh, edge)
-    return _repaired(hulls, mesh, edge)
 
 
 SETTLING = 2
@@ -253,7 +225,7 @@ def _distance_grid(hulls: Hulls, step: float) -> tuple[Float64[np.ndarray, "nx n
 
 
 def _corners(counts: Int64[np.ndarray, "3"]) -> Int64[np.ndarray, "corners 3"]:
-    return np.stack(np.meshgrid(*[np.arange(count) for count in counts], indexing="ij"), axis=-1).reshape(-1, 3)
+    return np.ascontiguousarray(np.indices(tuple(counts)).reshape(3, -1).T)
 
 
 # --- one pass -------------------------------------------------------------------------------------------------------
@@ -281,18 +253,10 @@ def _evened(
     keep: bool = False,
     hold: bool = False,
 ) -> HandMesh:
-    """Make the triangles more even in one pass, and project them onto the skin.
+    """Make the triangles more even in one pass, with edges of ``longest`` [m] at most, and project them onto the skin.
 
-    Parameters
-    ----------
-    hulls : the body.
-    mesh : triangles near its skin.
-    edge : edge wanted [m].
-    longest : edge of this pass at most [m].
-    needle : triangles with a smaller angle are collapsed [degrees]; 0 for none.
-    pull : see ``PULL``.
-    keep : moves corners only.
-    hold : keeps the sizes of the mesh where gaps and bends ask for no smaller ones.
+    Triangles with an angle below ``needle`` [degrees] are collapsed. ``keep`` moves corners only; ``hold`` keeps the
+    sizes of the mesh where gaps and bends ask for no smaller ones.
     """
     count = len(mesh.vertices)
     most = 2 * count + 1000
@@ -304,21 +268,19 @@ def _evened(
     cosine = float(np.cos(np.radians(needle))) if needle else 1.0
     _kernels.even_pass(vertices, sizes, triangles, counts, keep, cosine, pull)
     count = counts[0]
-    mesh = HandMesh(vertices[:count].copy(), triangles[: counts[1]].copy(), sizes[:count].copy())
-    return _projected(hulls, mesh, edge, sizes[:count] if hold else None)
+    mesh = HandMesh(vertices[:count].copy(), triangles[: counts[1]].copy(), sizes[:count])
+    return _projected(hulls, mesh, edge, sizes[:count] if hold else np.inf)
 
 
 def _projected(
-    hulls: Hulls, mesh: HandMesh, edge: float, longest: Float64[np.ndarray, "vertices"] | None = None
+    hulls: Hulls, mesh: HandMesh, edge: float, longest: Float64[np.ndarray, "vertices"] | float = np.inf
 ) -> HandMesh:
     """Project the corners onto the skin and find how large the edges there may be."""
     vertices = hulls.project(mesh.vertices)
     found = hulls.look(vertices, reach=edge)
     least = max(SMALLEST * edge, min(SMALLEST_EDGE, edge))
     wanted = np.minimum(BENDING * found.bend, LARGEST_TO_GAP * np.maximum(found.facing, 0.0))
-    sizes = np.clip(wanted, least, edge)
-    if longest is not None:
-        sizes = np.minimum(sizes, longest)
+    sizes = np.minimum(np.clip(wanted, least, edge), longest)
     _kernels.grade_sizes(vertices, mesh.triangles, GRADING, GRADED, sizes)
     return HandMesh(vertices, mesh.triangles, sizes)
 
@@ -357,7 +319,5 @@ def _edges(
     triangles: Int64[np.ndarray, "triangles 3"],
 ) -> tuple[Int64[np.ndarray, "edges 2"], Int64[np.ndarray, "triangles 3"]]:
     """Both ends of every edge once, and which of them edges 01, 12, 20 of each triangle are."""
-    start, end = triangles, np.roll(triangles, -1, axis=1)
-    count = int(triangles.max()) + 1
-    keys, edges = np.unique(np.minimum(start, end) * count + np.maximum(start, end), return_inverse=True)
-    return np.stack([keys // count, keys % count], axis=1), edges.reshape(triangles.shape)
+    keys, edges = np.unique(edge_keys(triangles), return_inverse=True)
+    return np.stack(np.divmod(keys, triangles.max() + 1), axis=1), edges.reshape(triangles.shape)

@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Float64, Int64, Real
 
 from airtact import _kernels
-from airtact.pose import Pose
 from airtact.printing import in_short
 
 
@@ -34,26 +33,9 @@ class Look(NamedTuple):
     nearest: Int64[np.ndarray, "points"]
 
 
-class Projection(NamedTuple):
-    """Settings of the Newton iterations that project a point onto the skin.
-
-    Attributes
-    ----------
-    iterations : at most.
-    longest : step [m].
-    on_skin : points nearer than this are on the skin [m].
-    stride : how far from the point the skin is searched where the iterations do not settle [m] ...
-    halvings : ... and how often that interval is halved.
-    """
-
-    iterations: int
-    longest: float
-    on_skin: float
-    stride: float
-    halvings: int
-
-
-PROJECTION = Projection(12, 2e-3, 1e-9, 0.5e-3, 24)
+PROJECTION = (12, 2e-3, 1e-9, 0.5e-3, 24)
+"""How a point is projected onto the skin: Newton iterations at most, their longest step [m], the distance from which a
+point is on the skin [m], and where they do not settle, how far it is searched for [m] and with how many halvings."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,11 +69,8 @@ class Hulls:
     def look(self, points: Real[np.ndarray, "points 3"], carve: float = 0.0, reach: float = 0.0) -> Look:
         """Evaluate distance, gradient and surroundings of points (P, 3) [m].
 
-        Parameters
-        ----------
-        points : (P, 3) [m].
-        carve : hulls that stand apart are carved out to this distance round each other [m].
-        reach : hulls farther than the nearest by more are left out [m]; at least the largest blend radius.
+        Hulls that stand apart are carved out to a distance ``carve`` round each other [m]. Hulls farther than the
+        nearest by more than ``reach`` [m], and by more than the largest blend radius, are left out.
         """
         points = np.ascontiguousarray(points, dtype=np.float64)
         count = len(points)
@@ -113,8 +92,3 @@ class Hulls:
         tables = (self.balls, self.parts, self.blend, self.apart)
         _kernels.project_on_hulls(points, *tables, float(self.blend.max()), *PROJECTION)
         return points
-
-    def moved(self, pose: Pose) -> "Hulls":
-        """Move it rigidly by a pose."""
-        balls = np.column_stack([pose.apply(self.balls[:, :3]), self.balls[:, 3]])
-        return Hulls(np.ascontiguousarray(balls), self.parts, self.blend, self.apart)
