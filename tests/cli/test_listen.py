@@ -16,7 +16,7 @@ from websockets.sync.client import connect
 import airtact as at
 from airtact.cli import main
 from airtact.tracking.messages import to_json
-from airtact.tracking.pads import pads_over_time
+from airtact.tracking.recordings import pads_over_time
 from faults import raises_code
 from paths import ROOT
 from tracking.motions import Pinching, still

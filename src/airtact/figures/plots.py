@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from airtact.evaluation.scan import Overlay
 from airtact.figures.field_figure import COLOURS
 from airtact.hand.joints import FINGERS
-from airtact.tracking.pads import PadTrack
+from airtact.tracking.recordings import PadTrack
 
 BAR, BOUND = "#5a2a83", "#c2410c"
 

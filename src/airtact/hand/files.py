@@ -41,10 +41,8 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
         points = _numbers(pose, "positions_m", (3,))
         if names is not None and tuple(names) != NAMES:
             if len(names) != len(points):
-                raise InvalidInput(
-                    f"{len(names)} joints have names and {len(points)} have positions; give one for one.",
-                    code="sizes_differ",
-                )
+                sentence = f"{len(names)} joints have names and {len(points)} have positions; give one for one."
+                raise InvalidInput(sentence, code="sizes_differ")
             order = {name: index for index, name in enumerate(names)}
             if len(order) < len(names):
                 twice = counted(len(names) - len(order), "joint is", "joints are")
@@ -75,25 +73,21 @@ def load_landmarks(path: Path) -> tuple[Float64[np.ndarray, "joints 3"], str | N
         pose = _pose_in(path)
         points, names = _numbers(pose, "positions_m", (3,)), pose.get("joints")
         if names is not None and tuple(names) != NAMES:
-            raise InvalidInput(
-                f"the {len(names)} joints are not named in the order of WebXR: give them in that order.",
-                code="joint_order",
-            )
+            sentence = f"the {len(names)} joints are not named in the order of WebXR: give them in that order."
+            raise InvalidInput(sentence, code="joint_order")
         return points, pose.get("side")
 
 
 def _numbers(pose: dict[str, Any], key: str, each: tuple[int, ...]) -> Float64[np.ndarray, "joints *each"]:
     """Return the numbers under a key, an array of shape ``each`` for each joint."""
-    count = len(pose[key])
+    count, what = len(pose[key]), "3 numbers" if each else "number"
     try:
         numbers = np.array(pose[key], dtype=np.float64)
     except (TypeError, ValueError):
         numbers = np.zeros(0)
     if numbers.shape != (count, *each):
-        what = "3 numbers" if each else "number"
-        raise InvalidInput(
-            f"{key} holds no {what} for each of its {count} joints; give [x, y, z] in metres.", code="not_a_number"
-        )
+        sentence = f"{key} holds no {what} for each of its {count} joints; give [x, y, z] in metres."
+        raise InvalidInput(sentence, code="not_a_number")
     return numbers
 
 

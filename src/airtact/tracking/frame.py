@@ -127,10 +127,8 @@ class HandFrame:
             When there are no landmarks, or as ``hand_from_joints``.
         """
         if self.landmarks is None:
-            raise InvalidInput(
-                f"the {self.side} hand of frame {self.sequence} has 0 landmarks; take another frame.",
-                code="landmarks_missing",
-            )
+            sentence = f"the {self.side} hand of frame {self.sequence} has 0 landmarks; take another frame."
+            raise InvalidInput(sentence, code="landmarks_missing")
         return hand_from_joints(self.landmarks, radii, side=self.side)
 
 

@@ -19,7 +19,6 @@ from jaxtyping import Float64, Real
 
 from airtact.conventions import InvalidInput
 from airtact.hand.joints import CHAINS
-from airtact.printing import in_short
 from airtact.tracking.frame import FaultyFrame, HandFrame
 from airtact.validation import number, positive
 
@@ -61,8 +60,6 @@ class Motion:
     velocities: Float64[np.ndarray, "points 3"]
     covariance: Float64[np.ndarray, "2 2"]
     seen_once: bool = False
-
-    __repr__ = in_short
 
     def at(self, time: float, agility: float) -> "Motion":
         """Carry the points on at their velocities."""

@@ -9,7 +9,7 @@ import socket
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from threading import Lock, Thread
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 from airtact.conventions import InvalidInput
 from airtact.tracking.stream import HandStream
@@ -52,7 +52,7 @@ class _Receiver(ABC):
         self.port: int = self._socket.getsockname()[1]
         self._closed = False
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "_Receiver":
         return self
 
     def __exit__(self, *fault: object) -> None:

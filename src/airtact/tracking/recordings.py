@@ -1,4 +1,7 @@
-"""Recordings of hands: JSON lines, one frame in a line as it comes over a wire, or NumPy's .npz. And their replay."""
+"""Recordings of hands: JSON lines, one frame in a line as it comes over a wire, or NumPy's .npz.
+
+Also their replay, and where the pads of the fingers were.
+"""
 
 import time
 import zipfile
@@ -12,11 +15,12 @@ from jaxtyping import Float64, Int64, Real
 
 from airtact.conventions import InvalidInput, about
 from airtact.file_access.atomic import whole_file
+from airtact.hand.hand import Side
 from airtact.printing import in_short
 from airtact.tracking.frame import FaultyFrame, HandFrame
 from airtact.tracking.messages import from_json, to_json
 from airtact.tracking.stream import HandStream, StreamHealth
-from airtact.validation import counted, positive
+from airtact.validation import counted, fixed, positive
 
 ENDINGS = (".jsonl", ".npz")
 """Endings of recordings."""
@@ -65,10 +69,8 @@ def load_recording(path: Path, leave_out: bool = False) -> Recording:
     """
     with about(path.name):
         if path.suffix not in ENDINGS:
-            raise InvalidInput(
-                f"the ending {path.suffix!r} is not 1 of those of recordings: {', '.join(ENDINGS)}.",
-                code="unknown_ending",
-            )
+            sentence = f"the ending {path.suffix!r} is not 1 of those of recordings: {', '.join(ENDINGS)}."
+            raise InvalidInput(sentence, code="unknown_ending")
         now = 0.0
         stream = HandStream(clock=lambda: now)
         frames = []
@@ -182,10 +184,8 @@ def _arrays_in(path: Path) -> Mapping[str, Real[np.ndarray, "..."]]:
         sentence = f"these {path.stat().st_size} bytes are no whole .npz file of NumPy: record anew."
         raise InvalidInput(sentence, code="file_unreadable") from None
     if version not in range(VERSION + 1):
-        raise InvalidInput(
-            f"the recording is of version {version}, and versions 0 to {VERSION} are read: update airtact.",
-            code="unknown_version",
-        )
+        sentence = f"the recording is of version {version}, and versions 0 to {VERSION} are read: update airtact."
+        raise InvalidInput(sentence, code="unknown_version")
     missing = [name for name in ARRAYS if name not in arrays]
     if missing:
         are = counted(len(missing), "array is", "arrays are")
@@ -218,3 +218,59 @@ def _arrays(frames: tuple[HandFrame, ...]) -> dict[str, Float64[np.ndarray, "...
         "cloud_counts": np.array([len(one) for one in clouds], dtype=np.int64),
         "clouds": np.concatenate(clouds),
     }
+
+
+# --- pads over the frames -------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class PadTrack:
+    """Where the pads of one hand were.
+
+    Attributes
+    ----------
+    side : ``"left"`` or ``"right"``.
+    times : (N,) of the frames [s].
+    sequences : (N,) their numbers.
+    pads : (N, 5, 3) the pads, thumb to little finger [m]; NaN where the hand was lost or had no landmarks.
+    """
+
+    side: Side
+    times: Float64[np.ndarray, "frames"]
+    sequences: Float64[np.ndarray, "frames"]
+    pads: Float64[np.ndarray, "frames 5 3"]
+
+    __repr__ = in_short
+
+    @property
+    def fastest(self) -> float:
+        """Largest speed of a pad from one frame to the next [m/s]; 0 where there are no two with landmarks."""
+        ways = np.linalg.norm(np.diff(self.pads, axis=0), axis=2)
+        speeds = ways / np.diff(self.times)[:, None]
+        return float(np.nanmax(speeds)) if np.isfinite(speeds).any() else 0.0
+
+    @property
+    def longest_gap(self) -> float:
+        """Longest time between two frames that follow each other with landmarks [s]; 0 where there are no two."""
+        seen = self.times[np.isfinite(self.pads[:, 0, 0])]
+        return float(np.diff(seen).max()) if len(seen) > 1 else 0.0
+
+
+def pads_over_time(frames: Iterable[HandFrame], side: Side) -> PadTrack:
+    """Find the pads of a hand in every frame; the radii of the skin are those of the first frame's hand.
+
+    Raises
+    ------
+    InvalidInput
+        When no frame is of that hand.
+    """
+    own = [frame for frame in frames if frame.side == side]
+    if not own:
+        raise InvalidInput(f"0 frames are of a {side} hand; take the other one.", code="no_frames")
+    radii, pads = None, np.full((len(own), 5, 3), np.nan)
+    for index, frame in enumerate(own):
+        if frame.landmarks is not None:
+            hand = frame.hand(radii)
+            radii, pads[index] = hand.radii, hand.pads
+    times, sequences = [frame.time for frame in own], [float(frame.sequence) for frame in own]
+    return PadTrack(side, fixed(np.array(times)), fixed(np.array(sequences)), fixed(pads))

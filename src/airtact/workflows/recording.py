@@ -12,8 +12,7 @@ from airtact.files.panels import EDGE, check_ending, checked_edge, write_triangl
 from airtact.hand.hand import Side
 from airtact.timing import Progress, no_progress
 from airtact.tracking.frame import HandFrame
-from airtact.tracking.pads import PadTrack, pads_over_time
-from airtact.tracking.recordings import Recording, load_recording
+from airtact.tracking.recordings import PadTrack, Recording, load_recording, pads_over_time
 
 SIDES: tuple[Side, ...] = ("left", "right")
 

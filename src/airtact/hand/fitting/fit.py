@@ -59,16 +59,7 @@ class FittedHand:
         return self._with_offset(EDGES)
 
     def skin(self, edge: float) -> Surface:
-        """Make that skin of triangles of another size.
-
-        Parameters
-        ----------
-        edge : of the triangles [m].
-
-        Returns
-        -------
-        The moved skin; ``hand.surface`` where it would cross itself.
-        """
+        """Make that skin of triangles of another edge [m]; where it would cross itself, it is ``hand.surface``."""
         return self._with_offset((edge,))
 
     def _with_offset(self, edges: tuple[float, ...]) -> Surface:
@@ -76,17 +67,7 @@ class FittedHand:
         return self.hand.surface if moved is None else moved
 
     def place(self, name: str) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
-        """Find a named place of the hand on ``surface`` (3,) [m] and the outward unit normal there (3,).
-
-        Parameters
-        ----------
-        name : one of ``hand.places``.
-
-        Raises
-        ------
-        InvalidInput
-            As ``Hand.place``.
-        """
+        """Find one of ``hand.places`` on ``surface`` (3,) [m] and the outward unit normal there, as ``Hand.place``."""
         point, normal = self.hand.place(name)
         return fixed(self.surface.shape.project(point[None])[0]), normal
 
@@ -181,20 +162,12 @@ def _fitted(seen: Observation, found: HandEstimate, before: FittedHand | None, p
     by_joint = np.diag(found.covariance)[JOINTS].reshape(25, 3).sum(axis=1)
     spread = skin_spread(found)
     owner = np.r_[OWNER, np.full(len(PARTS) - len(OWNER), len(FINGERS))]
-    parts = {
-        name: float(np.sqrt(np.mean(spread[owner == index] ** 2))) for index, name in enumerate((*FINGERS, "palm"))
-    }
-    outliers = found.weights == 0.0
-    return FittedHand(
-        hand,
-        anatomy,
-        fixed(np.sqrt(by_joint + 3.0 * DEEP**2)),
-        parts,
-        fixed(seen.points),
-        fixed(found.residuals.distance),
-        outliers,
-        float(np.sqrt(np.mean(found.residuals.distance[~outliers] ** 2))),
-    )
+    parts = (*FINGERS, "palm")
+    part_errors = {name: float(np.sqrt(np.mean(spread[owner == index] ** 2))) for index, name in enumerate(parts)}
+    joint_errors = fixed(np.sqrt(by_joint + 3.0 * DEEP**2))
+    distances, outliers = fixed(found.residuals.distance), found.weights == 0.0
+    misfit = float(np.sqrt(np.mean(distances[~outliers] ** 2)))
+    return FittedHand(hand, anatomy, joint_errors, part_errors, fixed(seen.points), distances, outliers, misfit)
 
 
 JUMP = 25e-3

@@ -34,7 +34,6 @@ from airtact.hand.fitting.unknowns import (
     joints_in,
 )
 from airtact.hand.sphere_mesh import Hulls
-from airtact.printing import in_short
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +57,6 @@ class HandEstimate:
     residuals: SkinResiduals
     weights: Float64[np.ndarray, "points"]
     common: Float64[np.ndarray, "2"]
-
-    __repr__ = in_short
 
     @property
     def radii(self) -> Float64[np.ndarray, "25"]:

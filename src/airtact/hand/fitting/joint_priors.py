@@ -10,14 +10,14 @@ Sources
   its middle one does.
 """
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from airtact.hand.fitting.unknowns import COUNT, JOINTS, LENGTHS, SIZE_LENGTHS, SPANS, TIES
+from airtact.hand.fitting.unknowns import COUNT, JOINTS, SIZE_LENGTHS, SIZES, SPANS, TIES
 from airtact.hand.joints import CHAINS, unit
 from airtact.hand.kinematics import LAST_SHARE, bending_axis
 
@@ -105,7 +105,7 @@ def length_rules(joints: Float64[np.ndarray, "25 3"], sizes: Float64[np.ndarray,
     way = along / (length * SPREAD)[:, None]
     by_joint[rows, ends] += way
     by_joint[rows, starts] -= way
-    gradients[rows, LENGTHS.start + rows] = -wanted / SPREAD
+    gradients[rows, SIZES.start + rows] = -wanted / SPREAD
     return Rules((length - wanted) / SPREAD, gradients)
 
 
@@ -161,12 +161,11 @@ def bend_rules(
 
 
 def _by_joints(
-    parts: Iterable[tuple[Int64[np.ndarray, "rules"], Float64[np.ndarray, "rules 3"]]],
+    parts: Sequence[tuple[Int64[np.ndarray, "rules"], Float64[np.ndarray, "rules 3"]]],
     ways: Float64[np.ndarray, "bones 3"],
     length: Float64[np.ndarray, "bones"],
 ) -> Float64[np.ndarray, "rules unknowns"]:
     """Turn derivatives of rules by the unit directions of bones, one bone each, to those by joints."""
-    parts = list(parts)
     rows = np.arange(len(parts[0][0]))
     gradients = np.zeros((len(rows), COUNT))
     by_joint = gradients[:, JOINTS].reshape(-1, 25, 3)

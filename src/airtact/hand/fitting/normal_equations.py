@@ -22,10 +22,9 @@ from airtact.hand.anatomy_parts import FREE, PARTS
 from airtact.hand.fitting.joint_priors import bend_rules, bending_axes, landmark_pull, length_rules, usual_last_bones
 from airtact.hand.fitting.silhouette import Silhouette
 from airtact.hand.fitting.size_prior import HandAnatomy
-from airtact.hand.fitting.unknowns import BALLS, BODY, BODY_BLOCK, JOINTS, SIZES, balls_at, by_body, joints_in
+from airtact.hand.fitting.unknowns import BODY, BODY_BLOCK, JOINTS, SIZES, balls_at, by_body, joints_in
 from airtact.hand.joints import Side
 from airtact.hand.sphere_mesh import Hulls
-from airtact.printing import in_short
 
 TUKEY = 4.685
 """Points off by more than this over the scale of the misfit have no weight."""
@@ -62,8 +61,6 @@ class Observation:
     camera: Float64[np.ndarray, "3"] | None
     silhouette: Silhouette | None
     each: int = 1
-
-    __repr__ = in_short
 
     @cached_property
     def precision(self) -> Float64[np.ndarray, "62 62"]:
@@ -206,11 +203,7 @@ def _misfit(
     seen: Observation, hulls: Hulls, floor: float
 ) -> tuple[SkinResiduals, Float64[np.ndarray, "points"], Float64[np.ndarray, "2"]]:
     """Find the residuals of the points, their weights, and the scales of the misfit [m]."""
-    scale = np.full(2, MOST)
-    if len(seen.points) == 0:
-        nothing = SkinResiduals(np.zeros(0), np.zeros((0, 4 * BALLS)), np.zeros(0, dtype=np.int64))
-        return nothing, np.zeros(0), scale
-    residuals = skin_residuals(seen.points, hulls, seen.camera)
+    scale, residuals = np.full(2, MOST), skin_residuals(seen.points, hulls, seen.camera)
     off, kinds = np.abs(residuals.distance), KIND[residuals.hull]
     for kind in range(2):
         near = off[(off < REACH) & (kinds == kind)]

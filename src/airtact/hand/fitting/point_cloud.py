@@ -62,10 +62,8 @@ def checked_cloud(
     if near.sum() < FEWEST:
         usual = float(np.median(apart))
         if (_apart(1e-3 * cloud, joints) < AROUND).mean() > 0.5:
-            raise InvalidInput(
-                f"the cloud lies {usual:.4g} m from the landmarks: is it in millimetres? Give metres.",
-                code="not_in_metres",
-            )
+            sentence = f"the cloud lies {usual:.4g} m from the landmarks: is it in millimetres? Give metres."
+            raise InvalidInput(sentence, code="not_in_metres")
         raise InvalidInput(
             f"{near.sum()} of {len(cloud)} points lie within {1e3 * AROUND:g} mm of the landmarks, half of them "
             f"{1e3 * usual:.4g} mm off: bring both into one frame.",

@@ -11,7 +11,6 @@ from scipy.spatial import KDTree
 
 from airtact.hand.anatomy_parts import PARTS
 from airtact.hand.fitting.unknowns import BALLS
-from airtact.printing import in_short
 
 PIXEL = 1e-3
 """Least side of the pixels of a silhouette, at the distance of the hand [m]."""
@@ -73,8 +72,6 @@ class Silhouette:
     corner: Float64[np.ndarray, "2"]
     pixel: float
     outside: Float64[np.ndarray, "width height"]
-
-    __repr__ = in_short
 
     def beyond(
         self, balls: Float64[np.ndarray, "balls 4"]

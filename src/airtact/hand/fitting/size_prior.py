@@ -58,11 +58,7 @@ class HandAnatomy:
         """Add a frame to the mean over frames; its covariance stays that of one frame.
 
         What the shape of the body cannot show is off in every frame alike, so that more frames make nothing surer.
-
-        Parameters
-        ----------
-        sizes : (62,) logarithms that were found in one frame by itself.
-        covariance : (62, 62) of these.
+        ``sizes`` (62,) are logarithms that were found in that frame by itself, with their ``covariance`` (62, 62).
         """
         share = 1.0 / (self.frames + 1)
         mean = (1.0 - share) * self.mean + share * sizes

@@ -25,10 +25,7 @@ JOINTS = slice(0, 3 * len(NAMES))
 SIZES = slice(JOINTS.stop, JOINTS.stop + len(SPANS) + len(NAMES))
 """Logarithms of the sizes among the unknowns: 62."""
 
-LENGTHS = slice(JOINTS.stop, JOINTS.stop + len(SPANS))
-"""Logarithms of the lengths among the unknowns: 37."""
-
-RADII = slice(LENGTHS.stop, SIZES.stop)
+RADII = slice(SIZES.stop - len(NAMES), SIZES.stop)
 """Logarithms of the radii among the unknowns: 25."""
 
 COUNT = SIZES.stop
