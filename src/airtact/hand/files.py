@@ -112,14 +112,12 @@ def _pose_in(path: Path) -> dict[str, Any]:
         raise InvalidInput(f"{unknown[0]} is not 1 of the keys of a pose: {', '.join(KEYS)}.", code="unknown_key")
     for key in ("joints", "radii_m"):
         if key in pose and not isinstance(pose[key], list):
-            raise InvalidInput(
-                f"{key} is {pose[key]!r}, but it must be a list, one for each of the joints.", code="wrong_kind"
-            )
+            sentence = f"{key} is {pose[key]!r}, but it must be a list, one for each of the joints."
+            raise InvalidInput(sentence, code="wrong_kind")
     for index, name in enumerate(pose.get("joints", ())):
         if not isinstance(name, str):
-            raise InvalidInput(
-                f"joint {index} is named {name!r}, but names are those of WebXR, such as 'wrist'.", code="unknown_joint"
-            )
+            sentence = f"joint {index} is named {name!r}, but names are those of WebXR, such as 'wrist'."
+            raise InvalidInput(sentence, code="unknown_joint")
     return pose
 
 
@@ -140,10 +138,8 @@ def load_cloud(path: Path) -> Float64[np.ndarray, "points 3"]:
         The file does not exist, cannot be read or holds no points.
     """
     if path.suffix.lower() not in CLOUD_ENDINGS:
-        endings = ", ".join(CLOUD_ENDINGS)
-        raise InvalidInput(
-            f"{path} ends in {path.suffix!r}, but clouds are read from {endings}.", code="unknown_ending"
-        )
+        sentence = f"{path} ends in {path.suffix!r}, but clouds are read from {', '.join(CLOUD_ENDINGS)}."
+        raise InvalidInput(sentence, code="unknown_ending")
     if not path.is_file():
         raise InvalidInput(f"the file {path} does not exist; 0 points were read.", code="file_missing")
     try:

@@ -104,17 +104,15 @@ def from_osc(packet: bytes) -> list[HandFrame]:
 
 def _from_arguments(arguments: list[Any]) -> HandFrame:
     blob = arguments.pop() if arguments and isinstance(arguments[-1], bytes) else b""
-    if len(arguments) < 3 or not all(isinstance(one, float | int) for one in [arguments[0], *arguments[3:]]):
-        are = counted(len(arguments), "argument is", "arguments are")
-        raise FaultyFrame("unreadable", f"{are} not time, side, sequence and floats.")
-    if len(arguments[3:]) % 3 or len(blob) % 12:
-        are = f"{len(arguments) - 3} floats and {len(blob)} bytes are"
-        raise FaultyFrame("unreadable", f"{are} not x, y, z of each landmark and point.")
+    floats = arguments[3:]
+    if len(floats) % 3 or len(blob) % 12 or not all(isinstance(one, float | int) for one in floats):
+        are = f"{counted(len(floats), 'argument', 'arguments')} and {len(blob)} bytes are"
+        raise FaultyFrame("unreadable", f"{are} not floats x, y, z of each landmark and point.")
     try:
         head = msgspec.convert(dict(zip(Message.__struct_fields__, arguments[:3], strict=False)), Message)
     except msgspec.ValidationError as error:
         raise FaultyFrame("unreadable", f"the first 3 arguments are not time, side, sequence: {error}.") from None
-    landmarks = np.array(arguments[3:], dtype=np.float64).reshape(-1, 3)
+    landmarks = np.array(floats, dtype=np.float64).reshape(-1, 3)
     return _frame(head, landmarks, np.frombuffer(blob, dtype=">f4").reshape(-1, 3))
 
 

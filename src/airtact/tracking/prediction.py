@@ -151,10 +151,8 @@ class Predictor:
             sentence = f"frame {frame.sequence} is of the {frame.side} hand; make a second predictor for it."
             raise InvalidInput(sentence, code="other_hand")
         if motion is not None and frame.time <= last.time:
-            raise InvalidInput(
-                f"time goes back from {last.time:g} to {frame.time:g} s at frame {frame.sequence}; leave it out.",
-                code="backwards",
-            )
+            sentence = f"time goes back from {last.time:g} to {frame.time:g} s at frame {frame.sequence}; leave it out."
+            raise InvalidInput(sentence, code="backwards")
         if frame.landmarks is None:
             return
         if motion is None or frame.time - motion.time > self._patience or len(motion.positions) != len(frame.landmarks):
@@ -194,17 +192,7 @@ class Predictor:
         return HandFrame(then, last.side, last.sequence, last.landmarks)
 
     def spread(self, time: float) -> float:
-        """Return the standard deviation of each coordinate a latency after a time [m].
-
-        Parameters
-        ----------
-        time : of the tracker's clock [s].
-
-        Raises
-        ------
-        InvalidInput
-            When no frame was taken yet.
-        """
+        """Return the standard deviation of each coordinate [m] a latency after a time [s]; as ``at``, raise before any."""
         return float(np.sqrt(self._newest()[1].at(time + self.latency, self._agility).covariance[0, 0]))
 
     def _newest(self) -> tuple[HandFrame, Motion]:
