@@ -192,7 +192,7 @@ class Predictor:
         return HandFrame(then, last.side, last.sequence, last.landmarks)
 
     def spread(self, time: float) -> float:
-        """Return the standard deviation of each coordinate [m] a latency after a time [s]; as ``at``, raise before any."""
+        """Return the standard deviation of each coordinate [m] a latency after a time [s]; raises as ``at``."""
         return float(np.sqrt(self._newest()[1].at(time + self.latency, self._agility).covariance[0, 0]))
 
     def _newest(self) -> tuple[HandFrame, Motion]:
