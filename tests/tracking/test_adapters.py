@@ -64,7 +64,7 @@ def test_a_joint_that_leap_does_not_tell_is_half_lost():
     assert stream.health.half_lost == 1
 
 
-def test_leap_is_heard_through_its_own_process():
+def test_leap_is_received_through_its_own_process():
     def service(connection):
         assert json.loads(connection.recv(timeout=PATIENCE)) == {"background": True}
         for identity in range(5):

@@ -1,4 +1,4 @@
-"""Frames and messages: what is refused, and that nothing is lost on the way."""
+"""Frames and messages: what is rejected, and that nothing is lost on the way."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Recordings: nothing is lost, every fault is refused with its place, or left out and counted; replay keeps time."""
+"""Recordings: nothing is lost, every fault is rejected with its place, or left out and counted; replay keeps time."""
 
 import json
 import time
