@@ -7,58 +7,64 @@ another solver. The main path is at the top; the rest is in the public modules `
 """
 
 import importlib
+import os
 import warnings
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from airtact.conventions import InvalidInput, NotConverged
-from airtact.evaluation.comparison import compare
-from airtact.evaluation.field import field_map
-from airtact.evaluation.metrics import evaluate
-from airtact.files.drives import load_drive
-from airtact.hand.files import load_hand
-from airtact.hand.fitting.fit import fit_hand
-from airtact.hand.hand import Hand, hand_from_joints
-from airtact.hand.pinch import pinch
-from airtact.hardware.autd3_link import AUTD3Link
-from airtact.hardware.emission import Emission
-from airtact.pose import Pose
-from airtact.scene.medium import Medium, air
-from airtact.scene.scene import Scene, filled, impedance, sound_hard
-from airtact.scene.sources import Monopoles
-from airtact.scene.target import Target
-from airtact.scene_file.building import read_scene
-from airtact.solvers.bem.solver import BoundaryElement
-from airtact.solvers.fem.solver import FiniteElement
-from airtact.solvers.free_field import FreeField
-from airtact.solvers.sampled_field import SampledField
-from airtact.solvers.spherical.multipole_field import multipole_expansion
-from airtact.solvers.spherical.sphere_series import SphereSeries
-from airtact.store.stored import Stored
-from airtact.surfaces.files import load_surface
-from airtact.surfaces.primitives import capsule, sphere
-from airtact.surfaces.surface import Surface
-from airtact.synthesis.gerchberg_saxton import weighted_gerchberg_saxton
-from airtact.synthesis.max_min import max_min
-from airtact.synthesis.quantise import quantise
-from airtact.synthesis.time_reversal import time_reversal
-from airtact.synthesis.upper_bound import upper_bound
-from airtact.transducers.element import monopole, piston
-from airtact.transducers.layout import PhasedArray, autd3_board, flat_boards, surrounding_box
-from airtact.transfer import Drive, TransferMatrix, focus_by_distance, transfer_matrix
+if TYPE_CHECKING:
+    from airtact.conventions import InvalidInput, NotConverged
+    from airtact.evaluation.comparison import compare
+    from airtact.evaluation.field import field_map
+    from airtact.evaluation.metrics import evaluate
+    from airtact.files.drives import load_drive
+    from airtact.hand.files import load_hand
+    from airtact.hand.fitting.fit import fit_hand
+    from airtact.hand.hand import Hand, hand_from_joints
+    from airtact.hand.pinch import pinch
+    from airtact.hardware.autd3_link import AUTD3Link
+    from airtact.hardware.emission import Emission
+    from airtact.pose import Pose
+    from airtact.scene.medium import Medium, air
+    from airtact.scene.scene import Scene, filled, impedance, sound_hard
+    from airtact.scene.sources import Monopoles
+    from airtact.scene.target import Target
+    from airtact.scene_file.building import read_scene
+    from airtact.solvers.bem.solver import BoundaryElement
+    from airtact.solvers.fem.solver import FiniteElement
+    from airtact.solvers.free_field import FreeField
+    from airtact.solvers.sampled_field import SampledField
+    from airtact.solvers.spherical.multipole_field import multipole_expansion
+    from airtact.solvers.spherical.sphere_series import SphereSeries
+    from airtact.store.stored import Stored
+    from airtact.surfaces.files import load_surface
+    from airtact.surfaces.primitives import capsule, sphere
+    from airtact.surfaces.surface import Surface
+    from airtact.synthesis.gerchberg_saxton import weighted_gerchberg_saxton
+    from airtact.synthesis.max_min import max_min
+    from airtact.synthesis.quantise import quantise
+    from airtact.synthesis.time_reversal import time_reversal
+    from airtact.synthesis.upper_bound import upper_bound
+    from airtact.transducers.element import monopole, piston
+    from airtact.transducers.layout import PhasedArray, autd3_board, flat_boards, surrounding_box
+    from airtact.transfer import Drive, TransferMatrix, focus_by_distance, transfer_matrix
 
-from airtact import (  # isort: skip
-    boards,
-    emission,
-    evaluation,
-    hands,
-    scene,
-    scene_file,
-    solvers,
-    surfaces,
-    synthesis,
-    targets,
-    tracking,
-)
+    from airtact import (  # isort: skip
+        boards,
+        emission,
+        evaluation,
+        hands,
+        scene,
+        scene_file,
+        solvers,
+        surfaces,
+        synthesis,
+        targets,
+        tracking,
+    )
+
+# The compiled loops' threads would spin for milliseconds after each loop and keep NumPy's own off the cores; read when
+# the loops are loaded, which is after this.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 __version__ = "0.1.0"
 
@@ -125,6 +131,46 @@ __all__ = [
     "weighted_gerchberg_saxton",
 ]
 
+_HOMES = {
+    "conventions": "InvalidInput NotConverged",
+    "evaluation.comparison": "compare",
+    "evaluation.field": "field_map",
+    "evaluation.metrics": "evaluate",
+    "files.drives": "load_drive",
+    "hand.files": "load_hand",
+    "hand.fitting.fit": "fit_hand",
+    "hand.hand": "Hand hand_from_joints",
+    "hand.pinch": "pinch",
+    "hardware.autd3_link": "AUTD3Link",
+    "hardware.emission": "Emission",
+    "pose": "Pose",
+    "scene.medium": "Medium air",
+    "scene.scene": "Scene filled impedance sound_hard",
+    "scene.sources": "Monopoles",
+    "scene.target": "Target",
+    "scene_file.building": "read_scene",
+    "solvers.bem.solver": "BoundaryElement",
+    "solvers.fem.solver": "FiniteElement",
+    "solvers.free_field": "FreeField",
+    "solvers.sampled_field": "SampledField",
+    "solvers.spherical.multipole_field": "multipole_expansion",
+    "solvers.spherical.sphere_series": "SphereSeries",
+    "store.stored": "Stored",
+    "surfaces.files": "load_surface",
+    "surfaces.primitives": "capsule sphere",
+    "surfaces.surface": "Surface",
+    "synthesis.gerchberg_saxton": "weighted_gerchberg_saxton",
+    "synthesis.max_min": "max_min",
+    "synthesis.quantise": "quantise",
+    "synthesis.time_reversal": "time_reversal",
+    "synthesis.upper_bound": "upper_bound",
+    "transducers.element": "monopole piston",
+    "transducers.layout": "PhasedArray autd3_board flat_boards surrounding_box",
+    "transfer": "Drive TransferMatrix focus_by_distance transfer_matrix",
+}
+_MODULE_OF = {name: module for module, names in _HOMES.items() for name in names.split()}
+"""Where each name stands: a module is imported when one of its names is first asked for."""
+
 _MOVED = {
     "boards": "Board board_array board_named Element join load_calibration poses_of_boards",
     "emission": "FileLink Link LinkFailed Played RecordingLink SerialLink",
@@ -158,9 +204,22 @@ _OLD_NAMES = {name: f"{module}.{name}" for module, names in _MOVED.items() for n
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _OLD_NAMES:
+    if name in _MODULE_OF:
+        found = getattr(importlib.import_module(f"airtact.{_MODULE_OF[name]}"), name)
+    elif name in __all__:
+        found = importlib.import_module(f"airtact.{name}")
+    elif name in _OLD_NAMES:
+        now = _OLD_NAMES[name]
+        warnings.warn(
+            f"airtact.{name} is now airtact.{now}; the old name goes in 0.3.", DeprecationWarning, stacklevel=2
+        )
+        module, _, attribute = now.rpartition(".")
+        return getattr(importlib.import_module(f"airtact.{module}" if module else "airtact"), attribute)
+    else:
         raise AttributeError(f"module 'airtact' has no attribute {name!r}")
-    now = _OLD_NAMES[name]
-    warnings.warn(f"airtact.{name} is now airtact.{now}; the old name goes in 0.3.", DeprecationWarning, stacklevel=2)
-    module, _, attribute = now.rpartition(".")
-    return getattr(importlib.import_module(f"airtact.{module}" if module else "airtact"), attribute)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -6,16 +6,11 @@
 - A monopole of strength s [Pa·m] alone in open air gives p = s e^{ikr}/r.
 """
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
 from jaxtyping import Real
-
-# The compiled loops' threads would spin for milliseconds after each loop and keep NumPy's own off the cores; read when
-# the loops are loaded, which is after this module.
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 Vector = Real[np.ndarray, "3"] | tuple[float | int, float | int, float | int]
 """One point or direction: an array of three numbers or a tuple of three."""

@@ -8,9 +8,8 @@ from collections.abc import Sequence
 
 import click
 
+import airtact as at
 from airtact.cli import bench, boards, check, compare, compare_scan, emit, export, hand, listen, mesh, render, reproduce
-from airtact.conventions import InvalidInput, NotConverged
-from airtact.hardware.link import LinkFailed
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -20,16 +19,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except click.ClickException as error:
         error.show()
         return error.exit_code
-    except (InvalidInput, NotConverged) as error:
-        return _fail(str(error), error.code, 2)
-    except LinkFailed as error:
-        return _fail(str(error), "link_failed", 1)
+    except (KeyboardInterrupt, click.Abort):
+        return _fail("interrupted; finished files are complete", "interrupted", 130)
     except OSError as error:
         missing = isinstance(error, FileNotFoundError)
         sentence = f"{error.filename or 'a file'}: {error.strerror or error}"
         return _fail(sentence, "file_missing" if missing else "file_failed", 2)
-    except (KeyboardInterrupt, click.Abort):
-        return _fail("interrupted; finished files are complete", "interrupted", 130)
+    except (at.InvalidInput, at.NotConverged) as error:  # imported only now, so that --help comes at once
+        return _fail(str(error), error.code, 2)
+    except at.emission.LinkFailed as error:
+        return _fail(str(error), "link_failed", 1)
     return 0
 
 

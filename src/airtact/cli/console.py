@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from airtact.surfaces.surface import Surface
+import airtact as at
 from airtact.timing import Progress as Callback
 
 
@@ -57,7 +57,7 @@ def plain_table(*columns: str) -> Table:
     return table
 
 
-def repairs_table(surface: Surface, name: str = "") -> Table:
+def repairs_table(surface: "at.Surface", name: str = "") -> Table:
     """Tabulate what was repaired in a surface."""
     table = plain_table()
     for index, note in enumerate(surface.repairs or ("nothing",)):
@@ -65,7 +65,7 @@ def repairs_table(surface: Surface, name: str = "") -> Table:
     return table
 
 
-def sharp_edges_in_words(surface: Surface) -> str:
+def sharp_edges_in_words(surface: "at.Surface") -> str:
     """Count the edges that stay sharp when a surface is curved, and add up their lengths."""
     from airtact.figures.body_figure import sharp_edges
 
