@@ -187,13 +187,26 @@ def watch(event, arguments):
         touched.append((event, "w"))
 sys.addaudithook(watch)
 import airtact
+light = set(sys.modules)
+names = [getattr(airtact, name) for name in airtact.__all__]
 installed = (sys.prefix, sys.base_prefix, os.path.dirname(airtact.__file__))
 for name, mode in touched:
     if not name.endswith((".py", ".pyc", ".so")) and not name.startswith(installed) or set(mode) & set("wax+"):
         print("touched", name, mode)
-for name in ("matplotlib", "trimesh", "h5py", "rich", "click"):
+for name in ("numpy", "scipy", "jaxtyping", "airtact.scene", "airtact.solvers"):
+    if name in light:
+        print("imported before a name was asked for", name)
+for name in "matplotlib trimesh h5py rich click skimage ngsolve netgen mmgpy manifold3d jinja2".split():
     if name in sys.modules:
         print("imported", name)
+"""
+
+HELP_IMPORTS = """
+import sys
+from airtact.cli import main
+for command in [], ["render"], ["check"], ["hand"]:
+    assert main([*command, "--help"]) == 0
+print([name for name in ("numpy", "scipy", "matplotlib", "airtact.workflows") if name in sys.modules])
 """
 
 
@@ -202,6 +215,25 @@ def test_import_touches_no_file_and_no_device() -> None:
     done = subprocess.run([sys.executable, "-B", "-c", WATCHED_IMPORT], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert done.stdout == ""
+
+
+def test_help_imports_no_work() -> None:
+    done = subprocess.run([sys.executable, "-c", HELP_IMPORTS], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_each_public_name_is_what_type_checkers_see() -> None:
+    tree = ast.parse(Path(at.__file__).read_text(encoding="utf-8"))
+    typed = {
+        alias.name: getattr(importlib.import_module(node.module), alias.name)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module is not None and node.module.startswith("airtact")
+        for alias in node.names
+    }
+    assert sorted(typed) == sorted(at.__all__)
+    assert [name for name, value in typed.items() if getattr(at, name) is not value] == []
+    assert set(at.__all__) <= set(dir(at))
 
 
 # --- sources --------------------------------------------------------------------------------------------------------
