@@ -18,10 +18,12 @@ void interpolate(const std::complex<float> *table, const std::int64_t *first, st
         float *const sum = sums.data();
 #pragma omp for schedule(static)
         for (std::int64_t i = 0; i < n; i++) {
+#ifdef __GNUC__
             for (std::int64_t a = 0; i + 1 < n && a < us; a++) {  // the next rows, from memory that others may have used
                 const std::complex<float> *row = table + first[i + 1] + a * steps[0];
                 for (std::int64_t l = 0; l < (vs - 1) * steps[1] + ws * sounds; l += 8) __builtin_prefetch(row + l);
             }
+#endif
             for (std::int64_t l = 0; l < width; l++) sum[l] = 0;
             for (std::int64_t a = 0; a < us; a++)
                 for (std::int64_t b = 0; b < vs; b++) {
