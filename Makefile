@@ -17,7 +17,7 @@ help:
 
 $(VENV)/installed: $(KERNELS)
 	python3 -m venv $(VENV)
-	PIP_CONSTRAINT=constraints.txt $(BIN)/pip install --quiet --editable .
+	PIP_CONSTRAINT=constraints.txt $(BIN)/pip install --quiet --editable '.[fem,mesh]'
 	@touch $@
 
 $(VENV)/installed-for-tests: $(VENV)/installed

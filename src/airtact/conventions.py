@@ -49,6 +49,22 @@ def about(what: str) -> Iterator[None]:
         raise InvalidInput(f"{what}: {fault}", fault.position, code=fault.code) from None
 
 
+@contextmanager
+def extra(name: str, need: str) -> Iterator[None]:
+    """Raise "extra_not_installed", with what to install, where an import inside fails.
+
+    Parameters
+    ----------
+    name : of the extra, as in ``airtact[fem]``.
+    need : who needs what, such as "finite elements need NGSolve".
+    """
+    try:
+        yield
+    except (ImportError, OSError) as fault:
+        how = f"0 of its modules can be imported ({fault}): pip install 'airtact[{name}]'."
+        raise InvalidInput(f"{need}, but {how}", code="extra_not_installed") from None
+
+
 class NotConverged(RuntimeError):  # noqa: N818
     """A solver stopped before its tolerance; the message has the residual, the iterations and the likely cause.
 

@@ -197,7 +197,7 @@ def test_what_cannot_be_is_rejected(link, make, code: str, shown: str, monkeypat
 
 def test_a_missing_pyautd3_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyautd3", None)
-    with raises_code("package_missing", "airtact[autd3]"):
+    with raises_code("extra_not_installed", "airtact[autd3]"):
         AUTD3Link([Pose.identity()]).open()
 
 

@@ -192,7 +192,7 @@ def test_ports_that_cannot_be_are_rejected(make, code: str, shown: str, monkeypa
 
 def test_a_missing_pyserial_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "serial", None)
-    with raises_code("package_missing", "airtact[serial]"):
+    with raises_code("extra_not_installed", "airtact[serial]"):
         SerialLink("x").open()
 
 

@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from airtact import _kernels
+from airtact.conventions import extra
 from airtact.hand.sphere_mesh import Hulls
 from airtact.mesh.quadratic_triangles import smallest_angles, with_middles
 from airtact.mesh.topology import cone_volumes, edge_keys
@@ -175,7 +176,8 @@ BLOCK = 4
 
 def _marching_cubes(hulls: Hulls, step: float, level: float) -> HandMesh:
     """Make closed triangles from a grid of the distance."""
-    from skimage.measure import marching_cubes  # takes long to import, and only hands need it
+    with extra("mesh", "the skin of a hand needs scikit-image"):
+        from skimage.measure import marching_cubes
 
     distance, low = _distance_grid(hulls, step)
     distance = distance - level

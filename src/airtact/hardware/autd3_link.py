@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import UInt16
 from scipy.spatial.transform import Rotation
 
-from airtact.conventions import InvalidInput
+from airtact.conventions import InvalidInput, extra
 from airtact.hardware.link import Link, LinkFailed
 from airtact.pose import Pose
 from airtact.synthesis.quantise import Frame
@@ -242,16 +242,14 @@ class AUTD3Link(Link):
 
 
 def _library() -> Any:
-    """Import pyautd3; raise "package_missing" or "package_version" with what to install."""
-    how = "pip install 'airtact[autd3]'"
-    try:
+    """Import pyautd3; raise "extra_not_installed" or "package_version" with what to install."""
+    with extra("autd3", "AUTD3 boards need pyautd3"):
         import pyautd3
-    except (ImportError, OSError):
-        raise InvalidInput(f"0 AUTD3 boards can be opened without pyautd3: {how}.", code="package_missing") from None
     version = importlib.metadata.version("pyautd3")
     if version not in KNOWN_VERSIONS:
         raise InvalidInput(
-            f"pyautd3 {version} is not one that the tests run with ({', '.join(KNOWN_VERSIONS)}): {how}.",
+            f"pyautd3 {version} is not one that the tests run with ({', '.join(KNOWN_VERSIONS)}): "
+            "pip install 'airtact[autd3]'.",
             code="package_version",
         )
     return pyautd3

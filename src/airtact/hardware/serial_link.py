@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from airtact.conventions import InvalidInput
+from airtact.conventions import InvalidInput, extra
 from airtact.hardware.link import Link
 from airtact.synthesis.quantise import Frame
 from airtact.validation import of_kind
@@ -131,12 +131,8 @@ class SerialLink(Link):
 
 
 def _library() -> Any:
-    try:
+    with extra("serial", "serial ports need pyserial"):
         import serial
-    except ImportError:
-        raise InvalidInput(
-            "0 serial ports can be opened without pyserial: pip install 'airtact[serial]'.", code="package_missing"
-        ) from None
     return serial
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Int64, Real
 
-from airtact.conventions import InvalidInput
+from airtact.conventions import InvalidInput, extra
 from airtact.mesh.quadratic_triangles import edge_lengths
 from airtact.mesh.topology import Triangles, Vertices, edge_twins
 
@@ -66,7 +66,8 @@ def remeshed(mesh: RidgedMesh, sizes: Real[np.ndarray, "vertices"], edge: float,
 
 def _meshed(surface: RidgedMesh, sizes: Real[np.ndarray, "vertices"], edge: float, flattest: float) -> RidgedMesh:
     """Run MMG in units of the edge."""
-    import mmgpy  # brings its own libraries, which only surfaces from meshes need
+    with extra("mesh", "a surface that is meshed anew needs MMG"):
+        import mmgpy
 
     mesh = mmgpy.MmgMeshS()
     ridges, triangles = surface.ridges.astype(np.int32), surface.triangles.astype(np.int32)

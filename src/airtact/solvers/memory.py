@@ -4,7 +4,7 @@
 def available_memory() -> float:
     """Return the bytes available without swapping; infinity where the system does not report them."""
     try:
-        with open("/proc/meminfo") as lines:
+        with open("/proc/meminfo", encoding="ascii") as lines:
             for line in lines:
                 if line.startswith("MemAvailable:"):
                     return 1024.0 * int(line.split()[1])

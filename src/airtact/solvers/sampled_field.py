@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Complex128, Float64, Int64, Num, Real
 from scipy.spatial import Delaunay, KDTree, QhullError
 
-from airtact.conventions import InvalidInput, about
+from airtact.conventions import InvalidInput, about, extra
 from airtact.file_access.text_table import read_text_table
 from airtact.printing import in_short
 from airtact.scene.scene import Scene, check_sources
@@ -305,11 +305,8 @@ def _read_csv(path: Path) -> _Samples:
 
 
 def _read_vtu(path: Path) -> _Samples:
-    try:
-        import meshio  # an extra: few fields come as VTU files
-    except ImportError:
-        sentence = f"{path.name} holds 0 nodes that can be read without meshio: pip install 'airtact[formats]'."
-        raise InvalidInput(sentence, code="extra_not_installed") from None
+    with extra("formats", f"{path.name} needs meshio to be read"):
+        import meshio
     try:
         mesh = meshio.vtu.read(path)
     except OSError as fault:

@@ -15,6 +15,7 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
+from airtact.conventions import extra
 from airtact.hand.joints import Side
 from airtact.tracking.frame import LAST_SEQUENCE, FaultyFrame, HandFrame
 from airtact.validation import counted
@@ -71,7 +72,8 @@ def from_json(text: bytes | str) -> HandFrame:
 
 def to_osc(frame: HandFrame) -> bytes:
     """Write a frame as an OSC message, coordinates in single precision."""
-    from pythonosc.osc_message_builder import OscMessageBuilder
+    with extra("tracking", "hands by OSC need python-osc"):
+        from pythonosc.osc_message_builder import OscMessageBuilder
 
     builder = OscMessageBuilder(ADDRESS)
     builder.add_arg(frame.time, "d")
@@ -92,7 +94,8 @@ def from_osc(packet: bytes) -> list[HandFrame]:
     InvalidInput
         It is not OSC, the arguments are not those of a frame, or the frame is faulty.
     """
-    from pythonosc.osc_packet import OscPacket
+    with extra("tracking", "hands by OSC need python-osc"):
+        from pythonosc.osc_packet import OscPacket
 
     try:
         messages = [timed.message for timed in OscPacket(packet).messages]

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from threading import Lock, Thread
 from typing import TYPE_CHECKING
 
-from airtact.conventions import InvalidInput
+from airtact.conventions import InvalidInput, extra
 from airtact.tracking.stream import HandStream
 
 if TYPE_CHECKING:
@@ -85,7 +85,8 @@ class WebSocketReceiver(_Receiver):
     """
 
     def __init__(self, stream: HandStream | None = None, port: int = 0, host: str = "127.0.0.1") -> None:
-        from websockets.sync.server import serve
+        with extra("tracking", "hands by websocket need the package websockets"):
+            from websockets.sync.server import serve
 
         super().__init__(stream, socket.SOCK_STREAM, port, host)
         self._connections: set[ServerConnection] = set()

@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
+from airtact.conventions import extra
+
 
 @runtime_checkable
 class Untyped(Protocol):
@@ -58,7 +60,8 @@ class Expression(Protocol):
 
 def ngsolve_library() -> ModuleType:
     """NGSolve, which takes a second to import."""
-    import ngsolve
+    with extra("fem", "finite elements need NGSolve"):
+        import ngsolve
 
     ngsolve.ngsglobals.msg_level = 0
     return ngsolve
@@ -66,7 +69,8 @@ def ngsolve_library() -> ModuleType:
 
 def netgen_libraries() -> tuple[ModuleType, ModuleType]:
     """Netgen's modules ``meshing`` and ``occ``."""
-    from netgen import meshing, occ
+    with extra("fem", "finite elements need Netgen"):
+        from netgen import meshing, occ
 
     return meshing, occ
 
