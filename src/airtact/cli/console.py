@@ -57,6 +57,14 @@ def plain_table(*columns: str) -> Table:
     return table
 
 
+def facts_table(facts: Sequence[tuple[str, str]]) -> Table:
+    """Tabulate facts by their names."""
+    table = plain_table()
+    for fact in facts:
+        table.add_row(*fact)
+    return table
+
+
 def repairs_table(surface: "at.Surface", name: str = "") -> Table:
     """Tabulate what was repaired in a surface."""
     table = plain_table()

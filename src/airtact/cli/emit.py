@@ -5,12 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.table import Table
 
-from airtact.cli.console import plain_table, progress, show
+import airtact as at
+from airtact.cli.console import facts_table, progress, show
 from airtact.cli.options import FILE, Names, drive_settings
-from airtact.conventions import InvalidInput
-from airtact.workflows import emit as workflow
 
 
 @click.command(
@@ -32,11 +30,12 @@ def emit(drive: Path, board: str, link: str, cap: float, seconds: float, yes: bo
     """
     from airtact.evaluation.thresholds import NO_SAFETY_ASSESSMENT
     from airtact.validation import counted, positive
+    from airtact.workflows import emit as workflow
 
     positive(seconds, "how long to emit", "s")
     plan = workflow.plan(drive, board, cap)
     way = workflow.link_for(plan, link, **where)
-    show(plan_table(plan, link), lines=[NO_SAFETY_ASSESSMENT])
+    show(facts_table(plan.facts(link)), lines=[NO_SAFETY_ASSESSMENT])
     if not yes:
         _ask(f"Emit for {seconds:g} s through {link} to {way.devices}?")
     with progress() as report_step:
@@ -52,32 +51,10 @@ def emit(drive: Path, board: str, link: str, cap: float, seconds: float, yes: bo
         show(lines=[f"{rate}, {played.frames} frames, {played.dropped} dropped."])
 
 
-def plan_table(plan: workflow.Plan, link: str) -> Table:
-    """Tabulate what would be emitted."""
-    import numpy as np
-
-    stored = plan.stored
-    table = plain_table()
-    elements = stored.drives.shape[1]
-    table.add_row("boards", f"{len(plan.poses)} {plan.board.title}, {elements} transducers, through {link}")
-    if stored.rate is not None and len(stored.drives) > 1:
-        table.add_row("sequence", f"{len(stored.drives)} frames at {stored.rate:g} frames/s")
-    levels = "on and off" if plan.board.amplitudes == 2 else f"{plan.board.amplitudes} amplitudes"
-    table.add_row("levels", f"{levels}, {plan.board.phases} phases")
-    if plan.rounding is not None:
-        worst = float(plan.rounding[np.abs(plan.rounding).argmax()])
-        held = " at equal energy" if plan.board.amplitudes == 2 else ""
-        table.add_row("rounding", f"{worst:+.2%} at the focus that it changes most{held}")
-    largest = float(np.abs(stored.drives).max())
-    table.add_row("largest amplitude", f"{100 * largest:.3g} % of full scale, cap {plan.cap:g} %")
-    table.add_row("at a head", f"up to {plan.head:.0f} dB SPL, 0.5 m off the array in open air")
-    return table
-
-
 def _ask(question: str) -> None:
     """Ask before anything is emitted; without a terminal there is no answer, and nothing is emitted."""
     if not sys.stdin.isatty():
         sentence = "this is not a terminal, so no confirmation is possible, and 0 frames were sent"
-        raise InvalidInput(f"{sentence}: give --yes to emit without asking.", code="not_confirmed")
+        raise at.InvalidInput(f"{sentence}: give --yes to emit without asking.", code="not_confirmed")
     if not click.confirm(question, default=False):
-        raise InvalidInput("0 frames were sent, as you answered no.", code="not_confirmed")
+        raise at.InvalidInput("0 frames were sent, as you answered no.", code="not_confirmed")

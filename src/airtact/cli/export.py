@@ -4,8 +4,7 @@ from pathlib import Path
 
 import click
 
-from airtact.cli.console import show
-from airtact.cli.emit import plan_table
+from airtact.cli.console import facts_table, show
 from airtact.cli.options import FILE, drive_settings
 
 
@@ -25,4 +24,4 @@ def export(drive: Path, board: str, cap: float, kind: str | None, file: Path) ->
     if kind is not None and file.suffix.lower() != f".{kind}":
         file = file.with_name(f"{file.name}.{kind}")
     plan, written = workflow.export(drive, board, file, cap)
-    show(plan_table(plan, "file"), lines=[f"{written}: {file}"])
+    show(facts_table(plan.facts("file")), lines=[f"{written}: {file}"])

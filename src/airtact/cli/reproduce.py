@@ -4,10 +4,9 @@ from pathlib import Path
 
 import click
 
+import airtact as at
 from airtact.cli.console import progress, show
 from airtact.cli.options import Names, results
-from airtact.conventions import NotConverged
-from airtact.workflows import reproduce as workflow
 
 
 @click.command(
@@ -26,11 +25,13 @@ def reproduce(paper: str, folder: Path, quick: bool) -> None:
     """
     with progress() as report_step:
         report_step(f"starting {paper}")
+        from airtact.workflows import reproduce as workflow
+
         done = workflow.reproduce(paper, folder, quick, report_step)
     facts = [f"{number:>8}  {what}" for number, what in done.facts]
     show(lines=[*facts, f"Report: {done.page} ({done.seconds:.0f} s)"])
     if done.failed:
         title, why = next(iter(done.failed.items()))
-        raise NotConverged(
+        raise at.NotConverged(
             f"{len(done.failed)} of the parts failed, the others are on the page; {title!r}: {why}", code="part_failed"
         )

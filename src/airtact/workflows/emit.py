@@ -51,6 +51,23 @@ class Plan:
     head: float
     cap: float
 
+    def facts(self, link: str) -> list[tuple[str, str]]:
+        """Put what would be emitted through a link into words, each fact by its name."""
+        drives, board = self.stored.drives, self.board
+        facts = [("boards", f"{len(self.poses)} {board.title}, {drives.shape[1]} transducers, through {link}")]
+        if self.stored.rate is not None and len(drives) > 1:
+            facts.append(("sequence", f"{len(drives)} frames at {self.stored.rate:g} frames/s"))
+        levels = "on and off" if board.amplitudes == 2 else f"{board.amplitudes} amplitudes"
+        facts.append(("levels", f"{levels}, {board.phases} phases"))
+        if self.rounding is not None:
+            worst = float(self.rounding[np.abs(self.rounding).argmax()])
+            held = " at equal energy" if board.amplitudes == 2 else ""
+            facts.append(("rounding", f"{worst:+.2%} at the focus that it changes most{held}"))
+        largest = float(np.abs(drives).max())
+        facts.append(("largest amplitude", f"{100 * largest:.3g} % of full scale, cap {self.cap:g} %"))
+        facts.append(("at a head", f"up to {self.head:.0f} dB SPL, 0.5 m off the array in open air"))
+        return facts
+
 
 def plan(path: Path, board: str, cap: float = 100.0) -> Plan:
     """Read a drive, check that boards of a kind can play it, and find what rounding costs and the level at a head.
