@@ -1,0 +1,182 @@
+"""Pressure in parallel planes around the foci and on the surfaces of bodies, for pictures that a reader moves through."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex128, Float64, Real
+
+from airtact.evaluation.windows import Window
+from airtact.printing import in_short
+from airtact.scene.scene import Scene
+from airtact.solvers.problem import RadiatedField
+
+MOST_POINTS = 36_000
+"""Points at which the field is evaluated for all planes together."""
+
+MARGIN = 2.0
+"""How far the planes reach past the outermost foci, in wavelengths."""
+
+STEPS = 1.0 / 5.0, 1.0 / 4.0
+"""Distance of the points in wavelengths: in a box that is cut along any axis, and in a stack of planes."""
+
+LEAST_PLANES = 5
+"""Planes of a stack."""
+
+WALL = 0.25
+"""Within this many wavelengths of a hard surface the pressure follows from that on the surface and that at its rim."""
+
+NEIGHBOURS = 12
+"""Points of a solved surface from which the pressure between them is interpolated."""
+
+
+@dataclass(frozen=True, eq=False)
+class Slices:
+    """Pressure of several excitations in parallel planes.
+
+    Attributes
+    ----------
+    corner : (3,) the first point [m].
+    axes : (3, 3) unit vectors in rows: right, up, and the normal of the planes.
+    steps : (3,) distance of neighbouring points along each of the axes [m].
+    pressures : (planes, rows, columns, S) peak pressure [Pa], carried into hard bodies by at most a few points.
+    depth : (planes, rows, columns) depth in a body [m], negative outside.
+    any_axis : whether the planes stand so close that sections along all three axes show the field.
+    """
+
+    corner: Float64[np.ndarray, "3"]
+    axes: Float64[np.ndarray, "3 3"]
+    steps: Float64[np.ndarray, "3"]
+    pressures: Float64[np.ndarray, "planes rows columns sounds"]
+    depth: Float64[np.ndarray, "planes rows columns"]
+    any_axis: bool
+
+    __repr__ = in_short
+
+
+def slices_around(
+    field: RadiatedField, columns: Sequence[int], foci: Real[np.ndarray, "foci 3"], window: Window
+) -> Slices:
+    """Evaluate a field in planes parallel to a window.
+
+    The complex pressure is evaluated at four to five points a wavelength and interpolated by cubic splines. Near a
+    sound-hard surface, where its slope along the normal vanishes, it is a parabola between the solved pressure on the
+    surface and that at a height of ``WALL`` wavelengths, a few percent off at most.
+
+    Parameters
+    ----------
+    field : as a solver returns it.
+    columns : the S excitations to show.
+    foci : (F, 3) [m].
+    window : its directions are those of the planes.
+
+    Returns
+    -------
+    Pressure in planes that extend ``MARGIN`` wavelengths past the foci.
+    """
+    wavelength = field.scene.wavelength
+    axes = np.stack([window.right, window.up, window.normal])
+    lowest, highest = (foci @ axes.T).min(axis=0), (foci @ axes.T).max(axis=0)
+    lowest, highest = lowest - MARGIN * wavelength, highest + MARGIN * wavelength
+    counts, any_axis = _counts((highest - lowest) / wavelength)
+    sides = [np.linspace(*ends, count) for *ends, count in zip(lowest, highest, counts, strict=True)]
+    grid = np.stack(np.meshgrid(*sides[::-1], indexing="ij")[::-1], axis=-1)
+    points = grid.reshape(-1, 3) @ axes
+    depth = field.scene.depth(points).reshape(grid.shape[:3])
+    pressure = _pressure(field, points, depth.ravel())[:, list(columns)].reshape(*grid.shape[:3], -1)
+    pressure = _carried_inside(pressure)
+    fine = (2, 2, 2) if any_axis else (1, 2, 2)
+    pressures = np.stack([np.abs(_finer(one, fine)) for one in np.moveaxis(pressure, -1, 0)], axis=-1)
+    steps = (highest - lowest) / (np.array(pressures.shape[2::-1]) - 1)
+    depth = _finer(np.clip(depth, -wavelength, wavelength), fine).real
+    return Slices(lowest @ axes, axes, steps, pressures, depth, any_axis)
+
+
+def _counts(sides: Float64[np.ndarray, "3"]) -> tuple[tuple[int, ...], bool]:
+    """Points along the sides [wavelengths], and whether they stand equally close along all."""
+    counts = np.ceil(sides / STEPS[0]).astype(int) + 1
+    if counts.prod() <= MOST_POINTS:
+        return tuple(counts.tolist()), True
+    step = max(STEPS[1], float(np.sqrt(sides[0] * sides[1] * LEAST_PLANES / MOST_POINTS)))
+    across, along = (np.ceil(sides[:2] / step).astype(int) + 1).tolist()
+    planes = min(int(counts[2]), max(LEAST_PLANES, MOST_POINTS // (across * along)))
+    return (across, along, planes - 1 + planes % 2), False  # odd, so that one plane lies in the middle
+
+
+def _finer(
+    values: Complex128[np.ndarray, "planes rows columns"] | Float64[np.ndarray, "planes rows columns"],
+    times: tuple[int, int, int],
+) -> Complex128[np.ndarray, "planes rows columns"]:
+    """Put ``times`` − 1 values between neighbours along each axis by cubic splines."""
+    from scipy.interpolate import make_interp_spline
+
+    out = np.asarray(values, dtype=np.complex128)
+    for axis, (count, factor) in enumerate(zip(values.shape, times, strict=True)):
+        if factor > 1:
+            spline = make_interp_spline(np.arange(count), out, k=3, axis=axis)
+            out = spline(np.linspace(0.0, count - 1.0, factor * (count - 1) + 1))
+    return out
+
+
+def _pressure(
+    field: RadiatedField, points: Float64[np.ndarray, "points 3"], depth: Float64[np.ndarray, "points"]
+) -> Complex128[np.ndarray, "points sounds"]:
+    """Complex pressure at points, by the parabola near hard walls; NaN deep inside bodies."""
+    if not _all_hard(field.scene):
+        return field.at(points)
+    surface, rim = field.on_surface, WALL * field.scene.wavelength
+    near, away = np.abs(depth) < rim, depth <= -rim
+    out = np.full((len(points), field.sources.strengths.shape[1]), np.nan, dtype=np.complex128)
+    if not near.any():
+        out[away] = field.at(points[away])
+        return out
+    from scipy.spatial import KDTree
+
+    nearest = KDTree(surface.points).query(points[near])[1]
+    normals = surface.normals[nearest]
+    feet = points[near] + np.sum((surface.points[nearest] - points[near]) * normals, axis=1, keepdims=True) * normals
+    evaluated = field.at(np.concatenate([points[away], feet + rim * normals]))
+    out[away], rims = evaluated[: np.count_nonzero(away)], evaluated[np.count_nonzero(away) :]
+    walls = pressure_on_surfaces(field, feet)
+    share = (depth[near] / rim)[:, None] ** 2
+    out[near] = walls + share * (np.where(np.isfinite(rims), rims, walls) - walls)
+    return out
+
+
+def _carried_inside(
+    pressure: Complex128[np.ndarray, "planes rows columns sounds"],
+) -> Complex128[np.ndarray, "planes rows columns sounds"]:
+    """Replace NaN by the nearest pressure there is, or splines would ring at the edge of what is known."""
+    from scipy.ndimage import distance_transform_edt
+
+    unknown = np.isnan(pressure[..., 0])
+    if not unknown.any() or unknown.all():
+        return np.nan_to_num(pressure)
+    nearest = distance_transform_edt(unknown, return_distances=False, return_indices=True)
+    return pressure[tuple(np.asarray(nearest))]
+
+
+def _all_hard(scene: Scene) -> bool:
+    return all(obstacle.boundary == "sound_hard" for obstacle in scene.obstacles)
+
+
+def pressure_on_surfaces(
+    field: RadiatedField, points: Real[np.ndarray, "points 3"]
+) -> Complex128[np.ndarray, "points sounds"]:
+    """Interpolate the solved pressure on the surfaces of bodies.
+
+    Parameters
+    ----------
+    field : with at least one body.
+    points : (P, 3) on the surfaces [m].
+
+    Returns
+    -------
+    (P, S) complex pressure [Pa] for each excitation: the mean of that at the nearest solved points, weighted by the
+    inverse square of their distances.
+    """
+    from scipy.interpolate import RBFInterpolator
+
+    surface = field.on_surface
+    neighbours = min(NEIGHBOURS, len(surface.points))
+    return RBFInterpolator(1e3 * surface.points, surface.pressure, neighbors=neighbours)(1e3 * np.asarray(points))
