@@ -1,10 +1,10 @@
-"""Pressure in parallel planes around the foci and on the surfaces of bodies, for pictures that a reader moves through."""
+"""Pressure in parallel planes around the foci and on the surfaces of bodies, for a scene that a reader turns."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex128, Float64, Real
+from jaxtyping import Complex128, Float64, Int64, Real
 
 from airtact.evaluation.windows import Window
 from airtact.printing import in_short
@@ -14,14 +14,17 @@ from airtact.solvers.problem import RadiatedField
 MOST_POINTS = 36_000
 """Points at which the field is evaluated for all planes together."""
 
-MARGIN = 2.0
+MARGIN = 1.8
 """How far the planes reach past the outermost foci, in wavelengths."""
 
 STEPS = 1.0 / 5.0, 1.0 / 4.0
 """Distance of the points in wavelengths: in a box that is cut along any axis, and in a stack of planes."""
 
-LEAST_PLANES = 5
+LEAST_PLANES = 7
 """Planes of a stack."""
+
+SURFACE_EDGE = 1.0 / 4.0
+"""Longest edge of the triangles that carry the pressure on surfaces, in wavelengths."""
 
 WALL = 0.25
 """Within this many wavelengths of a hard surface the pressure follows from that on the surface and that at its rim."""
@@ -75,7 +78,8 @@ def slices_around(
     Pressure in planes that extend ``MARGIN`` wavelengths past the foci.
     """
     wavelength = field.scene.wavelength
-    axes = np.stack([window.right, window.up, window.normal])
+    normal = window.normal * np.sign(window.normal[np.argmax(np.abs(window.normal))])  # a coordinate that grows
+    axes = np.stack([window.right, window.up, normal])
     lowest, highest = (foci @ axes.T).min(axis=0), (foci @ axes.T).max(axis=0)
     lowest, highest = lowest - MARGIN * wavelength, highest + MARGIN * wavelength
     counts, any_axis = _counts((highest - lowest) / wavelength)
@@ -134,12 +138,14 @@ def _pressure(
 
     nearest = KDTree(surface.points).query(points[near])[1]
     normals = surface.normals[nearest]
-    feet = points[near] + np.sum((surface.points[nearest] - points[near]) * normals, axis=1, keepdims=True) * normals
-    evaluated = field.at(np.concatenate([points[away], feet + rim * normals]))
+    projections = (
+        points[near] + np.sum((surface.points[nearest] - points[near]) * normals, axis=1, keepdims=True) * normals
+    )
+    evaluated = field.at(np.concatenate([points[away], projections + rim * normals]))
     out[away], rims = evaluated[: np.count_nonzero(away)], evaluated[np.count_nonzero(away) :]
-    walls = pressure_on_surfaces(field, feet)
-    share = (depth[near] / rim)[:, None] ** 2
-    out[near] = walls + share * (np.where(np.isfinite(rims), rims, walls) - walls)
+    walls = pressure_on_surfaces(field, projections)
+    weight = (depth[near] / rim)[:, None] ** 2
+    out[near] = walls + weight * (np.where(np.isfinite(rims), rims, walls) - walls)
     return out
 
 
@@ -158,6 +164,50 @@ def _carried_inside(
 
 def _all_hard(scene: Scene) -> bool:
     return all(obstacle.boundary == "sound_hard" for obstacle in scene.obstacles)
+
+
+@dataclass(frozen=True, eq=False)
+class SurfacePressure:
+    """The surfaces of all bodies as triangles, with the pressure on them.
+
+    Attributes
+    ----------
+    vertices : (V, 3) [m].
+    triangles : (T, 3) their corners.
+    pressures : (V, S) peak pressure of each excitation [Pa].
+    """
+
+    vertices: Float64[np.ndarray, "vertices 3"]
+    triangles: Int64[np.ndarray, "triangles 3"]
+    pressures: Float64[np.ndarray, "vertices sounds"]
+
+    __repr__ = in_short
+
+
+def surface_pressure(field: RadiatedField, columns: Sequence[int]) -> SurfacePressure | None:
+    """Interpolate the solved pressure on the surfaces of all bodies, for pictures; None in open air.
+
+    Parameters
+    ----------
+    field : as a solver returns it.
+    columns : the S excitations to show.
+    """
+    from trimesh.remesh import subdivide_to_size
+
+    if not field.scene.obstacles:
+        return None
+    vertices, triangles, count = [], [], 0
+    for obstacle in field.scene.obstacles:
+        surface = obstacle.surface
+        points, corners = subdivide_to_size(
+            surface.vertices, surface.triangles, max_edge=SURFACE_EDGE * field.scene.wavelength, max_iter=20
+        )
+        vertices.append(points)
+        triangles.append(corners + count)
+        count += len(points)
+    points = np.concatenate(vertices)
+    pressure = pressure_on_surfaces(field, points)[:, list(columns)]
+    return SurfacePressure(points, np.concatenate(triangles).astype(np.int64), np.abs(pressure))
 
 
 def pressure_on_surfaces(

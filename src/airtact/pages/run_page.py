@@ -14,6 +14,7 @@ from airtact.figures.array_figures import draw_phases, draw_scene
 from airtact.figures.field_figure import Cut, draw_close_ups, draw_fields
 from airtact.file_access.atomic import whole_file
 from airtact.pages.page import page_from, picture
+from airtact.pages.viewer import SceneView, viewer_values
 from airtact.scene.scene import Obstacle, Scene
 from airtact.scene.target import Target
 from airtact.solvers.problem import SolveReport
@@ -50,8 +51,9 @@ class Run:
     beacons : how the transfer matrix was solved.
     reached : (F,) peak pressure at the foci under the drive, by the verification solve [Pa].
     comparison : the drive against the one that ignores the hand.
-    plane : pressures of both, at equal energy, in the plane through the foci.
+    plane : pressures of both, the second at the energy of the first, in the plane through the foci.
     close_ups : the same across each focus; may be none.
+    view : the scene in space.
     notes : warnings of a method that stopped early.
     seconds : wall time by step of the run [s].
     """
@@ -72,13 +74,14 @@ class Run:
     comparison: Comparison
     plane: Cut
     close_ups: Sequence[Cut]
+    view: SceneView
     notes: Sequence[str]
     seconds: Mapping[str, float]
 
 
 def write_page(path: Path, run: Run) -> None:
     """Write the run as one HTML file that needs nothing else; it appears only once it is complete."""
-    values = {**_summary(run), **_pictures(run), **_foci(run), **_how(run)}
+    values = {**_summary(run), **_pictures(run), **_foci(run), **_how(run), "space": viewer_values(run.view, run.title)}
     with whole_file(path) as partial:
         partial.write_text(page_from("report.html.j2", title=f"airtact: {run.title}", run=run, **values), "utf-8")
 
@@ -141,13 +144,13 @@ def _pictures(run: Run) -> dict[str, Any]:
         f"Phases and amplitudes of all {_transducers(run)}, face by face",
     )
     bodies = [obstacle.surface for obstacle in run.scene.obstacles]
-    space = picture(
+    still = picture(
         draw_scene(run.array.positions, run.array.normals, run.drive.amplitudes, bodies, run.target.points),
         "Transducers coloured by phase, bodies in grey, foci in orange. Transducers that face away from the viewer are "
         "faint rings.",
         "Three-dimensional view of the array, the bodies and the foci",
     )
-    return {"close_ups": close_ups or "", "fields": fields, "phases": phases, "space": space}
+    return {"close_ups": close_ups or "", "fields": fields, "phases": phases, "still": still}
 
 
 def _rounding(run: Run) -> float:

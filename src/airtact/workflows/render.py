@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float64
 
 from airtact.evaluation.comparison import Comparison, compare
 from airtact.evaluation.windows import Window, box_around, close_up
@@ -16,6 +17,7 @@ from airtact.steps import plane_of_foci, save_drives, solve_foci, stored, synthe
 from airtact.synthesis.quantise import quantise
 from airtact.timing import Clock, Progress, no_progress
 from airtact.transfer import Drive, focus_by_distance
+from airtact.workflows.scene_view import scene_view
 
 FILES = ("drive.csv", "drive.h5", "field.vtkhdf", "report.html")
 """What a run writes, in this order."""
@@ -46,14 +48,17 @@ def render(path: Path, folder: Path, report_step: Progress = no_progress, store:
     for name in FILES:
         (folder / name).unlink(missing_ok=True)
     save_drives({folder / name: drive for name in FILES[:2]}, setup, transfer, beacons)
-    comparison = _verify(setup, drive, clock, store)
+    drives, comparison = _verify(setup, drive, clock, store)
     with clock.step("field", "computing the field around the foci"):
         peak = float(np.abs(drive.amplitudes).max())
         box = box_around(setup.target.points, setup.scene.wavelength)
         bodies = [obstacle.surface for obstacle in setup.scene.obstacles]
         write_field(folder / "field.vtkhdf", box, peak * comparison.at(box.points)[CONSIDERED], bodies)
+    scales = _scales(comparison, peak)
     with clock.step("cuts", "computing the field in the pictures"):
-        plane, close_ups = _cuts(setup, comparison)
+        plane, close_ups = _cuts(setup, comparison, scales)
+    with clock.step("scene in space", "computing the field in the scene to turn"):
+        view = scene_view(setup, comparison.field, drives, scales, plane.window, "equal energy")
     run = Run(
         title=path.stem.replace("_", " "),
         text=setup.text,
@@ -71,6 +76,7 @@ def render(path: Path, folder: Path, report_step: Progress = no_progress, store:
         comparison=comparison,
         plane=plane,
         close_ups=close_ups,
+        view=view,
         notes=notes,
         seconds=clock.seconds,
     )
@@ -79,25 +85,31 @@ def render(path: Path, folder: Path, report_step: Progress = no_progress, store:
     return run
 
 
-def _verify(setup: Setup, drive: Drive, clock: Clock, store: Path | None) -> Comparison:
-    """Compare the drive with the one that ignores the bodies."""
+def _verify(setup: Setup, drive: Drive, clock: Clock, store: Path | None) -> tuple[dict[str, Drive], Comparison]:
+    """Compare the drive with the one that ignores the bodies; both, their strongest element at full scale."""
     control = focus_by_distance(setup.array, setup.target, setup.scene.medium, setup.scene.frequency)
     drives = {CONSIDERED: drive, IGNORED: control}
     with clock.step("verify", "verifying it by a more accurate solve with all transducers as sources"):
-        return compare(setup.scene, setup.array, drives, setup.target, solver=stored(verification_solver(setup), store))
+        solver = stored(verification_solver(setup), store)
+        comparison = compare(setup.scene, setup.array, drives, setup.target, solver=solver)
+    return {name: Drive(one.amplitudes / np.abs(one.amplitudes).max()) for name, one in drives.items()}, comparison
 
 
-def _cuts(setup: Setup, comparison: Comparison) -> tuple[Cut, list[Cut]]:
-    """Cut the field through the foci, and across each of them where one plane cannot show them all."""
-    scene, foci = setup.scene, setup.target.points
+def _scales(comparison: Comparison, peak: float) -> Float64[np.ndarray, "drives"]:
+    """Factors that bring each drive of a comparison to the energy of the first, which has this largest amplitude."""
     columns = [comparison.column(name) for name in comparison.names]
     energy = np.sum(np.abs(comparison.field.sources.strengths[:, columns]) ** 2, axis=0)
-    scales = dict(zip(comparison.names, np.sqrt(energy.min() / energy), strict=True))
+    return peak * np.sqrt(energy[0] / energy)
+
+
+def _cuts(setup: Setup, comparison: Comparison, scales: Float64[np.ndarray, "drives"]) -> tuple[Cut, list[Cut]]:
+    """Cut the field through the foci, and across each of them where one plane cannot show them all."""
+    scene, foci = setup.scene, setup.target.points
     window, solid = plane_of_foci(setup)
 
     def cut(window: Window) -> Cut:
-        pressures = comparison.at(window.points)
-        return Cut(window, {name: p * scales[name] for name, p in pressures.items()}, cut_bodies(window, solid))
+        pressures = zip(comparison.at(window.points).items(), scales, strict=True)
+        return Cut(window, {name: p * scale for (name, p), scale in pressures}, cut_bodies(window, solid))
 
     plane = cut(window)
     if len(foci) < 3 or not scene.obstacles:

@@ -1,0 +1,230 @@
+"""The scene of a page in space: what ``viewer.js`` and three.js draw, packed as text that the page carries.
+
+three.js comes from the installed trimesh, which brings a build of it for its own viewer; nothing is fetched.
+"""
+
+import base64
+import gzip
+import io
+import json
+import re
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from jaxtyping import Complex, Float64, Real
+from markupsafe import Markup
+from matplotlib import colormaps
+from matplotlib.colors import to_hex
+
+from airtact.evaluation.slices import Slices, SurfacePressure
+from airtact.figures.field_figure import COLOURS
+from airtact.figures.phase_figure import spacing, unfold
+from airtact.validation import counted
+
+SHADES = 128
+"""Colours of each scale."""
+
+SCALES = {"pressure": COLOURS, "difference": "RdBu_r", "phase": "twilight", "amplitude": "viridis"}
+
+MOST_WORDS = 8
+"""More foci than this are summed up in the words for those who do not see the scene."""
+
+STEP = 0.5
+"""Depth in bodies is carried as bytes over this many steps of the planes to either side."""
+
+
+@dataclass(frozen=True, eq=False)
+class SceneView:
+    """What a page shows in space.
+
+    Attributes
+    ----------
+    drives : amplitudes (E,) of each drive by its name, the first shown first.
+    positions, normals : (E, 3) of the transducers [m].
+    foci : a name for each.
+    points : (F, 3) the foci [m].
+    asked : what is asked of each focus, in words.
+    reached : (F, D) peak pressure at the foci under each drive [Pa].
+    surfaces : the bodies; None in open air.
+    slices : the pressure of each drive in parallel planes.
+    held_equal : what is held equal between the drives, in words.
+    """
+
+    drives: Mapping[str, Complex[np.ndarray, "elements"]]
+    positions: Real[np.ndarray, "elements 3"]
+    normals: Real[np.ndarray, "elements 3"]
+    foci: Sequence[str]
+    points: Real[np.ndarray, "foci 3"]
+    asked: Sequence[str]
+    reached: Float64[np.ndarray, "foci drives"]
+    surfaces: SurfacePressure | None
+    slices: Slices
+    held_equal: str
+
+    @property
+    def most(self) -> float:
+        """Largest pressure that is drawn [Pa], the end of the one scale of all drives."""
+        air = self.slices.pressures[self.slices.depth < 0.0]
+        walls = 0.0 if self.surfaces is None else self.surfaces.pressures.max()
+        return float(max(air.max(initial=1e-9), self.reached.max(), walls))
+
+
+def viewer_values(view: SceneView, title: str) -> dict[str, Any]:
+    """Values for the pieces of a template that hold the scene."""
+    facts, numbers = _facts(view, title)
+    return {
+        "drives": list(view.drives),
+        "facts": Markup(json.dumps(facts).replace("<", "\\u003c")),
+        "numbers": _packed(numbers),
+        "three": _packed(three_js().encode()),
+        "notice": _notice(),
+        "labels": facts["slices"]["labels"],
+        "alternative": _alternative(view),
+        "caption": _caption(view),
+        "axes": [2, 1, 0] if view.slices.any_axis else [2],
+    }
+
+
+def _alternative(view: SceneView) -> str:
+    got = ", ".join(
+        f"{pressure:,.0f} Pa at {name}" for name, pressure in zip(view.foci, view.reached[:, 0], strict=True)
+    )
+    bodies = "" if view.surfaces is None else ", the bodies"
+    elements, first = counted(len(view.positions), "transducer", "transducers"), next(iter(view.drives))
+    words = (
+        got
+        if len(view.foci) <= MOST_WORDS
+        else f"{view.reached[:, 0].min():,.0f} to {view.reached[:, 0].max():,.0f} Pa"
+    )
+    return f"{elements}{bodies} and a slice through the field in space; {first} gives {words}."
+
+
+def _caption(view: SceneView) -> str:
+    near = (
+        ""
+        if view.surfaces is None
+        else " Within a quarter of a wavelength of a surface values are interpolated, to some 5 %."
+    )
+    held = f" Drives are shown at {view.held_equal}." if len(view.drives) > 1 else ""
+    return f"One colour scale for the slice and the surfaces of all drives, to {view.most:,.0f} Pa.{held}{near if view.surfaces else ''}"
+
+
+@cache
+def three_js() -> str:
+    """Find the build of three.js in trimesh's viewer: one script that defines ``THREE``."""
+    import trimesh.resources
+
+    archive = zipfile.ZipFile(io.BytesIO(trimesh.resources.get_bytes("templates/viewer.zip")))
+    text = archive.read(archive.namelist()[0]).decode()
+    start = text.index("/**\n * @license", text.index("<script>"))
+    return text[start : text.index("})", text.index('"__esModule"', start)) + len("})}));")]
+
+
+def _notice() -> str:
+    return " ".join(re.findall(r"(?:Copyright|SPDX)[^\n]*", three_js()))
+
+
+def _packed(data: bytes) -> str:
+    return base64.b64encode(gzip.compress(data, 9, mtime=0)).decode("ascii")
+
+
+def _facts(view: SceneView, title: str) -> tuple[dict[str, Any], bytes]:
+    arrays = _arrays(view)
+    places, data = {}, bytearray()
+    for name, values in arrays.items():
+        data += bytes(-len(data) % 4)
+        places[name] = [values.dtype.name, len(data), values.size]
+        data += values.tobytes()
+    faces = unfold(view.positions, view.normals)
+    return {
+        "title": title,
+        "most": view.most,
+        "drives": list(view.drives),
+        "arrays": places,
+        "colours": {name: _shades(scale) for name, scale in SCALES.items()},
+        "radius": 0.45e3 * min(spacing(view.positions[face.elements]) for face in faces),
+        "foci": [
+            {"name": name, "position": _rounded(1e3 * point), "asked": asked, "got": _rounded(got)}
+            for name, point, asked, got in zip(view.foci, view.points, view.asked, view.reached, strict=True)
+        ],
+        "slices": _planes(view),
+        **_views(view),
+    }, bytes(data)
+
+
+def _shades(scale: str) -> list[str]:
+    return [to_hex(colour) for colour in colormaps[scale](np.linspace(0.0, 1.0, SHADES))]
+
+
+def _rounded(numbers: Real[np.ndarray, "numbers"]) -> list[float]:
+    return [float(f"{number:.6g}") for number in numbers]
+
+
+def _arrays(view: SceneView) -> dict[str, np.ndarray]:
+    slices, most = view.slices, view.most
+    edge = STEP * slices.steps.max()
+    out = {
+        "positions": (1e3 * view.positions).astype(np.float32),
+        "normals": np.asarray(view.normals, dtype=np.float32),
+        "depth": np.round(127.5 * (1.0 + np.clip(slices.depth / edge, -1.0, 1.0))).astype(np.uint8),
+    }
+    for index, amplitudes in enumerate(view.drives.values()):
+        out[f"amplitude {index}"] = np.abs(amplitudes).astype(np.float32)
+        out[f"phase {index}"] = np.angle(amplitudes).astype(np.float32)
+        out[f"field {index}"] = _bytes(slices.pressures[..., index], most)
+    if view.surfaces is not None:
+        out["vertices"] = (1e3 * view.surfaces.vertices).astype(np.float32)
+        out["triangles"] = view.surfaces.triangles.astype(np.uint32)
+        for index in range(len(view.drives)):
+            out[f"surface {index}"] = _bytes(view.surfaces.pressures[:, index], most)
+    return out
+
+
+def _bytes(pressure: Float64[np.ndarray, "*points"], most: float) -> np.ndarray:
+    """Carry pressures as the square root of their share of the largest: 1 % of the largest is 25 of 255."""
+    return np.round(255.0 * np.sqrt(np.clip(pressure / most, 0.0, 1.0))).astype(np.uint8)
+
+
+def _planes(view: SceneView) -> dict[str, Any]:
+    slices = view.slices
+    names = [_axis_name(axis) for axis in slices.axes]
+    words = [name or word for name, word in zip(names, ("across", "up", "off the middle plane"), strict=True)]
+    counts = slices.depth.shape[::-1]
+    focus = (view.points.mean(axis=0) - slices.corner) @ slices.axes.T / slices.steps
+    start = [int(np.clip(round(at), 0, count - 1)) for at, count in zip(focus, counts, strict=True)]
+    corner = 1e3 * slices.axes @ slices.corner
+    return {
+        "corner": _rounded(corner),
+        "axes": slices.axes.tolist(),
+        "steps": _rounded(1e3 * slices.steps),
+        "counts": list(counts),
+        "labels": words,
+        "start": start,
+    }
+
+
+def _axis_name(direction: Float64[np.ndarray, "3"]) -> str:
+    return next((name for name, axis in zip("xyz", np.eye(3), strict=True) if direction @ axis > 1 - 1e-9), "")
+
+
+def _views(view: SceneView) -> dict[str, Any]:
+    """From where, and how much of it, the scene is seen first."""
+    slices = view.slices
+    sides = slices.steps * (np.array(slices.depth.shape[::-1]) - 1)
+    middle = slices.corner + (sides / 2.0) @ slices.axes
+    everything = view.positions if view.surfaces is None else np.concatenate([view.positions, view.surfaces.vertices])
+    lowest, highest = everything.min(axis=0), everything.max(axis=0)
+    normal = slices.axes[2]
+    towards = normal if abs(normal[2]) > 0.9 else normal * (1.0 if normal @ [0.3, -1.0, 0.1] > 0 else -1.0)
+    azimuth = float(np.arctan2(towards[1], towards[0])) if abs(normal[2]) <= 0.9 else -1.2
+    return {
+        "middle": _rounded(1e3 * (lowest + highest) / 2.0),
+        "reach": 0.55e3 * float(np.linalg.norm(highest - lowest)),
+        "focus": _rounded(1e3 * middle),
+        "close": 0.62e3 * float(np.linalg.norm(sides[:2])),
+        "seen": [azimuth + 0.5, 0.35 if abs(normal[2]) <= 0.9 else 0.8],
+    }
