@@ -83,7 +83,7 @@ def slices_around(
     lowest, highest = (foci @ axes.T).min(axis=0), (foci @ axes.T).max(axis=0)
     lowest, highest = lowest - MARGIN * wavelength, highest + MARGIN * wavelength
     counts, any_axis = _counts((highest - lowest) / wavelength)
-    sides = [np.linspace(*ends, count) for *ends, count in zip(lowest, highest, counts, strict=True)]
+    sides = [np.linspace(low, high, count) for low, high, count in zip(lowest, highest, counts, strict=True)]
     grid = np.stack(np.meshgrid(*sides[::-1], indexing="ij")[::-1], axis=-1)
     points = grid.reshape(-1, 3) @ axes
     depth = field.scene.depth(points).reshape(grid.shape[:3])
@@ -92,7 +92,7 @@ def slices_around(
     fine = (2, 2, 2) if any_axis else (1, 2, 2)
     pressures = np.stack([np.abs(_finer(one, fine)) for one in np.moveaxis(pressure, -1, 0)], axis=-1)
     steps = (highest - lowest) / (np.array(pressures.shape[2::-1]) - 1)
-    depth = _finer(np.clip(depth, -wavelength, wavelength), fine).real
+    depth = np.real(_finer(np.clip(depth, -wavelength, wavelength), fine))
     return Slices(lowest @ axes, axes, steps, pressures, depth, any_axis)
 
 
@@ -199,7 +199,7 @@ def surface_pressure(field: RadiatedField, columns: Sequence[int]) -> SurfacePre
     vertices, triangles, count = [], [], 0
     for obstacle in field.scene.obstacles:
         surface = obstacle.surface
-        points, corners = subdivide_to_size(
+        points, corners, *_ = subdivide_to_size(
             surface.vertices, surface.triangles, max_edge=SURFACE_EDGE * field.scene.wavelength, max_iter=20
         )
         vertices.append(points)

@@ -22,7 +22,7 @@ from matplotlib.colors import to_hex
 
 from airtact.evaluation.slices import Slices, SurfacePressure
 from airtact.figures.field_figure import COLOURS
-from airtact.figures.phase_figure import spacing, unfold
+from airtact.figures.array_figures import spacing, unfold
 from airtact.validation import counted
 
 SHADES = 128
@@ -109,8 +109,9 @@ def _caption(view: SceneView) -> str:
         if view.surfaces is None
         else " Within a quarter of a wavelength of a surface values are interpolated, to some 5 %."
     )
-    held = f" Drives are shown at {view.held_equal}." if len(view.drives) > 1 else ""
-    return f"One colour scale for the slice and the surfaces of all drives, to {view.most:,.0f} Pa.{held}{near if view.surfaces else ''}"
+    held = f" Drives are shown at {view.held_equal}."
+    return f"One colour scale for the slice and the surfaces of all drives, to {view.most:,.0f} Pa."
+        f"{held if len(view.drives) > 1 else ''}{near if view.surfaces else ''}"
 
 
 @cache

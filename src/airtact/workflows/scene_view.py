@@ -1,4 +1,4 @@
-"""The scene of a page in space, evaluated: slices around the foci and the pressure on the bodies, for several drives."""
+"""The scene of a page in space, evaluated: slices round the foci and the pressure on the bodies."""
 
 from collections.abc import Mapping
 from dataclasses import replace
