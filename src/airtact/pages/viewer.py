@@ -21,8 +21,8 @@ from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
 from airtact.evaluation.slices import Slices, SurfacePressure
-from airtact.figures.field_figure import COLOURS
 from airtact.figures.array_figures import spacing, unfold
+from airtact.figures.field_figure import COLOURS
 from airtact.validation import counted
 
 SHADES = 128
@@ -110,8 +110,9 @@ def _caption(view: SceneView) -> str:
         else " Within a quarter of a wavelength of a surface values are interpolated, to some 5 %."
     )
     held = f" Drives are shown at {view.held_equal}."
-    return f"One colour scale for the slice and the surfaces of all drives, to {view.most:,.0f} Pa."
-        f"{held if len(view.drives) > 1 else ''}{near if view.surfaces else ''}"
+    words = [f"One colour scale for the slice and the surfaces of all drives, to {view.most:,.0f} Pa."]
+    words += [held] if len(view.drives) > 1 else []
+    return "".join([*words, near] if view.surfaces else words)
 
 
 @cache
