@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 from airtact.evaluation.windows import AXES, Window, close_up
-from airtact.figures.field_figure import Cut, cut_bodies, draw_close_ups, draw_fields
+from airtact.figures.field_figure import (
+    DIFFERENCES,
+    FAINT,
+    Cut,
+    cut_bodies,
+    draw_close_ups,
+    draw_difference,
+    draw_field,
+)
 from airtact.surfaces.primitives import capsule, sphere
 
 UPRIGHT = Window(np.array([0.01, 0.0, 0.02]), AXES["x"], AXES["z"], 0.06, 0.04, 1e-3)
@@ -39,24 +47,38 @@ def drawn_images(figure):
     return [axes.images[0] for axes in figure.axes if axes.images]
 
 
-def test_all_drives_share_one_scale_that_is_named():
+def test_a_scale_ends_where_it_is_asked_to_and_is_named():
     source = np.array([0.02, 1e-3, 0.01])
     field = monopole(UPRIGHT.points, source)
     cut = Cut(UPRIGHT, {"strong": field, "weak": 0.25 * field}, [])
-    figure = draw_fields(cut, source[None], ["here"], "at equal energy")
-    images = drawn_images(figure)
-    assert [image.get_clim() for image in images] == [(0.0, np.abs(field).max())] * 2
+    figures = [draw_field(cut, name, 1500.0, source[None], ["here"]) for name in cut.pressures]
+    images = [image for figure in figures for image in drawn_images(figure)]
+    assert [image.get_clim() for image in images] == [(0.0, 1500.0)] * 2
     np.testing.assert_allclose(images[1].get_array(), 0.25 * images[0].get_array())
-    labels = [axes.get_ylabel() for axes in figure.axes]
-    assert "peak pressure [Pa], at equal energy" in labels
-    assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == ("x [mm]", "z [mm]")
-    assert [axes.get_title() for axes in figure.axes[:2]] == ["strong", "weak"]
+    axes, bar = figures[0].axes
+    assert bar.get_xlabel() == "peak pressure [Pa]"
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [mm]", "z [mm]")
+    assert [note.get_text() for note in axes.texts] == ["here"]
+
+
+def test_a_difference_is_in_decibels_and_fades_where_both_are_faint():
+    source = np.array([0.02, 1e-3, 0.01])
+    field = monopole(UPRIGHT.points, source)
+    cut = Cut(UPRIGHT, {"strong": 2.0 * field, "weak": field}, [])
+    figure = draw_difference(cut, ("strong", "weak"), 2000.0, source[None])
+    (image,) = drawn_images(figure)
+    np.testing.assert_allclose(image.get_array(), 20.0 * np.log10(2.0))
+    strength = image.get_alpha()
+    pressure = np.abs(2.0 * field).reshape(UPRIGHT.shape)
+    assert strength[pressure > 1.5 * FAINT * 2000.0].min() == 1.0
+    assert strength[pressure < 0.5 * FAINT * 2000.0].max() == 0.0
+    assert figure.axes[1].get_xlabel() == "strong over weak [dB]"
 
 
 def test_the_field_is_drawn_where_it_is():
     source = np.array([0.02, 1e-3, 0.01])
     cut = Cut(UPRIGHT, {"only": monopole(UPRIGHT.points, source)}, [])
-    (image,) = drawn_images(draw_fields(cut, source[None], ["here"], ""))
+    (image,) = drawn_images(draw_field(cut, "only", 1000.0, source[None]))
     left, right, bottom, top = image.get_extent()
     row, column = np.unravel_index(np.argmax(image.get_array()), image.get_array().shape)
     rows, columns = image.get_array().shape
@@ -70,7 +92,7 @@ def test_points_without_a_field_are_left_to_the_grey_of_the_body():
     field[np.linalg.norm(UPRIGHT.points, axis=1) < 0.01] = np.nan
     ball = sphere(0.01, 2e-3)
     cut = Cut(UPRIGHT, {"only": field}, cut_bodies(UPRIGHT, [ball]))
-    figure = draw_fields(cut, np.array([[0.02, 0.0, 0.0]]), ["here"], "")
+    figure = draw_field(cut, "only", 1000.0, np.array([[0.02, 0.0, 0.0]]))
     (image,) = drawn_images(figure)
     deep = np.linalg.norm(UPRIGHT.points, axis=1).reshape(UPRIGHT.shape) < 5e-3
     assert image.get_array().mask[deep].all()
@@ -87,11 +109,12 @@ def test_close_ups_are_a_grid_of_foci_and_drives_around_zero():
         window = close_up(focus, focus, 8.6e-3)
         field = monopole(window.points, focus + 1e-3 * window.normal)
         cuts.append(Cut(window, {"considered": field, "ignored": 0.5 * field}, []))
-    figure = draw_close_ups(cuts, ["a", "b", "c"], "equal energy")
+    figure = draw_close_ups(cuts, ["a", "b", "c"], 1200.0)
     images = drawn_images(figure)
-    assert len(images) == 6
-    assert len({image.get_clim() for image in images}) == 1
-    for image in images:
+    assert [image.get_clim() for image in images] == [(0.0, 1200.0)] * 6 + [DIFFERENCES.get_clim()] * 3
+    for image in images[6:]:
+        np.testing.assert_allclose(image.get_array(), 20.0 * np.log10(2.0))
+    for image in images[:6]:
         left, right, bottom, top = image.get_extent()
         assert left == pytest.approx(-right)
         assert bottom == pytest.approx(-top)

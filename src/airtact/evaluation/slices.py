@@ -1,10 +1,10 @@
-"""Pressure in parallel planes around the foci and on the surfaces of bodies, for a scene that a reader turns."""
+"""Pressure in planes around the foci and on the surfaces of bodies, for a scene that a reader turns."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex128, Float64, Int64, Real
+from jaxtyping import Complex128, Float64, Inexact, Int64, Real
 
 from airtact.evaluation.windows import Window
 from airtact.printing import in_short
@@ -13,6 +13,9 @@ from airtact.solvers.problem import RadiatedField
 
 MOST_POINTS = 36_000
 """Points at which the field is evaluated for all planes together."""
+
+MOST_FINE = 3
+"""With more excitations the points in between are left out, or the page would grow large."""
 
 MARGIN = 1.8
 """How far the planes reach past the outermost foci, in wavelengths."""
@@ -35,12 +38,12 @@ NEIGHBOURS = 12
 
 @dataclass(frozen=True, eq=False)
 class Slices:
-    """Pressure of several excitations in parallel planes.
+    """Pressure of several excitations in parallel planes, or in a box.
 
     Attributes
     ----------
     corner : (3,) the first point [m].
-    axes : (3, 3) unit vectors in rows: right, up, and the normal of the planes.
+    axes : (3, 3) unit vectors in rows: right, up, and the normal of the planes, each an axis of the frame.
     steps : (3,) distance of neighbouring points along each of the axes [m].
     pressures : (planes, rows, columns, S) peak pressure [Pa], carried into hard bodies by at most a few points.
     depth : (planes, rows, columns) depth in a body [m], negative outside.
@@ -60,7 +63,7 @@ class Slices:
 def slices_around(
     field: RadiatedField, columns: Sequence[int], foci: Real[np.ndarray, "foci 3"], window: Window
 ) -> Slices:
-    """Evaluate a field in planes parallel to a window.
+    """Evaluate a field in planes across the axis of the frame that a window faces most.
 
     The complex pressure is evaluated at four to five points a wavelength and interpolated by cubic splines. Near a
     sound-hard surface, where its slope along the normal vanishes, it is a parabola between the solved pressure on the
@@ -71,15 +74,16 @@ def slices_around(
     field : as a solver returns it.
     columns : the S excitations to show.
     foci : (F, 3) [m].
-    window : its directions are those of the planes.
+    window : through the foci.
 
     Returns
     -------
     Pressure in planes that extend ``MARGIN`` wavelengths past the foci.
     """
     wavelength = field.scene.wavelength
-    normal = window.normal * np.sign(window.normal[np.argmax(np.abs(window.normal))])  # a coordinate that grows
-    axes = np.stack([window.right, window.up, normal])
+    normal = int(np.argmax(np.abs(window.normal)))
+    up = 1 if normal == 2 else 2
+    axes = np.eye(3)[[3 - normal - up, up, normal]]
     lowest, highest = (foci @ axes.T).min(axis=0), (foci @ axes.T).max(axis=0)
     lowest, highest = lowest - MARGIN * wavelength, highest + MARGIN * wavelength
     counts, any_axis = _counts((highest - lowest) / wavelength)
@@ -89,7 +93,7 @@ def slices_around(
     depth = field.scene.depth(points).reshape(grid.shape[:3])
     pressure = _pressure(field, points, depth.ravel())[:, list(columns)].reshape(*grid.shape[:3], -1)
     pressure = _carried_inside(pressure)
-    fine = (2, 2, 2) if any_axis else (1, 2, 2)
+    fine = (1, 1, 1) if len(columns) > MOST_FINE else (2, 2, 2) if any_axis else (1, 2, 2)
     pressures = np.stack([np.abs(_finer(one, fine)) for one in np.moveaxis(pressure, -1, 0)], axis=-1)
     steps = (highest - lowest) / (np.array(pressures.shape[2::-1]) - 1)
     depth = np.real(_finer(np.clip(depth, -wavelength, wavelength), fine))
@@ -108,9 +112,8 @@ def _counts(sides: Float64[np.ndarray, "3"]) -> tuple[tuple[int, ...], bool]:
 
 
 def _finer(
-    values: Complex128[np.ndarray, "planes rows columns"] | Float64[np.ndarray, "planes rows columns"],
-    times: tuple[int, int, int],
-) -> Complex128[np.ndarray, "planes rows columns"]:
+    values: Inexact[np.ndarray, "planes rows columns"], times: tuple[int, int, int]
+) -> Complex128[np.ndarray, "more_planes more_rows more_columns"]:
     """Put ``times`` − 1 values between neighbours along each axis by cubic splines."""
     from scipy.interpolate import make_interp_spline
 

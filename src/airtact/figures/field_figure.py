@@ -1,7 +1,8 @@
-"""Pressure in a plane, several drives side by side on one colour scale (the paper's Fig. 6 and Fig. 7)."""
+"""Pressure in a plane under several drives on one colour scale, and their difference (the paper's Fig. 6 and 7)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Complex, Float64, Real
@@ -16,14 +17,17 @@ from matplotlib.patheffects import withStroke
 from airtact.evaluation.windows import Window
 from airtact.surfaces.surface import Surface
 
-BODY = "0.72"
+BODY = "0.66"
 """Grey of the bodies."""
 
 COLOURS = "magma"
 """Colours of pressure magnitudes: perceptually uniform, black for silence."""
 
-MOST_COLUMNS = 4
-"""More fields than two are drawn in so many columns, without the names of the foci."""
+DIFFERENCES = ScalarMappable(Normalize(-12.0, 12.0), "RdBu_r")
+"""Colours of the level of one drive over that of another [dB]."""
+
+FAINT, FAINT_GREY = 0.1, "0.86"
+"""Below this share of the largest pressure a difference of levels says nothing and is grey."""
 
 MOST_NAMES = 8
 """More foci than this have small rings and no names."""
@@ -74,70 +78,94 @@ def _loops(heights: Float64[np.ndarray, "vertices"], body: Surface) -> list[Floa
     return loops
 
 
-def draw_fields(cut: Cut, foci: Real[np.ndarray, "foci 3"], names: Sequence[str], normalisation: str) -> Figure:
-    """Draw the drives' pressure magnitudes side by side, in rows where there are more than two.
+def draw_field(
+    cut: Cut, drive: str, most: float, foci: Real[np.ndarray, "foci 3"], names: Sequence[str] | None = None
+) -> Figure:
+    """Draw the pressure magnitude of one drive, on a scale that ends at a pressure [Pa].
 
-    Foci [m] off the plane are dashed. ``normalisation`` is what is held equal between the drives, named at the bar.
+    Foci [m] off the plane are dashed; they have no names where none are given.
     """
+    shown = ScalarMappable(Normalize(0.0, most), COLOURS), "peak pressure [Pa]"
+    return _panel(cut, np.abs(cut.pressures[drive]), *shown, foci, names)
+
+
+def draw_difference(
+    cut: Cut, drives: tuple[str, str], most: float, foci: Real[np.ndarray, "foci 3"], names: Sequence[str] | None = None
+) -> Figure:
+    """Draw the level of one drive over that of another [dB], grey where both are faint against a pressure [Pa]."""
+    change, strength = _difference(cut, drives, most)
+    return _panel(cut, change, DIFFERENCES, f"{drives[0]} over {drives[1]} [dB]", foci, names, strength)
+
+
+def _difference(
+    cut: Cut, drives: tuple[str, str], most: float
+) -> tuple[Float64[np.ndarray, "points"], Float64[np.ndarray, "points"]]:
+    """Level of one drive over another [dB], and how opaque it is: not where both are faint."""
+    first, second = (np.abs(cut.pressures[name]) for name in drives)
+    smallest = 1e-3 * most
+    change = 20.0 * np.log10(np.maximum(first, smallest) / np.maximum(second, smallest))
+    return change, np.nan_to_num(np.clip(np.maximum(first, second) / (FAINT * most) - 0.5, 0.0, 1.0))
+
+
+def _panel(
+    cut: Cut,
+    values: Float64[np.ndarray, "points"],
+    scale: ScalarMappable,
+    label: str,
+    foci: Real[np.ndarray, "foci 3"],
+    names: Sequence[str] | None,
+    strength: Float64[np.ndarray, "points"] | None = None,
+) -> Figure:
     left, right, bottom, top = cut.window.extent
-    wide, tall = right - left, top - bottom
-    count = len(cut.pressures)
-    columns = count if count <= 2 else MOST_COLUMNS
-    rows = -(-count // columns)
-    size = min(10.4 / columns / wide, 5.6 / tall)
-    figure = Figure(figsize=(columns * wide * size + 2.0, rows * (tall * size + 0.3) + 0.6), layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
-    scale = _scale([cut])
-    for panel, (title, pressure) in zip(axes.ravel(), cut.pressures.items(), strict=False):
-        _draw_cut(panel, cut, pressure, scale)
-        panel.set_title(title, fontsize=11)
-        _mark_foci(panel, cut.window, foci, names if count <= 2 and len(names) <= MOST_NAMES else [""] * len(names))
-    for panel in axes[:, 0]:
-        panel.set_ylabel(cut.window.labels[1])
-    for column, panel in enumerate(axes.T):
-        last = (count - 1 - column) // columns
-        panel[last].set_xlabel(cut.window.labels[0])
-        panel[last].tick_params(labelbottom=True)
-        for empty in panel[last + 1 :]:
-            empty.remove()
-    drawn, label = [panel for panel in axes.ravel() if panel.figure is not None], f"peak pressure [Pa], {normalisation}"
-    figure.colorbar(ScalarMappable(scale, COLOURS), ax=drawn, label=label, pad=0.015, aspect=28)
+    size = min(3.9 / (right - left), 4.6 / (top - bottom))
+    figure = Figure(figsize=((right - left) * size + 0.8, (top - bottom) * size + 1.2), layout="constrained")
+    axes = figure.subplots()
+    _draw_cut(axes, cut, values, scale, strength)
+    _mark_foci(axes, cut.window, foci, names if names and len(names) <= MOST_NAMES else [""] * len(foci))
+    axes.set(xlabel=cut.window.labels[0], ylabel=cut.window.labels[1])
+    figure.colorbar(scale, ax=axes, label=label, location="bottom", pad=0.02, aspect=30, extend=_extend(scale))
     return figure
 
 
-def draw_close_ups(cuts: Sequence[Cut], names: Sequence[str], normalisation: str) -> Figure:
-    """Draw one column per focus, each with its cut and name, and one row per drive, all on one colour scale.
+def _extend(scale: ScalarMappable) -> Literal["both", "neither"]:
+    return "both" if scale is DIFFERENCES else "neither"
 
-    The surface lies below the focus. ``normalisation`` is what is held equal between the drives, named at the bar.
+
+def draw_close_ups(cuts: Sequence[Cut], names: Sequence[str], most: float) -> Figure:
+    """Draw one column per focus, each with its cut and name, and one row per drive, and one for their difference.
+
+    The surface lies below the focus. The scale of all pressures ends at ``most`` [Pa].
     """
-    drives = list(cuts[0].pressures)
-    figure = Figure(figsize=(1.75 * len(cuts) + 1.6, 1.85 * len(drives) + 0.6), layout="constrained")
-    axes = figure.subplots(len(drives), len(cuts), squeeze=False)
-    scale = _scale(cuts)
+    first, second = cuts[0].pressures
+    figure = Figure(figsize=(1.6 * len(cuts) + 1.7, 1.75 * 3 + 0.5), layout="constrained")
+    axes = figure.subplots(3, len(cuts), squeeze=False, sharex=True, sharey=True)
+    pressure = ScalarMappable(Normalize(0.0, most), COLOURS)
     for column, (cut, name) in enumerate(zip(cuts, names, strict=True)):
-        for row, drive in enumerate(drives):
-            panel = axes[row, column]
-            _draw_cut(panel, cut, cut.pressures[drive], scale, centred=True)
+        for panel, drive in zip(axes[:2, column], (first, second), strict=True):
+            _draw_cut(panel, cut, np.abs(cut.pressures[drive]), pressure, centred=True)
+        change, strength = _difference(cut, (first, second), most)
+        _draw_cut(axes[2, column], cut, change, DIFFERENCES, strength, centred=True)
+        for panel in axes[:, column]:
             panel.plot(0, 0, "o", markersize=9, markerfacecolor="none", markeredgecolor="white")
-            panel.tick_params(labelsize=8, labelleft=column == 0, labelbottom=row == len(drives) - 1)
+            panel.tick_params(labelsize=8)
         axes[0, column].set_title(name, fontsize=10)
-    for row, drive in enumerate(drives):
+    for row, drive in enumerate((first, second, "difference")):
         axes[row, 0].set_ylabel(f"{drive}\noff the focus [mm]", fontsize=9)
     figure.supxlabel("along the surface from the focus [mm]", fontsize=9)
-    label = f"peak pressure [Pa],\n{normalisation}"
-    figure.colorbar(ScalarMappable(scale, COLOURS), ax=axes, label=label, pad=0.01, aspect=28)
+    figure.colorbar(pressure, ax=axes[:2], label="peak pressure [Pa]", pad=0.01, aspect=28)
+    figure.colorbar(DIFFERENCES, ax=axes[2], label=f"{first}\nover {second} [dB]", pad=0.01, aspect=14, extend="both")
     return figure
-
-
-def _scale(cuts: Sequence[Cut]) -> Normalize:
-    """One scale for all: from no pressure to the highest in any of them."""
-    return Normalize(0.0, max(float(np.nanmax(np.abs(some))) for cut in cuts for some in cut.pressures.values()))
 
 
 def _draw_cut(
-    axes: Axes, cut: Cut, pressure: Complex[np.ndarray, "points"], scale: Normalize, centred: bool = False
+    axes: Axes,
+    cut: Cut,
+    values: Float64[np.ndarray, "points"],
+    scale: ScalarMappable,
+    strength: Float64[np.ndarray, "points"] | None = None,
+    centred: bool = False,
 ) -> None:
-    """Draw one pressure, with coordinates from the window's middle if ``centred``."""
+    """Draw values as opaque as their ``strength``, with coordinates from the window's middle if ``centred``."""
     window = cut.window
     left, right, bottom, top = window.extent
     shift = np.array([left + right, bottom + top]) / 2 if centred else np.zeros(2)
@@ -145,25 +173,27 @@ def _draw_cut(
     rows, columns = window.shape
     half = (right - left) / (columns - 1) / 2, (top - bottom) / (rows - 1) / 2
     edges = (left - half[0], right + half[0], bottom - half[1], top + half[1])
-    magnitude = _past_the_surface(np.abs(pressure).reshape(rows, columns))
-    axes.imshow(magnitude, origin="lower", extent=edges, cmap=COLOURS, norm=scale, interpolation="bilinear")
-    axes.set_facecolor(BODY)
+    drawn = _past_the_surface(values.reshape(rows, columns))
+    colours = {"cmap": scale.get_cmap(), "norm": scale.norm, "interpolation": "bilinear"}
+    opaque = None if strength is None else strength.reshape(rows, columns)
+    axes.imshow(drawn, origin="lower", extent=edges, alpha=opaque, **colours)
+    axes.set_facecolor(FAINT_GREY)
     loops = [Path(window.seen(np.concatenate([loop, loop[:1]])) - shift, closed=True) for loop in cut.outlines]
     if loops:
         bodies = Path.make_compound_path(*loops)
         axes.add_patch(PathPatch(bodies, facecolor=BODY, edgecolor="0.25", linewidth=0.8))
-    axes.set(xlim=(left, right), ylim=(bottom, top))
+    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
 
 
-def _past_the_surface(magnitude: Float64[np.ndarray, "rows columns"]) -> np.ma.MaskedArray:
-    """Carry the field three points into the bodies, where their grey covers it, so that no gap shows at the surface."""
+def _past_the_surface(values: Float64[np.ndarray, "rows columns"]) -> np.ma.MaskedArray:
+    """Carry values three points into the bodies, where their grey covers them, so that no gap shows at the surface."""
     from scipy.ndimage import distance_transform_edt
 
-    inside = np.isnan(magnitude)
+    inside = np.isnan(values)
     if not inside.any() or inside.all():
-        return np.ma.masked_invalid(magnitude)
+        return np.ma.masked_invalid(values)
     distance, (row, column) = distance_transform_edt(inside, return_indices=True)  # pyright: ignore
-    return np.ma.masked_where(distance > 3, magnitude[row, column])
+    return np.ma.masked_where(distance > 3, values[row, column])
 
 
 def _mark_foci(axes: Axes, window: Window, foci: Real[np.ndarray, "foci 3"], names: Sequence[str]) -> None:

@@ -9,10 +9,11 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.evaluation.metrics import NOT_MODELLED
-from airtact.figures.field_figure import Cut, draw_fields
+from airtact.figures.field_figure import Cut, draw_field
 from airtact.figures.plots import draw_bars
 from airtact.file_access.atomic import whole_file
 from airtact.pages.page import page_from, picture
+from airtact.pages.viewer import SceneView, viewer_values
 from airtact.scene.target import Target
 from airtact.solvers.problem import SolveReport
 from airtact.transfer import Drive, TransferMatrix
@@ -70,6 +71,7 @@ class Contest:
     bound : no drive of amplitudes up to 1 gives every focus more than this times its weight [Pa].
     report : how the verification solve came to the pressures.
     cut : the field of each drive in one plane.
+    view : the scene in space, with the field of each drive.
     seconds : wall time by step [s].
     """
 
@@ -84,6 +86,7 @@ class Contest:
     bound: float
     report: SolveReport
     cut: Cut
+    view: SceneView
     seconds: Mapping[str, float]
 
     def worst(self, one: Contender) -> float:
@@ -104,6 +107,7 @@ class Contest:
 def write_methods_page(path: Path, contest: Contest) -> None:
     """Write the comparison as one HTML file that needs nothing else; it appears only once it is complete."""
     values = {**_summary(contest), **_tables(contest), **_pictures(contest)}
+    values["space"] = viewer_values(contest.view, contest.title)
     title = f"airtact: methods for {contest.title}"
     with whole_file(path) as partial:
         partial.write_text(page_from("methods.html.j2", title=title, contest=contest, **values), "utf-8")
@@ -176,9 +180,13 @@ def _pictures(contest: Contest) -> dict[str, Any]:
         f"Bars of the pressure at the worst focus for each method, from {_digits(strengths.min())} to "
         f"{_digits(strengths.max())}, and a line at the bound of {_digits(contest.bound)}",
     )
-    fields = picture(
-        draw_fields(contest.cut, contest.target.points, contest.foci, "each drive as it is"),
-        "Peak pressure in the plane nearest to the foci, on one colour scale. Bodies are grey.",
-        f"Maps of pressure for {len(names)} drives",
-    )
+    most, points = contest.view.most, contest.target.points
+    fields = [
+        picture(
+            draw_field(contest.cut, one.name, most, points),
+            one.name,
+            f"Map of pressure by {one.name}: {one.pressures.min():,.0f} to {one.pressures.max():,.0f} Pa at the foci",
+        )
+        for one in sorted(contest.contenders, key=contest.of_the_bound, reverse=True)
+    ]
     return {"bars": bars, "fields": fields}

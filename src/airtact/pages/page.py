@@ -1,4 +1,4 @@
-"""Self-contained HTML pages from the templates beside this module: pictures embedded, no script, nothing fetched."""
+"""Self-contained HTML pages from the templates beside this module: pictures and scripts embedded, nothing fetched."""
 
 import base64
 import io
@@ -7,15 +7,19 @@ from functools import cache
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
-from matplotlib.image import imsave
+from PIL import Image
 
 from airtact.figures.picture_file import PIXELS, pixels_of
 
 Value = TypeVar("Value")
 """What a template shows: text, numbers, tables, pieces."""
+
+QUALITY = 90
+"""Of pictures, in percent: letters stay clean."""
 
 
 @cache
@@ -44,13 +48,14 @@ def document(title: str, pieces: Iterable[str]) -> str:
     return page_from("page.html.j2", title=title, pieces=list(pieces))
 
 
-def picture(figure: Figure, caption: str, alternative: str) -> Markup:
-    """Embed a figure as PNG."""
+def picture(figure: Figure, caption: str, alternative: str, wide: bool = False) -> Markup:
+    """Embed a figure as WebP; on a narrow screen a wide one is scrolled instead of made small."""
     buffer = io.BytesIO()
     pixels = pixels_of(figure)
-    imsave(buffer, pixels, format="png")
+    Image.fromarray(np.ascontiguousarray(pixels[:, :, :3])).save(buffer, "webp", quality=QUALITY)
     data = base64.b64encode(buffer.getvalue()).decode("ascii")
-    return _piece("picture", data, round(pixels.shape[1] / PIXELS), caption, alternative)
+    height, width = (round(side / PIXELS) for side in pixels.shape[:2])
+    return _piece("picture", data, width, height, caption, alternative, wide)
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "", text: bool = False) -> Markup:

@@ -7,14 +7,15 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
+from markupsafe import Markup
 
 from airtact.evaluation.comparison import HELD_EQUAL, Comparison
 from airtact.evaluation.metrics import NOT_MODELLED
 from airtact.figures.array_figures import draw_phases, draw_scene
-from airtact.figures.field_figure import Cut, draw_close_ups, draw_fields
+from airtact.figures.field_figure import FAINT, Cut, draw_close_ups, draw_difference, draw_field
 from airtact.file_access.atomic import whole_file
 from airtact.pages.page import page_from, picture
-from airtact.pages.viewer import SceneView, viewer_values
+from airtact.pages.viewer import SceneView, viewer_alternative, viewer_values
 from airtact.scene.scene import Obstacle, Scene
 from airtact.scene.target import Target
 from airtact.solvers.problem import SolveReport
@@ -117,23 +118,6 @@ def _transducers(run: Run) -> str:
 
 
 def _pictures(run: Run) -> dict[str, Any]:
-    considered, ignored = run.comparison.names
-    held = "both drives at equal energy"
-    off = 1e3 * np.abs(run.plane.window.height_of(run.target.points)).max()
-    plane, dashed = "through the foci", ""
-    if off >= 0.5:
-        plane, dashed = f"nearest to the foci, which are up to {off:.1f} mm off it", " Foci off the plane are dashed."
-    close_ups = run.close_ups and picture(
-        draw_close_ups(run.close_ups, run.foci, held),
-        "Peak pressure across each focus, at right angles to the surface, which lies below it; one colour scale.",
-        "Maps of pressure around each focus",
-    )
-    fields = picture(
-        draw_fields(run.plane, run.target.points, run.foci, held),
-        f"Peak pressure in the plane {plane}, on one colour scale.{dashed}",
-        f"Two maps of pressure side by side, {considered} and {ignored}, up to "
-        f"{_rounded(max(np.nanmax(np.abs(one)) for one in run.plane.pressures.values()))} Pa",
-    )
     phases = picture(
         draw_phases(run.array.positions, run.array.normals, run.drive.amplitudes),
         f"Phase and amplitude of each transducer by {run.method}, each face as seen from the side that it radiates to, "
@@ -144,13 +128,50 @@ def _pictures(run: Run) -> dict[str, Any]:
         f"Phases and amplitudes of all {_transducers(run)}, face by face",
     )
     bodies = [obstacle.surface for obstacle in run.scene.obstacles]
+    bodies = [obstacle.surface for obstacle in run.scene.obstacles]
     still = picture(
         draw_scene(run.array.positions, run.array.normals, run.drive.amplitudes, bodies, run.target.points),
         "Transducers coloured by phase, bodies in grey, foci in orange. Transducers that face away from the viewer are "
         "faint rings.",
-        "Three-dimensional view of the array, the bodies and the foci",
+        viewer_alternative(run.view),
     )
-    return {"close_ups": close_ups or "", "fields": fields, "phases": phases, "still": still}
+    return {"fields": _fields(run), "phases": phases, "still": still}
+
+
+def _fields(run: Run) -> list[Markup]:
+    """Draw both drives and their difference: in the plane through the foci, or across each focus of a hand."""
+    considered, ignored = run.comparison.names
+    most, points, got = run.view.most, run.target.points, run.view.reached
+    if run.close_ups:
+        changes = zip(run.foci, 20.0 * np.log10(got[:, 0] / got[:, 1]), strict=True)
+        return [
+            picture(
+                draw_close_ups(run.close_ups, run.foci, most),
+                "Across each focus, at right angles to the surface, which lies below it.",
+                f"Maps around each focus, up to {_rounded(most)} Pa; {considered} over {ignored} in dB: "
+                + ", ".join(f"{name} {change:+.1f}" for name, change in changes),
+                wide=True,
+            )
+        ]
+    off = 1e3 * np.abs(run.plane.window.height_of(points)).max()
+    plane = "Plane through the foci."
+    if off >= 0.5:
+        plane = f"Plane nearest to the foci, which are up to {off:.1f} mm off it; those off it are dashed."
+    panels = [
+        picture(
+            draw_field(run.plane, name, most, points, run.foci),
+            f"{name.capitalize()}. {plane}",
+            f"Map of pressure, {name}: {_rounded(some.min())} to {_rounded(some.max())} Pa at the foci",
+        )
+        for name, some in zip((considered, ignored), got.T, strict=True)
+    ]
+    change = 20.0 * np.log10(got[:, 0] / got[:, 1])
+    difference = picture(
+        draw_difference(run.plane, (considered, ignored), most, points, run.foci),
+        f"Red: more with the {considered}. Grey: less than {FAINT:.0%} of the largest pressure in both.",
+        f"Map of the difference in dB: {change.min():+.1f} to {change.max():+.1f} dB at the foci",
+    )
+    return [*panels, difference]
 
 
 def _rounding(run: Run) -> float:

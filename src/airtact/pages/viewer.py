@@ -83,23 +83,20 @@ def viewer_values(view: SceneView, title: str) -> dict[str, Any]:
         "three": _packed(three_js().encode()),
         "notice": _notice(),
         "labels": facts["slices"]["labels"],
-        "alternative": _alternative(view),
+        "alternative": viewer_alternative(view),
         "caption": _caption(view),
         "axes": [2, 1, 0] if view.slices.any_axis else [2],
     }
 
 
-def _alternative(view: SceneView) -> str:
-    got = ", ".join(
-        f"{pressure:,.0f} Pa at {name}" for name, pressure in zip(view.foci, view.reached[:, 0], strict=True)
-    )
+def viewer_alternative(view: SceneView) -> str:
+    """Say the scene in words, with what each focus gets, for those who do not see it."""
+    got = view.reached[:, 0]
+    words = f"{got.min():,.0f} to {got.max():,.0f} Pa"
+    if len(got) <= MOST_WORDS:
+        words = ", ".join(f"{pressure:,.0f} Pa at {name}" for name, pressure in zip(view.foci, got, strict=True))
     bodies = "" if view.surfaces is None else ", the bodies"
     elements, first = counted(len(view.positions), "transducer", "transducers"), next(iter(view.drives))
-    words = (
-        got
-        if len(view.foci) <= MOST_WORDS
-        else f"{view.reached[:, 0].min():,.0f} to {view.reached[:, 0].max():,.0f} Pa"
-    )
     return f"{elements}{bodies} and a slice through the field in space; {first} gives {words}."
 
 
@@ -193,8 +190,6 @@ def _bytes(pressure: Float64[np.ndarray, "*points"], most: float) -> np.ndarray:
 
 def _planes(view: SceneView) -> dict[str, Any]:
     slices = view.slices
-    names = [_axis_name(axis) for axis in slices.axes]
-    words = [name or word for name, word in zip(names, ("across", "up", "off the middle plane"), strict=True)]
     counts = slices.depth.shape[::-1]
     focus = (view.points.mean(axis=0) - slices.corner) @ slices.axes.T / slices.steps
     start = [int(np.clip(round(at), 0, count - 1)) for at, count in zip(focus, counts, strict=True)]
@@ -204,13 +199,9 @@ def _planes(view: SceneView) -> dict[str, Any]:
         "axes": slices.axes.tolist(),
         "steps": _rounded(1e3 * slices.steps),
         "counts": list(counts),
-        "labels": words,
+        "labels": ["xyz"[int(np.argmax(axis))] for axis in slices.axes],
         "start": start,
     }
-
-
-def _axis_name(direction: Float64[np.ndarray, "3"]) -> str:
-    return next((name for name, axis in zip("xyz", np.eye(3), strict=True) if direction @ axis > 1 - 1e-9), "")
 
 
 def _views(view: SceneView) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from airtact.synthesis.quantise import quantise
 from airtact.synthesis.upper_bound import upper_bound
 from airtact.timing import Clock, Progress, no_progress
 from airtact.transfer import Drive, TransferMatrix, focus_by_distance
+from airtact.workflows.scene_view import scene_view
 
 FILES = ("methods.csv", "methods.html")
 """What a comparison writes beside the drives, in this order."""
@@ -58,6 +59,8 @@ def compare(path: Path, folder: Path, report_step: Progress = no_progress, store
         suppressed = np.abs(field.at(setup.target.suppression_points).T)
     with clock.step("cuts", "computing the fields in the pictures"):
         cut = _cut(setup, field, list(emitted))
+    with clock.step("scene in space", "computing the fields in the scene to turn"):
+        view = scene_view(setup, field, emitted, np.ones(len(emitted)), cut.window, "the levels that they emit")
     contenders = [
         Contender(name, drives[name], emitted[name], pressures, level, seconds[name])
         for name, pressures, level in zip(emitted, at_foci, suppressed, strict=True)
@@ -74,6 +77,7 @@ def compare(path: Path, folder: Path, report_step: Progress = no_progress, store
         bound=bound,
         report=field.report,
         cut=cut,
+        view=view,
         seconds=clock.seconds,
     )
     report_step("drawing the page")

@@ -2,7 +2,7 @@
 // through the field that moves. Lengths are in mm. Pressures come as bytes, 255 √(p / most).
 "use strict";
 
-const FAINT = 0.03; // share of the largest pressure below which a difference fades to grey
+const FAINT = 0.1; // share of the largest pressure below which a difference fades to grey
 const SLOW = 60; // ms between frames above which a drag is drawn more coarsely
 
 // Colour of a pressure, or of the ratio of two, from the square roots of their shares of the largest.
@@ -16,7 +16,7 @@ const COLOUR = `
     if (shown == 2) {
       float share = 0.5 + decibels(p / q) / ${(2 * DIFFERENCE).toFixed(1)};
       vec3 colour = texture(differences, vec2(clamp(share, 0.004, 0.996), 0.5)).rgb;
-      return mix(vec3(0.80), colour, smoothstep(0.0, ${FAINT}, max(p, q)));
+      return mix(vec3(0.80), colour, smoothstep(${0.5 * FAINT}, ${1.5 * FAINT}, max(p, q)));
     }
     float share = shown == 1 ? 1.0 + decibels(p) / ${LEVELS.toFixed(1)} : p;
     return texture(pressures, vec2(clamp(share, 0.004, 0.996), 0.5)).rgb;
@@ -121,7 +121,9 @@ class Viewer {
     const both = { uniforms: this.uniforms, side: THREE.DoubleSide };
     this.slice = new THREE.Mesh(new THREE.BufferGeometry(), new THREE.ShaderMaterial({ ...both, ...SLICE }));
     this.slice.geometry.setIndex([0, 1, 2, 2, 1, 3]);
-    for (const name of ["position", "cell"]) this.slice.geometry.setAttribute(name, this.numbersOf(new Float32Array(12), 3));
+    for (const name of ["position", "cell"]) {
+      this.slice.geometry.setAttribute(name, this.numbersOf(new Float32Array(12), 3));
+    }
     this.edge = new THREE.LineLoop(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: 0x8a6fb0 }));
     this.surface = new THREE.Mesh(
       new THREE.BufferGeometry(), new THREE.ShaderMaterial({ ...both, ...SURFACE, clipping: true }));
@@ -141,7 +143,8 @@ class Viewer {
   }
 
   palette(name) {
-    const bytes = this.facts.colours[name].flatMap((hex) => [1, 3, 5].map((at) => parseInt(hex.slice(at, at + 2), 16)).concat(255));
+    const parts = (hex) => [1, 3, 5].map((at) => parseInt(hex.slice(at, at + 2), 16));
+    const bytes = this.facts.colours[name].flatMap((hex) => [...parts(hex), 255]);
     const texture = new THREE.DataTexture(new Uint8Array(bytes), bytes.length / 4, 1);
     texture.minFilter = texture.magFilter = THREE.LinearFilter;
     texture.needsUpdate = true;
@@ -160,7 +163,8 @@ class Viewer {
   discs() {
     const [positions, normals] = [this.array("positions"), this.array("normals")];
     const material = new THREE.MeshBasicMaterial({ transparent: true, depthWrite: false });
-    const discs = new THREE.InstancedMesh(new THREE.CircleGeometry(this.facts.radius, 18), material, positions.length / 3);
+    const circle = new THREE.CircleGeometry(this.facts.radius, 18);
+    const discs = new THREE.InstancedMesh(circle, material, positions.length / 3);
     const turned = new THREE.Object3D();
     for (let index = 0; index < discs.count; index++) {
       turned.position.fromArray(positions, 3 * index);
@@ -243,8 +247,8 @@ class Viewer {
   }
 
   look(name) {
-    const [middle, radius] = name === "array" ? [this.facts.middle, this.facts.reach] : [this.facts.focus, this.facts.close];
-    this.turning.look(middle, radius, this.facts.seen);
+    const { middle, reach, focus, close, seen } = this.facts;
+    this.turning.look(name === "array" ? middle : focus, name === "array" ? reach : close, seen);
   }
 
   draw() {
@@ -255,8 +259,9 @@ class Viewer {
   paint(now) {
     this.wanted = false;
     const { turning, facts } = this;
-    if (turning.dragging && now - this.last > SLOW && now - this.last < 10 * SLOW) this.fine = Math.max(0.4, 0.8 * this.fine);
+    const since = now - this.last;
     this.last = now;
+    if (turning.dragging && since > SLOW && since < 10 * SLOW) this.fine = Math.max(0.4, 0.8 * this.fine);
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2) * this.fine);
     turning.place();
     const far = Math.min(1, Math.max(0, (turning.distance - 3 * facts.close) / facts.reach));
@@ -279,8 +284,7 @@ class Viewer {
   // The plane that removes what stands between the viewer and the slice.
   cutting() {
     if (!this.control("cut").checked || !this.slice.visible) return [];
-    const axis = this.axes[this.axis];
-    const plane = new THREE.Plane().setFromNormalAndCoplanarPoint(axis, axis.clone().multiplyScalar(this.along(this.axis, this.layer)));
+    const plane = new THREE.Plane(this.axes[this.axis].clone(), -this.along(this.axis, this.layer));
     return [plane.distanceToPoint(this.camera.position) > 0 ? plane.negate() : plane];
   }
 
@@ -334,7 +338,8 @@ class Viewer {
     const drawn = new Image();
     drawn.src = `data:image/svg+xml,${encodeURIComponent(await this.still().text())}`;
     await drawn.decode();
-    const sheet = Object.assign(document.createElement("canvas"), { width: 2 * drawn.width, height: 2 * drawn.height });
+    const size = { width: 2 * drawn.width, height: 2 * drawn.height };
+    const sheet = Object.assign(document.createElement("canvas"), size);
     sheet.getContext("2d").drawImage(drawn, 0, 0, sheet.width, sheet.height);
     sheet.toBlob((blob) => this.keep("png", blob), "image/png");
   }
@@ -355,6 +360,6 @@ class Viewer {
   requestAnimationFrame(() => (viewer.root.dataset.firstPicture = performance.now().toFixed(0)));
 })().catch((fault) => {
   document.documentElement.classList.remove("in-space");
-  element("viewer-fault").hidden = false;
-  element("viewer-fault").textContent = `The scene in 3-D cannot be shown here (${fault.message}); still pictures follow.`;
+  const words = `The scene in 3-D cannot be shown here (${fault.message}); still pictures follow.`;
+  Object.assign(element("viewer-fault"), { hidden: false, textContent: words });
 });

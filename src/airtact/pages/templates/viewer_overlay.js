@@ -26,7 +26,7 @@ class Overlay {
   }
 
   made(kind, attributes, text = "") {
-    const piece = document.createElementNS("http://www.w3.org/2000/svg", kind);
+    const piece = document.createElementNS(this.svg.namespaceURI, kind);
     for (const [name, value] of Object.entries(attributes)) piece.setAttribute(name, value);
     piece.textContent = text;
     return piece;
@@ -58,7 +58,8 @@ class Overlay {
     const colours = shown === "difference" ? "difference" : "pressure";
     this.scale(18, length, colours, this.ticks(shown, length < 180 ? 3 : 4), titles[shown]);
     const right = this.width - length - 18;
-    if (array === "phase") this.scale(right, length, array, [[0, "−π"], [0.5, "0"], [1, "π"]], "transducers: phase [rad]");
+    const turn = [[0, "−π"], [0.5, "0"], [1, "π"]];
+    if (array === "phase") this.scale(right, length, array, turn, "transducers: phase [rad]");
     const ends = [[0, "0"], [1, grouped(largest, 2)]];
     if (array === "amplitude") this.scale(right, length, array, ends, "transducers: amplitude");
     this.axes(turning);
@@ -107,7 +108,8 @@ class Overlay {
     const power = 10 ** Math.floor(Math.log10(most / count));
     const step = [1, 2, 2.5, 5, 10].map((factor) => factor * power).find((size) => size >= most / count);
     const digits = step < 1 ? 2 : 0;
-    return Array.from({ length: Math.floor(most / step) + 1 }, (_, n) => [(n * step) / most, grouped(n * step, digits)]);
+    const whole = Math.floor(most / step);
+    return [...Array(whole + 1).keys()].map((n) => [(n * step) / most, grouped(n * step, digits)]);
   }
 
   axes({ target, pixel }) {
@@ -128,7 +130,7 @@ class Overlay {
   saved(canvas) {
     const { width, height } = this;
     const copy = this.svg.cloneNode(true);
-    const words = { width, height, xmlns: "http://www.w3.org/2000/svg", "font-family": "system-ui, sans-serif" };
+    const words = { width, height, "font-family": "system-ui, sans-serif" };
     for (const [name, value] of Object.entries(words)) copy.setAttribute(name, value);
     copy.prepend(
       this.made("rect", { width, height, fill: this.paper }),

@@ -45,7 +45,8 @@ class Values {
   // Whether what was hit is drawn: not cut away, and no disc seen from behind.
   stands({ object, point, instanceId }) {
     const { surface, elements } = this.viewer;
-    if (object === surface) return surface.material.clippingPlanes.every((plane) => plane.distanceToPoint(point) >= -0.01);
+    const planes = surface.material.clippingPlanes;
+    if (object === surface) return planes.every((plane) => plane.distanceToPoint(point) >= -0.01);
     if (object !== elements) return true;
     const normal = new THREE.Vector3().fromArray(this.viewer.array("normals"), 3 * instanceId);
     return normal.dot(this.ray.ray.direction) < 0;
@@ -58,10 +59,12 @@ class Values {
   // A line for each drive, or for the two chosen where there are many.
   each(pressures) {
     const { facts, drive, other, shown } = this.viewer;
-    const chosen = facts.drives.length < 4 ? [...facts.drives.keys()] : shown === "difference" ? [drive, other] : [drive];
+    const two = shown === "difference" ? [drive, other] : [drive];
+    const chosen = facts.drives.length < 4 ? [...facts.drives.keys()] : two;
     const line = (index) => {
       const pressure = pressures[index];
-      return `${facts.drives[index]}: ${grouped(pressure, pressure < 100 ? 1 : 0)} Pa, ${grouped(decibels(pressure), 1)} dB`;
+      const pascal = grouped(pressure, pressure < 100 ? 1 : 0);
+      return `${facts.drives[index]}: ${pascal} Pa, ${grouped(decibels(pressure), 1)} dB`;
     };
     const lines = chosen.map(line);
     if (shown !== "difference") return lines;
