@@ -73,7 +73,7 @@ class SceneView:
         return float(max(air.max(initial=1e-9), self.reached.max(), walls))
 
 
-def viewer_values(view: SceneView, title: str) -> dict[str, Any]:
+def viewer_values(view: SceneView, title: str) -> dict[str, str | list[str] | list[int]]:
     """Values for the pieces of a template that hold the scene."""
     facts, numbers = _facts(view, title)
     return {
