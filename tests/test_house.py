@@ -145,6 +145,7 @@ ANY_ARRAY = {
     "airtact.validation.of_kind",
     "airtact.validation.check_finite",
     "airtact.printing.in_short",
+    "airtact.printing.one_line",
     "airtact.solvers.gmres.gmres",
 }
 """Inner functions that take arrays of any shape and type, or a product that does."""

@@ -1,10 +1,12 @@
-"""One line for objects that hold arrays, so that printing a scene does not print every vertex."""
+"""One line for objects that hold arrays, and small tables of them for notebooks."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
+from jaxtyping import Real
 
 
 @runtime_checkable
@@ -15,9 +17,15 @@ class _Dataclass(Protocol):
 PRINTED_IN_FULL = 9
 """Size of the largest array whose numbers are printed: a rotation, three points."""
 
+LONGEST_PART = 60
+"""Longer parts of an object are printed by their type or length alone [characters]."""
+
+MOST_ROWS = 12
+"""Rows of a table for a notebook; it names how many more there are."""
+
 
 def in_short(self: _Dataclass) -> str:
-    """Write a dataclass in one line, its larger arrays by their shapes; a class uses it by ``__repr__ = in_short``.
+    """Write a dataclass in one line, its larger parts by type and shape; a class uses it by ``__repr__ = in_short``.
 
     Examples
     --------
@@ -34,6 +42,75 @@ def in_short(self: _Dataclass) -> str:
 def _short(value: object) -> str:
     if isinstance(value, np.ndarray):
         return str(value.tolist()) if value.size <= PRINTED_IN_FULL else f"{value.dtype} {value.shape}"
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{key!r}: {_short(part)}" for key, part in value.items()) + "}"
-    return repr(value)
+    written = repr(value)
+    if len(written) <= LONGEST_PART and "\n" not in written:
+        return written
+    return (
+        f"{len(value)} in a {type(value).__name__}"
+        if isinstance(value, Mapping | Sequence)
+        else f"{type(value).__name__}(…)"
+    )
+
+
+def one_line(self: object, *facts: str) -> str:
+    """Write an object as its type with the few facts that matter, leaving out empty ones.
+
+    Examples
+    --------
+    >>> one_line(1.5, "3 foci", "", "1500 Pa")
+    'float(3 foci, 1500 Pa)'
+    """
+    return f"{type(self).__name__}({', '.join(fact for fact in facts if fact)})"
+
+
+def sides_in_mm(points: Real[np.ndarray, "points 3"]) -> str:
+    """Write the sides of the upright box round points (P, 3) [m].
+
+    Examples
+    --------
+    >>> sides_in_mm(np.array([[0.0, 0, 0], [0.01, 0.0204, 0]]))
+    '10 x 20.4 x 0 mm'
+    """
+    return " x ".join(f"{round(side, 1) + 0.0:g}" for side in 1e3 * np.ptp(points, axis=0)) + " mm"
+
+
+def span(values: Iterable[float], unit: str, form: str = ".4g") -> str:
+    """Write the smallest and the largest of some values with their unit, or the one value that all have.
+
+    Examples
+    --------
+    >>> span([1480.0, 1500.0], "Pa"), span([2.0, 2.0], "Pa")
+    ('1480 to 1500 Pa', '2 Pa')
+    """
+    numbers = list(values)
+    low, high = format(min(numbers), form), format(max(numbers), form)
+    return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
+
+
+def html_table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Make a small table for a notebook, in the colours of its page, light or dark.
+
+    Examples
+    --------
+    >>> html_table("Drive", ["element", "amplitude"], [["0", "0.5"]]).count("<td")
+    1
+    """
+    cell = "padding:.15em .7em;border-bottom:1px solid rgba(128,128,128,.35);background:none;color:inherit;"
+    written = list(rows)
+    line = "<tr>{}</tr>".format
+    parts = (
+        [line("".join(f'<th scope="col" style="{cell}text-align:right">{escape(name)}</th>' for name in head))]
+        if head
+        else []
+    )
+    for row in written[:MOST_ROWS]:
+        first, *others = (escape(text) for text in row)
+        numbers = "".join(f'<td style="{cell}text-align:right">{text}</td>' for text in others)
+        parts.append(line(f'<th scope="row" style="{cell}text-align:left;font-weight:normal">{first}</th>{numbers}'))
+    caption = (
+        f'<caption style="caption-side:top;text-align:left;color:inherit;padding:.3em 0">{escape(title)}</caption>'
+    )
+    more = f"<div>and {len(written) - MOST_ROWS} more</div>" if len(written) > MOST_ROWS else ""
+    return (
+        f'<table style="border-collapse:collapse;color:inherit;background:none">{caption}{"".join(parts)}</table>{more}'
+    )

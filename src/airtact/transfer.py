@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Complex128, Float64
 
 from airtact.conventions import InvalidInput
-from airtact.printing import in_short
+from airtact.printing import html_table, one_line
 from airtact.scene.medium import Medium
 from airtact.scene.scene import Scene
 from airtact.scene.target import Target
@@ -37,7 +37,21 @@ class Drive:
 
     amplitudes: Complex128[np.ndarray, "elements"]
 
-    __repr__ = in_short
+    def __repr__(self) -> str:
+        return one_line(self, *(f"{name} {value}" for name, value in self._facts().items()))
+
+    def _repr_html_(self) -> str:
+        return html_table("Drive", [], self._facts().items())
+
+    def _facts(self) -> dict[str, str]:
+        """Return the few numbers that tell drives apart."""
+        magnitudes = np.abs(self.amplitudes)
+        return {
+            "elements": str(len(self)),
+            "largest amplitude": f"{magnitudes.max():.3g}",
+            "mean": f"{magnitudes.mean():.3g}",
+            "energy": f"{np.sum(magnitudes**2):.4g}",
+        }
 
     def __post_init__(self) -> None:
         amplitudes = complex_numbers(self.amplitudes, "the drive's amplitudes")
@@ -132,7 +146,16 @@ class TransferMatrix:
     foci: Float64[np.ndarray, "foci 3"] | None = None
     wavelength: float | None = None
 
-    __repr__ = in_short
+    def __repr__(self) -> str:
+        foci, elements = self.matrix.shape
+        error = f"estimated error {100 * self.estimated_error:.2g} %" * bool(np.isfinite(self.estimated_error))
+        return one_line(self, counted(foci, "focus", "foci"), counted(elements, "element", "elements"), error)
+
+    def _repr_html_(self) -> str:
+        sums, mean = np.abs(self.matrix).sum(axis=1), np.abs(self.matrix).mean(axis=1)
+        rows = [[str(focus), f"{sums[focus]:.0f}", f"{mean[focus]:.4g}"] for focus in range(len(sums))]
+        head = ["focus", "alone at full scale [Pa]", "mean of an element [Pa]"]
+        return html_table(repr(self), head, rows)
 
     def __post_init__(self) -> None:
         matrix = complex_numbers(self.matrix, "the transfer matrix")

@@ -94,17 +94,31 @@ def test_the_scale_of_a_drive_plays_no_part() -> None:
         np.testing.assert_allclose(second.pressures[held_equal], first.pressures[held_equal], rtol=1e-10)
 
 
-def test_a_comparison_reads_as_tables_that_say_what_is_held_equal() -> None:
+def test_a_comparison_reads_as_a_table_that_says_what_is_held_equal() -> None:
     result = compare(SCENE, ARRAY, drives(), TARGET, solver=FreeField())
     text = str(result)
     for held_equal, meaning in HELD_EQUAL.items():
         assert f"{held_equal}: {meaning}" in text
     rows = [line for line in text.splitlines() if line.startswith("control")]
-    assert len(rows) == 3 * len(TARGET.points)
-    pressure, ratio = result.pressures["equal energy"][2, 1], result.ratios("equal energy")[2, 1]
-    numbers = [float(word) for word in rows[3].split()[1:]]
-    np.testing.assert_allclose(numbers, [1, pressure, ratio, pressure**2, ratio**2], rtol=1e-2)
+    assert len(rows) == 1
+    weakest = [result.pressures[held_equal].min(axis=1) for held_equal in HELD_EQUAL]
+    wanted = [number for column in weakest for number in (column[2], column[2] / column[0])]
+    numbers = [float(word.strip("()")) for word in rows[0].split()[1:]]
+    np.testing.assert_allclose(numbers, wanted, rtol=1e-2)
     assert "do not reflect" in text
+    assert len(text.splitlines()) == 1 + 3 + 1 + 3 + 1
+
+
+def test_a_comparison_lists_every_focus_of_every_drive() -> None:
+    result = compare(SCENE, ARRAY, drives(), TARGET, solver=FreeField())
+    rows = result.table()
+    assert len(rows) == 3 * 3 * len(TARGET.points)
+    row = next(row for row in rows if (row["held_equal"], row["drive"], row["focus"]) == ("equal energy", "control", 1))
+    assert row["pressure"] == result.pressures["equal energy"][2, 1]
+    assert row["ratio"] == pytest.approx(result.ratios("equal energy")[2, 1], rel=1e-12)
+    assert [row["x"], row["y"], row["z"]] == TARGET.points[1].tolist()
+    with raises_code("unknown_name", "'equal power'", "3"):
+        result.weakest("equal power")
 
 
 def test_drives_that_cannot_be_compared_raise() -> None:

@@ -68,8 +68,9 @@ def test_foci_in_millimetres_are_asked_about():
 
 
 def test_printing_a_target_is_short():
-    written = "Target(points=[[0.0, 0.0, 0.0], [0.0, 0.0, 0.01]], pressures=[3.0, 3.0], "
-    assert repr(Target(POINTS, 3.0)) == written + "shares=None, phases=None, suppression_points=[])"
+    assert repr(Target(POINTS, 3.0)) == "Target(2 foci, 3 Pa asked)"
+    assert repr(Target(POINTS, shares=[1.0, 0.5])) == "Target(2 foci, shares 0.5 to 1)"
+    assert repr(Target(POINTS)) == "Target(2 foci, as strong as possible)"
 
 
 def test_a_share_asks_for_proportions_only():

@@ -8,13 +8,13 @@ from jaxtyping import Complex128, Float64, Real
 
 from airtact.conventions import InvalidInput
 from airtact.evaluation.metrics import NOT_MODELLED, radiate_drives
-from airtact.printing import in_short
+from airtact.printing import html_table, one_line
 from airtact.scene.scene import Scene
 from airtact.scene.target import Target
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.transducers.layout import PhasedArray
 from airtact.transfer import Drive, check_drive
-from airtact.validation import of_kind
+from airtact.validation import counted, of_kind
 
 HELD_EQUAL = {
     "equal peak": "the strongest element of every drive is at full scale",
@@ -42,7 +42,19 @@ class Comparison:
     pressures: Mapping[str, Float64[np.ndarray, "drives foci"]]
     field: RadiatedField
 
-    __repr__ = in_short
+    def __repr__(self) -> str:
+        weakest = self.weakest("equal peak")
+        best = int(np.argmax(weakest))
+        return one_line(
+            self,
+            counted(len(self.names), "drive", "drives"),
+            counted(len(self.target.points), "focus", "foci"),
+            f"strongest weakest focus at equal peak {weakest[best]:.0f} Pa by {self.names[best]!r}",
+        )
+
+    def _repr_html_(self) -> str:
+        title = f"Weakest of {counted(len(self.target.points), 'focus', 'foci')} [Pa], over the first drive's"
+        return html_table(title, ["drive", *self.pressures], self._weakest_rows())
 
     @property
     def report(self) -> SolveReport:
@@ -82,12 +94,7 @@ class Comparison:
         InvalidInput
             If the normalisation is not known, or the first drive gives a focus no pressure.
         """
-        if held_equal not in self.pressures:
-            raise InvalidInput(
-                f"{held_equal!r} is not one of the {len(self.pressures)} normalisations: {', '.join(self.pressures)}.",
-                code="unknown_name",
-            )
-        pressures = self.pressures[held_equal]
+        pressures = self._under(held_equal)
         if not pressures[0].all():
             focus = int(np.argmin(pressures[0]))
             raise InvalidInput(
@@ -96,27 +103,72 @@ class Comparison:
             )
         return pressures / pressures[0]
 
+    def _under(self, held_equal: str) -> Float64[np.ndarray, "drives foci"]:
+        if held_equal not in self.pressures:
+            raise InvalidInput(
+                f"{held_equal!r} is not one of the {len(self.pressures)} normalisations: {', '.join(self.pressures)}.",
+                code="unknown_name",
+            )
+        return self.pressures[held_equal]
+
     def squared_ratios(self, held_equal: str) -> Float64[np.ndarray, "drives foci"]:
         """(D, F) pressure squared over that of the first drive; parameters and errors as ``ratios``."""
         return self.ratios(held_equal) ** 2
 
+    def weakest(self, held_equal: str) -> Float64[np.ndarray, "drives"]:
+        """(D,) pressure of each drive at its weakest focus that asks for sound [Pa], under one normalisation.
+
+        Raises
+        ------
+        InvalidInput
+            If the normalisation is not known.
+        """
+        return self._under(held_equal)[:, self.target.weights > 0.0].min(axis=1)
+
+    def table(self) -> list[dict[str, str | int | float]]:
+        """Return one row for each normalisation, drive and focus, which ``pandas.DataFrame`` takes.
+
+        Returns
+        -------
+        Rows with ``held_equal``, ``drive``, ``focus``, its position ``x``, ``y``, ``z`` [m], ``pressure`` [Pa] and
+        ``ratio``, the pressure over that of the first drive there (NaN where that is 0 Pa).
+        """
+        rows: list[dict[str, str | int | float]] = []
+        for held_equal, pressures in self.pressures.items():
+            first = np.where(pressures[0] > 0.0, pressures[0], np.nan)
+            for name, got in zip(self.names, pressures, strict=True):
+                for focus, (point, pressure) in enumerate(zip(self.target.points.tolist(), got.tolist(), strict=True)):
+                    position = dict(zip("xyz", point, strict=True))
+                    numbers = {"pressure": pressure, "ratio": float(pressure / first[focus])}
+                    rows.append({"held_equal": held_equal, "drive": name, "focus": focus, **position, **numbers})
+        return rows
+
     def __str__(self) -> str:
-        width = max(len("drive"), *(len(name) for name in self.names))
-        columns = ("pressure [Pa]", "of the first", "squared [Pa²]", "of the first")
-        lines = []
-        for held_equal, meaning in HELD_EQUAL.items():
-            lines.append(f"{held_equal}: {meaning}")
-            lines.append("  ".join([f"{'drive':{width}}", "focus", *(f"{column:>13}" for column in columns)]))
-            pressures, ratios = self.pressures[held_equal], self.ratios(held_equal)
-            for drive, name in enumerate(self.names):
-                for focus, (pressure, ratio) in enumerate(zip(pressures[drive], ratios[drive], strict=True)):
-                    numbers = f"{pressure:13.1f}  {ratio:13.3f}  {pressure**2:13.4g}  {ratio**2:13.3f}"
-                    lines.append(f"{name:{width}}  {focus:5d}  {numbers}")
-            lines.append("")
+        count = counted(len(self.target.points), "focus", "foci")
+        head = [f"weakest of {count} [Pa]", *self.pressures]
+        rows = [head, *self._weakest_rows()]
+        widths = [max(len(row[column]) for row in rows) for column in range(len(head))]
+        lines = [
+            "  ".join(
+                [row[0].ljust(widths[0]), *(text.rjust(width) for text, width in zip(row[1:], widths[1:], strict=True))]
+            )
+            for row in rows
+        ]
+        lines += ["Beside each pressure: that over the first drive's. table() has every focus."]
+        lines += [f"{held_equal}: {meaning}" for held_equal, meaning in HELD_EQUAL.items()]
         lines.append(
             f"peak pressures by {self.report.solver}, estimated error {self.report.estimated_error:.2g}. {NOT_MODELLED}"
         )
         return "\n".join([*lines, *self.report.warnings])
+
+    def _weakest_rows(self) -> list[list[str]]:
+        """Return for each drive its name and, under each normalisation, the weakest focus and that over the first's."""
+        columns = []
+        for held_equal in self.pressures:
+            weakest = self.weakest(held_equal)
+            ratios = weakest / weakest[0] if weakest[0] > 0.0 else np.full(len(weakest), np.nan)
+            columns.append([f"{got:.0f} ({ratio:.2f})" for got, ratio in zip(weakest, ratios, strict=True)])
+        return [[name, *(column[drive] for column in columns)] for drive, name in enumerate(self.names)]
 
 
 def compare(

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Complex128, Float64
 
 from airtact.evaluation.field import check_solver, drive_sources
-from airtact.printing import in_short
+from airtact.printing import html_table, one_line
 from airtact.scene.scene import Scene, check_outside
 from airtact.scene.sources import check_off_sources
 from airtact.scene.target import Target
@@ -16,7 +16,7 @@ from airtact.synthesis.reach import fraction
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
 from airtact.transfer import Drive
-from airtact.validation import of_kind
+from airtact.validation import counted, of_kind
 
 NOT_MODELLED = (
     "The array's own boards, the table and the walls do not reflect, and the elements' sensitivity is not calibrated."
@@ -39,7 +39,34 @@ class Evaluation:
     pressures: Complex128[np.ndarray, "foci"]
     report: SolveReport
 
-    __repr__ = in_short
+    def __repr__(self) -> str:
+        foci = counted(len(self.pressures), "focus", "foci")
+        return one_line(self, foci, f"weakest {self._in_words(self.worst)}", f"mean {self._in_words(self.mean)}")
+
+    def _repr_html_(self) -> str:
+        head = ["focus", "x [mm]", "y [mm]", "z [mm]", "pressure [Pa]", "asked [Pa]", "reached"]
+        title = f"Evaluation: weakest focus {self._in_words(self.worst)}, mean {self._in_words(self.mean)}"
+        return html_table(title, head, self._rows())
+
+    def _in_words(self, value: float) -> str:
+        return f"{value:.0f} Pa" if self.target.pressures is None else f"{100 * value:.1f} % of what was asked"
+
+    def _rows(self) -> list[list[str]]:
+        """Return number, position, pressure, what was asked and its share for each focus, as texts."""
+        asked = self.target.pressures
+        wanted = ["-"] * len(self.pressures) if asked is None else [f"{pressure:.1f}" for pressure in asked]
+        reached = ["-" if np.isnan(share) else f"{share:.1%}" for share in self.shares]
+        points, got = self.target.points * 1e3, self.magnitudes
+        return [
+            [
+                str(index),
+                *(f"{coordinate:.2f}" for coordinate in point),
+                f"{got[index]:.1f}",
+                wanted[index],
+                reached[index],
+            ]
+            for index, point in enumerate(points)
+        ]
 
     @property
     def magnitudes(self) -> Float64[np.ndarray, "foci"]:
@@ -83,16 +110,12 @@ class Evaluation:
         return float(1.0 - (most - least) / (most + least)) if most > 0.0 else 0.0
 
     def __str__(self) -> str:
-        asked, shares = self.target.pressures, self.shares
         lines = ["focus   x [mm]    y [mm]    z [mm]   pressure [Pa]   asked [Pa]    share"]
-        for index, (point, got) in enumerate(zip(self.target.points * 1e3, self.magnitudes, strict=True)):
-            wanted = "-" if asked is None else f"{asked[index]:.1f}"
-            reached = "-" if np.isnan(shares[index]) else f"{shares[index]:.1%}"
-            position = " ".join(f"{coordinate:9.2f}" for coordinate in point)
-            lines.append(f"{index:5d}{position} {got:15.1f} {wanted:>12} {reached:>8}")
-        counted = "{:.1f} Pa" if asked is None else "{:.1%} of what was asked"
+        for index, x, y, z, got, wanted, reached in self._rows():
+            lines.append(f"{index:>5}{x:>9} {y:>9} {z:>9} {got:>15} {wanted:>12} {reached:>8}")
+        figure = "{:.1f} Pa" if self.target.pressures is None else "{:.1%} of what was asked"
         lines.append(
-            f"worst focus {counted.format(self.worst)}, mean {counted.format(self.mean)}, "
+            f"worst focus {figure.format(self.worst)}, mean {figure.format(self.mean)}, "
             f"uniformity {self.uniformity:.3f}"
         )
         lines.append(

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Complex128, Float64, Int64, Real
 from airtact.conventions import InvalidInput
 from airtact.evaluation.field import check_solver, drive_sources
 from airtact.mesh.quadratic_triangles import QuadraticTriangles
-from airtact.printing import in_short
+from airtact.printing import one_line
 from airtact.scene.medium import Medium
 from airtact.scene.scene import Scene
 from airtact.solvers.bem.quadrature import place_nodes
@@ -100,7 +100,9 @@ class RadiationMap:
     radiation_pressure: Float64[np.ndarray, "points"]
     report: SolveReport
 
-    __repr__ = in_short
+    def __repr__(self) -> str:
+        strongest = np.nanmax(np.abs(self.pressure), initial=0.0)
+        return one_line(self, f"{len(self.points)} points on surfaces", f"at most {strongest:.0f} Pa")
 
     def force(self, body: int) -> Float64[np.ndarray, "3"]:
         """(3,) force of the sound on a whole body, by its number [N]; raises ``InvalidInput`` for one not there."""

@@ -10,7 +10,7 @@ from airtact.conventions import InvalidInput, Vector
 from airtact.evaluation.metrics import Evaluation, radiate_drives
 from airtact.evaluation.radiation import PAD_RADIUS, Pad, RadiationMap, radiation_of
 from airtact.evaluation.thresholds import NO_SAFETY_ASSESSMENT, sound_pressure_level, thresholds_of
-from airtact.printing import in_short
+from airtact.printing import one_line
 from airtact.scene.scene import Scene
 from airtact.scene.target import Target
 from airtact.solvers.problem import RadiatedField, Solver
@@ -118,7 +118,12 @@ class Verification:
     suppression_points: Complex128[np.ndarray, "suppressed"]
     head: Float64[np.ndarray, "head"]
 
-    __repr__ = in_short
+    def __repr__(self) -> str:
+        alone = f"{_range(100 * self.attained, '.0f')} % of what a focus gets alone"
+        head = f"at most {self.head.max():.0f} dB SPL at the head" if len(self.head) else ""
+        return one_line(
+            self, f"weakest of {len(self.attained)} foci {self.evaluation.magnitudes.min():.0f} Pa", alone, head
+        )
 
     @property
     def attained(self) -> Float64[np.ndarray, "foci"]:

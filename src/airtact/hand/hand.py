@@ -15,7 +15,7 @@ from airtact.hand.kinematics import bending_axis, opened
 from airtact.hand.shape import HandShape
 from airtact.hand.skin_mesh import even_skin, graded, midpoints
 from airtact.hand.sphere_mesh import Hulls
-from airtact.printing import in_short
+from airtact.printing import html_table, one_line, sides_in_mm
 from airtact.surfaces.surface import Surface
 from airtact.validation import fixed, in_mm, within
 
@@ -49,7 +49,13 @@ class Hand:
     side: Side
     follows: HandShape | None = None
 
-    __repr__ = in_short
+    def __repr__(self) -> str:
+        return one_line(self, self.side, f"joints within {sides_in_mm(self.joints)}")
+
+    def _repr_html_(self) -> str:
+        rows = [[name, *(f"{1e3 * number:.1f}" for number in point)] for name, (point, _) in self.places.items()]
+        title = f"Hand: {self.side}, joints within {sides_in_mm(self.joints)}"
+        return html_table(title, ["place", "x [mm]", "y [mm]", "z [mm]"], rows)
 
     @cached_property
     def shape(self) -> HandShape:

@@ -9,12 +9,13 @@ import numpy as np
 from jaxtyping import Float64, Real
 
 from airtact.conventions import InvalidInput
+from airtact.printing import html_table, one_line, sides_in_mm
 from airtact.scene.medium import Medium
 from airtact.scene.sources import Monopoles
 from airtact.scene.target import Beacons, Target
 from airtact.surfaces.checks import check_apart, check_surface
 from airtact.surfaces.surface import Surface
-from airtact.validation import check_frequency, in_mm, of_kind, points_of
+from airtact.validation import check_frequency, counted, in_mm, of_kind, points_of
 
 CONTACT = 1e-9
 """Points up to this deep in a body count as on its surface [m]."""
@@ -45,6 +46,14 @@ class Obstacle:
     boundary: Literal["sound_hard", "impedance", "filled"]
     ratio: complex | float | None = None
     medium: Medium | None = None
+
+    @property
+    def kind(self) -> str:
+        """Its boundary in words."""
+        return self.boundary.replace("_", "-")
+
+    def __repr__(self) -> str:
+        return one_line(self, self.kind, repr(self.surface))
 
     def __post_init__(self) -> None:
         """Check that the boundary has the data that it needs and no more."""
@@ -131,6 +140,28 @@ class Scene:
     medium: Medium
     obstacles: Sequence[Obstacle]
     frequency: float = 40e3
+
+    def __repr__(self) -> str:
+        return one_line(self, *self._facts().values())
+
+    def _repr_html_(self) -> str:
+        bodies = [
+            (
+                f"body {index}, {one.kind}",
+                f"{sides_in_mm(one.surface.vertices)}, {len(one.surface.triangles)} triangles",
+            )
+            for index, one in enumerate(self.obstacles)
+        ]
+        return html_table("Scene", [], [*self._facts().items(), *bodies])
+
+    def _facts(self) -> dict[str, str]:
+        """Return what is in the air, in words."""
+        kinds = ", ".join(sorted({one.kind for one in self.obstacles}))
+        return {
+            "bodies": counted(len(self.obstacles), f"{kinds} body", "bodies") if self.obstacles else "open air",
+            "frequency": f"{1e-3 * self.frequency:g} kHz",
+            "wavelength": f"wavelength {1e3 * self.wavelength:.3g} mm",
+        }
 
     def __post_init__(self) -> None:
         """Check the frequency and the bodies."""

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Complex128, Float64, Num, Real
 
 from airtact.conventions import InvalidInput
-from airtact.printing import in_short
+from airtact.printing import html_table, one_line, span
 from airtact.scene.sources import Monopoles
 from airtact.validation import check_finite, complex_numbers, counted, fixed, in_mm, points_of, real_numbers
 
@@ -25,6 +25,12 @@ class Beacons(Monopoles):
     """The virtual sources of a target: the first ``foci`` at foci, the others, unrefined, at suppression points."""
 
     foci: int = 0
+
+    def __repr__(self) -> str:
+        suppressed = len(self.positions) - self.foci
+        return one_line(
+            self, counted(self.foci, "focus", "foci"), f"{suppressed} suppression points" * bool(suppressed)
+        )
 
     @property
     def refined_positions(self) -> Real[np.ndarray, "fine 3"]:
@@ -60,7 +66,25 @@ class Target:
     phases: Float64[np.ndarray, "foci"] | None
     suppression_points: Float64[np.ndarray, "suppressed 3"]
 
-    __repr__ = in_short
+    def __repr__(self) -> str:
+        return one_line(self, *self._facts())
+
+    def _repr_html_(self) -> str:
+        weights = [f"{weight:.4g}" for weight in self.weights]
+        rows = [[str(index), *_mm(point), weights[index]] for index, point in enumerate(self.points)]
+        asked = "relative" if self.pressures is None else "asked [Pa]"
+        return html_table(f"Target: {', '.join(self._facts())}", ["focus", "x [mm]", "y [mm]", "z [mm]", asked], rows)
+
+    def _facts(self) -> list[str]:
+        """Return what is asked, in words."""
+        shares = "as strong as possible" if self.shares is None else f"shares {span(self.shares, '').rstrip()}"
+        suppressed = counted(len(self.suppression_points), "suppression point", "suppression points")
+        return [
+            counted(len(self.points), "focus", "foci"),
+            shares if self.pressures is None else f"{span(self.pressures, 'Pa')} asked",
+            "phases fixed" * (self.phases is not None),
+            suppressed * bool(len(self.suppression_points)),
+        ]
 
     def __init__(
         self,
@@ -155,6 +179,10 @@ class Target:
         """
         points = np.concatenate([self.points, self.suppression_points]) if suppression else self.points
         return Beacons(points, np.eye(len(points), dtype=np.complex128), foci=len(self.points))
+
+
+def _mm(point: Float64[np.ndarray, "3"]) -> list[str]:
+    return [f"{coordinate:.2f}" for coordinate in 1e3 * point]
 
 
 def _near_enough(points: Float64[np.ndarray, "points 3"], what: str) -> Float64[np.ndarray, "points 3"]:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from airtact.conventions import InvalidInput
-from airtact.printing import in_short
 from airtact.scene.scene import Scene, check_sources
 from airtact.scene.sources import Monopoles
 from airtact.solvers.arrays import ComplexPairs, Gradients, Mask, Points, Pressures, SourcePoints
@@ -40,7 +39,7 @@ class OpenAirField(RadiatedField):
     sources: Monopoles
     report: SolveReport
 
-    __repr__ = in_short
+    __repr__ = RadiatedField.__repr__
 
     @property
     def on_surface(self) -> SurfaceField:

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Complex128, Float64
 
-from airtact.printing import in_short
+from airtact.printing import html_table, in_short, one_line
 from airtact.scene.scene import Scene
 from airtact.scene.sources import Monopoles, check_off_sources
 from airtact.solvers.arrays import Gradients, Mask, Points, Pressures, Vectors
 from airtact.solvers.monopoles import monopole_pressure
 from airtact.solvers.velocity import differences, velocity_of
-from airtact.validation import points_of
+from airtact.validation import counted, points_of
 
 DIFFERENCE = 1.0 / 40.0
 """Step of the differences of a field without a closed form, in wavelengths."""
@@ -51,6 +51,16 @@ class SolveReport:
     citations: tuple[str, ...] = ()
     farthest_off_triangles: float = 0.0
     mean_off_triangles: float = 0.0
+
+    def __repr__(self) -> str:
+        return one_line(
+            self,
+            self.solver,
+            f"{self.nodes} unknowns" * bool(self.nodes),
+            f"estimated error {100 * self.estimated_error:.2g} %" * bool(np.isfinite(self.estimated_error)),
+            f"{sum(self.seconds.values()):.2g} s" * bool(self.seconds),
+            counted(len(self.warnings), "warning", "warnings") * bool(self.warnings),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +102,24 @@ class RadiatedField(ABC):
     scene: Scene
     sources: Monopoles
     report: SolveReport
+
+    def __repr__(self) -> str:
+        return one_line(self, *self._facts().values())
+
+    def _repr_html_(self) -> str:
+        seconds = [(f"{step} [s]", f"{took:.2f}") for step, took in self.report.seconds.items()]
+        return html_table(type(self).__name__, [], [*self._facts().items(), *seconds])
+
+    def _facts(self) -> dict[str, str]:
+        """Return what was solved, in words."""
+        count, error = self.sources.strengths.shape[1], self.report.estimated_error
+        return {
+            "excitations": f"{counted(count, 'excitation', 'excitations')} of {len(self.sources.positions)} sources",
+            "bodies": f"around {counted(len(self.scene.obstacles), 'body', 'bodies')}" * bool(self.scene.obstacles),
+            "solver": f"by {self.report.solver}",
+            "unknowns": f"{self.report.nodes} unknowns" * bool(self.report.nodes),
+            "estimated error": f"estimated error {100 * error:.2g} %" * bool(np.isfinite(error)),
+        }
 
     @property
     @abstractmethod

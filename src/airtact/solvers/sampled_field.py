@@ -12,7 +12,6 @@ from scipy.spatial import Delaunay, KDTree, QhullError
 
 from airtact.conventions import InvalidInput, about, extra
 from airtact.file_access.text_table import read_text_table
-from airtact.printing import in_short
 from airtact.scene.scene import Scene, check_sources
 from airtact.scene.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.solvers.arrays import Barycentric, Indices, Mask, Points, Pressures, SourcePoints, Vectors
@@ -69,7 +68,7 @@ class SampledField(RadiatedField):
     tetrahedra: _Cells = None
     report: SolveReport = field(init=False)
 
-    __repr__ = in_short
+    __repr__ = RadiatedField.__repr__
 
     def __post_init__(self) -> None:
         """Check the samples, and join them where they come without cells."""

@@ -19,7 +19,7 @@ from airtact.mesh.topology import (
     check_size,
 )
 from airtact.pose import Pose, nearest_motion
-from airtact.printing import in_short
+from airtact.printing import one_line, sides_in_mm
 from airtact.surfaces.mesh_shape import MeshShape
 from airtact.surfaces.panels import Panels, panels_of
 from airtact.surfaces.quadratic_mesh import QuadraticMesh
@@ -94,7 +94,11 @@ class Surface:
         if self.primitive is not None:
             _check_primitive(self.primitive, corners)
 
-    __repr__ = in_short
+    def __repr__(self) -> str:
+        kind = "" if self.primitive is None else type(self.primitive).__name__.removesuffix("Shape").lower()
+        triangles = counted(len(self.triangles), "triangle", "triangles")
+        notes = counted(len(self.repairs), "repair", "repairs") if self.repairs else ""
+        return one_line(self, kind, triangles, sides_in_mm(self.vertices), notes)
 
     @cached_property
     def corners(self) -> Float64[np.ndarray, "triangles 3 3"]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Complex128, Float64
 
-from airtact.printing import in_short
+from airtact.printing import one_line
 from airtact.scene.target import Target
 from airtact.synthesis.reach import asked_rows
 from airtact.synthesis.relaxation import Relaxed, iterated, starting_point
@@ -38,7 +38,10 @@ class UpperBound:
     multipliers: Float64[np.ndarray, "foci"]
     elements: Float64[np.ndarray, "elements"]
 
-    __repr__ = in_short
+    def __repr__(self) -> str:
+        return one_line(
+            self, f"worst focus {self.worst:.4g}", f"{len(self.multipliers)} foci", f"{len(self.elements)} elements"
+        )
 
     def eigenvalue(self, transfer: TransferMatrix, target: Target) -> float:
         """Largest eigenvalue of √μ H diag(1/y) Hᴴ √μ (F, F): the bound is proved where it is at most 1.

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Complex, Float64, Real
 
 from airtact.conventions import InvalidInput
-from airtact.printing import in_short
+from airtact.printing import one_line
 from airtact.validation import counted, number, points_of, positive, real_numbers
 
 DEFAULT_SENSITIVITY = 4.38
@@ -50,7 +50,8 @@ class Element:
     directional: bool = False
     radius: float = 0.0
 
-    __repr__ = in_short
+    def __repr__(self) -> str:
+        return one_line(self, self.kind, f"{self.sensitivity:.4g} Pa·m")
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", points_of(self.points, "face points"))
@@ -72,6 +73,12 @@ class Element:
                 f"the radius of an element cannot be {self.radius:g} m: give 0 or a length in metres.",
                 code="out_of_range",
             )
+
+    @property
+    def kind(self) -> str:
+        """What it is, in words: "monopoles", "pistons of 4.5 mm"."""
+        shape = f"pistons of {1e3 * self.radius:g} mm" if self.radius else "monopoles"
+        return shape if len(self.points) in (1, 19) else f"{shape}, {len(self.points)} points each"
 
     @property
     def reach(self) -> float:

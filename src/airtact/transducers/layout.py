@@ -8,7 +8,7 @@ from jaxtyping import Complex128, Float64, Num, Real
 
 from airtact.conventions import InvalidInput
 from airtact.pose import Pose
-from airtact.printing import in_short
+from airtact.printing import html_table, one_line, sides_in_mm
 from airtact.transducers.boards import Board, board_named
 from airtact.transducers.element import Element, monopole
 from airtact.validation import check_finite, complex_numbers, counted, fixed, of_kind, points_of, real_numbers
@@ -44,7 +44,21 @@ class PhasedArray:
     tangents: Float64[np.ndarray, "elements 3"]
     gains: Complex128[np.ndarray, "elements"]
 
-    __repr__ = in_short
+    def __repr__(self) -> str:
+        return one_line(self, *self._facts().values())
+
+    def _repr_html_(self) -> str:
+        return html_table("PhasedArray", [], self._facts().items())
+
+    def _facts(self) -> dict[str, str]:
+        """Return what the array is, in words."""
+        dead = int(np.sum(self.gains == 0.0))
+        return {
+            "elements": counted(len(self), "element", "elements") + f", {dead} dead" * bool(dead),
+            "kind": self.element.kind,
+            "size": sides_in_mm(self.positions),
+            "calibration": "calibrated" if np.any((self.gains != 1.0) & (self.gains != 0.0)) else "",
+        }
 
     def __init__(
         self,

@@ -10,7 +10,7 @@ from jaxtyping import Complex, Float64
 from airtact.conventions import InvalidInput
 from airtact.mesh.quadratic_triangles import longest_edges
 from airtact.pose import Pose
-from airtact.printing import in_short
+from airtact.printing import one_line
 from airtact.scene.scene import Obstacle, Scene, check_sources
 from airtact.scene.sources import Monopoles
 from airtact.solvers.bem.layer_potentials import project_contacts
@@ -44,7 +44,8 @@ class FactorisedBodies(Solver):
     smallest: float
     report: SolveReport
 
-    __repr__ = in_short
+    def __repr__(self) -> str:
+        return one_line(self, counted(len(self.bodies), "body", "bodies"), f"{self.report.nodes} unknowns")
 
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
         """Solve for the monopoles, with each body where the scene has it.

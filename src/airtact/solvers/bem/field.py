@@ -8,7 +8,6 @@ from jaxtyping import Bool, Complex128, Float64, Int64, Real
 
 from airtact.conventions import InvalidInput
 from airtact.mesh.quadratic_triangles import points_at
-from airtact.printing import in_short
 from airtact.scene.scene import Scene
 from airtact.scene.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.solvers.bem.layer_potentials import Located, find_contacts, locate, near_surface, project_contacts
@@ -46,7 +45,7 @@ class BoundaryField(RadiatedField):
     accuracy: float
     report: SolveReport
 
-    __repr__ = in_short
+    __repr__ = RadiatedField.__repr__
 
     @cached_property
     def direct(self) -> DirectSolution:

@@ -132,7 +132,7 @@ class FactorisedField(RadiatedField):
     factors: Float64[np.ndarray, "sources"]
     report: SolveReport
 
-    __repr__ = in_short
+    __repr__ = RadiatedField.__repr__
 
     @property
     def on_surface(self) -> SurfaceField:

@@ -7,7 +7,6 @@ from functools import cached_property, partial
 import numpy as np
 from jaxtyping import Bool
 
-from airtact.printing import in_short
 from airtact.scene.scene import CONTACT, Scene
 from airtact.scene.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.solvers.arrays import Gradients, Mask, Points, Pressures
@@ -47,7 +46,7 @@ class FiniteField(RadiatedField):
     report: SolveReport
     workspace: bool = False
 
-    __repr__ = in_short
+    __repr__ = RadiatedField.__repr__
 
     @property
     def system(self) -> System:

@@ -102,7 +102,7 @@ class MultipoleField(RadiatedField):
     report: SolveReport
     errors: Float64[np.ndarray, "excitations"]
 
-    __repr__ = in_short
+    __repr__ = RadiatedField.__repr__
 
     @property
     def on_surface(self) -> SurfaceField:

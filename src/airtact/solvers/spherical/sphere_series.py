@@ -9,7 +9,6 @@ from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
 from airtact.conventions import InvalidInput
-from airtact.printing import in_short
 from airtact.scene.scene import CONTACT, Obstacle, Scene, check_sources
 from airtact.scene.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.solvers.arrays import Gradients, Indices, Lengths, Mask, Pairs, Points, Pressures, SourcePoints, Vectors
@@ -43,7 +42,7 @@ class SphereField(RadiatedField):
     centre: Float64[np.ndarray, "3"]
     report: SolveReport
 
-    __repr__ = in_short
+    __repr__ = RadiatedField.__repr__
 
     @property
     def on_surface(self) -> SurfaceField:

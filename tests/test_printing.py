@@ -1,0 +1,93 @@
+"""What objects print: one line each, and tables for notebooks."""
+
+import re
+
+import numpy as np
+import pytest
+
+import airtact as at
+from airtact.printing import html_table, in_short, one_line, span
+from paths import HANDS
+
+LONGEST = 130
+"""Characters of a line of a public object."""
+
+
+@pytest.fixture(scope="module")
+def objects() -> dict[str, object]:
+    pinch = at.pinch(gap=0.012)
+    scene = at.Scene(at.air(celsius=22), [at.sound_hard(surface) for surface in pinch.surfaces])
+    target = at.Target(pinch.foci(offset=0.5e-3), pressures=1500.0)
+    array, solver = at.surrounding_box(), at.BoundaryElement(accuracy=0.1)
+    beacons = solver.radiate(scene, target.beacons())
+    transfer = at.transfer_matrix(beacons, array)
+    drive = at.max_min(transfer, target)
+    made = {
+        "pinch": pinch,
+        "surface": pinch.surfaces[0],
+        "scene": scene,
+        "obstacle": scene.obstacles[0],
+        "medium": scene.medium,
+        "target": target,
+        "sources": target.beacons(),
+        "array": array,
+        "element": at.piston(4e-3),
+        "solver": solver,
+        "field": beacons,
+        "report": beacons.report,
+        "transfer": transfer,
+        "drive": drive,
+        "frame": at.quantise(drive),
+        "sequence": at.synthesis.amplitude_modulation(drive),
+        "bound": at.upper_bound(transfer, target),
+        "evaluation": at.evaluate(scene, array, drive, target, solver=solver),
+        "comparison": at.compare(scene, array, {"one": drive, "two": drive.phase_only()}, target, solver=solver),
+        "verification": at.evaluation.verify(scene, array, drive, target, solver=solver, transfer=transfer),
+        "hand": at.load_hand(HANDS / "relaxed.json"),
+        "expansion": at.multipole_expansion(beacons),
+        "free field": at.FreeField().radiate(at.Scene(scene.medium, []), target.beacons()),
+    }
+    return made | {"skin": made["verification"].skin, "on surface": beacons.on_surface}
+
+
+def test_every_object_prints_in_one_short_line(objects) -> None:
+    lines = {name: repr(value) for name, value in objects.items()}
+    assert {name: line for name, line in lines.items() if len(line) > LONGEST or "\n" in line} == {}
+
+
+def test_a_line_has_the_numbers_that_matter(objects) -> None:
+    assert repr(objects["transfer"]).startswith("TransferMatrix(2 foci, 996 elements, estimated error ")
+    assert repr(objects["target"]) == "Target(2 foci, 1500 Pa asked)"
+    assert repr(objects["array"]) == "PhasedArray(996 elements, monopoles, 140 x 140 x 172.7 mm)"
+    assert f"weakest {100 * objects['evaluation'].worst:.1f} %" in repr(objects["evaluation"])
+    assert "around 2 bodies" in repr(objects["field"])
+    assert "Scene(open air, 40 kHz" in repr(objects["free field"].scene)
+
+
+NOTEBOOK = ["scene", "target", "array", "transfer", "drive", "field", "evaluation", "comparison", "hand"]
+
+
+@pytest.mark.parametrize("name", NOTEBOOK)
+def test_notebooks_show_a_small_table_in_the_colours_of_the_page(objects, name) -> None:
+    page = objects[name]._repr_html_()
+    assert page.startswith("<table")
+    assert page.count("<tr>") == page.count("</tr>") <= 14
+    assert len(page) < 12_000
+    assert not re.search(r"#[0-9a-f]{3,6}\b|\b(?:white|black)\b", page)
+    assert page.count("color:inherit") >= 3
+    assert "scope=" in page
+
+
+def test_a_table_escapes_what_it_shows_and_counts_what_it_leaves_out() -> None:
+    page = html_table("a < b", ["drive", "Pa"], [[f"<{index}>", "1"] for index in range(20)])
+    assert "a &lt; b" in page
+    assert "&lt;11&gt;" in page
+    assert "&lt;12&gt;" not in page
+    assert "and 8 more" in page
+
+
+def test_parts_that_are_long_stand_as_their_type() -> None:
+    pair = at.hands.Pinch(at.pinch().surfaces, np.zeros((2, 3)), np.zeros((2, 3)), 0.01)
+    assert "surfaces=2 in a tuple" in in_short(pair)
+    assert one_line(pair, "a", "", "b") == "Pinch(a, b)"
+    assert span([1.0, 1.0], "Pa") == "1 Pa"
