@@ -69,7 +69,7 @@ def test_foci_in_millimetres_are_asked_about():
 
 def test_printing_a_target_is_short():
     assert repr(Target(POINTS, 3.0)) == "Target(2 foci, 3 Pa asked)"
-    assert repr(Target(POINTS, shares=[1.0, 0.5])) == "Target(2 foci, shares 0.5 to 1)"
+    assert repr(Target(POINTS, shares=np.array([1.0, 0.5]))) == "Target(2 foci, shares 0.5 to 1)"
     assert repr(Target(POINTS)) == "Target(2 foci, as strong as possible)"
 
 
