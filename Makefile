@@ -1,6 +1,6 @@
 # `make run` shows the main job, `make test` proves it. Everything is installed into .venv.
 .DEFAULT_GOAL := help
-.PHONY: help run test slow check format docs bench clean
+.PHONY: help run test slow check format docs bench wheels clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -13,6 +13,7 @@ help:
 	@echo "make check  linters, types and the rooms' contract only"
 	@echo "make format rewrite the sources in the house's format"
 	@echo "make docs   the documentation site in build/docs; a warning or a broken link fails it"
+	@echo "make wheels wheels for every Python from 3.11 on that is here, in dist/, each proven without a compiler"
 	@echo "make bench  the measured table of the README"
 
 $(VENV)/installed: $(KERNELS)
@@ -64,5 +65,8 @@ bench: $(VENV)/installed-for-tests
 	PYTHONPATH=.:tests $(BIN)/python benchmarks/hand_meshing.py
 	PYTHONPATH=.:tests $(BIN)/python benchmarks/hand_tracking.py
 
+wheels:
+	python3 .ci/wheels.py
+
 clean:
-	rm -rf $(VENV) build out docs/reference
+	rm -rf $(VENV) build dist out docs/reference
