@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 KERNELS := CMakeLists.txt pyproject.toml constraints.txt $(wildcard src/kernels/*)
 
 help:
-	@echo "make run    install into .venv and render examples/pinch.toml and examples/open_hand.toml into out/"
+	@echo "make run    install into .venv and render the examples pinch and open_hand into out/"
 	@echo "make test   all checks and tests (under 12 minutes on 2 cores)"
 	@echo "make slow   the tests that take longer"
 	@echo "make check  linters, types and the rooms' contract only"
@@ -26,8 +26,8 @@ $(VENV)/installed-for-tests: $(VENV)/installed
 	@touch $@
 
 run: $(VENV)/installed
-	$(BIN)/airtact render examples/pinch.toml --out out/pinch
-	$(BIN)/airtact render examples/open_hand.toml --out out/open_hand
+	$(BIN)/airtact render pinch --out out/pinch
+	$(BIN)/airtact render open_hand --out out/open_hand
 	@echo "Look at out/pinch/report.html and out/open_hand/report.html; the drives are drive.csv and drive.h5 beside them."
 
 check: $(VENV)/installed-for-tests

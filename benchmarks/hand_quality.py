@@ -64,7 +64,7 @@ def main() -> None:
     parser.add_argument("--scene", choices=("pinch", "open hand"))
     asked = parser.parse_args()
     found = []
-    for study in studies(ROOT / "examples/hands", KEPT):
+    for study in studies(ROOT / "src/airtact/examples/hands", KEPT):
         if asked.scene in (None, study.name):
             found += outcomes_of(study, asked.seeds)
     if asked.scene is None:

@@ -19,7 +19,7 @@ from airtact.benching.bench import row_jobs
 from airtact.benching.real_time import Row
 
 ROOT = Path(__file__).parent.parent
-EXAMPLES = ROOT / "examples"
+EXAMPLES = ROOT / "src/airtact/examples"
 CACHE = ROOT / "out/bench/references"
 
 
@@ -68,12 +68,12 @@ def quickest_import() -> list[Row]:
 def pinch() -> list[Row]:
     seconds, memory = pinch_seconds()
     measured = f"{seconds:.2f} s, {memory:.2f} GB, the best of 5"
-    return [Row("`examples/pinch.toml`: solve and drive", "0.5 s, 1 GB", measured, "")]
+    return [Row("the example `pinch`: solve and drive", "0.5 s, 1 GB", measured, "")]
 
 
 def rendered(name: str, asked: str) -> list[Row]:
     seconds, memory = render_seconds(name)
-    return [Row(f"`airtact render examples/{name}`", asked, f"{seconds:.0f} s, {memory:.2f} GB", "")]
+    return [Row(f"`airtact render {name}`", asked, f"{seconds:.0f} s, {memory:.2f} GB", "")]
 
 
 def rows(runs: int = 7) -> dict[str, Callable[[], list[Row]]]:

@@ -7,7 +7,6 @@ reference is fundamental solutions inside an ellipsoid, or the same body with sm
 import sys
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import trimesh
@@ -20,8 +19,8 @@ from mesh.repair.damage import damaged
 from references import ellipsoid
 from surfaces.assorted_meshes import assorted
 
-HAND = Path(__file__).parent.parent / "examples/hands/generic-hand-right.glb"
-OPEN_HAND = Path(__file__).parent.parent / "examples/open_hand.toml"
+HAND = at.example("generic-hand-right.glb")
+OPEN_HAND = at.example("open_hand")
 WAVENUMBER = 2 * np.pi / PAPER_AIR.wavelength(FREQUENCY)
 EDGE = 0.638 * PAPER_AIR.wavelength(FREQUENCY)
 """Edge of the panels for an accuracy of 1 %."""

@@ -44,7 +44,7 @@ def transfers() -> dict[str, at.TransferMatrix]:
     if not CACHE.exists():
         random, arrays = np.random.default_rng(5), {}
         for name in names:
-            setup = read_scene(ROOT / f"examples/{name}.toml")
+            setup = read_scene(at.example(name))
             target = at.Target(beside(setup.scene, random))
             transfer = at.transfer_matrix(setup.solver.radiate(setup.scene, target.beacons()), setup.array)
             arrays |= {f"{name}_matrix": transfer.matrix, f"{name}_points": target.points}

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-EXAMPLES = ROOT / "examples"
+EXAMPLES = ROOT / "src/airtact/examples"
 HANDS = EXAMPLES / "hands"
 GENERIC_HAND = HANDS / "generic-hand-right.glb"
 SCENES = ROOT / "tests/scenes"

@@ -56,7 +56,6 @@ def test_there_are_pages() -> None:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_page_runs_and_prints_what_it_shows(page, tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "examples").symlink_to(ROOT / "examples")
     names: dict = {"__name__": page.stem}
     for block, shown in expected_output(blocks(page)):
         capsys.readouterr()

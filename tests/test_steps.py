@@ -11,9 +11,9 @@ from airtact.solvers.bem.solver import BoundaryElement
 from airtact.solvers.fem.solver import FiniteElement
 from airtact.solvers.free_field import FreeField
 from airtact.steps import FINEST, MOST_UNKNOWNS, REFINEMENT, verification_solver
-from paths import ROOT, SCENES
+from paths import EXAMPLES, SCENES
 
-PINCH = read_scene(ROOT / "examples/pinch.toml")
+PINCH = read_scene(EXAMPLES / "pinch.toml")
 
 
 def first_accuracy_that_refines(setup) -> float:

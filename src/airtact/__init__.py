@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from airtact.evaluation.comparison import compare
     from airtact.evaluation.field import field_map
     from airtact.evaluation.metrics import evaluate
+    from airtact.examples import example
     from airtact.files.drives import load_drive
     from airtact.hand.files import load_hand
     from airtact.hand.fitting.fit import fit_hand
@@ -97,6 +98,7 @@ __all__ = [
     "emission",
     "evaluate",
     "evaluation",
+    "example",
     "field_map",
     "filled",
     "fit_hand",
@@ -136,6 +138,7 @@ _HOMES = {
     "evaluation.comparison": "compare",
     "evaluation.field": "field_map",
     "evaluation.metrics": "evaluate",
+    "examples": "example",
     "files.drives": "load_drive",
     "hand.files": "load_hand",
     "hand.fitting.fit": "fit_hand",

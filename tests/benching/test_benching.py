@@ -19,7 +19,7 @@ from airtact.benching.timing import Timed, correlation, relative_error, timed
 from airtact.mesh.topology import cone_volumes, edge_twins
 from airtact.solvers.spherical.sphere_series import SphereSeries
 from faults import raises_code
-from paths import ROOT
+from paths import HANDS
 
 BALL = Bodies((at.sphere(4e-3, 2e-3),), np.array([[0.0, 0.0, 6e-3], [0.0, 7e-3, 0.0]]))
 FAR = at.flat_boards(1, 1).seen_from(at.Pose(np.eye(3), np.array([0.0, 0.0, 0.15]))).positions[::8]
@@ -184,7 +184,7 @@ def test_memory_is_measured_in_a_process_of_its_own() -> None:
 
 def test_rows_of_the_hand_need_its_pose(tmp_path: Path) -> None:
     names = set(bench.row_jobs(tmp_path, None, 1))
-    assert set(bench.row_jobs(tmp_path, ROOT / "examples/hands/relaxed.json", 1)) - names == {"hand", "hand-drive"}
+    assert set(bench.row_jobs(tmp_path, HANDS / "relaxed.json", 1)) - names == {"hand", "hand-drive"}
 
 
 def test_the_folder_holds_tables_figures_and_the_page(tmp_path: Path) -> None:

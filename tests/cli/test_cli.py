@@ -13,10 +13,11 @@ import pytest
 import trimesh
 from matplotlib.image import imread
 
+import airtact as at
 from airtact import __version__
 from airtact.cli import main
 from mesh.meshes import box_mesh
-from paths import ROOT
+from paths import EXAMPLES, ROOT
 
 BALL = ROOT / "tests" / "scenes" / "ball.toml"
 COMMANDS = ("check", "mesh", "render")
@@ -46,27 +47,52 @@ def examples(capsys, *command):
 
 
 @pytest.mark.parametrize("command", [(), *((name,) for name in COMMANDS)])
-def test_help_has_one_example_that_names_a_file_that_is_there(capsys, command):
+def test_help_has_one_example_that_comes_with_airtact(capsys, command):
     ((program, name, file, *_),) = examples(capsys, *command)
     assert program == "airtact"
     assert name in (command or COMMANDS)
-    assert (ROOT / file).is_file()
+    assert at.example(file).is_file()
 
 
-def test_the_example_of_check_runs(capsys, monkeypatch):
-    monkeypatch.chdir(ROOT)
+def test_the_example_of_check_runs_anywhere(capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
     ((_, *arguments),) = examples(capsys, "check")
     code, printed, errors = output(capsys, *arguments)
     assert code == 0
-    assert only_steps(errors)
+    taken, _, steps = errors.partition("\n")
+    assert taken == f"There is no file pinch here: taking the example {at.example('pinch')}"
+    assert only_steps(steps)
     assert "thumb" in printed
+
+
+def test_a_file_here_goes_before_an_example_of_its_name(capsys, monkeypatch, tmp_path):
+    (tmp_path / "pinch").write_text(BALL.read_text(encoding="utf-8"), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    code, printed, errors = output(capsys, "check", "pinch")
+    assert code == 0
+    assert only_steps(errors)
+    assert "south pole" in printed
+
+
+def test_a_name_of_no_file_and_no_example_lists_the_examples(capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    code, _, errors = output(capsys, "render", "pinhc", "--out", "out")
+    assert code == 2
+    assert "'pinhc'" in errors
+    assert "palm_circle, pinch, " in errors
+    assert errors.endswith("[unknown_example]\n")
+
+
+def test_help_of_render_names_all_scenes_that_come_with_airtact(capsys):
+    printed = plain(output(capsys, "render", "--help")[1])
+    assert f"come with airtact: {', '.join(sorted(path.stem for path in EXAMPLES.glob('*.toml')))}." in printed
 
 
 @pytest.mark.slow
 def test_the_example_of_render_runs(capsys, monkeypatch, tmp_path):
     ((_, name, scene, option, folder),) = examples(capsys, "render")
     monkeypatch.chdir(tmp_path)
-    code, printed, _ = output(capsys, name, ROOT / scene, option, folder)
+    code, printed, _ = output(capsys, name, scene, option, folder)
     assert code == 0
     assert "finger.pad" in printed
     assert (tmp_path / folder / "report.html").stat().st_size > 100_000
@@ -75,9 +101,9 @@ def test_the_example_of_render_runs(capsys, monkeypatch, tmp_path):
 def test_the_example_of_mesh_runs(capsys, monkeypatch, tmp_path):
     ((_, name, surface, *options, option, file),) = examples(capsys, "mesh")
     monkeypatch.chdir(tmp_path)
-    code, printed, errors = output(capsys, name, ROOT / surface, *options, option, file)
+    code, printed, errors = output(capsys, name, surface, *options, option, file)
     assert code == 0
-    assert only_steps(errors)
+    assert only_steps(errors.partition("\n")[2])
     assert f"Panels: {file}" in printed
     assert (tmp_path / file).stat().st_size > 100_000
     assert (tmp_path / file).with_suffix(".png").stat().st_size > 50_000

@@ -18,10 +18,10 @@ from airtact.cli import main
 from airtact.tracking.messages import to_json
 from airtact.tracking.recordings import pads_over_time
 from faults import raises_code
-from paths import ROOT
+from paths import HANDS
 from tracking.motions import Pinching, still
 
-EXAMPLE = ROOT / "examples/hands/pinching.jsonl"
+EXAMPLE = HANDS / "pinching.jsonl"
 
 
 def output(capsys, *arguments):
@@ -65,7 +65,7 @@ def test_faulty_recordings_are_rejected_or_counted(capsys, recording, tmp_path):
 
 def test_what_cannot_be_shown_is_rejected(capsys, recording, tmp_path):
     out = tmp_path / "skin.ply"
-    pose = ROOT / "examples/hands/pinch.json"
+    pose = HANDS / "pinch.json"
     for arguments, *numbers, fault in (
         ([recording, "--leave-out", "--frame", 7777], "frame 7777", "0 to 9", "unknown_frame"),
         ([recording, "--gap", 0.01], "0.01 m", "options_clash"),

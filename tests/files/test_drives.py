@@ -76,7 +76,7 @@ def test_frames_come_back_from_the_files_of_a_link(tmp_path, name: str, suffix: 
 
 
 def test_an_old_drive_is_read() -> None:
-    """Written before files had versions, by examples/pinch.toml; one of its four boards."""
+    """Written before files had versions, by the example pinch; one of its four boards."""
     back = load_drive(OLD)
     with h5py.File(OLD) as file:
         assert "format_version" not in file

@@ -214,7 +214,7 @@ def test_a_drive_file_needs_no_scene(capsys, drive) -> None:
 
 @pytest.mark.parametrize("renamed", [False, True])
 def test_a_drive_of_an_older_version_is_emitted(capsys, tmp_path, renamed: bool) -> None:
-    """One of the four boards of a drive.h5 of examples/pinch.toml, written before files had versions."""
+    """One of the four boards of a drive.h5 of the example pinch, written before files had versions."""
     path = Path(shutil.copy(Path(__file__).parent.parent / "files" / "old_drive.h5", tmp_path / "old.h5"))
     if renamed:
         with h5py.File(path) as file:

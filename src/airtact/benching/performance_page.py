@@ -18,7 +18,7 @@ HEAD = """# Performance
 The speed of airtact, with the error beside every time. Made by
 
 ```sh
-airtact bench --out out/bench --acoustools PYTHON --bempp PYTHON --hand examples/hands/relaxed.json
+airtact bench --out out/bench --acoustools PYTHON --bempp PYTHON --hand relaxed.json
 ```
 
 where each PYTHON is the interpreter of an environment with that package; what is not given is left out. Times are

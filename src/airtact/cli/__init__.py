@@ -39,7 +39,7 @@ def _fail(sentence: str, code: str, status: int) -> int:
 
 @click.group(
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    epilog="Example: airtact render examples/pinch.toml --out out/pinch",
+    epilog="Example: airtact render pinch --out out/pinch",
 )
 @click.version_option(package_name="airtact", message="%(prog)s %(version)s")
 def commands() -> None:

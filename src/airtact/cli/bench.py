@@ -5,17 +5,17 @@ from pathlib import Path
 import click
 
 from airtact.cli.console import progress, show
-from airtact.cli.options import FILE, results
+from airtact.cli.options import INPUT, results
 
 
 @click.command(
     short_help="Measure times and errors, beside other packages.",
-    epilog="Example: airtact bench --out out/bench --hand examples/hands/relaxed.json",
+    epilog="Example: airtact bench --out out/bench --hand relaxed.json",
 )
 @results
 @click.option("--acoustools", metavar="PYTHON", help="Interpreter of an environment with AcousTools.")
 @click.option("--bempp", metavar="PYTHON", help="Interpreter of an environment with bempp-cl.")
-@click.option("--hand", type=FILE, help="Pose of an open hand, .json, for its rows.")
+@click.option("--hand", type=INPUT, help="Pose of an open hand, .json, for its rows.")
 @click.option("--quick", is_flag=True, help="Do less of everything.")
 def bench(folder: Path, acoustools: str | None, bempp: str | None, hand: Path | None, quick: bool) -> None:
     """Measure the speed and the accuracy of airtact, beside other packages if their interpreters are given.

@@ -9,7 +9,7 @@ import click
 from rich.markup import escape
 
 from airtact.cli.console import plain_table, progress, repairs_table, sharp_edges_in_words, show
-from airtact.cli.options import FILE, given, surface_settings
+from airtact.cli.options import FILE, INPUT, given, surface_settings
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 @click.command(
     short_help="Report what is in a scene or a surface, or what is wrong with it.",
-    epilog="Example: airtact check examples/pinch.toml",
+    epilog="Example: airtact check pinch",
 )
-@click.argument("scene", metavar="SCENE_OR_SURFACE", type=FILE)
+@click.argument("scene", metavar="SCENE_OR_SURFACE", type=INPUT)
 @click.option("--out", "folder", type=FILE, help="Folder for a picture of the bodies or the fault.")
 @surface_settings
 def check(scene: Path, folder: Path | None, **settings: float | None) -> None:

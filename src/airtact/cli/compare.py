@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from airtact.cli.console import plain_table, progress, show
-from airtact.cli.options import FILE, results, store
+from airtact.cli.options import INPUT, results, store
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 @click.command(
     short_help="Make the drive of a scene by all methods and compare them.",
-    epilog="Example: airtact compare examples/pinch.toml --out out/methods",
+    epilog="Example: airtact compare pinch --out out/methods",
 )
-@click.argument("scene", type=FILE)
+@click.argument("scene", type=INPUT)
 @results
 @store
 def compare(scene: Path, folder: Path, store: Path | None) -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from airtact.cli.console import plain_table, progress, show
-from airtact.cli.options import FILE, given, results
+from airtact.cli.options import INPUT, given, results
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 @click.command(
     name="compare-scan",
     short_help="Compare a measured scan with the prediction for a scene.",
-    epilog="Example: airtact compare-scan examples/pinch_scan.csv examples/pinch.toml --out out/scan",
+    epilog="Example: airtact compare-scan pinch_scan.csv pinch --out out/scan",
 )
-@click.argument("scan", type=FILE)
-@click.argument("scene", type=FILE)
+@click.argument("scan", type=INPUT)
+@click.argument("scene", type=INPUT)
 @results
 @click.option("--diameter", type=float, help="Of the microphone's face in metres; 6.35e-3, a quarter inch, by default.")
 @click.option("--axis", type=float, nargs=3, metavar="X Y Z", help="Direction of its face; 0 0 -1 by default, down.")

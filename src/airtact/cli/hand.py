@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from airtact.cli.console import plain_table, progress, show
-from airtact.cli.options import FILE
+from airtact.cli.options import FILE, INPUT
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 
 @click.command(
     short_help="Make the skin of a hand from a pose, a recording or a point cloud.",
-    epilog="Example: airtact hand examples/hands/pinch.json --gap 0.012 --out hand.ply",
+    epilog="Example: airtact hand pinch.json --gap 0.012 --out hand.ply",
 )
-@click.argument("path", metavar="POSE_RECORDING_OR_CLOUD", type=FILE)
+@click.argument("path", metavar="POSE_RECORDING_OR_CLOUD", type=INPUT)
 @click.option("--gap", type=float, help="Open thumb and index finger to this gap in metres.")
 @click.option("--edge", type=float, help="Edge of the triangles in metres; 4e-3 by default.")
 @click.option("--out", "file", required=True, type=FILE, help="File for the skin.")
 @click.option("--frame", "frames", type=int, multiple=True, help="Frame of a recording; again for more. The first.")
 @click.option("--leave-out", is_flag=True, help="Leave out and count faulty frames of a recording.")
-@click.option("--landmarks", type=FILE, help="Rough joints, a pose as JSON, for a cloud.")
+@click.option("--landmarks", type=INPUT, help="Rough joints, a pose as JSON, for a cloud.")
 @click.option("--camera", type=(float, float, float), help="Position from which a cloud was seen, in metres.")
 def hand(path: Path, file: Path, **settings: Any) -> None:
     """Make the closed skin of a hand from its joints in metres: 25 of WebXR, or 21 of MediaPipe or Leap.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from airtact.cli.console import plain_table, progress, repairs_table, sharp_edges_in_words, show
-from airtact.cli.options import FILE, given, surface_settings
+from airtact.cli.options import FILE, INPUT, given, surface_settings
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 @click.command(
     short_help="Cover a surface with curved panels and report how good they are.",
-    epilog="Example: airtact mesh examples/hands/generic-hand-right.glb --out out.vtkhdf",
+    epilog="Example: airtact mesh generic-hand-right.glb --out out.vtkhdf",
 )
-@click.argument("surface", type=FILE)
+@click.argument("surface", type=INPUT)
 @click.option("--edge", type=float, help="Edge of the panels in metres; by default what 1 % takes at 40 kHz.")
 @click.option("--out", "file", required=True, type=FILE, help="File for the panels.")
 @surface_settings

@@ -7,11 +7,37 @@ from typing import TypeVar
 
 import click
 
+import airtact as at
+
 Command = TypeVar("Command", bound=Callable[..., None])
 Setting = TypeVar("Setting")
 
 FILE = click.Path(path_type=Path)
 """A file or folder."""
+
+
+class InputFile(click.ParamType):
+    """A file that is read; a name without a folder, of which there is no file, is that of an example."""
+
+    name = "file"
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """Return the file, or the example of that name, and print which."""
+        path = Path(value)
+        if path.is_file() or path.name != value:
+            return path
+        try:
+            found = at.example(value)
+        except at.InvalidInput:
+            if path.suffix:
+                return path
+            raise
+        click.echo(f"There is no file {value} here: taking the example {found}", err=True)
+        return found
+
+
+INPUT = InputFile()
+"""A file that is read, or the name of an example."""
 
 
 class Names(click.ParamType):

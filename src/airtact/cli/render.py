@@ -7,7 +7,7 @@ import click
 from rich.markup import escape
 
 from airtact.cli.console import plain_table, progress, show
-from airtact.cli.options import FILE, results, store
+from airtact.cli.options import INPUT, results, store
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -17,13 +17,17 @@ if TYPE_CHECKING:
 
 @click.command(
     short_help="Compute the drive and the field for a scene.",
-    epilog="Example: airtact render examples/pinch.toml --out out/pinch",
+    epilog="Example: airtact render pinch --out out/pinch",
 )
-@click.argument("scene", type=FILE)
+@click.argument("scene", type=INPUT)
 @results
 @store
 def render(scene: Path, folder: Path, store: Path | None) -> None:
-    """Compute the drive and the field for SCENE and write drive.csv, drive.h5, field.vtkhdf and report.html."""
+    """Compute the drive and the field for SCENE and write drive.csv, drive.h5, field.vtkhdf and report.html.
+
+    SCENE is a file, or one of the examples that come with airtact: air_letters, open_hand, palm_circle, pinch,
+    pinch_pose, suppressed_pinch.
+    """
     with progress() as report_step:
         report_step("starting")
         from airtact.workflows import render as workflow

@@ -1,0 +1,36 @@
+"""The scenes, hands and the scan that come with airtact."""
+
+from pathlib import Path
+
+from airtact.conventions import InvalidInput
+
+ENDINGS = (".csv", ".glb", ".json", ".jsonl", ".ply", ".toml")
+
+
+def example(name: str) -> Path:
+    """Return the path of a file that comes with airtact.
+
+    Parameters
+    ----------
+    name : a scene, such as "pinch", or any other file with its ending, such as "relaxed.json".
+
+    Raises
+    ------
+    InvalidInput
+        If there is none of that name; the sentence has all names.
+
+    Examples
+    --------
+    >>> example("pinch").name
+    'pinch.toml'
+    """
+    files = {
+        path.stem if path.suffix == ".toml" else path.name: path
+        for path in sorted(Path(__file__).parent.rglob("*"))
+        if path.suffix in ENDINGS
+    }
+    found = files.get(name.removesuffix(".toml"))
+    if found is None:
+        names = ", ".join(sorted(files))
+        raise InvalidInput(f"{name!r} is not 1 of the {len(files)} examples: {names}.", code="unknown_example")
+    return found
