@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Complex128, Float64, Int64, Real
+from jaxtyping import Complex128, Float64, Int64, Num, Real
 
 from airtact.benching.scenes import Bodies
 from airtact.printing import in_short
@@ -256,7 +256,7 @@ def reference_pressure(
 
 
 def cached_reference(
-    folder: Path, settings: str, arrays: Sequence[Real[np.ndarray, "..."]], compute: Callable[[], Reference]
+    folder: Path, settings: str, arrays: Sequence[Num[np.ndarray, "..."]], compute: Callable[[], Reference]
 ) -> Reference:
     """Read a reference from a folder, or compute and write it; its file is named by its settings and arrays."""
     digest = hashlib.sha256(settings.encode())
