@@ -17,13 +17,13 @@ MOST_POINTS = 36_000
 MOST_FINE = 3
 """With more excitations the points in between are left out, or the page would grow large."""
 
-MARGIN = 1.8
+MARGIN = 1.5
 """How far the planes reach past the outermost foci, in wavelengths."""
 
 STEPS = 1.0 / 5.0, 1.0 / 4.0
 """Distance of the points in wavelengths: in a box that is cut along any axis, and in a stack of planes."""
 
-LEAST_PLANES = 7
+LEAST_PLANES = 9
 """Planes of a stack."""
 
 SURFACE_EDGE = 1.0 / 4.0

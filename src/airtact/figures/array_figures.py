@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float64, Int, Real
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import EllipseCollection
 from matplotlib.colors import Normalize
@@ -26,11 +27,13 @@ PHASE_TICKS = {-np.pi: "−π", -np.pi / 2: "−π/2", 0.0: "0", np.pi / 2: "π/
 class Face:
     """The elements of an array that lie in one plane and radiate the same way, along ``normal``.
 
-    ``seen`` are their positions as seen from the side they radiate to, upright [m].
+    ``seen`` are their positions as seen from the side they radiate to, upright [m]: along the unit vectors in the rows
+    of ``sides``, right and up.
     """
 
     elements: Int[np.ndarray, "elements"]
     seen: Float64[np.ndarray, "elements 2"]
+    sides: Float64[np.ndarray, "2 3"]
     normal: Float64[np.ndarray, "3"]
 
 
@@ -57,8 +60,8 @@ def _face(positions: np.ndarray, normals: np.ndarray, group: np.ndarray, upright
     up = upright - upright @ normal * normal
     up = up / np.linalg.norm(up)
     # The viewer stands where the face radiates to and looks along -normal.
-    right = np.cross(up, normal)
-    return Face(group, positions[group] @ np.stack([right, up], axis=1), normal)
+    sides = np.stack([np.cross(up, normal), up])
+    return Face(group, positions[group] @ sides.T, sides, normal)
 
 
 def _bearing(normal: np.ndarray, upright: np.ndarray) -> float:
@@ -79,8 +82,8 @@ def draw_phases(
     beside = len(faces) == 1
     widths = [*spans[:, 0]] * (2 if beside else 1)
     heights = [spans[:, 1].max()] * (1 if beside else 2)
-    inches = min(10.5 / sum(widths), 8.4 / sum(heights))
-    size = sum(widths) * inches + (3.4 if beside else 2.0), sum(heights) * inches + 1.2
+    inches = min(9.4 / sum(widths), (4.6 if beside else 6.6) / sum(heights))
+    size = sum(widths) * inches + (3.0 if beside else 2.0), sum(heights) * inches + 1.2
     figure = Figure(figsize=size, layout="constrained")
     axes = figure.subplots(len(heights), len(widths), squeeze=False, sharex="col", sharey="row", width_ratios=widths)
     rows = axes.T if beside else axes
@@ -88,21 +91,33 @@ def draw_phases(
     magnitudes = np.abs(amplitudes)
     emitted = (
         (np.angle(amplitudes), _phase_colours(), "phase [rad]"),
-        (magnitudes, ScalarMappable(Normalize(0, magnitudes.max()), "viridis"), "amplitude [of full scale]"),
+        (magnitudes, ScalarMappable(Normalize(0, magnitudes.max()), "viridis"), "amplitude\n[of full scale]"),
     )
     for row, (values, scale, label) in zip(rows, emitted, strict=True):
         for panel, face in zip(row, faces, strict=True):
             _draw_discs(panel, 1e3 * face.seen, values[face.elements], 1e3 * diameter, scale)
-        bar = figure.colorbar(scale, ax=list(row), label=label, pad=0.01, aspect=25)
+        bar = figure.colorbar(scale, ax=list(row), pad=0.01, aspect=25)
+        bar.ax.set_title(label, fontsize=9)  # beside the bar it would read as the label of the next picture's axis
         if scale.get_cmap().name == "twilight":
             bar.set_ticks(list(PHASE_TICKS), labels=list(PHASE_TICKS.values()))
     for panel, face in zip(axes[0], faces * (2 if beside else 1), strict=True):
         panel.set_title(_where(face, positions), fontsize=10)
-    for panel in axes[-1]:
-        panel.set_xlabel("along the face [mm]")
+    for panel, face in zip(axes[-1], faces * (2 if beside else 1), strict=True):
+        _name(panel.xaxis, face.sides[0], "along the face [mm]")
     for panel in axes[:, 0]:
-        panel.set_ylabel("up [mm]")
+        _name(panel.yaxis, faces[0].sides[1], "up [mm]")
     return figure
+
+
+def _name(axis: Axis, direction: Float64[np.ndarray, "3"], other: str) -> None:
+    """Label an axis as that of the frame that it follows, which may fall where it rises, or by another word."""
+    for name, unit in AXES.items():
+        if abs(direction @ unit) > 1 - 1e-6:
+            axis.set_label_text(f"{name} [mm]")
+            if direction @ unit < 0:
+                axis.set_major_formatter(lambda value, _: f"{-value:g}".replace("-", "−"))
+            return
+    axis.set_label_text(other)
 
 
 def _phase_colours() -> ScalarMappable:

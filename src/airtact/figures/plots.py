@@ -7,6 +7,7 @@ from jaxtyping import Bool, Float64, Real
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
+from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
@@ -132,16 +133,33 @@ def _maps(
 ) -> Figure:
     wide, tall = np.ptp(projected, axis=0)
     size = 3.6 / max(wide, tall)
-    figure = Figure(figsize=(3 * max(wide * size, 1.6) + 1.4, max(tall * size, 1.6) + 1.0), layout="constrained")
+    figure = Figure(figsize=(3 * max(wide * size, 1.6) + 2.4, max(tall * size, 1.6) + 1.0), layout="constrained")
     axes = figure.subplots(1, 3, sharex=True, sharey=True)
-    scale = Normalize(0.0, max(float(values.max()) for values in shown.values()))
-    # squares that just meet where the positions form a grid
-    side = 72 * size * np.sqrt(wide * tall / len(projected))
-    for panel, (name, values) in zip(axes, shown.items(), strict=True):
-        panel.scatter(*projected.T, c=values, cmap=COLOURS, norm=scale, s=max(side, 2.0) ** 2, marker="s", linewidths=0)
+    *both, difference = (float(values.max()) for values in shown.values())
+    pressure = ScalarMappable(Normalize(0.0, max(both)), COLOURS)
+    scales = (pressure, pressure, ScalarMappable(Normalize(0.0, max(difference, 1e-9)), "viridis"))
+    cells = _cells(projected)
+    for panel, (name, values), scale in zip(axes, shown.items(), scales, strict=True):
+        panel.add_collection(PolyCollection(cells, facecolors=scale.to_rgba(values), edgecolors="face", linewidths=0.4))
         panel.set_title(name, fontsize=11)
         panel.set(xlabel=labels[0], aspect="equal", facecolor="0.85")
+        panel.autoscale_view()
     axes[0].set_ylabel(labels[1])
-    label = "pressure over the largest measured"
-    figure.colorbar(ScalarMappable(scale, COLOURS), ax=list(axes), label=label, aspect=28)
+    figure.colorbar(pressure, ax=list(axes[:2]), label="pressure over the largest measured", aspect=28)
+    figure.colorbar(scales[2], ax=axes[2], label="difference, on a scale of its own", aspect=28)
     return figure
+
+
+def _cells(projected: Float64[np.ndarray, "points 2"]) -> Float64[np.ndarray, "points 4 2"]:
+    """Draw a rectangle round each position, as large as the step between positions along each axis."""
+    steps = [_step(along) for along in projected.T]
+    corners = 0.5 * np.array(steps) * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    return projected[:, None] + corners
+
+
+def _step(along: Float64[np.ndarray, "points"]) -> float:
+    """Find the usual distance of neighbouring coordinates, or what fills their span where they lie on no grid."""
+    span = float(np.ptp(along))
+    gaps = np.diff(np.sort(along))
+    gaps = gaps[gaps > 1e-3 * span]
+    return float(max(np.median(gaps), span / np.sqrt(len(along)) / 2.0)) if len(gaps) else span

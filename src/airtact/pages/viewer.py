@@ -211,13 +211,21 @@ def _views(view: SceneView) -> dict[str, Any]:
     middle = slices.corner + (sides / 2.0) @ slices.axes
     everything = view.positions if view.surfaces is None else np.concatenate([view.positions, view.surfaces.vertices])
     lowest, highest = everything.min(axis=0), everything.max(axis=0)
-    normal = slices.axes[2]
-    towards = normal if abs(normal[2]) > 0.9 else normal * (1.0 if normal @ [0.3, -1.0, 0.1] > 0 else -1.0)
-    azimuth = float(np.arctan2(towards[1], towards[0])) if abs(normal[2]) <= 0.9 else -1.2
+    azimuth, elevation = _side(slices.axes[2], view.normals)
     return {
         "middle": _rounded(1e3 * (lowest + highest) / 2.0),
         "reach": 0.55e3 * float(np.linalg.norm(highest - lowest)),
         "focus": _rounded(1e3 * middle),
         "close": 0.62e3 * float(np.linalg.norm(sides[:2])),
-        "seen": [azimuth + 0.5, 0.35 if abs(normal[2]) <= 0.9 else 0.8],
+        "seen": [azimuth, elevation],
     }
+
+
+def _side(normal: Float64[np.ndarray, "3"], radiated: Real[np.ndarray, "elements 3"]) -> tuple[float, float]:
+    """Azimuth and elevation from which the slice is seen first [rad], from where the sound comes if from one side."""
+    towards = -radiated.mean(axis=0)
+    if abs(normal[2]) > 0.9:
+        return -1.1, 0.8 if towards[2] > -0.3 else -0.5
+    way = normal @ towards if abs(normal @ towards) > 0.3 else normal @ [0.3, -1.0, 0.0]
+    seen = normal * np.sign(way)
+    return float(np.arctan2(seen[1], seen[0])) + 0.5, 0.35

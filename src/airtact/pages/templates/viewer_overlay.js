@@ -85,6 +85,8 @@ class Overlay {
     for (const [index, colour] of colours.entries()) {
       gradient.append(this.made("stop", { offset: index / (colours.length - 1), "stop-color": colour }));
     }
+    const plate = { x: left - 10, y: top - 22, width: length + 22, height: 52, rx: 5, fill: this.paper, opacity: 0.82 };
+    this.add("rect", plate);
     const box = { x: left, y: top, width: length, height: 10, stroke: this.ink, "stroke-width": 0.5 };
     this.svg.append(gradient, this.made("rect", { ...box, fill: `url(#scale-${name})` }));
     this.write(left, top - 6, title, 12);
@@ -114,7 +116,8 @@ class Overlay {
 
   axes({ target, pixel }) {
     const [fromX, fromY] = this.seen(target);
-    const [x, y] = [this.width - 42, 46];
+    const [x, y] = [this.width - 44, 48];
+    this.add("circle", { cx: x, cy: y, r: 42, fill: this.paper, opacity: 0.82 });
     for (const [axis, name] of [..."xyz"].entries()) {
       const tip = target.clone().setComponent(axis, target.getComponent(axis) + 26 * pixel);
       const [toX, toY] = this.seen(tip);
