@@ -102,13 +102,13 @@ def slices_around(
 
 def _counts(sides: Float64[np.ndarray, "3"]) -> tuple[tuple[int, ...], bool]:
     """Points along the sides [wavelengths], and whether they stand equally close along all."""
-    counts = np.ceil(sides / STEPS[0]).astype(int) + 1
+    counts = 2 * np.ceil(sides / STEPS[0] / 2.0).astype(int) + 1  # odd, so that one plane lies in the middle
     if counts.prod() <= MOST_POINTS:
         return tuple(counts.tolist()), True
     step = max(STEPS[1], float(np.sqrt(sides[0] * sides[1] * LEAST_PLANES / MOST_POINTS)))
     across, along = (np.ceil(sides[:2] / step).astype(int) + 1).tolist()
     planes = min(int(counts[2]), max(LEAST_PLANES, MOST_POINTS // (across * along)))
-    return (across, along, planes - 1 + planes % 2), False  # odd, so that one plane lies in the middle
+    return (across, along, planes - 1 + planes % 2), False
 
 
 def _finer(

@@ -96,8 +96,10 @@ def draw_phases(
     for row, (values, scale, label) in zip(rows, emitted, strict=True):
         for panel, face in zip(row, faces, strict=True):
             _draw_discs(panel, 1e3 * face.seen, values[face.elements], 1e3 * diameter, scale)
-        bar = figure.colorbar(scale, ax=list(row), pad=0.01, aspect=25)
-        bar.ax.set_title(label, fontsize=9)  # beside the bar it would read as the label of the next picture's axis
+        bar = figure.colorbar(scale, ax=list(row), pad=0.02, aspect=25)
+        bar.ax.set_title(
+            label, fontsize=9, loc="left"
+        )  # beside the bar it would read as the label of the next picture's axis
         if scale.get_cmap().name == "twilight":
             bar.set_ticks(list(PHASE_TICKS), labels=list(PHASE_TICKS.values()))
     for panel, face in zip(axes[0], faces * (2 if beside else 1), strict=True):

@@ -23,7 +23,7 @@ BODY = "0.66"
 COLOURS = "magma"
 """Colours of pressure magnitudes: perceptually uniform, black for silence."""
 
-DIFFERENCES = ScalarMappable(Normalize(-12.0, 12.0), "RdBu_r")
+DIFFERENCES = ScalarMappable(Normalize(-6.0, 6.0), "RdBu_r")
 """Colours of the level of one drive over that of another [dB]."""
 
 FAINT, FAINT_GREY = 0.1, "0.86"

@@ -140,7 +140,9 @@ def _maps(
     scales = (pressure, pressure, ScalarMappable(Normalize(0.0, max(difference, 1e-9)), "viridis"))
     cells = _cells(projected)
     for panel, (name, values), scale in zip(axes, shown.items(), scales, strict=True):
-        panel.add_collection(PolyCollection(cells, facecolors=scale.to_rgba(values), edgecolors="face", linewidths=0.4))
+        panel.add_collection(
+            PolyCollection(list(cells), facecolors=scale.to_rgba(values), edgecolors="face", linewidths=0.4)
+        )
         panel.set_title(name, fontsize=11)
         panel.set(xlabel=labels[0], aspect="equal", facecolor="0.85")
         panel.autoscale_view()

@@ -107,7 +107,9 @@ class Contest:
 def write_methods_page(path: Path, contest: Contest) -> None:
     """Write the comparison as one HTML file that needs nothing else; it appears only once it is complete."""
     values = {**_summary(contest), **_tables(contest), **_pictures(contest)}
-    values["space"] = viewer_values(contest.view, contest.title)
+    values["space"] = viewer_values(
+        contest.view, contest.title, (contest.contenders.index(contest.best), len(contest.contenders) - 1)
+    )
     title = f"airtact: methods for {contest.title}"
     with whole_file(path) as partial:
         partial.write_text(page_from("methods.html.j2", title=title, contest=contest, **values), "utf-8")

@@ -31,6 +31,9 @@ CITATION = (
 NONLINEAR = 5e3
 """Peak pressure from which the page warns that air is no longer linear [Pa]: a Mach number above 3 %."""
 
+MET = 0.98
+"""Share of the pressure asked of a focus above which it counts as reached."""
+
 
 @dataclass(frozen=True, eq=False)
 class Run:
@@ -103,14 +106,35 @@ def _summary(run: Run) -> dict[str, Any]:
         "foci": counted(len(run.foci), "focus", "foci"),
         "stand": "stands" if len(run.foci) == 1 else "stand",
         "where": f"beside {_and(run.bodies)}, which {scatter} the sound" if run.bodies else "in open air",
+        "headline": _headline(run),
+        "notes": _shortfalls(run),
         "facts": [
-            (f"{_rounded(run.reached.min())} Pa", "peak pressure at the weakest focus"),
             (f"{ratio:.2f} ×", "pressure when the hand is ignored, at equal energy, mean over the foci"),
             (f"{solve:.2f} s", "to solve and make the drive"),
             (_percent(run.comparison.report.estimated_error), "estimated error of these pressures"),
         ],
         "warnings": list(dict.fromkeys(warnings)),
     }
+
+
+def _headline(run: Run) -> str:
+    """Say what the weakest focus gets from both drives, each as the page shows it."""
+    considered, ignored = run.view.reached.min(axis=0)
+    change = f"{20.0 * np.log10(considered / ignored):+.1f} dB".replace("-", "−")
+    names, held = run.comparison.names, run.view.held_equal
+    return (
+        f"{names[0].capitalize()}: {_rounded(considered)} Pa at the weakest focus. {names[1].capitalize()}, at {held}: "
+        f"{_rounded(ignored)} Pa, a difference of {change}."
+    )
+
+
+def _shortfalls(run: Run) -> list[str]:
+    """Say which foci get less than was asked of them."""
+    if run.target.pressures is None:
+        return []
+    pairs = zip(run.foci, run.reached, run.target.pressures, strict=True)
+    short = [f"{name} {got:,.0f} of {asked:,.0f} Pa" for name, got, asked in pairs if got < MET * asked]
+    return [f"Asked and not reached: {', '.join(short)}."] if short else []
 
 
 def _transducers(run: Run) -> str:

@@ -73,11 +73,14 @@ class SceneView:
         return float(max(air.max(initial=1e-9), self.reached.max(), walls))
 
 
-def viewer_values(view: SceneView, title: str) -> dict[str, str | list[str] | list[int]]:
-    """Values for the pieces of a template that hold the scene."""
+def viewer_values(
+    view: SceneView, title: str, chosen: tuple[int, int] = (0, 1)
+) -> dict[str, str | list[str] | list[int]]:
+    """Make what a template shows of a scene; the drive ``chosen`` first is shown first, against the other."""
     facts, numbers = _facts(view, title)
     return {
         "drives": list(view.drives),
+        "chosen": list(chosen),
         "facts": Markup(json.dumps(facts).replace("<", "\\u003c")),
         "numbers": _packed(numbers),
         "three": _packed(three_js().encode()),

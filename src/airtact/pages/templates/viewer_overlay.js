@@ -1,7 +1,7 @@
 // Words, rings round the foci, scales of colours and the axes: drawn as SVG over the scene, so that they stay sharp.
 "use strict";
 
-const DIFFERENCE = 12; // dB at the ends of the colours of a difference
+const DIFFERENCE = 6; // dB at the ends of the colours of a difference
 const LEVELS = 40; // dB that the colours of levels span
 const MOST_NAMES = 8; // more foci than this have small rings and no names
 
@@ -117,7 +117,6 @@ class Overlay {
   axes({ target, pixel }) {
     const [fromX, fromY] = this.seen(target);
     const [x, y] = [this.width - 44, 48];
-    this.add("circle", { cx: x, cy: y, r: 42, fill: this.paper, opacity: 0.82 });
     for (const [axis, name] of [..."xyz"].entries()) {
       const tip = target.clone().setComponent(axis, target.getComponent(axis) + 26 * pixel);
       const [toX, toY] = this.seen(tip);
