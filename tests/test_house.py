@@ -189,7 +189,7 @@ def watch(event, arguments):
 sys.addaudithook(watch)
 import airtact
 light = set(sys.modules)
-names = [getattr(airtact, name) for name in airtact.__all__]
+names = [getattr(airtact, name) for name in airtact.__all__ if name != "plot"]  # that is matplotlib
 installed = (sys.prefix, sys.base_prefix, os.path.dirname(airtact.__file__))
 for name, mode in touched:
     if not name.endswith((".py", ".pyc", ".so")) and not name.startswith(installed) or set(mode) & set("wax+"):

@@ -2,8 +2,9 @@
 
 The way through: a ``Scene`` (what is in the air) and a ``Target`` (what a person feels); one solve with beacons, the
 virtual sources at the foci; the transfer matrix to a ``PhasedArray`` by reciprocity; a ``Drive``; its evaluation with
-another solver. The main path is at the top; the rest is in the public modules ``synthesis``, ``targets``, ``boards``,
-``emission``, ``tracking``, ``hands``, ``evaluation``, ``solvers``, ``scene``, ``scene_file`` and ``surfaces``.
+another solver. The main path is at the top; the rest is in the public modules ``synthesis``, ``targets``, ``plot``,
+``boards``, ``emission``, ``tracking``, ``hands``, ``evaluation``, ``solvers``, ``scene``, ``scene_file`` and
+``surfaces``.
 """
 
 import importlib
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
         emission,
         evaluation,
         hands,
+        plot,
         scene,
         scene_file,
         solvers,
@@ -115,6 +117,7 @@ __all__ = [
     "multipole_expansion",
     "pinch",
     "piston",
+    "plot",
     "quantise",
     "read_scene",
     "scene",

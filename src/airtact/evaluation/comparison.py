@@ -82,6 +82,21 @@ class Comparison:
         pressures = self.field.at(points)
         return {name: pressures[:, self.column(name)] for name in self.names}
 
+    def under(self, held_equal: str) -> Float64[np.ndarray, "drives foci"]:
+        """(D, F) pressure of each drive at each focus [Pa], under one normalisation.
+
+        Raises
+        ------
+        InvalidInput
+            If the normalisation is not known.
+        """
+        if held_equal not in self.pressures:
+            raise InvalidInput(
+                f"{held_equal!r} is not one of the {len(self.pressures)} normalisations: {', '.join(self.pressures)}.",
+                code="unknown_name",
+            )
+        return self.pressures[held_equal]
+
     def ratios(self, held_equal: str) -> Float64[np.ndarray, "drives foci"]:
         """(D, F) pressure of each drive over that of the first, at each focus, under one normalisation.
 
@@ -94,7 +109,7 @@ class Comparison:
         InvalidInput
             If the normalisation is not known, or the first drive gives a focus no pressure.
         """
-        pressures = self._under(held_equal)
+        pressures = self.under(held_equal)
         if not pressures[0].all():
             focus = int(np.argmin(pressures[0]))
             raise InvalidInput(
@@ -102,14 +117,6 @@ class Comparison:
                 code="reference_silent",
             )
         return pressures / pressures[0]
-
-    def _under(self, held_equal: str) -> Float64[np.ndarray, "drives foci"]:
-        if held_equal not in self.pressures:
-            raise InvalidInput(
-                f"{held_equal!r} is not one of the {len(self.pressures)} normalisations: {', '.join(self.pressures)}.",
-                code="unknown_name",
-            )
-        return self.pressures[held_equal]
 
     def squared_ratios(self, held_equal: str) -> Float64[np.ndarray, "drives foci"]:
         """(D, F) pressure squared over that of the first drive; parameters and errors as ``ratios``."""
@@ -123,7 +130,7 @@ class Comparison:
         InvalidInput
             If the normalisation is not known.
         """
-        return self._under(held_equal)[:, self.target.weights > 0.0].min(axis=1)
+        return self.under(held_equal)[:, self.target.weights > 0.0].min(axis=1)
 
     def table(self) -> list[dict[str, str | int | float]]:
         """Return one row for each normalisation, drive and focus, which ``pandas.DataFrame`` takes.

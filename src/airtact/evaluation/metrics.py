@@ -33,11 +33,13 @@ class Evaluation:
     target : the foci and the pressures asked there.
     pressures : (F,) complex pressure at each focus [Pa], peak.
     report : of the solver that evaluated them.
+    field : the field of the drive, its one excitation; None where others were solved with it.
     """
 
     target: Target
     pressures: Complex128[np.ndarray, "foci"]
     report: SolveReport
+    field: RadiatedField | None = None
 
     def __repr__(self) -> str:
         foci = counted(len(self.pressures), "focus", "foci")
@@ -147,7 +149,7 @@ def evaluate(scene: Scene, array: PhasedArray, drive: Drive, target: Target, *, 
         body is behind the face of a directional element, a focus is on an element, or something is of the wrong kind.
     """
     field = radiate_drives(scene, array, [drive], target, solver)
-    return Evaluation(target, np.ascontiguousarray(field.at(target.points)[:, 0]), field.report)
+    return Evaluation(target, np.ascontiguousarray(field.at(target.points)[:, 0]), field.report, field)
 
 
 def radiate_drives(

@@ -1,6 +1,7 @@
 """Points for pictures and field files: windows in planes through the foci, and boxes around them."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float64, Real
@@ -83,7 +84,16 @@ def plane_through(
     if len(bodies):
         candidates.append(_snapped(_direction(bodies.mean(axis=0) - middle)))
     first, second = _independent([*candidates, AXES["z"], AXES["x"], AXES["y"]])
-    right, up = _upright(np.cross(first, second))
+    return _round_foci(foci, *_upright(np.cross(first, second)), wavelength)
+
+
+def plane_across(foci: Real[np.ndarray, "foci 3"], name: Literal["xy", "xz", "yz"], wavelength: float) -> Window:
+    """Return a window round the foci as ``plane_through``, along two axes of the frame, through the foci's middle."""
+    return _round_foci(foci, AXES[name[0]], AXES[name[1]], wavelength)
+
+
+def _round_foci(foci: np.ndarray, right: np.ndarray, up: np.ndarray, wavelength: float) -> Window:
+    middle = foci.mean(axis=0)
     within = (foci - middle) @ np.stack([right, up], axis=1)
     lowest, highest = within.min(axis=0), within.max(axis=0)
     width, height = highest - lowest + 6 * wavelength

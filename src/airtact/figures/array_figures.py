@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Complex, Float64, Int, Real
@@ -11,6 +12,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import EllipseCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from airtact.evaluation.windows import AXES
@@ -19,6 +21,9 @@ from airtact.surfaces.surface import Surface
 
 GREY = 0.9, 0.873, 0.846, 1.0
 """Colour of bodies."""
+
+UNDRIVEN = 0.62, 0.70, 0.78, 1.0
+"""Colour of transducers without a drive."""
 
 PHASE_TICKS = {-np.pi: "−π", -np.pi / 2: "−π/2", 0.0: "0", np.pi / 2: "π/2", np.pi: "π"}
 
@@ -95,7 +100,7 @@ def draw_phases(
     )
     for row, (values, scale, label) in zip(rows, emitted, strict=True):
         for panel, face in zip(row, faces, strict=True):
-            _draw_discs(panel, 1e3 * face.seen, values[face.elements], 1e3 * diameter, scale)
+            _draw_discs(panel, 1e3 * face.seen, scale.to_rgba(values[face.elements]), 1e3 * diameter)
         bar = figure.colorbar(scale, ax=list(row), pad=0.02, aspect=25)
         bar.ax.set_title(
             label, fontsize=9, loc="left"
@@ -122,6 +127,43 @@ def _name(axis: Axis, direction: Float64[np.ndarray, "3"], other: str) -> None:
     axis.set_label_text(other)
 
 
+def draw_faces(
+    axes: Axes,
+    positions: Real[np.ndarray, "elements 3"],
+    normals: Real[np.ndarray, "elements 3"],
+    amplitudes: Complex[np.ndarray, "elements"],
+    show: Literal["phase", "amplitude"],
+) -> None:
+    """Draw phase or amplitude of every transducer into axes, the faces of the array side by side, with a bar."""
+    scale = _phase_colours() if show == "phase" else ScalarMappable(Normalize(0, 1), "viridis")
+    colours = scale.to_rgba(np.angle(amplitudes) if show == "phase" else np.abs(amplitudes))
+    faces = unfold(positions, normals)
+    size = 1e3 * min(spacing(positions[face.elements]) for face in faces) * 0.94
+    left, top = 0.0, max(1e3 * face.seen[:, 1].max() for face in faces) + size
+    placed = []
+    for face in faces:
+        seen = 1e3 * face.seen
+        shift = 0.0 if len(faces) == 1 else left - seen[:, 0].min()
+        placed.append(seen + [shift, 0.0])
+        if len(faces) > 1:
+            middle = float(np.ptp(seen[:, 0])) / 2.0 + left
+            axes.text(middle, top, _where(face, positions).replace(", ", "\n"), ha="center", va="bottom", fontsize=9)
+        left += float(np.ptp(seen[:, 0])) + 3 * size
+    order = np.concatenate([face.elements for face in faces])
+    _draw_discs(axes, np.concatenate(placed), colours[order], size)
+    _name(axes.yaxis, faces[0].sides[1], "up [mm]")
+    if len(faces) == 1:
+        _name(axes.xaxis, faces[0].sides[0], "along the face [mm]")
+        axes.set_title(_where(faces[0], positions))
+    else:
+        axes.set_xlabel("along the faces, side by side [mm]")
+    label = "phase [rad]" if show == "phase" else "amplitude [of full scale]"
+    side: Literal["right", "bottom"] = "right" if len(faces) == 1 else "bottom"
+    bar = axes.figure.colorbar(scale, ax=axes, label=label, location=side, pad=0.02, aspect=25)
+    if show == "phase":
+        bar.set_ticks(list(PHASE_TICKS), labels=list(PHASE_TICKS.values()))
+
+
 def _phase_colours() -> ScalarMappable:
     return ScalarMappable(Normalize(-np.pi, np.pi), "twilight")
 
@@ -138,13 +180,12 @@ def spacing(positions: Real[np.ndarray, "elements 3"]) -> float:
 def _draw_discs(
     axes: Axes,
     seen: Float64[np.ndarray, "elements 2"],
-    values: Real[np.ndarray, "elements"],
+    colours: Real[np.ndarray, "elements 4"],
     size: float,
-    scale: ScalarMappable,
 ) -> None:
     sizes = np.full(len(seen), size)
     discs = EllipseCollection(sizes, sizes, np.zeros(len(seen)), units="xy", offsets=seen, transOffset=axes.transData)
-    discs.set(facecolor=scale.to_rgba(values), edgecolor="0.55", linewidth=0.3)
+    discs.set(facecolor=colours, edgecolor="0.55", linewidth=0.3)
     axes.add_collection(discs)
     lowest, highest = seen.min(axis=0) - size, seen.max(axis=0) + size
     axes.set(xlim=(lowest[0], highest[0]), ylim=(lowest[1], highest[1]), aspect="equal")
@@ -172,31 +213,57 @@ def draw_scene(
     Discs that turn their back to the viewer are faint rings below the rest, so that near walls hide nothing.
     """
     figure = Figure(figsize=(10.4, 8.0), layout="constrained")
-    view = _view_of(normals)
-    axes, viewer = space_axes(figure, view), view.towards_viewer
-    turned_away = normals @ viewer < -1e-6
-    size = min(spacing(positions[face.elements]) for face in unfold(positions, normals))
-    discs = _discs(positions, normals, 0.47 * size)
-    scale = _phase_colours()
-    colours = scale.to_rgba(np.angle(amplitudes))
-    shown = {"facecolors": colours[~turned_away], "edgecolors": "0.55", "linewidths": 0.25, "zorder": 1}
-    axes.add_collection3d(Poly3DCollection(discs[~turned_away], **shown))
-    for body in sorted(bodies, key=lambda body: float(body.vertices.mean(axis=0) @ viewer)):
+    axes = space_axes(figure, view_of(normals))
+    draw_in_space(axes, positions, normals, np.angle(amplitudes), bodies, foci)
+    return figure
+
+
+def draw_in_space(
+    axes: Axes3D,
+    positions: Real[np.ndarray, "elements 3"],
+    normals: Real[np.ndarray, "elements 3"],
+    phases: Real[np.ndarray, "elements"] | None,
+    bodies: Sequence[Surface],
+    foci: Real[np.ndarray, "foci 3"],
+) -> None:
+    """Draw into axes in space what ``draw_scene`` draws, the discs grey where no phases [rad] are given.
+
+    There may be no transducers, no bodies or no foci.
+    """
+    view = View(axes.azim, axes.elev)
+    discs = np.empty((0, 14, 3))
+    if len(positions):
+        discs = _add_discs(axes, positions, normals, phases, view.towards_viewer)
+    for body in sorted(bodies, key=lambda body: float(body.vertices.mean(axis=0) @ view.towards_viewer)):
         shaded = solid(1e3 * body.corners, np.tile(GREY, (len(body.triangles), 1)), [], view)
         shaded.set_zorder(3)
         axes.add_collection3d(shaded)
     axes.scatter(*(1e3 * foci.T), s=34, c="#e8590c", edgecolors="white", linewidths=0.8, depthshade=False, zorder=4)
+    frame(axes, np.concatenate([discs.reshape(-1, 3), *(1e3 * body.vertices for body in bodies), 1e3 * foci]))
+    if phases is not None:
+        label = "phase of the transducers [rad]"
+        bar = axes.figure.colorbar(_phase_colours(), ax=axes, label=label, shrink=0.62, pad=0.08, aspect=24)
+        bar.set_ticks(list(PHASE_TICKS), labels=list(PHASE_TICKS.values()))
+
+
+def _add_discs(
+    axes: Axes3D, positions: np.ndarray, normals: np.ndarray, phases: np.ndarray | None, viewer: np.ndarray
+) -> Float64[np.ndarray, "elements corners 3"]:
+    """Add a disc for each transducer, and return them [mm]."""
+    turned_away = normals @ viewer < -1e-6
+    size = min(spacing(positions[face.elements]) for face in unfold(positions, normals))
+    discs = _discs(positions, normals, 0.47 * size)
+    colours = np.tile(UNDRIVEN, (len(discs), 1)) if phases is None else _phase_colours().to_rgba(phases)
+    shown = {"facecolors": colours[~turned_away], "edgecolors": "0.55", "linewidths": 0.25, "zorder": 1}
+    axes.add_collection3d(Poly3DCollection(discs[~turned_away], **shown))
     if turned_away.any():
         faint = colours[turned_away] * [1, 1, 1, 0.18]
         shown = {"facecolors": "none", "edgecolors": faint, "linewidths": 0.5, "zorder": 2}
         axes.add_collection3d(Poly3DCollection(discs[turned_away], **shown))
-    frame(axes, np.concatenate([discs.reshape(-1, 3), *(1e3 * body.vertices for body in bodies), 1e3 * foci]))
-    bar = figure.colorbar(scale, ax=axes, label="phase of the transducers [rad]", shrink=0.62, pad=0.08, aspect=24)
-    bar.set_ticks(list(PHASE_TICKS), labels=list(PHASE_TICKS.values()))
-    return figure
+    return discs
 
 
-def _view_of(normals: Real[np.ndarray, "elements 3"]) -> View:
+def view_of(normals: Real[np.ndarray, "elements 3"]) -> View:
     """Look into an array that surrounds, past the edge of one that looks one way."""
     mean = normals.mean(axis=0)
     if np.linalg.norm(mean) < 0.3:

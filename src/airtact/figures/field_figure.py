@@ -29,6 +29,9 @@ DIFFERENCES = ScalarMappable(Normalize(-6.0, 6.0), "RdBu_r")
 FAINT, FAINT_GREY = 0.1, "0.86"
 """Below this share of the largest pressure a difference of levels says nothing and is grey."""
 
+Side = Literal["right", "bottom"]
+"""Side of the axes at which the bar of colours stands."""
+
 MOST_NAMES = 8
 """More foci than this have small rings and no names."""
 
@@ -85,16 +88,47 @@ def draw_field(
 
     Foci [m] off the plane are dashed; they have no names where none are given.
     """
-    shown = ScalarMappable(Normalize(0.0, most), COLOURS), "peak pressure [Pa]"
-    return _panel(cut, np.abs(cut.pressures[drive]), *shown, foci, names)
+    figure, axes = _figure_for(cut.window)
+    draw_pressure(axes, cut, drive, most, foci, names, location="bottom")
+    return figure
+
+
+def draw_pressure(
+    axes: Axes,
+    cut: Cut,
+    drive: str,
+    most: float,
+    foci: Real[np.ndarray, "foci 3"],
+    names: Sequence[str] | None = None,
+    location: Side = "right",
+) -> None:
+    """Draw into axes what ``draw_field`` draws, with the bar of colours at one of their sides."""
+    scale = ScalarMappable(Normalize(0.0, most), COLOURS)
+    _panel(axes, cut, np.abs(cut.pressures[drive]), scale, "peak pressure [Pa]", foci, names, location)
 
 
 def draw_difference(
     cut: Cut, drives: tuple[str, str], most: float, foci: Real[np.ndarray, "foci 3"], names: Sequence[str] | None = None
 ) -> Figure:
     """Draw the level of one drive over that of another [dB], grey where both are faint against a pressure [Pa]."""
+    figure, axes = _figure_for(cut.window)
+    draw_change(axes, cut, drives, most, foci, names, location="bottom")
+    return figure
+
+
+def draw_change(
+    axes: Axes,
+    cut: Cut,
+    drives: tuple[str, str],
+    most: float,
+    foci: Real[np.ndarray, "foci 3"],
+    names: Sequence[str] | None = None,
+    location: Side = "right",
+) -> None:
+    """Draw into axes what ``draw_difference`` draws, with the bar of colours at one of their sides."""
     change, strength = _difference(cut, drives, most)
-    return _panel(cut, change, DIFFERENCES, f"{drives[0]} over {drives[1]} [dB]", foci, names, strength)
+    label = f"{drives[0]} over {drives[1]} [dB]"
+    _panel(axes, cut, change, DIFFERENCES, label, foci, names, location, strength)
 
 
 def _difference(
@@ -107,28 +141,29 @@ def _difference(
     return change, np.nan_to_num(np.clip(np.maximum(first, second) / (FAINT * most) - 0.5, 0.0, 1.0))
 
 
+def _figure_for(window: Window) -> tuple[Figure, Axes]:
+    left, right, bottom, top = window.extent
+    size = min(3.9 / (right - left), 4.6 / (top - bottom))
+    figure = Figure(figsize=((right - left) * size + 0.8, (top - bottom) * size + 1.2), layout="constrained")
+    return figure, figure.subplots()
+
+
 def _panel(
+    axes: Axes,
     cut: Cut,
     values: Float64[np.ndarray, "points"],
     scale: ScalarMappable,
     label: str,
     foci: Real[np.ndarray, "foci 3"],
     names: Sequence[str] | None,
+    location: Side,
     strength: Float64[np.ndarray, "points"] | None = None,
-) -> Figure:
-    left, right, bottom, top = cut.window.extent
-    size = min(3.9 / (right - left), 4.6 / (top - bottom))
-    figure = Figure(figsize=((right - left) * size + 0.8, (top - bottom) * size + 1.2), layout="constrained")
-    axes = figure.subplots()
+) -> None:
     _draw_cut(axes, cut, values, scale, strength)
     _mark_foci(axes, cut.window, foci, names if names and len(names) <= MOST_NAMES else [""] * len(foci))
     axes.set(xlabel=cut.window.labels[0], ylabel=cut.window.labels[1])
-    figure.colorbar(scale, ax=axes, label=label, location="bottom", pad=0.02, aspect=30, extend=_extend(scale))
-    return figure
-
-
-def _extend(scale: ScalarMappable) -> Literal["both", "neither"]:
-    return "both" if scale is DIFFERENCES else "neither"
+    extend: Literal["both", "neither"] = "both" if scale is DIFFERENCES else "neither"
+    axes.figure.colorbar(scale, ax=axes, label=label, location=location, pad=0.02, aspect=30, extend=extend)
 
 
 def draw_close_ups(cuts: Sequence[Cut], names: Sequence[str], most: float) -> Figure:

@@ -1,6 +1,6 @@
 """Plots of numbers: methods against a bound, pads over time, a measured scan beside its prediction."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float64, Real
@@ -10,6 +10,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from airtact.evaluation.scan import Overlay
 from airtact.figures.field_figure import COLOURS
@@ -17,6 +18,9 @@ from airtact.hand.joints import FINGERS
 from airtact.tracking.recordings import PadTrack
 
 BAR, BOUND = "#5a2a83", "#c2410c"
+
+APART = BAR, "#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#0072b2", "#f0e442"
+"""Colours that colour-blind readers tell apart (Okabe and Ito, 2008), after that of a bar alone."""
 
 USUAL = 3.0
 """Frames farther apart than this times the median count as a gap."""
@@ -40,6 +44,24 @@ def draw_bars(names: Sequence[str], heights: Float64[np.ndarray, "names"], bound
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(loc="lower right", frameon=False)
     return figure
+
+
+def draw_foci(
+    axes: Axes, pressures: Mapping[str, Float64[np.ndarray, "foci"]], asked: Float64[np.ndarray, "foci"] | None
+) -> None:
+    """Draw bars of the pressure at each focus [Pa] into axes, a group for several drives, and a line at each asked."""
+    count = len(next(iter(pressures.values())))
+    foci, width = np.arange(count), 0.8 / len(pressures)
+    for index, (name, got) in enumerate(pressures.items()):
+        shift = (index - (len(pressures) - 1) / 2.0) * width
+        axes.bar(foci + shift, got, 0.94 * width, color=APART[index % len(APART)], label=name or None)
+    if asked is not None:
+        axes.hlines(asked, foci - 0.45, foci + 0.45, colors=BOUND, linewidth=2, label="asked")
+    axes.set(xlabel="focus", ylabel="peak pressure [Pa]", ylim=(0.0, None))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.spines[["top", "right"]].set_visible(False)
+    if asked is not None or len(pressures) > 1:
+        axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 
 def draw_tracks(tracks: Sequence[PadTrack], title: str = "") -> Figure:
