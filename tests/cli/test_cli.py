@@ -333,7 +333,7 @@ def test_ctrl_c_leaves_what_was_finished_readable(tmp_path):
     scene = tmp_path / "scene.toml"
     scene.write_text(BALL.read_text().replace("[8e-3, 0.0, 0.0]", "[0.1, 0.1, 0.1]"))
     folder = tmp_path / "out"
-    command = [sys.executable, "-m", "airtact.cli", "render", str(scene), "--out", str(folder)]
+    command = [sys.executable, "-m", "airtact", "render", str(scene), "--out", str(folder)]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 120
     while not (folder / "drive.h5").exists():

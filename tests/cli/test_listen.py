@@ -87,7 +87,7 @@ def test_clouds_alone_have_no_pads(capsys, tmp_path):
 
 
 def test_what_trackers_send_is_recorded_and_kept_on_ctrl_c(tmp_path):
-    command = [sys.executable, "-m", "airtact.cli", "listen", "--seconds", "600", "--websocket", "0", "--osc", "0"]
+    command = [sys.executable, "-m", "airtact", "listen", "--seconds", "600", "--websocket", "0", "--osc", "0"]
     file = tmp_path / "recorded.jsonl"
     with subprocess.Popen(
         [*command, "--out", file], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

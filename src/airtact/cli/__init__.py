@@ -1,9 +1,11 @@
 """The command line: each command parses, calls the workflow of its name, and prints.
 
 Exit codes: 0 done, 1 a link to boards failed, 2 bad input or not converged, 130 interrupted by Ctrl-C. A message ends
-with the code of its kind of fault in brackets.
+with the code of its kind of fault in brackets; with ``--json`` it is written to the standard output as JSON too.
 """
 
+import json
+import sys
 from collections.abc import Sequence
 
 import click
@@ -14,26 +16,40 @@ from airtact.cli import bench, boards, check, compare, compare_scan, emit, expor
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line with these arguments, or those of this process, and return its exit code."""
+    given = sys.argv[1:] if arguments is None else list(arguments)
     try:
-        commands.main(args=arguments, prog_name="airtact", standalone_mode=False)
-    except click.ClickException as error:
+        commands.main(args=given, prog_name="airtact", standalone_mode=False)
+    except click.exceptions.NoArgsIsHelpError as error:
         error.show()
         return error.exit_code
+    except click.ClickException as error:
+        fault = _usage(error), "wrong_usage", error.exit_code
     except (KeyboardInterrupt, click.Abort):
-        return _fail("interrupted; finished files are complete", "interrupted", 130)
+        fault = "interrupted; finished files are complete", "interrupted", 130
     except OSError as error:
         missing = isinstance(error, FileNotFoundError)
         sentence = f"{error.filename or 'a file'}: {error.strerror or error}"
-        return _fail(sentence, "file_missing" if missing else "file_failed", 2)
+        fault = sentence, "file_missing" if missing else "file_failed", 2
     except (at.InvalidInput, at.NotConverged) as error:  # imported only now, so that --help comes at once
-        return _fail(str(error), error.code, 2)
+        fault = str(error), error.code, 2
     except at.emission.LinkFailed as error:
-        return _fail(str(error), "link_failed", 1)
-    return 0
+        fault = str(error), "link_failed", 1
+    else:
+        return 0
+    return _fail(*fault, as_json="--json" in given)
 
 
-def _fail(sentence: str, code: str, status: int) -> int:
+def _usage(error: click.ClickException) -> str:
+    """Write what is wrong with a command line, and where its options are listed."""
+    context = error.ctx if isinstance(error, click.UsageError) else None
+    sentence = error.format_message()
+    return f"{sentence[:1].lower()}{sentence[1:]}{f' See {context.command_path} --help.' if context else ''}"
+
+
+def _fail(sentence: str, code: str, status: int, as_json: bool) -> int:
     click.echo(f"airtact: {sentence} [{code}]", err=True)
+    if as_json:
+        click.echo(json.dumps({"error": sentence, "code": code}, ensure_ascii=False))
     return status
 
 

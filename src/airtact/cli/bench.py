@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from airtact.cli.console import progress, show
-from airtact.cli.options import INPUT, results
+from airtact.cli.options import INPUT, quiet, results
 
 
 @click.command(
@@ -17,6 +17,7 @@ from airtact.cli.options import INPUT, results
 @click.option("--bempp", metavar="PYTHON", help="Interpreter of an environment with bempp-cl.")
 @click.option("--hand", type=INPUT, help="Pose of an open hand, .json, for its rows.")
 @click.option("--quick", is_flag=True, help="Do less of everything.")
+@quiet
 def bench(folder: Path, acoustools: str | None, bempp: str | None, hand: Path | None, quick: bool) -> None:
     """Measure the speed and the accuracy of airtact, beside other packages if their interpreters are given.
 

@@ -3,9 +3,12 @@
 import click
 
 from airtact.cli.console import plain_table, show
+from airtact.cli.options import as_json, quiet
 
 
 @click.command(short_help="List the boards that can be driven.", epilog="Example: airtact boards")
+@as_json
+@quiet
 def boards() -> None:
     """List the boards that can be driven: their transducers, levels and links, and the serial ports found."""
     from airtact.hardware.links import links_of

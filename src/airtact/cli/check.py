@@ -9,7 +9,7 @@ import click
 from rich.markup import escape
 
 from airtact.cli.console import plain_table, progress, repairs_table, sharp_edges_in_words, show
-from airtact.cli.options import FILE, INPUT, given, surface_settings
+from airtact.cli.options import FILE, INPUT, as_json, given, quiet, surface_settings
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 @click.argument("scene", metavar="SCENE_OR_SURFACE", type=INPUT)
 @click.option("--out", "folder", type=FILE, help="Folder for a picture of the bodies or the fault.")
 @surface_settings
+@as_json
+@quiet
 def check(scene: Path, folder: Path | None, **settings: float | None) -> None:
     """Read a scene file or a surface file (STL, PLY, OBJ, GLB) and report what is in it, or what is wrong with it.
 

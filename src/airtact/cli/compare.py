@@ -1,12 +1,12 @@
 """``airtact compare``: the drive of a scene by every method."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from airtact.cli.console import plain_table, progress, show
-from airtact.cli.options import INPUT, results, store
+from airtact.cli.console import open_page, plain_table, progress, show
+from airtact.cli.options import as_json, open_result, pictures, quiet, results, scene, store
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -18,10 +18,14 @@ if TYPE_CHECKING:
     short_help="Make the drive of a scene by all methods and compare them.",
     epilog="Example: airtact compare pinch --out out/methods",
 )
-@click.argument("scene", type=INPUT)
+@scene
 @results
 @store
-def compare(scene: Path, folder: Path, store: Path | None) -> None:
+@pictures
+@open_result
+@as_json
+@quiet
+def compare(scene: Path, folder: Path, store: Path | None, pictures: bool, opened: bool) -> None:
     """Make the drive of SCENE by every method, verify all, and write methods.csv, methods.html and drives/*.h5.
 
     All drives come from one transfer matrix and are verified by one more accurate solution.
@@ -30,8 +34,28 @@ def compare(scene: Path, folder: Path, store: Path | None) -> None:
         report_step("starting")
         from airtact.workflows import compare as workflow
 
-        contest = workflow.compare(scene, folder, report_step, store)
-    show(_table(contest), warnings=contest.notes, lines=[f"Report: {folder / 'methods.html'}"])
+        contest = workflow.compare(scene, folder, report_step, store, pictures=pictures)
+    written = {name: str(folder / name) for name in (workflow.FILES if pictures else workflow.FILES[:1])}
+    line = f"Report: {folder / workflow.FILES[1]}" if pictures else f"Methods: {folder / workflow.FILES[0]}"
+    show(_table(contest), warnings=contest.notes, lines=[line], record={**_record(contest), "files": written})
+    if opened:
+        open_page(folder / workflow.FILES[1])
+
+
+def _record(contest: "Contest") -> dict[str, Any]:
+    """List what each method reached, best first, for ``--json``."""
+    methods = [
+        {
+            "name": one.name,
+            "pressures": one.pressures.tolist(),
+            "of_the_bound": float(contest.of_the_bound(one)),
+            "seconds": one.seconds,
+            "suppression_level": one.suppression_level,
+        }
+        for one in sorted(contest.contenders, key=contest.of_the_bound, reverse=True)
+    ]
+    error = contest.report.estimated_error
+    return {"foci": list(contest.foci), "methods": methods, "bound": contest.bound, "estimated_error": error}
 
 
 def _table(contest: "Contest") -> "Table":

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from airtact.cli.console import plain_table, progress, show
-from airtact.cli.options import INPUT, given, results
+from airtact.cli.options import INPUT, as_json, given, pictures, quiet, results
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -25,7 +25,10 @@ if TYPE_CHECKING:
 @click.option("--diameter", type=float, help="Of the microphone's face in metres; 6.35e-3, a quarter inch, by default.")
 @click.option("--axis", type=float, nargs=3, metavar="X Y Z", help="Direction of its face; 0 0 -1 by default, down.")
 @click.option("--housing", type=float, help="Length of its housing behind the face in metres; 0.05 by default.")
-def compare_scan(scan: Path, scene: Path, folder: Path, **microphone: Any) -> None:
+@pictures
+@as_json
+@quiet
+def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microphone: Any) -> None:
     """Predict what a microphone reads in SCENE and compare SCAN, a measured one, with it.
 
     SCAN is a .csv file with the columns x, y, z (metres, in the obstacles' frame), pressure (any unit) and, if it was
@@ -36,9 +39,24 @@ def compare_scan(scan: Path, scene: Path, folder: Path, **microphone: Any) -> No
         from airtact.evaluation.microphone import Microphone
         from airtact.workflows import compare_scan as workflow
 
-        compared = workflow.compare_scan(scan, scene, folder, Microphone(**given(**microphone)), report_step)
+        compared = workflow.compare_scan(scan, scene, folder, Microphone(**given(**microphone)), report_step, pictures)
     warnings = [*compared.notes, *compared.overlay.warnings, *compared.report.warnings]
-    show(_table(compared), warnings=warnings, lines=[f"Overlay: {folder / 'overlay.png'}"])
+    written = {name: str(folder / name) for name in (workflow.FILES if pictures else workflow.FILES[:1])}
+    lines = [f"Overlay: {folder / list(written)[-1]}"]
+    show(_table(compared), warnings=warnings, lines=lines, record={**_record(compared), "files": written})
+
+
+def _record(compared: "Compared") -> dict[str, Any]:
+    """List how well a scan and its prediction agree, for ``--json``."""
+    found = compared.overlay
+    return {
+        "error": found.error,
+        "positions": len(found.used),
+        "compared": int(found.used.sum()),
+        "scale": [found.scale.real, found.scale.imag],
+        "phased": found.scan.phased,
+        "estimated_error": compared.report.estimated_error,
+    }
 
 
 def _table(compared: "Compared") -> "Table":

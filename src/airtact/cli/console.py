@@ -1,8 +1,10 @@
-"""What all commands print alike: progress, warnings, tables."""
+"""What all commands print alike: progress, warnings, tables, and the result as JSON."""
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
 
 import click
 from rich.box import SIMPLE
@@ -14,11 +16,23 @@ from rich.table import Table
 import airtact as at
 from airtact.timing import Progress as Callback
 
+JSON, QUIET = "airtact.json", "airtact.quiet"
+"""Where click keeps that the result is wanted as JSON, or that only faults and warnings are."""
+
+
+def wanted(what: str) -> bool:
+    """Return whether the running command was given ``--json`` (`JSON`) or ``--quiet`` (`QUIET`)."""
+    context = click.get_current_context(silent=True)
+    return context is not None and bool(context.meta.get(what))
+
 
 @contextmanager
 def progress() -> Iterator[Callback]:
-    """Show steps as they begin: live with the time each takes in a terminal, else one line each."""
+    """Show steps as they begin: live with the time each takes in a terminal, else one line each; none if quiet."""
     console = Console(stderr=True)
+    if wanted(QUIET):
+        yield lambda step: None
+        return
     if not console.is_terminal:
         begun = time.perf_counter()
         yield lambda step: click.echo(f"{time.perf_counter() - begun:7.1f} s  {step}", err=True)
@@ -38,15 +52,34 @@ def progress() -> Iterator[Callback]:
         finish()
 
 
-def show(*tables: Table, warnings: Sequence[str] = (), lines: Sequence[str] = ()) -> None:
-    """Print tables, warnings, and lines that say which files were written."""
-    console = Console()
-    for table in tables:
+def show(
+    *tables: Table, warnings: Sequence[str] = (), lines: Sequence[str] = (), record: Mapping[str, Any] | None = None
+) -> None:
+    """Print tables, warnings, and lines that say which files were written.
+
+    With ``--quiet`` only the warnings are printed. With ``--json`` the record, with the warnings and the version, is
+    all that stands on the standard output, and the rest goes to the standard error.
+    """
+    console = Console(stderr=wanted(JSON) or wanted(QUIET))
+    for table in () if wanted(QUIET) else tables:
         console.print(table)
     for sentence in warnings:
         console.print(f"[yellow]Warning:[/yellow] {escape(sentence)}", soft_wrap=True, highlight=False)
-    for line in lines:
+    for line in () if wanted(QUIET) else lines:
         console.print(escape(line), soft_wrap=True, highlight=False)
+    if record is not None and wanted(JSON):
+        import msgspec
+
+        about = {"airtact": at.__version__, "command": click.get_current_context().info_name}
+        click.echo(msgspec.json.encode({**about, **record, "warnings": warnings}))
+
+
+def open_page(page: Path) -> None:
+    """Show a page in the browser, or write where it is if there is none."""
+    import webbrowser
+
+    if not webbrowser.open(page.resolve().as_uri()):
+        show(warnings=[f"no browser was found here; open {page} in one."])
 
 
 def plain_table(*columns: str) -> Table:

@@ -8,7 +8,7 @@ import click
 
 import airtact as at
 from airtact.cli.console import facts_table, progress, show
-from airtact.cli.options import FILE, Names, drive_settings
+from airtact.cli.options import FILE, Names, drive_settings, quiet
 
 
 @click.command(
@@ -22,6 +22,7 @@ from airtact.cli.options import FILE, Names, drive_settings
 @click.option("--address", help="Interface, AMS net id or host:port, for AUTD3.")
 @click.option("--port", help="Serial port, for SonicSurface and Nano16.")
 @click.option("--out", type=FILE, help="File, for --link file: .npz, .csv, .h5 or .bin.")
+@quiet
 def emit(drive: Path, board: str, link: str, cap: float, seconds: float, yes: bool, **where: Any) -> None:
     """Emit DRIVE.h5 on boards for some seconds, then silence them.
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from airtact.cli.console import facts_table, show
-from airtact.cli.options import FILE, drive_settings
+from airtact.cli.options import FILE, drive_settings, quiet
 
 
 @click.command(
@@ -17,6 +17,7 @@ from airtact.cli.options import FILE, drive_settings
     "--format", "kind", type=click.Choice(("npz", "csv", "h5", "bin")), help="Kind of file, if not its suffix."
 )
 @click.option("--out", "file", required=True, type=FILE, help="File to write.")
+@quiet
 def export(drive: Path, board: str, cap: float, kind: str | None, file: Path) -> None:
     """Write DRIVE.h5 as the frames of a board: .npz, .csv, .h5, or .bin, the very bytes that it is sent."""
     from airtact.workflows import export as workflow

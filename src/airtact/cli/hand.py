@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from airtact.cli.console import plain_table, progress, show
-from airtact.cli.options import FILE, INPUT
+from airtact.cli.options import FILE, INPUT, quiet
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 @click.option("--leave-out", is_flag=True, help="Leave out and count faulty frames of a recording.")
 @click.option("--landmarks", type=INPUT, help="Rough joints, a pose as JSON, for a cloud.")
 @click.option("--camera", type=(float, float, float), help="Position from which a cloud was seen, in metres.")
+@quiet
 def hand(path: Path, file: Path, **settings: Any) -> None:
     """Make the closed skin of a hand from its joints in metres: 25 of WebXR, or 21 of MediaPipe or Leap.
 

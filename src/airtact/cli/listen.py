@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from airtact.cli.console import progress, show
-from airtact.cli.options import FILE
+from airtact.cli.options import FILE, quiet
 
 
 @click.command(
@@ -15,6 +15,7 @@ from airtact.cli.options import FILE
 @click.option("--websocket", type=int, default=8765, show_default=True, help="Port for frames in JSON by websocket.")
 @click.option("--osc", type=int, help="Port for OSC over UDP; none unless given.")
 @click.option("--out", "file", required=True, type=FILE, help="Recording: .jsonl or .npz.")
+@quiet
 def listen(seconds: float, websocket: int, osc: int | None, file: Path) -> None:
     """Receive frames from trackers on this computer and write them to a recording.
 

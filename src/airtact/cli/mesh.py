@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from airtact.cli.console import plain_table, progress, repairs_table, sharp_edges_in_words, show
-from airtact.cli.options import FILE, INPUT, given, surface_settings
+from airtact.cli.options import FILE, INPUT, given, quiet, surface_settings
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 @click.option("--edge", type=float, help="Edge of the panels in metres; by default what 1 % takes at 40 kHz.")
 @click.option("--out", "file", required=True, type=FILE, help="File for the panels.")
 @surface_settings
+@quiet
 def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None) -> None:
     """Cover SURFACE (STL, PLY, OBJ, GLB) with curved panels, as the solvers do, and report how good they are.
 

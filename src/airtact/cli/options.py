@@ -8,6 +8,7 @@ from typing import TypeVar
 import click
 
 import airtact as at
+from airtact.cli.console import JSON, QUIET
 
 Command = TypeVar("Command", bound=Callable[..., None])
 Setting = TypeVar("Setting")
@@ -66,8 +67,41 @@ class Names(click.ParamType):
         return self._choice.convert(value, param, ctx)
 
 
-results = click.option("--out", "folder", required=True, type=FILE, help="Folder for the results.")
-"""Where a command writes."""
+def _keep(context: click.Context, option: click.Parameter, value: bool) -> None:
+    context.meta[JSON if option.name == "json" else QUIET] = value
+
+
+quiet = click.option(
+    "--quiet", is_flag=True, expose_value=False, callback=_keep, help="Print faults and warnings only."
+)
+"""Nothing is printed but faults and warnings."""
+
+as_json = click.option(
+    "--json", is_flag=True, expose_value=False, callback=_keep, help="Print the result as JSON, the rest as errors."
+)
+"""The result is printed as one JSON object, a fault too."""
+
+
+def _folder_for(context: click.Context, option: click.Parameter, folder: Path | None) -> Path:
+    named = context.params.get("scene") or context.params.get("paper") or context.info_name
+    return folder or Path("out") / Path(named or "").stem
+
+
+results = click.option(
+    "--out", "folder", type=FILE, callback=_folder_for, help="Folder for the results; out/NAME by default."
+)
+"""Where a command writes: by default a folder named after its scene, its paper, or itself."""
+
+scene = click.argument("scene", type=INPUT, default=Path("scene.toml"))
+"""The scene file; by default the one that ``airtact init`` writes."""
+
+open_result = click.option("--open", "opened", is_flag=True, help="Show the page in the browser.")
+"""The page is shown in the browser."""
+
+pictures = click.option(
+    "--no-pictures", "pictures", is_flag=True, flag_value=False, default=True, help="Compute and write numbers only."
+)
+"""Neither pictures nor pages are made."""
 
 store = click.option("--store", type=FILE, help="Folder in which solved fields are stored, and found next time.")
 """Where solved fields are stored."""

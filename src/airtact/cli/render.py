@@ -1,42 +1,70 @@
 """``airtact render``: from a scene file to the drive, the field and a page."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.markup import escape
 
-from airtact.cli.console import plain_table, progress, show
-from airtact.cli.options import INPUT, results, store
+from airtact.cli.console import open_page, plain_table, progress, show
+from airtact.cli.options import Names, as_json, open_result, pictures, quiet, results, scene, store
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from airtact.pages.run_page import Run
+    from airtact.pages.run_page import Rendered
 
 
 @click.command(
     short_help="Compute the drive and the field for a scene.",
     epilog="Example: airtact render pinch --out out/pinch",
 )
-@click.argument("scene", type=INPUT)
+@scene
 @results
+@click.option("--method", type=Names("airtact.synthesis.methods:METHODS"), help="Method, whatever the scene says.")
 @store
-def render(scene: Path, folder: Path, store: Path | None) -> None:
+@pictures
+@open_result
+@as_json
+@quiet
+def render(scene: Path, folder: Path, method: str | None, store: Path | None, pictures: bool, opened: bool) -> None:
     """Compute the drive and the field for SCENE and write drive.csv, drive.h5, field.vtkhdf and report.html.
 
-    SCENE is a file, or one of the examples that come with airtact: air_letters, open_hand, palm_circle, pinch,
-    pinch_pose, suppressed_pinch.
+    SCENE is scene.toml by default, which airtact init writes; or one of the examples that come with airtact:
+    air_letters, open_hand, palm_circle, pinch, pinch_pose, suppressed_pinch. With --no-pictures only the drive is
+    written.
     """
     with progress() as report_step:
         report_step("starting")
         from airtact.workflows import render as workflow
 
-        run = workflow.render(scene, folder, report_step, store)
-    show(_table(run), warnings=run.notes, lines=[f"Report: {folder / 'report.html'}"])
+        run = workflow.render(scene, folder, report_step, store, method=method, pictures=pictures)
+    written = {name: str(folder / name) for name in (workflow.FILES if pictures else workflow.FILES[:2])}
+    last = folder / list(written)[-1]
+    line = f"Report: {last}" if pictures else f"Drive: {last}"
+    show(_table(run), warnings=run.notes, lines=[line], record={**_record(run), "files": written})
+    if opened:
+        open_page(folder / "report.html")
 
 
-def _table(run: "Run") -> "Table":
+def _record(run: "Rendered") -> dict[str, Any]:
+    """List what a run found, for ``--json``."""
+    asked = run.target.pressures
+    foci = [
+        {"name": name, "position": point.tolist(), "pressure": float(got), "asked": wanted}
+        for name, point, got, wanted in zip(
+            run.foci, run.target.points, run.reached, asked.tolist() if asked is not None else [None] * len(run.foci)
+        )
+    ]
+    return {
+        "method": run.method,
+        "foci": foci,
+        "estimated_error": run.comparison.report.estimated_error,
+        "seconds": dict(run.seconds),
+    }
+
+
+def _table(run: "Rendered") -> "Table":
     """Tabulate what each focus gets, and how much of it is left where the drive ignores the hand."""
     ratios = {name: run.comparison.ratios(name)[1] for name in run.comparison.pressures}
     table = plain_table("focus", "pressure", *ratios)

@@ -5,8 +5,8 @@ from pathlib import Path
 import click
 
 import airtact as at
-from airtact.cli.console import progress, show
-from airtact.cli.options import Names, results
+from airtact.cli.console import open_page, progress, show
+from airtact.cli.options import Names, open_result, quiet, results
 
 
 @click.command(
@@ -16,7 +16,9 @@ from airtact.cli.options import Names, results
 @click.argument("paper", type=Names("airtact.experiments:PAPERS"))
 @results
 @click.option("--quick", is_flag=True, help="Do less of everything, in about three minutes instead of twenty.")
-def reproduce(paper: str, folder: Path, quick: bool) -> None:
+@open_result
+@quiet
+def reproduce(paper: str, folder: Path, quick: bool, opened: bool) -> None:
     """Compute the experiment of PAPER again and write index.html, with the numbers behind each figure in data/.
 
     inoue2014: S. Inoue, Y. Makino, H. Shinoda, "Producing Airborne Ultrasonic 3D Tactile Image by Time Reversal Field
@@ -30,6 +32,8 @@ def reproduce(paper: str, folder: Path, quick: bool) -> None:
         done = workflow.reproduce(paper, folder, quick, report_step)
     facts = [f"{number:>8}  {what}" for number, what in done.facts]
     show(lines=[*facts, f"Report: {done.page} ({done.seconds:.0f} s)"])
+    if opened:
+        open_page(done.page)
     if done.failed:
         title, why = next(iter(done.failed.items()))
         raise at.NotConverged(

@@ -36,8 +36,8 @@ MET = 0.98
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
-    """All that the page of a run shows.
+class Rendered:
+    """What a run found.
 
     Attributes
     ----------
@@ -55,9 +55,6 @@ class Run:
     beacons : how the transfer matrix was solved.
     reached : (F,) peak pressure at the foci under the drive, by the verification solve [Pa].
     comparison : the drive against the one that ignores the hand.
-    plane : pressures of both, the second at the energy of the first, in the plane through the foci.
-    close_ups : the same across each focus; may be none.
-    view : the scene in space.
     notes : warnings of a method that stopped early.
     seconds : wall time by step of the run [s].
     """
@@ -76,11 +73,24 @@ class Run:
     beacons: SolveReport
     reached: Float64[np.ndarray, "foci"]
     comparison: Comparison
+    notes: Sequence[str]
+    seconds: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Run(Rendered):
+    """All that the page of a run shows.
+
+    Attributes
+    ----------
+    plane : pressures of both, the second at the energy of the first, in the plane through the foci.
+    close_ups : the same across each focus; may be none.
+    view : the scene in space.
+    """
+
     plane: Cut
     close_ups: Sequence[Cut]
     view: SceneView
-    notes: Sequence[str]
-    seconds: Mapping[str, float]
 
 
 def write_page(path: Path, run: Run) -> None:

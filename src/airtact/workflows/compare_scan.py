@@ -33,12 +33,18 @@ class Compared:
 
 
 def compare_scan(
-    scan_file: Path, scene_file: Path, folder: Path, microphone: Microphone, report_step: Progress = no_progress
+    scan_file: Path,
+    scene_file: Path,
+    folder: Path,
+    microphone: Microphone,
+    report_step: Progress = no_progress,
+    pictures: bool = True,
 ) -> Compared:
     """Predict what a microphone reads in a scene, and compare a measured scan with it after one complex scale.
 
     The scan has the columns x, y, z [m] in the obstacles' frame, pressure and perhaps phase [rad]. The drive of the
-    scene file, rounded to its levels, is emitted. `FILES` go into the folder, which is made if it is not there.
+    scene file, rounded to its levels, is emitted. `FILES` go into the folder, which is made if it is not there; without
+    ``pictures`` only the first.
 
     Raises
     ------
@@ -61,7 +67,8 @@ def compare_scan(
     with about(scan_file.name):
         compared = Compared(overlay_scan(scan, predicted), field.report, notes)
     _write_table(folder / FILES[0], compared.overlay)
-    write_picture(folder / FILES[1], draw_overlay(compared.overlay))
+    if pictures:
+        write_picture(folder / FILES[1], draw_overlay(compared.overlay))
     return compared
 
 

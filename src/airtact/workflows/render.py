@@ -1,5 +1,7 @@
 """From a scene file to a folder of results: the drive, the field and the page. Prints nothing."""
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +12,11 @@ from airtact.evaluation.windows import Window, box_around, close_up
 from airtact.figures.field_figure import Cut, cut_bodies
 from airtact.file_access.atomic import writable_folder
 from airtact.files.vtkhdf import write_field
-from airtact.pages.run_page import Run, write_page
+from airtact.pages.run_page import Rendered, Run, write_page
 from airtact.scene.target_points import outward
 from airtact.scene_file.building import Setup, read_scene
 from airtact.steps import plane_of_foci, save_drives, solve_foci, stored, synthesise, verification_solver
+from airtact.synthesis.methods import METHODS
 from airtact.synthesis.quantise import quantise
 from airtact.timing import Clock, Progress, no_progress
 from airtact.transfer import Drive, focus_by_distance
@@ -25,10 +28,19 @@ FILES = ("drive.csv", "drive.h5", "field.vtkhdf", "report.html")
 CONSIDERED, IGNORED = "hand considered", "hand ignored"
 
 
-def render(path: Path, folder: Path, report_step: Progress = no_progress, store: Path | None = None) -> Run:
+def render(
+    path: Path,
+    folder: Path,
+    report_step: Progress = no_progress,
+    store: Path | None = None,
+    *,
+    method: str | None = None,
+    pictures: bool = True,
+) -> Rendered:
     """Compute what a scene file asks for and write it into a folder, each file as soon as it is complete.
 
-    These are `FILES`. Solved fields are stored in the folder ``store`` and found again, if one is given.
+    These are `FILES`. Solved fields are stored in the folder ``store`` and found again, if one is given. ``method``,
+    one of ``METHODS``, takes the place of the scene file's. Without ``pictures`` only the drive is written.
 
     Raises
     ------
@@ -40,6 +52,8 @@ def render(path: Path, folder: Path, report_step: Progress = no_progress, store:
     clock = Clock(report_step)
     with clock.step("scene", f"reading {path.name}"):
         setup = read_scene(path)
+        if method is not None:
+            setup = replace(setup, method=method, synthesise=METHODS[method])
         writable_folder(folder)
     transfer, beacons = solve_foci(setup, clock, store)
     with clock.step("drive", f"making the drive by {setup.method.replace('_', ' ')}"):
@@ -49,17 +63,8 @@ def render(path: Path, folder: Path, report_step: Progress = no_progress, store:
         (folder / name).unlink(missing_ok=True)
     save_drives({folder / name: drive for name in FILES[:2]}, setup, transfer, beacons)
     drives, comparison = _verify(setup, drive, clock, store)
-    with clock.step("field", "computing the field around the foci"):
-        peak = float(np.abs(drive.amplitudes).max())
-        box = box_around(setup.target.points, setup.scene.wavelength)
-        bodies = [obstacle.surface for obstacle in setup.scene.obstacles]
-        write_field(folder / "field.vtkhdf", box, peak * comparison.at(box.points)[CONSIDERED], bodies)
-    scales = _scales(comparison, peak)
-    with clock.step("cuts", "computing the field in the pictures"):
-        plane, close_ups = _cuts(setup, comparison, scales)
-    with clock.step("scene in space", "computing the field in the scene to turn"):
-        view = scene_view(setup, comparison.field, drives, scales, plane.window, "equal energy")
-    run = Run(
+    peak = float(np.abs(drive.amplitudes).max())
+    rendered = Rendered(
         title=path.stem.replace("_", " "),
         text=setup.text,
         scene=setup.scene,
@@ -74,13 +79,33 @@ def render(path: Path, folder: Path, report_step: Progress = no_progress, store:
         beacons=beacons,
         reached=peak * comparison.pressures["equal peak"][0],
         comparison=comparison,
-        plane=plane,
-        close_ups=close_ups,
-        view=view,
         notes=notes,
         seconds=clock.seconds,
     )
+    return _draw(rendered, drives, setup, folder, clock, report_step) if pictures else rendered
+
+
+def _draw(
+    rendered: Rendered,
+    drives: Mapping[str, Drive],
+    setup: Setup,
+    folder: Path,
+    clock: Clock,
+    report_step: Progress,
+) -> Run:
+    """Write the field around the foci, and the page."""
+    comparison, bodies = rendered.comparison, [obstacle.surface for obstacle in setup.scene.obstacles]
+    peak = float(np.abs(rendered.drive.amplitudes).max())
+    with clock.step("field", "computing the field around the foci"):
+        box = box_around(setup.target.points, setup.scene.wavelength)
+        write_field(folder / "field.vtkhdf", box, peak * comparison.at(box.points)[CONSIDERED], bodies)
+    scales = _scales(comparison, peak)
+    with clock.step("cuts", "computing the field in the pictures"):
+        plane, close_ups = _cuts(setup, comparison, scales)
+    with clock.step("scene in space", "computing the field in the scene to turn"):
+        view = scene_view(setup, comparison.field, drives, scales, plane.window, "equal energy")
     report_step("drawing the report")
+    run = Run(**vars(rendered), plane=plane, close_ups=close_ups, view=view)
     write_page(folder / "report.html", run)
     return run
 

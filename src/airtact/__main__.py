@@ -1,4 +1,4 @@
-"""``python -m airtact.cli``."""
+"""``python -m airtact``."""
 
 import sys
 
