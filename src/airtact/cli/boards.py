@@ -20,13 +20,33 @@ def boards() -> None:
         row = (str(len(board)), f"{amplitudes} x {board.phases} phases", f"1 to {board.most} boards")
         table.add_row(board.name, *row)
     links = [f"{board.name}: {board.title}, by {', '.join(links_of(board.name))}" for board in BOARDS.values()]
-    show(table, lines=[*links, f"Serial ports: {_ports()}"])
+    ports = _ports()
+    words = (
+        "not searched, pyserial is not installed: pip install 'airtact[serial]'" if ports is None else ", ".join(ports)
+    )
+    record = {
+        "boards": [
+            {
+                "name": board.name,
+                "title": board.title,
+                "elements": len(board),
+                "amplitudes": board.amplitudes,
+                "phases": board.phases,
+                "most": board.most,
+                "links": list(links_of(board.name)),
+            }
+            for board in BOARDS.values()
+        ],
+        "serial_ports": ports,
+    }
+    show(table, lines=[*links, f"Serial ports: {words or 'none'}"], record=record)
 
 
-def _ports() -> str:
+def _ports() -> list[str] | None:
+    """List the serial ports; None where they cannot be searched."""
     try:
         from airtact.hardware.serial_link import serial_ports
 
-        return ", ".join(serial_ports()) or "none"
+        return list(serial_ports())
     except ImportError:
-        return "not searched, pyserial is not installed: pip install 'airtact[serial]'"
+        return None

@@ -3,11 +3,12 @@
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.markup import escape
 
+import airtact as at
 from airtact.cli.console import plain_table, progress, repairs_table, sharp_edges_in_words, show
 from airtact.cli.options import FILE, INPUT, as_json, given, quiet, surface_settings
 
@@ -40,7 +41,46 @@ def check(scene: Path, folder: Path | None, **settings: float | None) -> None:
         report_step("counting unknowns")
         tables = _surface_tables(scene.name, checked) if isinstance(checked, Scene) else _scene_tables(checked)
         tables = list(tables)
-    show(*tables)
+        record = _surface_record(checked) if isinstance(checked, Scene) else _scene_record(checked)
+    show(*tables, record=record)
+
+
+def _scene_record(setup: "Setup") -> dict[str, Any]:
+    """List what is in a scene, for ``--json``."""
+    from airtact.solvers.bem.solver import BoundaryElement
+
+    target, solver = setup.target, setup.solver
+    asked = [None] * len(setup.foci) if target.pressures is None else target.pressures.tolist()
+    rows = zip(setup.foci, target.points.tolist(), asked, (-setup.scene.depth(target.points)).tolist(), strict=True)
+    keys = ("name", "position", "asked", "off_the_surface")
+    boundary_elements = isinstance(solver, BoundaryElement)
+    return {
+        "bodies": [
+            {"name": name, "boundary": one.boundary, **_size(one.surface)}
+            for name, one in zip(setup.bodies, setup.scene.obstacles, strict=True)
+        ],
+        "foci": [dict(zip(keys, row, strict=True)) for row in rows],
+        "transducers": len(setup.array),
+        "suppression_points": len(target.suppression_points),
+        "frequency": setup.scene.frequency,
+        "wavelength": setup.scene.wavelength,
+        "method": setup.method,
+        "accuracy": setup.accuracy,
+        "unknowns": solver.unknowns(setup.scene, target.beacons()) if boundary_elements else None,
+    }
+
+
+def _surface_record(scene: "Scene") -> dict[str, Any]:
+    """List what is in a surface, for ``--json``."""
+    from airtact.workflows.check import unknowns_by_accuracy
+
+    unknowns = {f"{accuracy:g}": count for accuracy, count in unknowns_by_accuracy(scene).items()}
+    return {"surface": _size(scene.obstacles[0].surface), "unknowns": unknowns}
+
+
+def _size(surface: "at.Surface") -> dict[str, Any]:
+    facts = {"triangles": len(surface.triangles), "area": surface.area, "volume": surface.volume}
+    return {**facts, "repairs": list(surface.repairs)}
 
 
 def _scene_tables(setup: "Setup") -> "Iterator[Table]":

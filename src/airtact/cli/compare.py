@@ -11,7 +11,7 @@ from airtact.cli.options import as_json, open_result, pictures, quiet, results, 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from airtact.pages.methods_page import Contest
+    from airtact.pages.methods_page import Ranked
 
 
 @click.command(
@@ -42,7 +42,7 @@ def compare(scene: Path, folder: Path, store: Path | None, pictures: bool, opene
         open_page(folder / workflow.FILES[1])
 
 
-def _record(contest: "Contest") -> dict[str, Any]:
+def _record(contest: "Ranked") -> dict[str, Any]:
     """List what each method reached, best first, for ``--json``."""
     methods = [
         {
@@ -58,7 +58,7 @@ def _record(contest: "Contest") -> dict[str, Any]:
     return {"foci": list(contest.foci), "methods": methods, "bound": contest.bound, "estimated_error": error}
 
 
-def _table(contest: "Contest") -> "Table":
+def _table(contest: "Ranked") -> "Table":
     """Tabulate what the worst focus gets by each method, best first."""
     suppressed = ["suppression points"] if len(contest.target.suppression_points) else []
     table = plain_table("method", "worst focus", "of the bound", "mean", "time", *suppressed)

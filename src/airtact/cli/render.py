@@ -50,11 +50,10 @@ def render(scene: Path, folder: Path, method: str | None, store: Path | None, pi
 def _record(run: "Rendered") -> dict[str, Any]:
     """List what a run found, for ``--json``."""
     asked = run.target.pressures
+    wanted = [None] * len(run.foci) if asked is None else asked.tolist()
     foci = [
-        {"name": name, "position": point.tolist(), "pressure": float(got), "asked": wanted}
-        for name, point, got, wanted in zip(
-            run.foci, run.target.points, run.reached, asked.tolist() if asked is not None else [None] * len(run.foci)
-        )
+        {"name": name, "position": point.tolist(), "pressure": float(got), "asked": pressure}
+        for name, point, got, pressure in zip(run.foci, run.target.points, run.reached, wanted, strict=True)
     ]
     return {
         "method": run.method,

@@ -55,8 +55,8 @@ class Contender:
 
 
 @dataclass(frozen=True, eq=False)
-class Contest:
-    """All that the page shows.
+class Ranked:
+    """What each method reached.
 
     Attributes
     ----------
@@ -70,8 +70,6 @@ class Contest:
     transfer : what the drives were made from.
     bound : no drive of amplitudes up to 1 gives every focus more than this times its weight [Pa].
     report : how the verification solve came to the pressures.
-    cut : the field of each drive in one plane.
-    view : the scene in space, with the field of each drive.
     seconds : wall time by step [s].
     """
 
@@ -85,8 +83,6 @@ class Contest:
     transfer: TransferMatrix
     bound: float
     report: SolveReport
-    cut: Cut
-    view: SceneView
     seconds: Mapping[str, float]
 
     def worst(self, one: Contender) -> float:
@@ -102,6 +98,20 @@ class Contest:
     def best(self) -> Contender:
         """The method whose worst focus gets most at full scale."""
         return max(self.contenders, key=self.of_the_bound)
+
+
+@dataclass(frozen=True, eq=False)
+class Contest(Ranked):
+    """All that the page shows.
+
+    Attributes
+    ----------
+    cut : the field of each drive in one plane.
+    view : the scene in space, with the field of each drive.
+    """
+
+    cut: Cut
+    view: SceneView
 
 
 def write_methods_page(path: Path, contest: Contest) -> None:

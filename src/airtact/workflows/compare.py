@@ -9,7 +9,7 @@ from airtact.conventions import InvalidInput
 from airtact.evaluation.metrics import radiate_drives
 from airtact.figures.field_figure import Cut, cut_bodies
 from airtact.file_access.atomic import whole_file, writable_folder
-from airtact.pages.methods_page import Contender, Contest, write_methods_page
+from airtact.pages.methods_page import Contender, Contest, Ranked, write_methods_page
 from airtact.scene_file.building import Setup, read_scene
 from airtact.solvers.problem import RadiatedField
 from airtact.steps import plane_of_foci, save_drives, solve_foci, stored, synthesise, verification_solver
@@ -27,11 +27,19 @@ IGNORED = "hand ignored"
 """What the control is called: phases from distances alone."""
 
 
-def compare(path: Path, folder: Path, report_step: Progress = no_progress, store: Path | None = None) -> Contest:
+def compare(
+    path: Path,
+    folder: Path,
+    report_step: Progress = no_progress,
+    store: Path | None = None,
+    *,
+    pictures: bool = True,
+) -> Ranked:
     """Make the drive of a scene file by every method, verify all in one more accurate solve, and write a page.
 
     `FILES` go into the folder and, below ``drives``, one HDF5 file for each method. Solved fields are stored in the
-    folder ``store`` and found again, if one is given. The method that the scene file names is not used.
+    folder ``store`` and found again, if one is given. The method that the scene file names is not used. Without
+    ``pictures`` no page is written.
 
     Raises
     ------
@@ -57,15 +65,11 @@ def compare(path: Path, folder: Path, report_step: Progress = no_progress, store
         field = radiate_drives(setup.scene, setup.array, list(emitted.values()), setup.target, solver)
         at_foci = np.abs(field.at(setup.target.points).T)
         suppressed = np.abs(field.at(setup.target.suppression_points).T)
-    with clock.step("cuts", "computing the fields in the pictures"):
-        cut = _cut(setup, field, list(emitted))
-    with clock.step("scene in space", "computing the fields in the scene to turn"):
-        view = scene_view(setup, field, emitted, np.ones(len(emitted)), cut.window, "the levels that they emit")
     contenders = [
         Contender(name, drives[name], emitted[name], pressures, level, seconds[name])
         for name, pressures, level in zip(emitted, at_foci, suppressed, strict=True)
     ]
-    contest = Contest(
+    ranked = Ranked(
         title=path.stem.replace("_", " "),
         text=setup.text,
         target=setup.target,
@@ -76,12 +80,23 @@ def compare(path: Path, folder: Path, report_step: Progress = no_progress, store
         transfer=transfer,
         bound=bound,
         report=field.report,
-        cut=cut,
-        view=view,
         seconds=clock.seconds,
     )
+    _write_table(folder / FILES[0], ranked)
+    return _draw(ranked, setup, field, folder, clock, report_step) if pictures else ranked
+
+
+def _draw(
+    ranked: Ranked, setup: Setup, field: RadiatedField, folder: Path, clock: Clock, report_step: Progress
+) -> Contest:
+    """Write the page."""
+    emitted = {one.name: one.emitted for one in ranked.contenders}
+    with clock.step("cuts", "computing the fields in the pictures"):
+        cut = _cut(setup, field, list(emitted))
+    with clock.step("scene in space", "computing the fields in the scene to turn"):
+        view = scene_view(setup, field, emitted, np.ones(len(emitted)), cut.window, "the levels that they emit")
     report_step("drawing the page")
-    _write_table(folder / FILES[0], contest)
+    contest = Contest(**vars(ranked), cut=cut, view=view)
     write_methods_page(folder / FILES[1], contest)
     return contest
 
@@ -118,7 +133,7 @@ def _cut(setup: Setup, field: RadiatedField, names: list[str]) -> Cut:
     return Cut(window, dict(zip(names, field.at(window.points).T, strict=True)), cut_bodies(window, solid))
 
 
-def _write_table(file: Path, contest: Contest) -> None:
+def _write_table(file: Path, contest: Ranked) -> None:
     """Write a row for each method and focus."""
     with whole_file(file) as partial, partial.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
