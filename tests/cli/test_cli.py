@@ -316,7 +316,7 @@ def test_a_missing_scene_and_a_wrong_option_are_exit_code_2(capsys, tmp_path):
     assert code == 2
     assert errors.splitlines()[-1].endswith("no.toml does not exist. [file_missing]")
     assert output(capsys, "check", BALL, "--unreadable")[0] == 2
-    assert output(capsys, "render", BALL)[0] == 2
+    assert output(capsys, "export", BALL)[0] == 2
 
 
 def test_a_folder_that_cannot_be_written_is_rejected_before_anything_is_solved(capsys, tmp_path):

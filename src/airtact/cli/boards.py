@@ -21,9 +21,8 @@ def boards() -> None:
         table.add_row(board.name, *row)
     links = [f"{board.name}: {board.title}, by {', '.join(links_of(board.name))}" for board in BOARDS.values()]
     ports = _ports()
-    words = (
-        "not searched, pyserial is not installed: pip install 'airtact[serial]'" if ports is None else ", ".join(ports)
-    )
+    missing = "not searched, pyserial is not installed: pip install 'airtact[serial]'"
+    words = missing if ports is None else ", ".join(ports) or "none"
     record = {
         "boards": [
             {
@@ -39,7 +38,7 @@ def boards() -> None:
         ],
         "serial_ports": ports,
     }
-    show(table, lines=[*links, f"Serial ports: {words or 'none'}"], record=record)
+    show(table, lines=[*links, f"Serial ports: {words}"], record=record)
 
 
 def _ports() -> list[str] | None:

@@ -1,5 +1,6 @@
 """Options that several commands share."""
 
+import difflib
 import pkgutil
 from collections.abc import Callable
 from pathlib import Path
@@ -63,7 +64,10 @@ class Names(click.ParamType):
         return self._choice.get_metavar(param, ctx)
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return a name that is in the registry, or fail with all that are."""
+        """Return a name that is in the registry, or fail with the nearest, or with all that are."""
+        close = difflib.get_close_matches(value, self._choice.choices, n=1)
+        if close and value != close[0]:
+            self.fail(f"{value!r} is not known; did you mean {close[0]}?", param, ctx)
         return self._choice.convert(value, param, ctx)
 
 
@@ -92,7 +96,15 @@ results = click.option(
 )
 """Where a command writes: by default a folder named after its scene, its paper, or itself."""
 
-scene = click.argument("scene", type=INPUT, default=Path("scene.toml"))
+
+def _scene_here(context: click.Context, argument: click.Parameter, scene: Path) -> Path:
+    if context.get_parameter_source("scene") is click.core.ParameterSource.DEFAULT and not scene.exists():
+        sentence = f"no scene was named, and {scene} is not here; name one, or write one by airtact init."
+        raise at.InvalidInput(sentence, code="file_missing")
+    return scene
+
+
+scene = click.argument("scene", type=INPUT, default=Path("scene.toml"), callback=_scene_here)
 """The scene file; by default the one that ``airtact init`` writes."""
 
 open_result = click.option("--open", "opened", is_flag=True, help="Show the page in the browser.")

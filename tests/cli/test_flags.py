@@ -1,0 +1,153 @@
+"""The flags that commands share: JSON, quiet, no pictures, a browser, a method, and folders named after scenes."""
+
+import json
+import re
+
+import h5py
+import numpy as np
+import pytest
+import trimesh
+
+import airtact as at
+from airtact.cli import commands, main
+from paths import ROOT, SCENES
+
+BALL = SCENES / "ball.toml"
+DRIVE = ["drive.csv", "drive.h5"]
+
+
+def output(capsys, *arguments):
+    code = main([str(argument) for argument in arguments])
+    printed = capsys.readouterr()
+    return code, printed.out, printed.err
+
+
+def record(capsys, *arguments):
+    """Return the only thing that stands on the standard output."""
+    code, printed, _ = output(capsys, *arguments, "--json")
+    assert code == 0
+    return json.loads(printed)
+
+
+def documented_keys(command):
+    """Return the keys of a command's result in the table of the page."""
+    page = (ROOT / "docs/commands.md").read_text(encoding="utf-8")
+    (row,) = re.findall(rf"^\| `{command}`[^|]* \| (.*) \|$", page.split("## Results as JSON")[1], re.MULTILINE)
+    return set(re.findall(r"`(\w+)`", re.sub(r"\([^)]*\)", "", row)))
+
+
+COMMON = {"airtact", "command", "warnings"}
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_render_prints_what_the_foci_get_as_json(capsys, here):
+    found = record(capsys, "render", BALL, "--no-pictures")
+    assert set(found) == COMMON | documented_keys("render")
+    assert (found["airtact"], found["command"]) == (at.__version__, "render")
+    assert [focus["asked"] for focus in found["foci"]] == [900.0, 600.0]
+    np.testing.assert_allclose([focus["position"] for focus in found["foci"]], [[0, 0, -5.5e-3], [8e-3, 0, 0]])
+    with h5py.File(here / "out/ball/drive.h5") as file:
+        got = np.abs(file["transfer_matrix"][:] @ (file["amplitude"][:] * np.exp(1j * file["phase"][:])))
+    np.testing.assert_allclose([focus["pressure"] for focus in found["foci"]], got, rtol=0.05)
+    assert [name for name, path in found["files"].items() if not (here / path).is_file()] == []
+
+
+def test_no_pictures_leaves_the_numbers_and_the_folder_is_named_after_the_scene(capsys, here):
+    assert output(capsys, "render", BALL)[0] == 0
+    assert (here / "out/ball/report.html").is_file()
+    code, printed, _ = output(capsys, "render", BALL, "--no-pictures")
+    assert code == 0
+    assert "report.html" not in printed
+    assert sorted(entry.name for entry in (here / "out/ball").iterdir()) == DRIVE
+
+
+def test_a_method_on_the_command_line_takes_the_place_of_the_scene_s(capsys, here):
+    drives = []
+    for method in ("time_reversal", "max_min"):
+        found = record(capsys, "render", BALL, "--no-pictures", "--method", method)
+        assert found["method"] == method.replace("_", " ")
+        drives.append(at.load_drive(here / "out/ball/drive.h5").amplitudes)
+    assert not np.allclose(*drives)
+    code, _, errors = output(capsys, "render", BALL, "--method", "maxmin")
+    assert code == 2
+    assert "did you mean max_min?" in errors
+
+
+def test_compare_prints_the_methods_as_json_best_first(capsys, here):
+    found = record(capsys, "compare", BALL, "--no-pictures")
+    assert set(found) == COMMON | documented_keys("compare")
+    shares = [method["of_the_bound"] for method in found["methods"]]
+    assert shares == sorted(shares, reverse=True)
+    assert shares[0] > 0.9
+    assert len(found["methods"][0]["pressures"]) == len(found["foci"]) == 2
+    assert sorted(entry.name for entry in (here / "out/ball").iterdir()) == ["drives", "methods.csv"]
+
+
+def test_check_prints_what_is_in_a_scene_or_a_surface_as_json(capsys, here):
+    found = record(capsys, "check", BALL)
+    assert set(found) == COMMON | documented_keys("check")
+    assert found["bodies"][0]["area"] == pytest.approx(4.0 * np.pi * 5e-3**2, rel=0.01)
+    assert [focus["off_the_surface"] for focus in found["foci"]] == pytest.approx([0.5e-3, 3e-3], abs=1e-6)
+    trimesh.creation.icosphere(subdivisions=3, radius=5.0).export(here / "ball.stl")
+    found = record(capsys, "check", here / "ball.stl", "--scale", "1e-3")
+    assert set(found) == COMMON | {"surface", "unknowns"}
+    assert found["surface"]["triangles"] == 20 * 4**3
+    assert found["unknowns"]["0.01"] >= found["unknowns"]["0.03"] > 0
+
+
+def test_boards_are_listed_as_json(capsys):
+    found = record(capsys, "boards")
+    assert set(found) == COMMON | documented_keys("boards")
+    assert {board["name"]: board["elements"] for board in found["boards"]}["autd3"] == 249
+
+
+@pytest.mark.parametrize(
+    ("arguments", "fault"),
+    [
+        (("render", "no.toml"), "file_missing"),
+        (("render",), "file_missing"),
+        (("rendr",), "wrong_usage"),
+        (("check", BALL, "--scale", "1"), "options_clash"),
+    ],
+)
+def test_a_fault_is_json_too(capsys, here, arguments, fault):
+    code, printed, errors = output(capsys, *arguments, "--json")
+    assert code == 2
+    found = json.loads(printed)
+    assert set(found) == {"error", "code"}
+    assert found["code"] == fault
+    assert errors.splitlines()[-1] == f"airtact: {found['error']} [{fault}]"
+
+
+def test_quiet_prints_nothing_where_nothing_is_wrong(capsys, here):
+    assert output(capsys, "render", BALL, "--no-pictures", "--quiet") == (0, "", "")
+    assert output(capsys, "check", BALL, "--quiet") == (0, "", "")
+    code, printed, errors = output(capsys, "check", here / "no.toml", "--quiet")
+    assert (code, printed, len(errors.splitlines())) == (2, "", 1)
+
+
+def test_open_shows_the_page_in_the_browser(capsys, here, monkeypatch):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or True)
+    assert output(capsys, "render", BALL, "--quiet", "--open")[0] == 0
+    assert opened == [(here / "out/ball/report.html").resolve().as_uri()]
+
+
+@pytest.mark.parametrize(
+    ("line", "nearest"), [("rendr", "render"), ("render x.toml --stor y", "--store"), ("reproduce inoue", "inoue2014")]
+)
+def test_a_mistyped_command_option_or_name_suggests_the_nearest(capsys, line, nearest):
+    code, printed, errors = output(capsys, *line.split())
+    assert (code, printed) == (2, "")
+    assert nearest in errors
+    assert errors.endswith("--help. [wrong_usage]\n")
+
+
+def test_every_command_can_be_quiet():
+    for name, command in commands.commands.items():
+        assert "--quiet" in [flag for option in command.params for flag in option.opts], name
