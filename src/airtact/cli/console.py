@@ -4,7 +4,6 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import click
 from rich.box import SIMPLE
@@ -53,7 +52,7 @@ def progress() -> Iterator[Callback]:
 
 
 def show(
-    *tables: Table, warnings: Sequence[str] = (), lines: Sequence[str] = (), record: Mapping[str, Any] | None = None
+    *tables: Table, warnings: Sequence[str] = (), lines: Sequence[str] = (), record: Mapping | None = None
 ) -> None:
     """Print tables, warnings, and lines that say which files were written.
 

@@ -104,7 +104,7 @@ def _scene_here(context: click.Context, argument: click.Parameter, scene: Path) 
     return scene
 
 
-scene = click.argument("scene", type=INPUT, default=Path("scene.toml"), callback=_scene_here)
+scene = click.argument("scene", type=INPUT, default="scene.toml", callback=_scene_here)
 """The scene file; by default the one that ``airtact init`` writes."""
 
 open_result = click.option("--open", "opened", is_flag=True, help="Show the page in the browser.")

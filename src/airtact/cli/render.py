@@ -21,7 +21,12 @@ if TYPE_CHECKING:
 )
 @scene
 @results
-@click.option("--method", type=Names("airtact.synthesis.methods:METHODS"), help="Method, whatever the scene says.")
+@click.option(
+    "--method",
+    type=Names("airtact.synthesis.methods:METHODS"),
+    metavar="NAME",
+    help="Method, whatever the scene says; airtact compare lists all.",
+)
 @store
 @pictures
 @open_result
