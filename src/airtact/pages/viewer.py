@@ -107,7 +107,7 @@ def _caption(view: SceneView) -> str:
     near = (
         ""
         if view.surfaces is None
-        else " Within a quarter of a wavelength of a surface values are interpolated, to some 5 %."
+        else " Within a quarter of a wavelength of a surface values are interpolated, to a few percent."
     )
     held = f" Drives are shown at {view.held_equal}."
     words = [f"One colour scale for the slice and the surfaces of all drives, to {view.most:,.0f} Pa."]
