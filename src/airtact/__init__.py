@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from airtact.surfaces.files import load_surface
     from airtact.surfaces.primitives import capsule, sphere
     from airtact.surfaces.surface import Surface
+    from airtact.synthesis.best import best
     from airtact.synthesis.gerchberg_saxton import weighted_gerchberg_saxton
     from airtact.synthesis.max_min import max_min
     from airtact.synthesis.quantise import quantise
@@ -94,6 +95,7 @@ __all__ = [
     "TransferMatrix",
     "air",
     "autd3_board",
+    "best",
     "boards",
     "capsule",
     "compare",
@@ -165,6 +167,7 @@ _HOMES = {
     "surfaces.files": "load_surface",
     "surfaces.primitives": "capsule sphere",
     "surfaces.surface": "Surface",
+    "synthesis.best": "best",
     "synthesis.gerchberg_saxton": "weighted_gerchberg_saxton",
     "synthesis.max_min": "max_min",
     "synthesis.quantise": "quantise",

@@ -20,7 +20,7 @@ def test_the_least_file_has_the_defaults_of_the_design():
     file = parse_scene(LEAST)
     assert isinstance(file, SceneFile)
     assert (file.frequency, file.solver.name, file.solver.accuracy) == (40e3, None, 0.01)
-    assert (file.drive.method, file.drive.levels) == ("time_reversal", 256)
+    assert (file.drive.method, file.drive.levels) == ("best", 256)
     assert file.obstacles == []
     assert file.foci[0].offset is None
 

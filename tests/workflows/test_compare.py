@@ -13,7 +13,7 @@ from airtact.scene_file.building import read_scene
 from airtact.solvers.spherical.sphere_series import SphereSeries
 from airtact.synthesis.methods import METHODS
 from airtact.transfer import Drive
-from airtact.workflows.compare import FILES, IGNORED, compare
+from airtact.workflows.compare import FILES, IGNORED, WAYS, compare
 from paths import SCENES
 
 BALL = SCENES / "ball.toml"
@@ -29,7 +29,7 @@ def compared(tmp_path_factory):
 def test_every_method_and_the_control_are_there(compared):
     folder, contest = compared
     names = [one.name for one in contest.contenders]
-    assert sorted(names) == sorted([*(name.replace("_", " ") for name in METHODS), IGNORED])
+    assert sorted(names) == sorted([*(name.replace("_", " ") for name in WAYS), IGNORED])
     assert sorted(entry.name for entry in folder.iterdir()) == sorted([*FILES, "drives"])
     written = sorted(entry.stem for entry in (folder / "drives").iterdir())
     assert written == sorted(name.replace(" ", "_") for name in names)
@@ -107,6 +107,6 @@ def test_when_all_raise_nothing_is_written_but_the_folder(tmp_path, capsys, monk
         monkeypatch.setitem(METHODS, name, reject)
     assert main(["compare", str(BALL), "--out", str(tmp_path)]) == 2
     errors = capsys.readouterr().err
-    assert f"0 of {len(METHODS)} methods" in errors
+    assert f"0 of {len(WAYS)} methods" in errors
     assert errors.endswith(" [no_drive]\n")
     assert list((tmp_path / "drives").iterdir()) == []

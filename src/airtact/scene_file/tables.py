@@ -316,7 +316,7 @@ class LevelsTable(Table, frozen=True):
 class DriveTable(Table, frozen=True):
     """How the drive is made from the transfer matrix, and how many levels it is rounded to, 2 to 256."""
 
-    method: str = "time_reversal"
+    method: str = "best"
     levels: int | LevelsTable = 256
 
 

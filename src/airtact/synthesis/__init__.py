@@ -1,5 +1,6 @@
 """What to emit: a transfer matrix and a target in, a drive or a sequence out."""
 
+from airtact.synthesis.best import best
 from airtact.synthesis.constraint import Constraint
 from airtact.synthesis.gerchberg_saxton import (
     gerchberg_saxton,
@@ -8,6 +9,7 @@ from airtact.synthesis.gerchberg_saxton import (
     weighted_gerchberg_saxton_sets,
 )
 from airtact.synthesis.gradient import gradient
+from airtact.synthesis.least_peak import least_peak
 from airtact.synthesis.least_squares import eigenvector, inverse_filter, iterated_time_reversal
 from airtact.synthesis.max_min import Stalled, max_min
 from airtact.synthesis.methods import METHODS
@@ -35,6 +37,7 @@ __all__ = [
     "UpperBound",
     "achieved_fraction",
     "amplitude_modulation",
+    "best",
     "check_playable",
     "eigenvector",
     "focus_by_distance",
@@ -45,6 +48,7 @@ __all__ = [
     "inverse_filter",
     "iterated_time_reversal",
     "lateral_modulation",
+    "least_peak",
     "max_min",
     "phase_conjugate",
     "quantise",

@@ -4,8 +4,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from airtact.scene.target import Target
+from airtact.synthesis.best import best
 from airtact.synthesis.gerchberg_saxton import gerchberg_saxton, gs_pat, weighted_gerchberg_saxton
 from airtact.synthesis.gradient import gradient
+from airtact.synthesis.least_peak import least_peak
 from airtact.synthesis.least_squares import eigenvector, inverse_filter, iterated_time_reversal
 from airtact.synthesis.max_min import max_min
 from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
@@ -41,10 +43,12 @@ class Method:
 
 
 _ALL = (
+    Method(best, "the default: the method below that serves the target best", True, True),
     Method(time_reversal, "the conjugate of the transfer matrix, amplitudes and phases", heeds_phases=True),
     Method(phase_conjugate, "the phases of time reversal, all elements at one amplitude", heeds_phases=True),
     Method(iterated_time_reversal, "time reversal of the missing pressure, pass after pass", heeds_phases=True),
     Method(inverse_filter, "regularised least squares for the pressures wanted", True, True),
+    Method(least_peak, "exactly the pressures and phases wanted, the peak amplitude least", heeds_phases=True),
     Method(eigenvector, "least squares with phases at which the foci reinforce each other"),
     Method(gerchberg_saxton, "phases alone, by alternating projections"),
     Method(weighted_gerchberg_saxton, "alternating projections with more weight on foci that lag"),
@@ -54,4 +58,4 @@ _ALL = (
 )
 
 METHODS: dict[str, Method] = {method.name: method for method in _ALL}
-"""All methods by name, in the order in which pages list them."""
+"""All methods by name, the default first."""

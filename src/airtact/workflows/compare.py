@@ -23,6 +23,9 @@ from airtact.workflows.scene_view import scene_view
 FILES = ("methods.csv", "methods.html")
 """What a comparison writes beside the drives, in this order."""
 
+WAYS = tuple(name for name in METHODS if name != "best")
+"""The methods that are compared; `best` is one of them."""
+
 IGNORED = "hand ignored"
 """What the control is called: phases from distances alone."""
 
@@ -52,7 +55,7 @@ def compare(
     with clock.step("scene", f"reading {path.name}"):
         setup = _fresh_setup(path, folder)
     transfer, beacons = solve_foci(setup, clock, store)
-    with clock.step("drives", f"making the drive by {len(METHODS)} methods"):
+    with clock.step("drives", f"making the drive by {len(WAYS)} methods"):
         drives, seconds, notes = _all_drives(setup, transfer)
         bound = upper_bound(transfer, setup.target).worst
     files = {folder / "drives" / f"{name.replace(' ', '_')}.h5": drive for name, drive in drives.items()}
@@ -112,16 +115,16 @@ def _fresh_setup(path: Path, folder: Path) -> Setup:
 def _all_drives(setup: Setup, transfer: TransferMatrix) -> tuple[dict[str, Drive], dict[str, float], list[str]]:
     """Make a drive by each method: drives, seconds, and warnings of those that raised or stalled."""
     drives, all_notes, clock = {}, [], Clock()
-    for name, method in METHODS.items():
+    for name in WAYS:
         words = name.replace("_", " ")
         try:
             with clock.step(words):
-                drives[words], notes = synthesise(method, transfer, setup.target)
+                drives[words], notes = synthesise(METHODS[name], transfer, setup.target)
         except InvalidInput as fault:
             notes = (f"{words} made no drive: {fault}",)
         all_notes += notes
     if not drives:
-        raise InvalidInput(f"0 of {len(METHODS)} methods make a drive; {all_notes[0]}", code="no_drive")
+        raise InvalidInput(f"0 of {len(WAYS)} methods make a drive; {all_notes[0]}", code="no_drive")
     with clock.step(IGNORED):
         drives[IGNORED] = focus_by_distance(setup.array, setup.target, setup.scene.medium, setup.scene.frequency)
     return drives, clock.seconds, all_notes

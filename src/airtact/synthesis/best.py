@@ -1,0 +1,87 @@
+"""The default: the method that serves a target best, by what the target asks."""
+
+import warnings
+from collections.abc import Callable
+
+import numpy as np
+
+from airtact.scene.target import Target
+from airtact.synthesis.gradient import gradient
+from airtact.synthesis.least_peak import exactly, least_peak
+from airtact.synthesis.least_squares import inverse_filter
+from airtact.synthesis.max_min import Stalled, max_min
+from airtact.synthesis.reach import asked_rows
+from airtact.synthesis.time_reversal import phase_conjugate
+from airtact.transducers.levels import FULL_SCALE
+from airtact.transfer import Drive, TransferMatrix
+
+
+def best(transfer: TransferMatrix, target: Target) -> Drive:
+    """Make the drive by the method that gives the weakest focus most, for what the target asks.
+
+    ================================== =====================================================================
+    the target asks for                method
+    ================================== =====================================================================
+    one focus                          ``phase_conjugate``, at full scale the attainable maximum
+    several foci                       ``max_min``, continued by ``gradient`` where it stalls
+    phases at several foci             ``least_peak``
+    suppression points                 ``gradient``; the foci lose a tenth of their pressure at most
+    suppression points and phases      ``inverse_filter``
+    ================================== =====================================================================
+
+    Where pressures are asked and full scale is enough, several foci get exactly what they ask, by ``least_peak`` with
+    the phases that ``max_min`` chose. Where it is not enough, the weakest gets as large a part as it can.
+
+    Parameters
+    ----------
+    transfer : the transfer matrix of the foci, and of the suppression points where the target has some.
+    target : the foci, what is asked there, and the suppression points.
+
+    Returns
+    -------
+    The drive, scaled as ``time_reversal`` scales it. ``achieved_fraction`` gives the pressure of each focus over the
+    pressure asked, and ``upper_bound`` what no drive exceeds.
+
+    Raises
+    ------
+    InvalidInput
+        As the method that is chosen.
+
+    Warns
+    -----
+    Stalled
+        If the iterations were too few; the best drive is returned.
+
+    Examples
+    --------
+    >>> transfer = TransferMatrix(np.array([[3.0 + 0j, 4j]]), 0.0)
+    >>> transfer.pressure(best(transfer, Target(np.zeros((1, 3))))).real.round(9).tolist()
+    [7.0]
+    """
+    method = method_for(target)
+    if method is not max_min:
+        return method(transfer, target)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", Stalled)
+        drive = max_min(transfer, target)
+    if caught:
+        drive = gradient(transfer, target)
+    return drive if target.pressures is None else _exact(transfer, target, drive)
+
+
+def method_for(target: Target) -> Callable[[TransferMatrix, Target], Drive]:
+    """Return the method by which ``best`` makes the drive for a target."""
+    phases = target.phases is not None
+    if len(target.suppression_points):
+        return inverse_filter if phases else gradient
+    if np.count_nonzero(target.weights) == 1:
+        return phase_conjugate
+    return least_peak if phases else max_min
+
+
+def _exact(transfer: TransferMatrix, target: Target, drive: Drive) -> Drive:
+    """Give each focus exactly what it asks, with the phases of a drive; that drive where full scale is not enough."""
+    matrix, wanted = asked_rows(transfer, target)
+    pressure = matrix @ drive.amplitudes
+    amplitudes = exactly(matrix, wanted * np.exp(1j * np.angle(pressure)))
+    return Drive(amplitudes) if np.abs(amplitudes).max() <= FULL_SCALE else drive
