@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from jaxtyping import Complex128
 from scipy.optimize import linprog
 
 import airtact as at
@@ -14,9 +15,11 @@ from airtact.transfer import Drive, TransferMatrix
 from closed_form_transfers import any_points, open_air, random_matrix, scattered, worst
 
 
-def least_peak_by_linear_programming(transfer: TransferMatrix, wanted: np.ndarray, sides: int = 64) -> float:
+def least_peak_by_linear_programming(
+    transfer: TransferMatrix, wanted: Complex128[np.ndarray, "foci"], sides: int = 64
+) -> float:
     """Bound the least peak of H d = w from below: amplitudes in a polygon around the disc, by scipy."""
-    matrix = transfer.matrix
+    matrix = np.asarray(transfer.matrix)
     foci, elements = matrix.shape
     turns = np.exp(-2j * np.pi * np.arange(sides) / sides)
     # Unknowns: real and imaginary parts of d, and the peak; Re(d e^{-iα}) is at most the peak for every side.
@@ -26,13 +29,14 @@ def least_peak_by_linear_programming(transfer: TransferMatrix, wanted: np.ndarra
         limits[rows, np.arange(elements)], limits[rows, elements + np.arange(elements)] = turn.real, -turn.imag
         limits[rows, -1] = -1.0
     equal = np.zeros((2 * foci, 2 * elements + 1))
-    equal[:, : 2 * elements] = np.block([[matrix.real, -matrix.imag], [matrix.imag, matrix.real]])
+    real, imaginary = np.real(matrix), np.imag(matrix)
+    equal[:, : 2 * elements] = np.block([[real, -imaginary], [imaginary, real]])
     found = linprog(
         np.r_[np.zeros(2 * elements), 1.0],
         A_ub=limits,
         b_ub=np.zeros(len(limits)),
         A_eq=equal,
-        b_eq=np.r_[wanted.real, wanted.imag],
+        b_eq=np.r_[np.real(wanted), np.imag(wanted)],
         bounds=[(None, None)] * (2 * elements + 1),
     )
     assert found.success
@@ -64,7 +68,17 @@ def test_pressures_are_exactly_what_is_asked_where_full_scale_is_enough() -> Non
     transfer, target = open_air(points), Target(points, asked)
     drive = at.best(transfer, target)
     np.testing.assert_allclose(np.abs(transfer.pressure(drive)), asked, rtol=1e-9)
-    assert np.abs(drive.amplitudes).max() < 0.5
+    phases = np.exp(1j * np.angle(transfer.pressure(drive)))
+    least = np.linalg.pinv(transfer.matrix) @ (asked * phases)
+    np.testing.assert_allclose(drive.amplitudes, least, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("asked", [3000.0, 11000.0])
+def test_one_focus_gets_what_it_asks_after_rounding_too(asked) -> None:
+    point = np.array([[0.01, 0.0, 0.005]])
+    transfer, target = open_air(point), Target(point, asked)
+    rounded = at.quantise(at.best(transfer, target)).drive()
+    assert np.abs(transfer.pressure(rounded))[0] == pytest.approx(asked, rel=0.02)
 
 
 def test_where_full_scale_is_not_enough_the_weakest_gets_what_the_bound_allows() -> None:

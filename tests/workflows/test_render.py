@@ -173,7 +173,8 @@ def test_a_folder_that_cannot_be_written_is_rejected_before_anything_is_solved(t
 
 def test_a_drive_is_rounded_to_the_levels_of_its_scene(tmp_path):
     scene = tmp_path / "levels.toml"
-    scene.write_text(BALL.read_text(encoding="utf-8") + "\n[drive]\nlevels = { amplitude = 5, phase = 16 }\n")
+    strong = BALL.read_text(encoding="utf-8").replace("00.0\n", "000.0\n")
+    scene.write_text(strong + "\n[drive]\nlevels = { amplitude = 5, phase = 16 }\n")
     run = render(scene, tmp_path / "out")
     stored = read_drive_file(tmp_path / "out" / "drive.h5")
     assert stored.levels is not None

@@ -29,8 +29,9 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
     suppression points and phases      ``inverse_filter``
     ================================== =====================================================================
 
-    Where pressures are asked and full scale is enough, several foci get exactly what they ask, by ``least_peak`` with
-    the phases that ``max_min`` chose. Where it is not enough, the weakest gets as large a part as it can.
+    Where pressures are asked without suppression points and full scale is enough, each focus gets exactly what it asks:
+    the drive keeps the phases at the foci, and its energy is the least where that leaves every element within full
+    scale. Where full scale is not enough, the weakest focus gets as large a part as it can.
 
     Parameters
     ----------
@@ -59,14 +60,18 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
     [7.0]
     """
     method = method_for(target)
-    if method is not max_min:
-        return method(transfer, target)
+    drive = _settled(transfer, target) if method is max_min else method(transfer, target)
+    if target.pressures is None or len(target.suppression_points):
+        return drive
+    return _exact(transfer, target, drive)
+
+
+def _settled(transfer: TransferMatrix, target: Target) -> Drive:
+    """Make the drive by ``max_min``, and continue with ``gradient`` where that stalls."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", Stalled)
         drive = max_min(transfer, target)
-    if caught:
-        drive = gradient(transfer, target)
-    return drive if target.pressures is None else _exact(transfer, target, drive)
+    return gradient(transfer, target) if caught else drive
 
 
 def method_for(target: Target) -> Callable[[TransferMatrix, Target], Drive]:
@@ -83,5 +88,5 @@ def _exact(transfer: TransferMatrix, target: Target, drive: Drive) -> Drive:
     """Give each focus exactly what it asks, with the phases of a drive; that drive where full scale is not enough."""
     matrix, wanted = asked_rows(transfer, target)
     pressure = matrix @ drive.amplitudes
-    amplitudes = exactly(matrix, wanted * np.exp(1j * np.angle(pressure)))
+    amplitudes = exactly(matrix, wanted * np.exp(1j * np.angle(pressure)), enough=1.0)
     return Drive(amplitudes) if np.abs(amplitudes).max() <= FULL_SCALE else drive

@@ -42,9 +42,15 @@ def least_peak(transfer: TransferMatrix, target: Target, *, iterations: int = 50
 
 
 def exactly(
-    matrix: Complex128[np.ndarray, "foci elements"], wanted: Complex128[np.ndarray, "foci"], iterations: int = 50
+    matrix: Complex128[np.ndarray, "foci elements"],
+    wanted: Complex128[np.ndarray, "foci"],
+    iterations: int = 50,
+    enough: float = 0.0,
 ) -> Complex128[np.ndarray, "elements"]:
-    """Return amplitudes of least peak with H d = w, of any scale."""
+    """Return the amplitudes of least peak with H d = w, or the first on the way there whose peak is ``enough``.
+
+    The way begins at the amplitudes of least energy.
+    """
     norms = np.linalg.norm(matrix, axis=1)
     matrix, wanted = matrix / norms[:, None], wanted / norms
     back = matrix.conj().T
@@ -56,6 +62,8 @@ def exactly(
         peak = float(np.abs(amplitudes).max())
         if peak < least:
             best, least = amplitudes, peak
+        if least <= enough:
+            break
         magnitudes = np.abs(sent) / np.abs(sent).mean()
         weights = 1.0 / np.maximum(magnitudes, SMALLEST)
     return best
