@@ -144,6 +144,7 @@ def _rows(references: Path, hand: Path | None, quick: bool, notes: list[str], re
 
 
 def _machine() -> str:
-    cores, load = len(os.sched_getaffinity(0)), os.getloadavg()[0]
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0  # Windows counts none
     busy = f"; others kept it busy (load {load:.1f}): times are too long" if load > 0.5 * cores else ""
     return f"{platform.machine()}, {cores} cores, {_kernels.active_variant()}{busy}"

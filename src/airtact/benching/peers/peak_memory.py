@@ -1,6 +1,5 @@
 """Peak memory of this process from a moment on, as Linux counts it; no part of airtact is imported."""
 
-import resource
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -9,19 +8,26 @@ import numpy as np
 
 
 def forget_peak() -> int:
-    """Reset the peak; return what the process holds now [byte]."""
-    Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
-    return _status("VmRSS")
+    """Reset the peak; return what the process holds now [byte], 0 on systems that do neither."""
+    try:
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+        return _status("VmRSS")
+    except OSError:
+        return 0
 
 
 def peak() -> int:
-    """Return the peak since ``forget_peak`` or the start [byte], libraries included.
+    """Return the peak since ``forget_peak`` or the start [byte], libraries included; 0 on Windows, which reports none.
 
     Linux counts in ``ru_maxrss`` what the parent had when it started this process, but not in ``VmHWM``.
     """
     try:
         return _status("VmHWM")
     except (OSError, StopIteration):
+        if sys.platform == "win32":
+            return 0
+        import resource
+
         per_unit = 1 if sys.platform == "darwin" else 1024
         return per_unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
