@@ -156,3 +156,23 @@ def test_bad_arrays_are_rejected(make, code: str, number: str, monkeypatch: pyte
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
     with raises_code(code, *number.split(" ... ")):
         make()
+
+
+@pytest.mark.parametrize("direction", [(0, 0, 1), (0, 0, -1), (-3, 0, 0), (1, 2, -2)])
+def test_a_board_faces_a_point_from_any_side(direction) -> None:
+    point, away = np.array([0.01, -0.02, 0.03]), np.array(direction) / np.linalg.norm(direction)
+    board = autd3_board()
+    placed = board.facing(point, direction, 0.2)
+    np.testing.assert_allclose(placed.positions.mean(axis=0), point + 0.2 * away, atol=1e-12)
+    np.testing.assert_allclose(placed.normals, np.tile(-away, (249, 1)), atol=1e-12)
+    apart = [np.linalg.norm(one.positions[100] - one.positions, axis=1) for one in (placed, board)]
+    np.testing.assert_allclose(apart[0], apart[1], atol=1e-12)
+
+
+def test_an_array_without_a_front_faces_nothing() -> None:
+    with raises_code("no_front", "996 elements"):
+        surrounding_box().facing((0, 0, 0), (0, 0, 1), 0.2)
+    with raises_code("zero_length", "1 element"):
+        autd3_board().facing((0, 0, 0), (0, 0, 0), 0.2)
+    with raises_code("not_positive", "-0.2"):
+        autd3_board().facing((0, 0, 0), (0, 0, 1), -0.2)

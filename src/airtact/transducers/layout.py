@@ -6,12 +6,25 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex128, Float64, Num, Real
 
-from airtact.conventions import InvalidInput
+from airtact.conventions import InvalidInput, Vector
 from airtact.pose import Pose
 from airtact.printing import html_table, one_line, sides_in_mm
 from airtact.transducers.boards import Board, board_named
 from airtact.transducers.element import Element, monopole
-from airtact.validation import check_finite, complex_numbers, counted, fixed, of_kind, points_of, real_numbers
+from airtact.validation import (
+    check_finite,
+    complex_numbers,
+    counted,
+    fixed,
+    of_kind,
+    point_of,
+    points_of,
+    positive,
+    real_numbers,
+)
+
+LEAST_FRONT = 0.3
+"""Least length of the mean normal of an array that has a front."""
 
 MAX_ARRAY_EXTENT = 10.0
 """Largest extent of an array [m]."""
@@ -115,6 +128,45 @@ class PhasedArray:
         object.__setattr__(copy, "tangents", _unit(_across(pose.rotate(self.tangents), normals), "tangent"))
         object.__setattr__(copy, "gains", self.gains)
         return copy
+
+    def facing(self, point: Vector, direction: Vector, distance: float) -> "PhasedArray":
+        """Move the array so that its middle stands away from a point and radiates towards it.
+
+        Parameters
+        ----------
+        point : (3,) such as a focus [m].
+        direction : (3,) from the point to the middle of the array, of any length above zero.
+        distance : between the two [m].
+
+        Raises
+        ------
+        InvalidInput
+            If the elements radiate to all sides, so that the array has no front, the direction is zero, or the distance
+            is not above zero.
+
+        Examples
+        --------
+        >>> board = autd3_board().facing((0, 0, 0), direction=(-1, 0, 0), distance=0.2)
+        >>> (np.round(board.positions.mean(axis=0), 9) + 0.0).tolist(), np.round(board.normals[0], 9).tolist()
+        ([-0.2, 0.0, 0.0], [1.0, 0.0, 0.0])
+        """
+        distance = positive(distance, "the distance of an array", "m")
+        outward = _unit(point_of(direction, "the direction to an array")[None], "direction")[0]
+        front = self.normals.mean(axis=0)
+        if np.linalg.norm(front) < LEAST_FRONT:
+            raise InvalidInput(
+                f"the normals of {counted(len(self), 'element', 'elements')} point to all sides, so the array has no "
+                "front: move it by moved(pose).",
+                code="no_front",
+            )
+        front = front / np.linalg.norm(front)
+        axis = np.cross(front, -outward)
+        if np.linalg.norm(axis) < 1e-9:
+            axis = self.tangents[0]
+        angle = float(np.arctan2(np.linalg.norm(np.cross(front, -outward)), front @ -outward))
+        turned = self.moved(Pose.turn(axis, angle))
+        middle = point_of(point, "the point that an array faces") + distance * outward
+        return turned.moved(Pose(np.eye(3), middle - turned.positions.mean(axis=0)))
 
     def calibrated(self, gains: Num[np.ndarray, "gains"]) -> "PhasedArray":
         """Set the gain of each element; the transfer matrix, and so every method, then includes it.
