@@ -21,6 +21,7 @@ from airtact.store.stored import Stored
 from airtact.surfaces.surface import Surface
 from airtact.synthesis.max_min import Stalled
 from airtact.timing import Clock
+from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transfer import Drive, TransferMatrix, transfer_matrix
 from airtact.validation import counted
 
@@ -112,7 +113,8 @@ def save_drives(drives: Mapping[Path, Drive], setup: Setup, transfer: TransferMa
     """Save drives to their files, with all that emitting them needs and what they were made from."""
     texts = {"scene": setup.text, "report": msgspec.json.encode(report).decode()}
     for file, drive in drives.items():
-        drive.save(file, setup.array, setup.scene, transfer, setup.target, setup.levels, texts)
+        known = (setup.array, setup.scene, transfer, setup.target, setup.levels, texts)
+        drive.save(file, *known, setup.modulation if isinstance(setup.modulation, AmplitudeModulation) else None)
 
 
 def plane_of_foci(setup: Setup) -> tuple[Window, list[Surface]]:

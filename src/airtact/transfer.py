@@ -17,6 +17,7 @@ from airtact.transducers.drive_file import save_drives
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import EIGHT_BITS, FULL_SCALE, Levels
+from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transducers.placement import check_placement, check_reach
 from airtact.validation import check_finite, check_frequency, complex_numbers, counted, in_mm, of_kind
 
@@ -85,6 +86,7 @@ class Drive:
         target: Target | None = None,
         levels: Levels = EIGHT_BITS,
         texts: Mapping[str, str] | None = None,
+        modulation: AmplitudeModulation | None = None,
     ) -> None:
         """Write the drive to a file, which ``load_drive`` reads and ``airtact emit`` sends to boards.
 
@@ -97,6 +99,7 @@ class Drive:
         target : the foci.
         levels : the amplitudes and phases that the drive is also written in, rounded.
         texts : further texts by name, such as the scene file's.
+        modulation : how the amplitude varies when the drive is emitted; a constant one unless given. A .csv has none.
 
         Raises
         ------
@@ -116,7 +119,7 @@ class Drive:
         True
         """
         matrix = None if transfer is None else transfer.matrix
-        save_drives(path, self.amplitudes[None], None, array, scene, matrix, target, levels, texts)
+        save_drives(path, self.amplitudes[None], None, array, scene, matrix, target, levels, texts, modulation)
 
 
 def check_drive(drive: Drive, what: str) -> None:

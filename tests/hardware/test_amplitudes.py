@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from airtact.hardware.amplitudes import largest_pressure_around
+from airtact.hardware.amplitudes import pressures_around
 from airtact.transducers.layout import autd3_board
 
 K = 2 * np.pi * 40e3 / 343.0
@@ -11,13 +11,13 @@ K = 2 * np.pi * 40e3 / 343.0
 
 def test_one_element_is_as_loud_as_its_distance_says() -> None:
     """p = s d / r on a sphere of half a metre around one element."""
-    loud = largest_pressure_around(np.zeros((1, 3)), np.array([[0.5 + 0.0j]]), 4.38, K)
+    loud = pressures_around(np.zeros((1, 3)), np.array([[0.5 + 0.0j]]), 4.38, K)
     assert loud == pytest.approx(4.38 * 0.5 / 0.5, rel=1e-12)
 
 
 def test_the_loudest_frame_counts() -> None:
     drives = np.array([[0.1], [1.0], [0.0]], dtype=complex)
-    assert largest_pressure_around(np.zeros((1, 3)), drives, 1.0, K, distance=2.0) == pytest.approx(0.5)
+    assert pressures_around(np.zeros((1, 3)), drives, 1.0, K, distance=2.0) == pytest.approx(0.5)
 
 
 def test_a_beam_is_found_where_it_goes() -> None:
@@ -28,8 +28,8 @@ def test_a_beam_is_found_where_it_goes() -> None:
     apart = np.linalg.norm(board.positions - middle - [0.0, 0.0, reach + 0.5], axis=1)
     drive = np.exp(-1j * K * apart)[None]
     most = np.sum(1.0 / apart)
-    assert 0.85 * most < largest_pressure_around(board.positions, drive, 1.0, K) <= 1.01 * most
+    assert 0.85 * most < pressures_around(board.positions, drive, 1.0, K) <= 1.01 * most
 
 
 def test_silence_is_silent() -> None:
-    assert largest_pressure_around(np.zeros((1, 3)), np.zeros((1, 1), dtype=complex), 1.0, K) == 0.0
+    assert pressures_around(np.zeros((1, 3)), np.zeros((1, 1), dtype=complex), 1.0, K) == 0.0

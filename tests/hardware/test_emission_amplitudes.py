@@ -32,10 +32,10 @@ def test_sound_rises_over_the_ramp() -> None:
 def test_the_cap_turns_a_drive_down_as_a_whole() -> None:
     drive = Drive(np.linspace(0.0, 0.8, 249) * tone().amplitudes)
     link = RecordingLink()
-    with Emission(link, cap=40.0, ramp=0.0) as emission:
+    with Emission(link, cap=0.4, ramp=0.0) as emission:
         frame = emission.send(drive)
     np.testing.assert_allclose(frame.amplitude / 255, 0.5 * np.abs(drive.amplitudes), rtol=0, atol=0.5 / 255)
-    with Emission(link, cap=90.0, ramp=0.0) as emission:
+    with Emission(link, cap=0.9, ramp=0.0) as emission:
         frame = emission.send(drive)
     np.testing.assert_allclose(frame.amplitude / 255, np.abs(drive.amplitudes), rtol=0, atol=0.5 / 255)
 
@@ -43,7 +43,7 @@ def test_the_cap_turns_a_drive_down_as_a_whole() -> None:
 def test_one_cap_holds_for_all_frames_of_a_sequence() -> None:
     drives = moving(2) * np.array([[1.0], [0.5]])
     link = RecordingLink()
-    with Emission(link, cap=50.0, ramp=0.0) as emission:
+    with Emission(link, cap=0.5, ramp=0.0) as emission:
         emission.play(Sequence(drives, 100.0), seconds=0.04)
     loudness = [int(frame.amplitude.max()) for frame in link.frames[:2]]
     np.testing.assert_allclose(loudness, [127.5, 63.75], rtol=0, atol=0.51)
@@ -104,9 +104,9 @@ def test_a_swing_that_begins_in_silence_rises_too() -> None:
 @pytest.mark.parametrize(
     ("make", "code", "shown"),
     [
-        (lambda link: Emission(link, cap=0.0), "out_of_range", "0 per cent"),
-        (lambda link: Emission(link, cap=120.0), "out_of_range", "120 per cent"),
-        (lambda link: Emission(link, cap=np.nan), "out_of_range", "nan per cent"),
+        (lambda link: Emission(link, cap=0.0), "out_of_range", "is 0,"),
+        (lambda link: Emission(link, cap=40.0), "out_of_range", "for 40 per cent give 0.4"),
+        (lambda link: Emission(link, cap=np.nan), "out_of_range", "is nan,"),
         (lambda link: Emission(link, ramp=-1.0), "out_of_range", "-1 s"),
         (lambda link: Emission(link, patience=0.0), "not_positive", "0 s"),
         (lambda link: Emission("autd3"), "wrong_kind", "'autd3'"),

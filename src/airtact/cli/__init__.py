@@ -33,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (at.InvalidInput, at.NotConverged) as error:  # imported only now, so that --help comes at once
         fault = str(error), error.code, 2
     except at.emission.LinkFailed as error:
-        fault = str(error), "link_failed", 1
+        fault = str(error), error.code, 1
     else:
         return 0
     return _fail(*fault, as_json="--json" in given)

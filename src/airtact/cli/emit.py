@@ -8,7 +8,7 @@ import click
 
 import airtact as at
 from airtact.cli.console import facts_table, progress, show
-from airtact.cli.options import FILE, Names, drive_settings, quiet
+from airtact.cli.options import FILE, Names, drive_settings, level_of, modulation_of, quiet
 
 
 @click.command(
@@ -23,9 +23,20 @@ from airtact.cli.options import FILE, Names, drive_settings, quiet
 @click.option("--port", help="Serial port, for SonicSurface and Nano16.")
 @click.option("--out", type=FILE, help="File, for --link file: .npz, .csv, .h5 or .bin.")
 @quiet
-def emit(drive: Path, board: str, link: str, cap: float, seconds: float, yes: bool, **where: Any) -> None:
+def emit(
+    drive: Path,
+    board: str,
+    cap: float | None,
+    full_scale: bool,
+    modulate: str | None,
+    link: str,
+    seconds: float,
+    yes: bool,
+    **where: Any,
+) -> None:
     """Emit DRIVE.h5 on boards for some seconds, then silence them.
 
+    Without --cap and --full-scale the level half a metre off the array is kept to 110 dB, a usual limit.
     The amplitude rises over 0.2 s. At the end, at Ctrl-C, when the process is asked to end and when anything fails, a
     frame of zeros is sent and confirmed as far as the boards can.
     """
@@ -34,9 +45,12 @@ def emit(drive: Path, board: str, link: str, cap: float, seconds: float, yes: bo
     from airtact.workflows import emit as workflow
 
     positive(seconds, "how long to emit", "s")
-    plan = workflow.plan(drive, board, cap)
+    share = level_of(cap, full_scale)
+    if share is None and link == "file":
+        share = workflow.FULL  # a file emits nothing
+    plan = workflow.plan(drive, board, share, modulation_of(modulate), modulate == "none")
     way = workflow.link_for(plan, link, **where)
-    show(facts_table(plan.facts(link)), lines=[NO_SAFETY_ASSESSMENT])
+    show(facts_table(plan.facts(link)), lines=[NO_SAFETY_ASSESSMENT, *plan.notes()])
     if not yes:
         _ask(f"Emit for {seconds:g} s through {link} to {way.devices}?")
     with progress() as report_step:
@@ -48,7 +62,8 @@ def emit(drive: Path, board: str, link: str, cap: float, seconds: float, yes: bo
     else:
         show(lines=[f"{counted(way.sent, 'frame was', 'frames were')} written."])
     if played is not None:
-        rate = f"The sequence was played at {played.rate:.4g} frames/s"
+        what = "sequence" if plan.modulation is None else "modulated drive"
+        rate = f"The {what} was played at {played.rate:.4g} frames/s"
         show(lines=[f"{rate}, {played.frames} frames, {played.dropped} dropped."])
 
 

@@ -4,7 +4,7 @@ import difflib
 import pkgutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import click
 
@@ -136,13 +136,42 @@ def given(**settings: Setting | None) -> dict[str, Setting]:
 
 
 def drive_settings(command: Command) -> Command:
-    """Give a command the drive file, the kind of board, and the cap on the amplitude."""
+    """Give a command the drive file, the kind of board, the cap on the amplitude, and the modulation."""
     for option in (
         click.option(
-            "--cap", type=float, default=100.0, help="Largest amplitude of an element, in per cent; 100 by default."
+            "--modulate", help="am:FREQUENCY or am:FREQUENCY:DEPTH, such as am:200; none for a constant force."
         ),
+        click.option("--full-scale", is_flag=True, help="Emit at full scale: --cap 1."),
+        click.option("--cap", type=float, help="Largest amplitude of an element, a share of full scale: 0.5 is half."),
         click.option("--board", required=True, type=Names("airtact.transducers.boards:BOARDS"), help="Kind of board."),
         click.argument("drive", metavar="DRIVE.h5", type=FILE),
     ):
         command = option(command)
     return command
+
+
+def level_of(cap: float | None, full_scale: bool) -> float | None:
+    """Return the cap that was asked for, or None for the command's default."""
+
+    if full_scale and cap is not None:
+        raise at.InvalidInput(
+            f"--full-scale is a cap of 1, and --cap {cap:g} is given too: leave one out.", code="choose_one"
+        )
+    return 1.0 if full_scale else cap
+
+
+def modulation_of(words: str | None) -> "at.synthesis.AmplitudeModulation | None":
+    """Read --modulate; None where nothing is given, or "none"."""
+    if words in (None, "none"):
+        return None
+    kind, *numbers = words.split(":")
+    try:
+        given = [float(number) for number in numbers]
+    except ValueError:
+        given = [0.0] * 3
+    if kind != "am" or len(given) > 2:
+        raise at.InvalidInput(
+            f"--modulate {words} is not am with up to 2 numbers, such as am:200 or am:200:0.5, nor none.",
+            code="unknown_name",
+        )
+    return at.synthesis.AmplitudeModulation(*given)

@@ -37,7 +37,7 @@ def render(scene: Path, folder: Path, method: str | None, store: Path | None, pi
 
     SCENE is scene.toml by default, which airtact init writes; or one of the examples that come with airtact:
     air_letters, open_hand, palm_circle, pinch, pinch_pose, suppressed_pinch. With --no-pictures only the drive is
-    written.
+    written. Foci that move, by [drive.modulation] in the scene, are in sequence.h5.
     """
     with progress() as report_step:
         report_step("starting")
@@ -47,7 +47,7 @@ def render(scene: Path, folder: Path, method: str | None, store: Path | None, pi
     written = {name: str(folder / name) for name in (workflow.FILES if pictures else workflow.FILES[:2])}
     last = folder / list(written)[-1]
     line = f"Report: {last}" if pictures else f"Drive: {last}"
-    show(_table(run), warnings=run.notes, lines=[line], record={**_record(run), "files": written})
+    show(_table(run), warnings=run.notes, lines=[*run.sensation, line], record={**_record(run), "files": written})
     if opened:
         open_page(folder / "report.html")
 
@@ -63,6 +63,7 @@ def _record(run: "Rendered") -> dict[str, Any]:
     return {
         "method": run.method,
         "foci": foci,
+        "sensation": list(run.sensation),
         "estimated_error": run.comparison.report.estimated_error,
         "seconds": dict(run.seconds),
     }

@@ -11,10 +11,15 @@ from airtact.conventions import InvalidInput
 REFERENCE_RMS = 20e-6
 """Pressure of 0 dB SPL, rms [Pa]."""
 
+OCCUPATIONAL_LIMIT = 110.0
+"""The usual limit at 40 kHz for people at work, in a third of an octave [dB SPL]: C. Q. Howard, C. H. Hansen,
+A. C. Zander, J. Occup. Health Saf. Aust. N. Z. 21, 253 (2005), on which most organisations agree."""
+
 NO_SAFETY_ASSESSMENT = (
     "This is no safety assessment: the head itself is not in the scene, the sensitivity of the elements is not "
     "calibrated, and what ultrasound in air does to people is little known (ICNIRP 2024, 10.1097/HP.0000000000001800, "
-    "calls the evidence limited; 110 dB at 40 kHz is the usual occupational limit)."
+    f"calls the evidence limited; {OCCUPATIONAL_LIMIT:g} dB at 40 kHz is the usual occupational limit: C. Q. Howard et "
+    "al., J. Occup. Health Saf. Aust. N. Z. 21, 253, 2005)."
 )
 """The note beside every level at a head."""
 
@@ -72,6 +77,38 @@ def thresholds_of(modulation: str) -> tuple[Threshold, ...]:
             code="unknown_name",
         )
     return found
+
+
+CONSTANT = (
+    'Skin hardly feels a constant force: give [drive.modulation] with kind = "am" in the scene file, or play the drive '
+    "with --modulate am:200."
+)
+"""The note beside a drive that is not modulated."""
+
+
+def sensation(pressure: float, modulation: Literal["amplitude", "spatiotemporal"] | None, depth: float = 1.0) -> str:
+    """Write how far a focus is above the threshold of detection, and where that threshold comes from.
+
+    Parameters
+    ----------
+    pressure : peak pressure at the weakest focus [Pa].
+    modulation : None for a constant drive.
+    depth : of the modulation of the force.
+
+    Examples
+    --------
+    >>> sensation(5570.0, "amplitude")[:75]
+    'The weakest focus is 20 dB above the threshold of detection with amplitude m'
+    """
+    if modulation is None:
+        return CONSTANT
+    threshold = next(one for one in thresholds_of(modulation) if one.quantity == "pressure")
+    level = threshold.level(pressure * np.sqrt(depth))
+    off = f"{abs(level):.0f} dB {'above' if level >= 0 else 'below'}"
+    return (
+        f"The weakest focus is {off} the threshold of detection with {modulation} modulation, {threshold.value:g} Pa "
+        f"({threshold.source}; people and places of the skin differ by several decibel)."
+    )
 
 
 def sound_pressure_level(pressure: Num[np.ndarray, "points"]) -> Float64[np.ndarray, "points"]:

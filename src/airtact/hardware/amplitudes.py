@@ -6,11 +6,18 @@ from jaxtyping import Complex, Float64, Real
 from airtact.conventions import InvalidInput
 from airtact.synthesis.quantise import Frame, quantise
 from airtact.transducers.levels import Levels
+from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transfer import Drive
 from airtact.validation import number
 
 GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 """Multiples of the golden ratio's fraction spread evenly over 0 to 1, however many are taken."""
+
+CLOCK = 40e3
+"""Periods of the sound that boards emit, in a second."""
+
+FEWEST_FRAMES, USUAL_FRAMES, MOST_FRAMES = 16, 20, 40
+"""Frames of a period of amplitude modulation, where nothing else limits them."""
 
 COARSE, BEAMS, FINE = 2000, 12, 100
 """Number of directions evaluated first, of those with the largest pressure that are refined, and of directions
@@ -30,48 +37,119 @@ def faded(drive: Drive, levels: Levels, share: float) -> Frame:
 
 
 def share_under_cap(drives: Complex[np.ndarray, "frames elements"], levels: Levels, cap: float) -> float:
-    """Return the factor that brings the largest amplitude of some drives under a cap, in per cent of full scale.
+    """Return the factor that brings the largest amplitude of some drives under a cap, a share of full scale.
 
-    Without levels of amplitude, the cap is the share of elements that are on. Raise "out_of_range" outside 0 to 100.
+    Without levels of amplitude, the cap is the share of elements that are on. Raise as ``check_cap``.
     """
-    cap = number(cap, "the cap", "per cent")
-    if not 0.0 < cap <= 100.0:
-        raise InvalidInput(
-            f"the cap is {cap:g} per cent of full scale, but it must be above 0 and at most 100.", code="out_of_range"
-        )
+    cap = check_cap(cap)
     if levels.phase_only:
-        return cap / 100.0
-    return min(1.0, cap / 100.0 / max(float(np.abs(drives).max()), 1e-12))
+        return cap
+    return min(1.0, cap / max(float(np.abs(drives).max()), 1e-12))
 
 
-def largest_pressure_around(
+def check_cap(cap: float) -> float:
+    """Return a cap on amplitudes; raise "out_of_range" unless it is a share of full scale, above 0 and at most 1."""
+    cap = number(cap, "the cap", "shares of full scale")
+    if not 0.0 < cap <= 1.0:
+        percent = f": for {cap:g} per cent give {cap / 100.0:g}" if 1.0 < cap <= 100.0 else ""
+        raise InvalidInput(
+            f"the cap is {cap:g}, but it is a share of full scale, above 0 and at most 1{percent}.", code="out_of_range"
+        )
+    return cap
+
+
+def modulated(
+    drive: Drive, modulation: AmplitudeModulation, levels: Levels, fastest: float, share: float
+) -> tuple[list[Frame], float]:
+    """Return the frames of one period of a modulated drive at a share of its amplitude, and their rate [frames/s].
+
+    ``fastest`` is how many frames a second the boards take. Raise as ``frames_of_period``.
+    """
+    count, rate = frames_of_period(modulation.frequency, fastest)
+    return [faded(drive, levels, share * float(factor)) for factor in modulation.envelope(count)], rate
+
+
+def frames_of_period(frequency: float, fastest: float, clock: float = CLOCK) -> tuple[int, float]:
+    """Choose how many frames a period of a modulation has, and their rate [frames/s].
+
+    Boards without a limit of their own play frames that last whole periods of the sound: of 16 to 40 frames a period,
+    the number whose frequency is nearest, and of these the one nearest to 20. Slower lines carry as many as they can,
+    an even number up to 20: 2 are on and off.
+
+    Parameters
+    ----------
+    frequency : of the modulation [Hz].
+    fastest : frames a second that the boards take.
+    clock : periods of the sound in a second.
+
+    Raises
+    ------
+    InvalidInput
+        "rate_not_possible": the frequency with the nearest that the boards can play.
+
+    Examples
+    --------
+    >>> frames_of_period(200.0, np.inf), frames_of_period(40.0, 88.0)
+    ((20, 4000.0), (2, 80.0))
+    """
+    if np.isfinite(fastest):
+        most = int(fastest / frequency + 1e-9)
+        if most < 2:
+            raise InvalidInput(
+                f"an amplitude modulation of {frequency:g} Hz needs {2 * frequency:g} frames/s, and the boards take "
+                f"{fastest:.4g}: give {np.floor(fastest / 2):g} Hz or less, such as --modulate "
+                f"am:{np.floor(fastest / 2):g}.",
+                code="rate_not_possible",
+            )
+        count = min(most - most % 2, USUAL_FRAMES)
+        return count, count * frequency
+    if frequency > clock / MOST_FRAMES:
+        raise InvalidInput(
+            f"an amplitude modulation of {frequency:g} Hz is too fast: the fastest is {clock / MOST_FRAMES:g} Hz.",
+            code="rate_not_possible",
+        )
+    counts = np.arange(FEWEST_FRAMES, MOST_FRAMES + 1)
+    divides = np.maximum(np.rint(clock / (frequency * counts)), 1.0)
+    off = np.round(np.abs(clock / (divides * counts) / frequency - 1.0), 9)
+    best = np.lexsort((np.abs(counts - USUAL_FRAMES), off))[0]
+    return int(counts[best]), float(clock / divides[best])
+
+
+def pressures_around(
     positions: Real[np.ndarray, "elements 3"],
     drives: Complex[np.ndarray, "frames elements"],
     sensitivity: float,
     wavenumber: float,
     distance: float = 0.5,
-) -> float:
-    """Find the largest peak pressure [Pa] on a sphere around an array, ``distance`` [m] beyond the outermost element.
+) -> tuple[float, float]:
+    """Find the largest pressures [Pa] on a sphere around an array, ``distance`` [m] beyond the outermost element.
 
     Elements radiate to all sides alike in open air, with a peak pressure of ``sensitivity`` [Pa·m]. Bodies scatter the
     sound elsewhere, and a real transducer radiates less to its back: the number serves as a warning and is no
     measurement.
+
+    Returns
+    -------
+    The peak pressure in the strongest frame, and the root of the mean of the squares over the frames, each where it is
+    largest.
     """
     middle = (positions.min(axis=0) + positions.max(axis=0)) / 2.0
     radius = float(np.linalg.norm(positions - middle, axis=1).max()) + distance
 
-    def pressures(directions: Real[np.ndarray, "directions 3"]) -> Float64[np.ndarray, "directions"]:
+    def pressures(directions: Real[np.ndarray, "directions 3"]) -> Float64[np.ndarray, "two directions"]:
         apart = np.linalg.norm((middle + radius * directions)[:, None] - positions[None], axis=-1)
-        return np.abs((np.exp(1j * wavenumber * apart) / apart) @ drives.T).max(axis=1)
+        found = np.abs((np.exp(1j * wavenumber * apart) / apart) @ drives.T)
+        return np.stack([found.max(axis=1), np.sqrt(np.mean(found**2, axis=1))])
 
     directions = _directions(COARSE)
-    found = np.concatenate([pressures(part) for part in np.array_split(directions, 20)])
+    found = np.concatenate([pressures(part) for part in np.array_split(directions, 20)], axis=1)
     # A beam may be narrower than the step between two directions: refine around the largest pressures.
     near = _directions(FINE)[None] * np.sqrt(4.0 * np.pi / COARSE) * np.linspace(0.2, 1.0, FINE)[None, :, None]
-    around = (directions[np.argsort(found)[-BEAMS:], None] + near).reshape(-1, 3)
+    around = (directions[np.argsort(found[0])[-BEAMS:], None] + near).reshape(-1, 3)
     around /= np.linalg.norm(around, axis=1, keepdims=True)
-    largest = max(float(found.max()), *(float(pressures(part).max()) for part in np.array_split(around, 10)))
-    return sensitivity * largest
+    refined = np.concatenate([pressures(part) for part in np.array_split(around, 10)], axis=1)
+    peak, average = np.maximum(found.max(axis=1), refined.max(axis=1))
+    return sensitivity * float(peak), sensitivity * float(average)
 
 
 def _directions(count: int) -> Float64[np.ndarray, "directions 3"]:

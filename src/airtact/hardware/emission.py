@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from airtact.conventions import InvalidInput
-from airtact.hardware.amplitudes import faded, share_under_cap
+from airtact.hardware.amplitudes import check_cap, faded, modulated, share_under_cap
 from airtact.hardware.link import Link, LinkFailed
 from airtact.synthesis.quantise import Frame
 from airtact.synthesis.sequence import Sequence
+from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transfer import Drive, check_drive
 from airtact.validation import number, of_kind, positive
 
@@ -69,25 +70,24 @@ class Emission:
     Parameters
     ----------
     link : the way to the boards; it is opened and closed here.
-    cap : largest amplitude of an element, in per cent of full scale; drives above it are reduced as a whole.
+    cap : largest amplitude of an element, a share of full scale; drives above it are reduced as a whole.
     ramp : duration of the ramp [s].
     patience : how long boards emit without a call [s].
 
     Raises
     ------
     InvalidInput
-        If the cap is not above 0 and at most 100, or a time is negative or not finite.
+        If the cap is not above 0 and at most 1, or a time is negative or not finite.
     """
 
     link: Link
 
-    def __init__(self, link: Link, *, cap: float = 100.0, ramp: float = RAMP, patience: float = PATIENCE) -> None:
+    def __init__(self, link: Link, *, cap: float = 1.0, ramp: float = RAMP, patience: float = PATIENCE) -> None:
         of_kind(link, Link, "the link", "one such as AUTD3Link(poses)")
-        share_under_cap(np.ones((1, 1), dtype=np.complex128), link.levels, cap)
         if not 0.0 <= number(ramp, "the ramp", "s") < np.inf:
             raise InvalidInput(f"the ramp is {ramp:g} s, but it must be 0 or more.", code="out_of_range")
         self.link = link
-        self._cap = cap
+        self._cap = check_cap(cap)
         self._ramp, self._patience = ramp, positive(patience, "the patience of the watchdog", "s")
         self._lock = threading.RLock()
         self._inside = 0
@@ -220,12 +220,43 @@ class Emission:
         self.link.check_sequence(len(drives), rate)
         share = share_under_cap(drives, self.link.levels, self._cap)
         frames = [faded(Drive(row), self.link.levels, share) for row in drives]
+        strongest = Drive(drives[np.linalg.norm(drives, axis=1).argmax()])
+        return self._repeat(frames, rate, seconds, lambda: self._rise(strongest, share))
+
+    def modulate(self, drive: Drive, seconds: float, modulation: AmplitudeModulation | None = None) -> Played:
+        """Play a drive for some seconds [s] while its amplitude varies, so that it is felt, at a rate of the boards.
+
+        The force follows a cosine of 200 Hz, or the given modulation. Boards without levels of amplitude vary the
+        number of elements that are on. The drive rises over the ramp.
+
+        Returns
+        -------
+        What was played.
+
+        Raises
+        ------
+        InvalidInput
+            If the drive is for another number of elements, or the modulation is too fast for the boards (the fastest).
+        LinkFailed
+            As ``play``.
+        """
+        check_drive(drive, "what is emitted")
+        modulation = AmplitudeModulation() if modulation is None else modulation
+        of_kind(modulation, AmplitudeModulation, "the modulation", "AmplitudeModulation(frequency, depth)")
+        self.link.check_elements(len(drive))
+        share = share_under_cap(drive.amplitudes[None], self.link.levels, self._cap)
+        frames, rate = modulated(drive, modulation, self.link.levels, self.link.fastest_frames, share)
+        self.link.check_sequence(len(frames), rate)
+        return self._repeat(frames, rate, seconds, lambda: self._rise(drive, share))
+
+    def _repeat(self, frames: list[Frame], rate: float, seconds: float, rise: Callable[[], None]) -> Played:
+        """Play frames over and over, after a ramp."""
         if not self.link.real_time:
             count = max(round(seconds * rate), 1)
             self._do(lambda: self.link.play([frames[index % len(frames)] for index in range(count)], rate))
             return Played(rate, count, 0)
         if not self._emitting:
-            self._rise(Drive(drives[np.linalg.norm(drives, axis=1).argmax()]), share)
+            rise()
         if self.link.plays_itself:
             self._do(lambda: self.link.play(frames, rate))
             self.hold(seconds)
@@ -286,6 +317,7 @@ class Emission:
                 f"the emission is over because {self._over}, after {self.link.sent} frames, and nothing was sent.",
                 self.link.last,
                 self.link.sent,
+                code="emission_over",
             )
 
     def _finish(self, why: str) -> None:
@@ -308,7 +340,10 @@ class Emission:
             except LinkFailed as error:
                 if last_try:
                     self._failure = LinkFailed(
-                        f"{str(error).rstrip('.')}; the boards may still emit: cut their power.", before, sent
+                        f"{str(error).rstrip('.')}; the boards may still emit: cut their power.",
+                        before,
+                        sent,
+                        code="silence_failed",
                     )
                     raise self._failure from error
             else:

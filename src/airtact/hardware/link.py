@@ -21,10 +21,12 @@ class LinkFailed(RuntimeError):  # noqa: N818 (reads as what it is in a tracebac
     ----------
     last : the frame that the boards confirmed last, or None.
     sent : how many frames they confirmed.
+    code : a short name of the kind of fault, such as "link_failed", which stays when the sentence changes.
     """
 
-    def __init__(self, sentence: str, last: Frame | None = None, sent: int = 0) -> None:
+    def __init__(self, sentence: str, last: Frame | None = None, sent: int = 0, *, code: str) -> None:
         super().__init__(sentence)
+        self.code = code
         self.last = last
         self.sent = sent
 
@@ -72,6 +74,13 @@ class Link(ABC):
     def levels(self) -> Levels:
         """What its boards can play."""
         return self.codec.levels
+
+    @property
+    def fastest_frames(self) -> float:
+        """Frames a second that the boards take: what the link carries, and their own serial line."""
+        if self.codec.baud is None:
+            return self.fastest
+        return min(self.fastest, self.codec.baud / 10.0 / len(self.codec.encode(self.zero())))  # 10 bits a byte
 
     @property
     def devices(self) -> str:
@@ -245,7 +254,9 @@ class Link(ABC):
         else:
             on = int(np.count_nonzero(self.last.amplitude))
             done = f"the last of {self.sent} frames sent had {on} of {self.elements} elements on"
-        return LinkFailed(f"the {self.name} link failed while {doing}: {why}; {done}.", self.last, self.sent)
+        return LinkFailed(
+            f"the {self.name} link failed while {doing}: {why}; {done}.", self.last, self.sent, code="link_failed"
+        )
 
 
 class RecordingLink(Link):

@@ -56,7 +56,7 @@ class SerialLink(Link):
             )
         of_kind(port, str, "the port", 'the name of a device, such as "/dev/ttyUSB0"')
         self.port, self.boot = port, boot
-        self.fastest = self.codec.baud / 10.0 / len(self.codec.encode(self.zero()))  # 10 bits a byte
+        self.fastest = self.fastest_frames
         self._line: Any = None
 
     def _begin(self) -> None:

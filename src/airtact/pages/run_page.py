@@ -56,6 +56,7 @@ class Rendered:
     reached : (F,) peak pressure at the foci under the drive, by the verification solve [Pa].
     comparison : the drive against the one that ignores the hand.
     notes : warnings of a method that stopped early.
+    sensation : how far the foci are above the threshold of detection, with its source.
     seconds : wall time by step of the run [s].
     """
 
@@ -74,6 +75,7 @@ class Rendered:
     reached: Float64[np.ndarray, "foci"]
     comparison: Comparison
     notes: Sequence[str]
+    sensation: Sequence[str]
     seconds: Mapping[str, float]
 
 
@@ -117,7 +119,7 @@ def _summary(run: Run) -> dict[str, Any]:
         "stand": "stands" if len(run.foci) == 1 else "stand",
         "where": f"beside {_and(run.bodies)}, which {scatter} the sound" if run.bodies else "in open air",
         "headline": _headline(run),
-        "notes": _shortfalls(run),
+        "notes": [*_shortfalls(run), *run.sensation],
         "facts": [
             (f"{ratio:.2f} ×", "pressure when the hand is ignored, at equal energy, mean over the foci"),
             (f"{solve:.2f} s", "to solve and make the drive"),

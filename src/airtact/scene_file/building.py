@@ -23,11 +23,13 @@ from airtact.solvers.fem.solver import FiniteElement
 from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import Solver
 from airtact.synthesis.methods import METHODS
+from airtact.synthesis.motion import Motion
 from airtact.transducers.boards import poses_of_boards
 from airtact.transducers.calibration import load_calibration
 from airtact.transducers.element import Element, monopole, piston
 from airtact.transducers.layout import PhasedArray, board_array, flat_boards, surrounding_box
 from airtact.transducers.levels import Levels
+from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transducers.placement import check_placement
 from airtact.transfer import Drive, TransferMatrix
 from airtact.validation import counted
@@ -60,6 +62,7 @@ class Setup:
     method : name of the method that makes the drive.
     synthesise : that method.
     levels : what the drive is rounded to.
+    modulation : what makes the drive perceptible; None for a constant one.
     """
 
     path: Path
@@ -76,6 +79,7 @@ class Setup:
     method: str
     synthesise: Callable[[TransferMatrix, Target], Drive]
     levels: Levels
+    modulation: AmplitudeModulation | Motion | None
 
     @property
     def frequency(self) -> float:
@@ -132,6 +136,8 @@ def _set_up(path: Path, text: str, file: tables.SceneFile) -> Setup:
             raise InvalidInput(f'"{method}" is not a method here; {nearest(method, METHODS)}', code="unknown_name")
         count = file.drive.levels
         levels = Levels.even(count, count) if isinstance(count, int) else Levels.even(count.amplitude, count.phase)
+        with about("modulation"):
+            modulation = None if file.drive.modulation is None else _modulation(file.drive.modulation, len(foci))
     return Setup(
         path=path,
         text=text,
@@ -147,7 +153,26 @@ def _set_up(path: Path, text: str, file: tables.SceneFile) -> Setup:
         method=method,
         synthesise=METHODS[method],
         levels=levels,
+        modulation=modulation,
     )
+
+
+def _modulation(table: tables.ModulationTable, foci: int) -> AmplitudeModulation | Motion:
+    kind = table.kind
+    if isinstance(kind, tables.AmplitudeTable):
+        return AmplitudeModulation(kind.frequency, kind.depth)
+    if kind.path == "line" and kind.radius is not None:
+        raise InvalidInput("radius goes only with a circle; give the length of a line.", code="key_misplaced")
+    if kind.path != "line" and kind.length is not None:
+        raise InvalidInput('length goes only with path = "line"; give the radius of a circle.', code="key_misplaced")
+    name = "stm" if isinstance(kind, tables.SpatiotemporalTable) else "lm"
+    size = kind.length if kind.path == "line" else kind.radius
+    motion = Motion(name, kind.path, size, kind.frequency, kind.frames, kind.along)  # pyright: ignore[reportArgumentType]
+    if motion.path == "points" and foci < 2:
+        raise InvalidInput(
+            f'path = "points" leads a focus along 2 or more points, and there is {foci}.', code="too_few"
+        )
+    return motion
 
 
 def _solver(file: tables.SceneFile, scene: Scene) -> Solver:

@@ -313,11 +313,51 @@ class LevelsTable(Table, frozen=True):
     phase: int = 256
 
 
+class ModulationKind(Table, frozen=True, tag_field="kind"):
+    """What makes the drive perceptible, by the value of ``kind``."""
+
+
+class AmplitudeTable(ModulationKind, frozen=True, tag="am"):
+    """The amplitude varies, so that the force follows a cosine of a ``frequency`` [Hz] and ``depth``."""
+
+    frequency: float = 200.0
+    depth: float = 1.0
+
+
+class Moving(ModulationKind, frozen=True):
+    """Foci run along a ``path``, "circle" of a ``radius`` or "line" of a ``length`` [m], ``frequency`` times a second.
+
+    A path has so many ``frames``, and lies ``along`` the "skin", or the plane across the direction to the "array".
+    """
+
+    path: str | None = None
+    radius: float | None = None
+    length: float | None = None
+    frequency: float | None = None
+    frames: int | None = None
+    along: str | None = None
+
+
+class LateralTable(Moving, frozen=True, tag="lm"):
+    """Each focus runs along a small path around its position."""
+
+
+class SpatiotemporalTable(Moving, frozen=True, tag="stm"):
+    """One focus runs through the foci in their order, the ``path`` "points", or each around its position."""
+
+
+class ModulationTable(Table, frozen=True):
+    """What makes the drive perceptible; skin hardly feels a constant force."""
+
+    kind: AmplitudeTable | LateralTable | SpatiotemporalTable
+
+
 class DriveTable(Table, frozen=True):
-    """How the drive is made from the transfer matrix, and how many levels it is rounded to, 2 to 256."""
+    """How the drive is made from the transfer matrix, its modulation, and the levels it is rounded to, 2 to 256."""
 
     method: str = "best"
     levels: int | LevelsTable = 256
+    modulation: ModulationTable | None = None
 
 
 class SceneFile(Table, frozen=True):

@@ -13,6 +13,7 @@ from airtact.synthesis.least_peak import least_peak
 from airtact.synthesis.least_squares import eigenvector, inverse_filter, iterated_time_reversal
 from airtact.synthesis.max_min import Stalled, max_min
 from airtact.synthesis.methods import METHODS
+from airtact.synthesis.motion import Motion, moving_foci, moving_target
 from airtact.synthesis.quantise import Frame, quantise, rounding_error
 from airtact.synthesis.reach import achieved_fraction
 from airtact.synthesis.sequence import (
@@ -25,13 +26,16 @@ from airtact.synthesis.sequence import (
 from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
 from airtact.synthesis.upper_bound import UpperBound, upper_bound
 from airtact.transducers.levels import Levels
+from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transfer import focus_by_distance, focus_by_distance_phase_only
 
 __all__ = [
     "METHODS",
+    "AmplitudeModulation",
     "Constraint",
     "Frame",
     "Levels",
+    "Motion",
     "Sequence",
     "Stalled",
     "UpperBound",
@@ -50,6 +54,8 @@ __all__ = [
     "lateral_modulation",
     "least_peak",
     "max_min",
+    "moving_foci",
+    "moving_target",
     "phase_conjugate",
     "quantise",
     "rounding_error",

@@ -16,16 +16,19 @@ from airtact.conventions import InvalidInput
 from airtact.printing import in_short
 from airtact.scene.scene import Scene
 from airtact.scene.target import Target
-from airtact.synthesis.reach import foci_rows
+from airtact.synthesis.reach import check_foci
 from airtact.synthesis.time_reversal import phase_conjugate
 from airtact.transducers.drive_file import save_drives
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import EIGHT_BITS, FULL_SCALE, Levels
+from airtact.transducers.modulation import FREQUENCY, AmplitudeModulation
 from airtact.transfer import Drive, TransferMatrix, check_drive
 from airtact.validation import check_finite, complex_numbers, counted, of_kind, positive
 
 FEWEST = 4
 """Frames that one period of a modulation takes at least."""
+
+Amplitudes = Complex128[np.ndarray, "elements"]
 
 Make = Callable[[TransferMatrix, Target], Drive]
 """A way to make a drive, such as ``phase_conjugate``."""
@@ -155,11 +158,13 @@ def check_rate(rate: float, clock: float, slowest: int, board: str) -> None:
         )
 
 
-def amplitude_modulation(drive: Drive, frequency: float = 200.0, rate: float = 4000.0, depth: float = 1.0) -> Sequence:
+def amplitude_modulation(
+    drive: Drive, frequency: float = FREQUENCY, rate: float = 4000.0, depth: float = 1.0
+) -> Sequence:
     """Vary the amplitude of a drive so that the force on the skin follows a cosine.
 
-    Radiation force goes with the square of the pressure, so the amplitude of frame t is the drive's times
-    √(1 − depth (1 − cos 2πft)/2): the force varies between 1 and 1 − depth with no overtone.
+    The force varies between 1 and 1 − depth with no overtone, as ``AmplitudeModulation.envelope`` has it. Boards need
+    no such frames: ``Emission.modulate`` makes them at the rate of the board.
 
     Parameters
     ----------
@@ -181,13 +186,7 @@ def amplitude_modulation(drive: Drive, frequency: float = 200.0, rate: float = 4
     [1.0, 0.5, 0.0, 0.5]
     """
     check_drive(drive, "the drive")
-    if not 0.0 < depth <= 1.0:
-        raise InvalidInput(
-            f"the depth of the modulation is {depth:g}, but it must be above 0 and at most 1.", code="out_of_range"
-        )
-    count = _frames(frequency, rate)
-    angle = 2.0 * np.pi * np.arange(count) / count
-    envelope = np.sqrt(np.maximum(1.0 - depth * (1.0 - np.cos(angle)) / 2.0, 0.0))
+    envelope = AmplitudeModulation(frequency, depth).envelope(_frames(frequency, rate))
     return Sequence(envelope[:, None] * drive.amplitudes, rate)
 
 
@@ -217,7 +216,7 @@ def lateral_modulation(
     last = _line_of(target, "lateral modulation") - 1
     count = _frames(frequency, rate, least=2 * last)
     way = 2.0 * last * np.arange(count) / count
-    return _led(transfer, target, np.rint(last - np.abs(way - last)).astype(np.int64), rate, method)
+    return led(transfer, target, np.rint(last - np.abs(way - last)).astype(np.int64)[:, None], rate, method)
 
 
 def spatiotemporal_modulation(
@@ -233,7 +232,7 @@ def spatiotemporal_modulation(
     """
     points = _line_of(target, "spatiotemporal modulation")
     count = _frames(frequency, rate, least=points)
-    return _led(transfer, target, points * np.arange(count, dtype=np.int64) // count, rate, method)
+    return led(transfer, target, (points * np.arange(count, dtype=np.int64) // count)[:, None], rate, method)
 
 
 def _line_of(target: Target, what: str) -> int:
@@ -246,21 +245,58 @@ def _line_of(target: Target, what: str) -> int:
     return len(target.points)
 
 
-def _led(
-    transfer: TransferMatrix, target: Target, places: Int64[np.ndarray, "frames"], rate: float, method: Make
+def led(
+    transfer: TransferMatrix,
+    target: Target,
+    places: Int64[np.ndarray, "frames foci"],
+    rate: float,
+    method: Make = phase_conjugate,
 ) -> Sequence:
-    """Focus on one point of a target after another."""
-    matrix = foci_rows(transfer, target)
-    drives = np.zeros((len(matrix), matrix.shape[1]), dtype=np.complex128)
-    for index in np.unique(places):
-        wanted = None if target.pressures is None else target.pressures[index : index + 1]
-        share = None if target.shares is None else float(target.shares[index] / target.shares.max())
-        if (wanted is not None and wanted[0] == 0.0) or share == 0.0:
-            continue
-        alone = Target(target.points[index : index + 1], wanted)
-        row = TransferMatrix(matrix[index : index + 1], transfer.estimated_error)
-        drives[index] = method(row, alone).amplitudes * (1.0 if share is None else share)
-    return Sequence(drives[places], rate)
+    """Focus on some points of a target after others, on those of each row at the same time.
+
+    Each frame has the global phase that brings it nearest to the one before, so that steps between frames are small.
+
+    Parameters
+    ----------
+    transfer : of all the points, and of the target's suppression points after them or not.
+    target : the points, with what each asks.
+    places : (N, F) indices of the points of each frame.
+    rate : frames a second.
+    method : makes the drive of each frame.
+
+    Raises
+    ------
+    InvalidInput
+        If the target does not fit the matrix, or as the method.
+    """
+    check_foci(transfer, target)
+    _, first = np.unique(places, axis=0, return_index=True)
+    made: dict[tuple[int, ...], Amplitudes] = {}
+    before = None
+    for index in np.sort(first):
+        drive = _frame(transfer, target, places[index], method)
+        if before is not None:
+            turn = np.vdot(drive, before)
+            drive = drive * (turn / abs(turn) if abs(turn) > 0.0 else 1.0)
+        before = drive if drive.any() else before
+        made[tuple(places[index].tolist())] = drive
+    return Sequence(np.stack([made[tuple(row)] for row in places.tolist()]), rate)
+
+
+def _frame(transfer: TransferMatrix, target: Target, chosen: Int64[np.ndarray, "foci"], method: Make) -> Amplitudes:
+    """Make the drive of one frame; a frame of which nothing is asked is silent."""
+    phases = 1.0 if target.phases is None else np.exp(1j * target.phases[chosen])
+    weights = target.weights[chosen]
+    if not weights.any():
+        return np.zeros(transfer.matrix.shape[1], dtype=np.complex128)
+    given = {} if target.pressures is None and target.shares is None else {"pressures": weights * phases}
+    share = 1.0
+    if target.shares is not None:
+        given, share = {"shares": weights * phases}, float(weights.max() / target.shares.max())
+    suppressed = transfer.matrix[len(target.points) :]
+    alone = Target(target.points[chosen], **given, suppression_points=target.suppression_points[: len(suppressed)])
+    matrix = np.concatenate([transfer.matrix[chosen], suppressed])
+    return share * method(TransferMatrix(matrix, transfer.estimated_error), alone).amplitudes
 
 
 def _frames(frequency: float, rate: float, least: int = FEWEST) -> int:

@@ -2,7 +2,8 @@
 
 Version 1 holds these datasets, those in brackets only where they are known:
 
-- ``format_version``; ``modulation``, which is "none": the frames are emitted as they are.
+- ``format_version``; ``modulation``: "none" where the frames are emitted as they are, "am" for a drive whose amplitude
+  varies with ``modulation_frequency`` [Hz] and ``modulation_depth``, as ``AmplitudeModulation`` has it.
 - ``amplitude`` [share of full scale] and ``phase`` [rad, of Re[d e^{−iωt}]]: (E,) for a drive, (N, E) for a sequence,
   and the same in levels as ``amplitude_level`` and ``phase_level``; ``shares_of_levels`` (A,) and ``levels_of_a_turn``
   are what these numbers stand for. A sequence has its ``rate`` [frames/s].
@@ -36,12 +37,16 @@ from airtact.scene.target import Target
 from airtact.transducers.boards import BOARDS, poses_of_boards
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import FULL_SCALE, Levels
+from airtact.transducers.modulation import AmplitudeModulation
 from airtact.validation import check_finite, of_kind, points_of, positive, real_numbers
 
 VERSION = 1
 """Version of the format that is written; those up to it are read."""
 
 ENDINGS = (".h5", ".npz", ".csv")
+
+SEQUENCE_FILE = "sequence.h5"
+"""What a run writes beside its drive where the foci move."""
 
 COLUMNS = ("index", "x", "y", "z", "nx", "ny", "nz", "amplitude", "phase", "amplitude_level", "phase_level")
 """Columns of a drive's table: metres, a share of full scale, radians of Re[d e^{−iωt}], and levels."""
@@ -57,6 +62,8 @@ UNITS = {
     "transfer_matrix": "Pa per unit drive; first axis foci, second elements",
     "foci": "m",
     "wanted_pressures": "Pa, peak",
+    "modulation_frequency": "Hz",
+    "modulation_depth": "share of the force",
     "sensitivity": "Pa m, uncalibrated",
     "element_radius": "m",
     "frequency": "Hz",
@@ -79,6 +86,7 @@ class DriveFile:
     drives : (N, E) what each element emits in each frame; one frame for a drive.
     rate : frames a second of a sequence; None for a drive.
     sensitivity : peak pressure of a transducer at full scale, 1 m away on its axis [Pa·m].
+    modulation : how the amplitude of a drive varies when it is emitted.
     """
 
     drives: Complex128[np.ndarray, "frames elements"]
@@ -98,6 +106,7 @@ class DriveFile:
     wanted_pressures: Float64[np.ndarray, "foci"] | None = None
     matrix: Complex128[np.ndarray, "foci elements"] | None = None
     texts: Mapping[str, str] = field(default_factory=dict)
+    modulation: AmplitudeModulation | None = None
 
     def frame_rate(self, given: float | None = None) -> float | None:
         """Return the given rate, or the file's; None for a drive. Raise "rate_missing" for several frames without."""
@@ -117,11 +126,15 @@ def save_drives(
     target: Target | None,
     levels: Levels,
     texts: Mapping[str, str] | None,
+    modulation: AmplitudeModulation | None = None,
 ) -> None:
     """Write what ``Drive.save`` and ``Sequence.save`` are given; a drive is one frame without a rate."""
     of_kind(path, str | Path, "the file of a drive", 'its path, such as "drive.h5"')
     of_kind(levels, Levels, "the levels of a drive", "Levels.even(256, 256)")
     known: dict[str, Any] = {}
+    if modulation is not None:
+        of_kind(modulation, AmplitudeModulation, "the modulation", "AmplitudeModulation(frequency, depth)")
+        known["modulation"] = modulation
     elements = drives.shape[1]
     if array is not None:
         of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
@@ -208,10 +221,12 @@ def _write_h5(path: Path, what: DriveFile) -> None:
 def _columns(what: DriveFile) -> Iterator[tuple[str, Any]]:
     """Yield each dataset that is known, by its name."""
     drives = what.drives[0] if what.rate is None and len(what.drives) == 1 else what.drives
-    levels, medium = what.levels, what.medium
+    levels, medium, modulation = what.levels, what.medium, what.modulation
     columns = {
         "format_version": VERSION,
-        "modulation": "none",
+        "modulation": "none" if modulation is None else "am",
+        "modulation_frequency": None if modulation is None else modulation.frequency,
+        "modulation_depth": None if modulation is None else modulation.depth,
         "amplitude": np.abs(drives),
         "phase": np.angle(drives),
         "amplitude_level": None if what.amplitude_level is None else what.amplitude_level.reshape(drives.shape),
@@ -324,7 +339,17 @@ def _checked(raw: Mapping[str, Any], version: int) -> DriveFile:
         wanted_pressures=raw.get("wanted_pressures"),
         matrix=np.asarray(raw["transfer_matrix"], dtype=np.complex128) if "transfer_matrix" in raw else None,
         texts={name: raw[name] for name in ("scene", "report") if name in raw},
+        modulation=_modulation(raw),
     )
+
+
+def _modulation(raw: Mapping[str, Any]) -> AmplitudeModulation | None:
+    kind = raw.get("modulation", "none")
+    if kind == "none":
+        return None
+    if kind != "am":
+        raise InvalidInput(f"the modulation {kind!r} is none of 2: none, am.", code="unknown_name")
+    return AmplitudeModulation(float(raw["modulation_frequency"]), float(raw["modulation_depth"]))
 
 
 def _positive_in(raw: Mapping[str, Any], name: str, what: str, unit: str) -> float | None:

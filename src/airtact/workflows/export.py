@@ -2,16 +2,25 @@
 
 from pathlib import Path
 
-from airtact.hardware.amplitudes import faded, share_under_cap
-from airtact.hardware.codecs import codec_of
-from airtact.hardware.file_link import write_frames
+from airtact.hardware.amplitudes import faded, modulated, share_under_cap
+from airtact.hardware.file_link import FileLink, write_frames
+from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transfer import Drive
 from airtact.validation import counted
-from airtact.workflows.emit import Plan, plan
+from airtact.workflows.emit import FULL, Plan, plan
 
 
-def export(path: Path, board: str, file: Path, cap: float = 100.0) -> tuple[Plan, str]:
+def export(
+    path: Path,
+    board: str,
+    file: Path,
+    cap: float = FULL,
+    modulation: AmplitudeModulation | None = None,
+    constant: bool = False,
+) -> tuple[Plan, str]:
     """Write a drive or a sequence as the frames of a kind of board, without ramp and silence.
+
+    A modulated drive is one period of frames at a rate of the boards. Parameters are those of ``plan``.
 
     Returns
     -------
@@ -20,11 +29,16 @@ def export(path: Path, board: str, file: Path, cap: float = 100.0) -> tuple[Plan
     Raises
     ------
     InvalidInput
-        As ``plan``, or the file cannot be written.
+        As ``plan``, the modulation is too fast for the boards, or the file cannot be written.
     """
-    made = plan(path, board, cap)
-    levels = codec_of(made.board).levels
-    share = share_under_cap(made.stored.drives, levels, made.cap)
-    frames = tuple(faded(Drive(row), levels, share) for row in made.stored.drives)
-    write_frames(file, board, frames, made.stored.rate)
-    return made, f"{counted(len(frames), 'frame', 'frames')} for {counted(len(made.poses), 'board', 'boards')}"
+    made = plan(path, board, cap, modulation, constant)
+    link = FileLink(file, board, len(made.poses))
+    drives, rate = made.stored.drives, made.stored.rate
+    share = share_under_cap(drives, link.levels, made.cap)
+    if made.modulation is None:
+        frames = [faded(Drive(row), link.levels, share) for row in drives]
+    else:
+        frames, rate = modulated(Drive(drives[0]), made.modulation, link.levels, link.fastest_frames, share)
+    write_frames(file, board, frames, rate)
+    words = f"{counted(len(frames), 'frame', 'frames')} for {counted(len(made.poses), 'board', 'boards')}"
+    return made, words if rate is None else f"{words} at {rate:g} frames/s"

@@ -19,7 +19,9 @@ from airtact.steps import plane_of_foci, save_drives, solve_foci, stored, synthe
 from airtact.synthesis.methods import METHODS
 from airtact.synthesis.quantise import quantise
 from airtact.timing import Clock, Progress, no_progress
+from airtact.transducers.drive_file import SEQUENCE_FILE
 from airtact.transfer import Drive, focus_by_distance
+from airtact.workflows.modulated import sensations, write_sequence
 from airtact.workflows.scene_view import scene_view
 
 FILES = ("drive.csv", "drive.h5", "field.vtkhdf", "report.html")
@@ -39,8 +41,8 @@ def render(
 ) -> Rendered:
     """Compute what a scene file asks for and write it into a folder, each file as soon as it is complete.
 
-    These are `FILES`. Solved fields are stored in the folder ``store`` and found again, if one is given. ``method``,
-    one of ``METHODS``, takes the place of the scene file's. Without ``pictures`` only the drive is written.
+    These are `FILES`, and `SEQUENCE_FILE` where foci move. Solved fields are stored in the folder ``store`` if given.
+    ``method``, one of ``METHODS``, takes the place of the scene file's. Without ``pictures`` only the drive is written.
 
     Raises
     ------
@@ -59,11 +61,12 @@ def render(
     with clock.step("drive", f"making the drive by {setup.method.replace('_', ' ')}"):
         drive, notes = synthesise(setup.synthesise, transfer, setup.target)
     # An older run's field and page must not stand beside this run's drive.
-    for name in FILES:
+    for name in (*FILES, SEQUENCE_FILE):
         (folder / name).unlink(missing_ok=True)
     save_drives({folder / name: drive for name in FILES[:2]}, setup, transfer, beacons)
+    moving, noted = write_sequence(folder / SEQUENCE_FILE, setup, transfer, clock, store)
     drives, comparison = _verify(setup, drive, clock, store)
-    peak = float(np.abs(drive.amplitudes).max())
+    reached = float(np.abs(drive.amplitudes).max()) * comparison.pressures["equal peak"][0]
     rendered = Rendered(
         title=path.stem.replace("_", " "),
         text=setup.text,
@@ -77,9 +80,10 @@ def render(
         frame=quantise(drive, setup.levels),
         transfer=transfer,
         beacons=beacons,
-        reached=peak * comparison.pressures["equal peak"][0],
+        reached=reached,
         comparison=comparison,
-        notes=notes,
+        notes=(*notes, *noted),
+        sensation=sensations(setup, reached, moving),
         seconds=clock.seconds,
     )
     return _draw(rendered, drives, setup, folder, clock, report_step) if pictures else rendered

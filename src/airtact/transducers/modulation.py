@@ -1,0 +1,56 @@
+"""Amplitude modulation: what makes a constant focus of ultrasound perceptible, without frames of its own."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from airtact.conventions import InvalidInput
+from airtact.validation import number, positive
+
+FREQUENCY = 200.0
+"""Frequency of amplitude modulation unless another is given [Hz]."""
+
+
+@dataclass(frozen=True)
+class AmplitudeModulation:
+    """The amplitude of all elements varies together, so that the force at every focus follows a cosine.
+
+    Skin hardly feels a constant force. It is most sensitive to vibration at 200 to 300 Hz (S. J. Bolanowski et al.,
+    J. Acoust. Soc. Am. 84, 1680, 1988).
+
+    Attributes
+    ----------
+    frequency : of the force [Hz].
+    depth : the force varies between its largest and 1 − depth of that; above 0 to 1.
+
+    Raises
+    ------
+    InvalidInput
+        If the frequency is not above zero, or the depth is outside 0 to 1.
+    """
+
+    frequency: float = FREQUENCY
+    depth: float = 1.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "frequency", positive(self.frequency, "the frequency of the modulation", "Hz"))
+        depth = number(self.depth, "the depth of the modulation", "shares of 1")
+        if not 0.0 < depth <= 1.0:
+            raise InvalidInput(
+                f"the depth of the modulation is {depth:g}, but it must be above 0 and at most 1.", code="out_of_range"
+            )
+        object.__setattr__(self, "depth", depth)
+
+    def envelope(self, frames: int) -> Float64[np.ndarray, "frames"]:
+        """Return the factor on the amplitudes in each of so many frames of a period, from the largest, which is 1.
+
+        Radiation force goes with the square of the pressure, so frame n has √(1 − depth (1 − cos 2πn/N)/2).
+
+        Examples
+        --------
+        >>> (AmplitudeModulation(depth=1.0).envelope(4) ** 2).round(12).tolist()
+        [1.0, 0.5, 0.0, 0.5]
+        """
+        angle = 2.0 * np.pi * np.arange(frames) / frames
+        return np.sqrt(np.maximum(1.0 - self.depth * (1.0 - np.cos(angle)) / 2.0, 0.0))

@@ -1,0 +1,74 @@
+"""What makes a run's drive perceptible: the sequence of foci that move, and the level above the threshold."""
+
+from collections.abc import Sequence as Listed
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+
+from airtact.evaluation.thresholds import sensation
+from airtact.scene.target import Target
+from airtact.scene_file.building import Setup
+from airtact.steps import solve_foci, synthesise
+from airtact.synthesis.motion import Motion, moving_foci, moving_target
+from airtact.synthesis.sequence import Sequence
+from airtact.timing import Clock
+from airtact.transducers.modulation import AmplitudeModulation
+from airtact.transfer import Drive, TransferMatrix
+
+
+def write_sequence(
+    path: Path, setup: Setup, transfer: TransferMatrix, clock: Clock, store: Path | None
+) -> tuple[Float64[np.ndarray, "frames"] | None, tuple[str, ...]]:
+    """Make and save the sequence of a scene whose foci move.
+
+    Returns
+    -------
+    The pressure at the weakest focus in each frame [Pa], None where no focus moves; and what the method noted.
+    """
+    motion = setup.modulation
+    if not isinstance(motion, Motion):
+        return None, ()
+    target, together = setup.target, 1
+    middle = setup.array.positions.mean(axis=0)
+    if motion.through_points(len(target.points)):
+        turns = motion.turns(target.points[None])
+    else:
+        paths, together = motion.paths(setup.scene, target, middle), len(target.points)
+        turns, target = motion.turns(paths), moving_target(target, paths)
+        transfer, _ = solve_foci(replace(setup, target=target), clock, store)
+    notes: list[str] = []
+
+    def method(rows: TransferMatrix, alone: Target) -> Drive:
+        drive, found = synthesise(setup.synthesise, rows, alone)
+        notes.extend(found)
+        return drive
+
+    with clock.step("sequence", f"making the drives of foci at {len(target.points)} positions"):
+        sequence = moving_foci(transfer, target, together, turns, method, clock=setup.frequency)
+        sequence.save(path, setup.array, setup.scene, transfer, target, setup.levels, {"scene": setup.text})
+    return _weakest(sequence, transfer, len(target.points), together), tuple(dict.fromkeys(notes))
+
+
+def _weakest(sequence: Sequence, transfer: TransferMatrix, points: int, together: int) -> Float64[np.ndarray, "frames"]:
+    """Return the pressure at the weakest of the foci that are asked for in each frame [Pa]."""
+    pressures = np.abs(sequence.pressure(transfer))[:, :points]
+    frames = np.arange(len(sequence)) * (points // together) // len(sequence)
+    return np.stack(
+        [row[frame * together : (frame + 1) * together].min() for row, frame in zip(pressures, frames, strict=True)]
+    )
+
+
+def sensations(
+    setup: Setup, reached: Float64[np.ndarray, "foci"], moving: Float64[np.ndarray, "frames"] | None
+) -> Listed[str]:
+    """Say how far the foci are above the threshold of detection: still ones, or in the weakest of their frames."""
+    if moving is not None:
+        return (
+            f"The foci move: {len(moving)} frames, the weakest focus of which gets {moving.min():,.0f} Pa.",
+            sensation(float(moving.min()), "spatiotemporal"),
+        )
+    if isinstance(setup.modulation, AmplitudeModulation):
+        return (sensation(float(reached.min()), "amplitude", setup.modulation.depth),)
+    return (sensation(float(reached.min()), None),)
