@@ -13,6 +13,7 @@ from airtact.hardware.emission import Emission
 from airtact.hardware.link import RecordingLink
 from airtact.pose import Pose
 from airtact.synthesis.sequence import Sequence, amplitude_modulation
+from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transfer import Drive
 from faults import raises_code
 from hardware.sounds import moving, tone
@@ -99,6 +100,34 @@ def test_a_swing_that_begins_in_silence_rises_too() -> None:
     loudness = [int(frame.amplitude.max()) for frame in link.frames]
     np.testing.assert_allclose(loudness[:7], 255 * np.arange(1, 8) / 8, rtol=0, atol=0.51)
     assert loudness[7] == 0  # the first frame, after the most powerful one rose
+
+
+def test_a_modulated_drive_swings_its_force_as_a_cosine_in_the_firmware() -> None:
+    """200 Hz in 20 frames at 4 kHz; the board holds round(255 √(1 − d (1 − cos)/2)) of each element."""
+    link = AUTD3Link([Pose.identity()])
+    with Emission(link, ramp=0.0) as emission:
+        played = emission.modulate(tone(), 0.1, AmplitudeModulation(200.0, depth=0.8))
+        held = np.array([int(link.played(index).amplitude.max()) for index in range(20)])
+        phases = [link.played(index).phase.tolist() for index in (1, 5)]
+    assert (played.rate, played.frames, played.dropped) == (4000.0, 400, 0)
+    force = 1.0 - 0.8 * (1.0 - np.cos(2.0 * np.pi * np.arange(20) / 20)) / 2.0
+    np.testing.assert_allclose((held / 255.0) ** 2, force, rtol=0, atol=1.0 / 255)
+    assert phases[0] == phases[1]  # only the amplitude varies
+
+
+def test_boards_without_amplitudes_swing_by_the_number_of_elements() -> None:
+    """On and off as fast as the line of a SonicSurface carries; the pressure goes with the number of elements."""
+    link = RecordingLink("sonicsurface")
+    with Emission(link, ramp=0.0) as emission:
+        played = emission.modulate(tone(256), 0.2, AmplitudeModulation(40.0))
+    assert played.frames + played.dropped == 16
+    assert {int(frame.amplitude.sum()) for frame in link.frames} == {0, 256}
+    with Emission(link, ramp=0.0) as emission:
+        emission.modulate(tone(256), 0.3, AmplitudeModulation(10.0))
+    on = np.array([int(frame.amplitude.sum()) for frame in link.frames[:8]])
+    np.testing.assert_allclose(on / 256, AmplitudeModulation(10.0).envelope(8), rtol=0, atol=0.01)
+    with Emission(link) as emission, raises_code("rate_not_possible", "200 Hz", "am:44"):
+        emission.modulate(tone(256), 0.1)
 
 
 @pytest.mark.parametrize(

@@ -24,8 +24,12 @@ from airtact.synthesis.quantise import quantise
 from airtact.synthesis.sequence import Sequence
 from airtact.synthesis.time_reversal import time_reversal
 from airtact.transducers.layout import PhasedArray, board_array, flat_boards, surrounding_box
+from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transfer import Drive, transfer_matrix
 from hardware.receivers import Nano16, SonicSurface, TwoSonicSurfaces, first_harmonic, wired
+
+BRIEFLY = ("--seconds", "0.05")
+FULL = ("--yes", "--full-scale")
 
 SCENE = """frequency = 40e3
 [medium]
@@ -45,6 +49,7 @@ def write(
     frames: int = 1,
     rate: float | None = None,
     frequency: float = 40e3,
+    modulation: AmplitudeModulation | None = None,
 ) -> Path:
     """Write a drive.h5 for open air, as a run writes it; a sequence turns its phases from frame to frame."""
     target = Target(np.array([[0.004, 0.002, 0.1]]))
@@ -53,7 +58,7 @@ def write(
     transfer = transfer_matrix(beacons, array)
     drive = time_reversal(transfer, target)
     if rate is None:
-        drive.save(path, array, open_air, transfer, target, texts={"scene": SCENE})
+        drive.save(path, array, open_air, transfer, target, texts={"scene": SCENE}, modulation=modulation)
     else:
         turns = np.exp(0.3j * np.arange(frames))[:, None]
         Sequence(turns * drive.amplitudes, rate).save(path, array, open_air, transfer, target)
@@ -89,14 +94,68 @@ def test_a_drive_goes_through_the_firmware_model(capsys, drive) -> None:
     )
     assert code == 0, errors
     assert "4 AUTD3, 996 transducers, through audit" in printed
+    level = re.search(r"up to (\d+) dB SPL, 0\.5 m off", printed)
+    assert level
+    assert 100 < int(level[1]) <= 110
+    assert re.search(r"cap of 0\.0\d+ keeps a head to 110 dB; --full-scale emits all, up to 14\d dB there", printed)
+    assert "Skin hardly feels a constant force" in printed
+    assert "--modulate am:200" in printed
+    assert "This is no safety assessment" in printed
+    assert "9 frames were sent; the last was silence, and confirmed." in printed
+
+
+def test_at_full_scale_rounding_to_bytes_costs_little(capsys, drive) -> None:
+    code, printed, errors = output(capsys, "emit", drive, "--board", "autd3", "--link", "audit", *FULL, *BRIEFLY)
+    assert code == 0, errors
     rounding = re.search(r"rounding ([+-]\d+\.\d+)%", printed)
     assert rounding
     assert abs(float(rounding[1])) <= 0.1
     level = re.search(r"up to (\d+) dB SPL, 0\.5 m off", printed)
     assert level
     assert 120 < int(level[1]) < 160
-    assert "This is no safety assessment" in printed
-    assert "9 frames were sent; the last was silence, and confirmed." in printed
+    assert "keeps a head" not in printed
+
+
+def test_a_drive_is_modulated_as_its_file_or_the_command_says(capsys, tmp_path) -> None:
+    path = write(tmp_path / "drive.h5", board_array("autd3"), modulation=AmplitudeModulation(125.0, 0.5))
+    code, printed, errors = output(capsys, "emit", path, *AUDIT, *BRIEFLY)
+    assert code == 0, errors
+    assert "amplitude, 125 Hz, 0.5 deep" in printed
+    assert "threshold of detection with amplitude modulation" in printed
+    assert "The modulated drive was played at 2500 frames/s" in printed
+    average = re.search(r"up to (\d+) dB SPL, (\d+) dB on average", printed)
+    assert average
+    assert 0 <= int(average[1]) - int(average[2]) <= 2  # half of the force swings: 1.2 dB
+    code, printed, errors = output(capsys, "emit", path, *AUDIT, *BRIEFLY, "--modulate", "am:200")
+    assert code == 0, errors
+    assert "The modulated drive was played at 4000 frames/s" in printed
+    code, printed, errors = output(capsys, "emit", path, *AUDIT, *BRIEFLY, "--modulate", "none")
+    assert code == 0, errors
+    assert "was played at" not in printed
+    assert "Skin hardly feels a constant force" in printed
+
+
+def test_boards_that_cannot_be_turned_down_ask_for_full_scale(capsys, tmp_path) -> None:
+    path = write(tmp_path / "drive.h5", board_array("sonicsurface"))
+    code, _, errors = output(
+        capsys, "emit", path, "--board", "sonicsurface", "--link", "serial", "--port", "x", "--yes"
+    )
+    assert code == 2
+    assert "140 dB: give --full-scale" in errors
+    assert errors.endswith("[level_too_high]\n")
+
+
+def test_an_export_of_a_modulated_drive_is_one_period(capsys, tmp_path) -> None:
+    path = write(tmp_path / "drive.h5", board_array("openmpd"), modulation=AmplitudeModulation(200.0))
+    out = tmp_path / "frames.npz"
+    code, printed, errors = output(capsys, "export", path, "--board", "openmpd", "--out", out)
+    assert code == 0, errors
+    assert "20 frames for 1 board at 4000 frames/s" in printed
+    back = load_drive(out)
+    assert isinstance(back, Sequence)
+    assert (len(back), back.rate) == (20, 4000.0)
+    largest = np.abs(back.drives).max(axis=1)
+    np.testing.assert_allclose(largest**2, (1.0 + np.cos(2 * np.pi * np.arange(20) / 20)) / 2, rtol=0, atol=0.03)
 
 
 def test_a_sequence_tells_its_rate_and_what_was_dropped(capsys, tmp_path) -> None:
@@ -136,7 +195,7 @@ def test_serial_boards_play_the_drive_and_end_silent(capsys, tmp_path, name, boa
 
     with wired(Watched()) as wire:
         code, printed, errors = output(
-            capsys, "emit", path, "--board", name, "--link", "serial", "--port", wire.port, "--yes", "--seconds", "0.2"
+            capsys, "emit", path, "--board", name, "--link", "serial", "--port", wire.port, *FULL, "--seconds", "0.2"
         )
         assert code == 0, errors
         time.sleep(0.05)
@@ -175,7 +234,7 @@ def test_an_export_is_the_drive_in_the_boards_levels(capsys, tmp_path, kind) -> 
 
 def test_a_file_link_holds_the_drive_alone(capsys, drive, tmp_path) -> None:
     out = tmp_path / "frames.npz"
-    to_file = ("--board", "autd3", "--link", "file", "--out", out, "--cap", "50", "--yes", "--seconds", "60")
+    to_file = ("--board", "autd3", "--link", "file", "--out", out, "--cap", "0.5", "--yes", "--seconds", "60")
     begun = time.monotonic()
     code, _, errors = output(capsys, "emit", drive, *to_file)
     assert code == 0, errors
@@ -308,7 +367,11 @@ FAULTS = {
     ),
     "no out": (lambda path: path, ("--board", "autd3", "--link", "file", "--yes"), "setting_missing", "--out"),
     "another port": (lambda path: path, (*AUDIT, "--port", "x"), "setting_not_taken", "--port x"),
-    "cap": (lambda path: path, (*AUDIT, "--cap", "0"), "out_of_range", "0 per cent"),
+    "cap": (lambda path: path, (*AUDIT, "--cap", "0"), "out_of_range", "is 0,"),
+    "cap in per cent": (lambda path: path, (*AUDIT, "--cap", "50"), "out_of_range", "for 50 per cent give 0.5"),
+    "two caps": (lambda path: path, (*AUDIT, "--cap", "0.5", "--full-scale"), "choose_one", "--cap 0.5"),
+    "modulation": (lambda path: path, (*AUDIT, "--modulate", "fm:3"), "unknown_name", "fm:3"),
+    "depth": (lambda path: path, (*AUDIT, "--modulate", "am:200:3"), "out_of_range", "is 3,"),
     "seconds": (lambda path: path, (*AUDIT, "--seconds", "-1"), "not_positive", "-1 s"),
     "remote": (
         lambda path: path,
@@ -363,7 +426,7 @@ def test_a_rate_over_the_serial_line_is_told_the_nearest(capsys, tmp_path) -> No
     path = write(tmp_path / "sequence.h5", board_array("sonicsurface"), frames=3, rate=200.0)
     with wired(SonicSurface()) as wire:
         code, _, errors = output(
-            capsys, "emit", path, "--board", "sonicsurface", "--link", "serial", "--port", wire.port, "--yes"
+            capsys, "emit", path, "--board", "sonicsurface", "--link", "serial", "--port", wire.port, *FULL
         )
     assert code == 2
     assert "200 frames/s are more than the serial link carries" in errors
@@ -396,7 +459,7 @@ def ended_by(kind, path: Path, moment: float) -> None:
             "serial",
         ]
         process = subprocess.Popen(
-            [*command, "--port", wire.port, "--yes", "--seconds", "30"],
+            [*command, "--port", wire.port, *FULL, "--seconds", "30"],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -433,7 +496,7 @@ def test_a_cable_cut_while_emitting_ends_with_1(capsys, tmp_path) -> None:
     path = write(tmp_path / "sequence.h5", board_array("sonicsurface"), frames=3, rate=50.0)
     with wired(SonicSurface(), cut_after=6000) as wire:
         code, _, errors = output(
-            capsys, "emit", path, "--board", "sonicsurface", "--link", "serial", "--port", wire.port, "--yes"
+            capsys, "emit", path, "--board", "sonicsurface", "--link", "serial", "--port", wire.port, *FULL
         )
     assert code == 1
     last = errors.splitlines()[-1]

@@ -31,6 +31,9 @@ FREQUENCY = 40e3
 MOST_LOOKED_AT = 32
 """Number of frames of a sequence, the most powerful ones, that rounding and the level at a head are computed for."""
 
+TRIES = 10
+"""How often a cap is lowered until the level is under the limit."""
+
 FULL = 1.0
 """The cap at full scale."""
 
@@ -212,8 +215,8 @@ class _Head:
         """Return the largest cap whose peak level is under the limit, or ask for a level."""
         cap = min(1.0, float(np.abs(self.stored.drives).max())) * 10.0 ** ((OCCUPATIONAL_LIMIT - full) / 20.0)
         if not self.codec.levels.phase_only:
-            for _ in range(3):
-                cap = float(f"{0.99 * cap:.2g}")
+            for _ in range(TRIES):  # rounding to levels may add to the level
+                cap = float(f"{0.9 * cap:.2g}")
                 peak, _ = self.levels(cap)
                 if np.isfinite(peak) and peak <= OCCUPATIONAL_LIMIT:
                     return cap
