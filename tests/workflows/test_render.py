@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 
 from airtact.evaluation.field import drive_sources
+from airtact.files.drives import load_drive
 from airtact.solvers.spherical.sphere_series import SphereSeries
+from airtact.synthesis.sequence import Sequence
 from airtact.transducers.drive_file import read_drive_file
 from airtact.transducers.levels import Levels
+from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transfer import Drive, focus_by_distance
 from airtact.workflows.render import CONSIDERED, FILES, IGNORED, render
 from faults import raises_code
@@ -184,3 +187,34 @@ def test_a_drive_is_rounded_to_the_levels_of_its_scene(tmp_path):
     assert 4 < len(set(run.frame.phase)) <= 16
     assert run.frame.phase.max() < 16
     assert "Rounded to 5 levels of amplitude and 16 of phase" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_moving_foci_are_written_as_a_sequence_and_an_older_one_goes(tmp_path):
+    """Each frame is the field of its drive: by the series of the sphere the foci are where the circle leads."""
+    scene = tmp_path / "ball.toml"
+    scene.write_text(
+        BALL.read_text() + '\n[drive.modulation]\nkind = "lm"\nframes = 4\nradius = 1e-3\nfrequency = 100\n'
+    )
+    run = render(scene, tmp_path / "out")
+    sequence = load_drive(tmp_path / "out" / "sequence.h5")
+    stored = read_drive_file(tmp_path / "out" / "sequence.h5")
+    assert isinstance(sequence, Sequence)
+    assert (len(sequence), sequence.rate) == (4, 400.0)
+    assert "The foci move: 4 frames" in run.sensation[0]
+    assert "spatiotemporal" in run.sensation[1]
+    field = SphereSeries().radiate(run.scene, drive_sources(run.array, [sequence.drive(i) for i in range(4)]))
+    foci = stored.foci.reshape(4, len(run.foci), 3)
+    np.testing.assert_allclose(np.linalg.norm(foci - run.target.points, axis=2), 1e-3, rtol=0.1)
+    for frame in range(4):
+        got = np.abs(field.at(foci[frame])[:, frame])
+        assert np.min(got / run.target.pressures) == pytest.approx(1.0, abs=0.06)
+    scene.write_text(BALL.read_text() + '\n[drive.modulation]\nkind = "am"\n')
+    run = render(scene, tmp_path / "out")
+    assert not (tmp_path / "out" / "sequence.h5").exists()
+    assert read_drive_file(tmp_path / "out" / "drive.h5").modulation == AmplitudeModulation()
+    assert "with amplitude modulation, 557 Pa" in run.sensation[0]
+    assert "with amplitude modulation, 557 Pa" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_constant_drive_is_said_to_be_hardly_felt(rendered):
+    assert "Skin hardly feels a constant force" in rendered[1].sensation[0]

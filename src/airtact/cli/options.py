@@ -4,7 +4,7 @@ import difflib
 import pkgutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import click
 
@@ -152,7 +152,6 @@ def drive_settings(command: Command) -> Command:
 
 def level_of(cap: float | None, full_scale: bool) -> float | None:
     """Return the cap that was asked for, or None for the command's default."""
-
     if full_scale and cap is not None:
         raise at.InvalidInput(
             f"--full-scale is a cap of 1, and --cap {cap:g} is given too: leave one out.", code="choose_one"

@@ -97,8 +97,8 @@ def sensation(pressure: float, modulation: Literal["amplitude", "spatiotemporal"
 
     Examples
     --------
-    >>> sensation(5570.0, "amplitude")[:75]
-    'The weakest focus is 20 dB above the threshold of detection with amplitude m'
+    >>> sensation(5570.0, "amplitude").partition(" with ")[0]
+    'The weakest focus is 20 dB above the threshold of detection'
     """
     if modulation is None:
         return CONSTANT

@@ -23,7 +23,7 @@ from airtact.solvers.fem.solver import FiniteElement
 from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import Solver
 from airtact.synthesis.methods import METHODS
-from airtact.synthesis.motion import Motion
+from airtact.synthesis.motion import ALONG, PATHS, Motion
 from airtact.transducers.boards import poses_of_boards
 from airtact.transducers.calibration import load_calibration
 from airtact.transducers.element import Element, monopole, piston
@@ -165,6 +165,10 @@ def _modulation(table: tables.ModulationTable, foci: int) -> AmplitudeModulation
         raise InvalidInput("radius goes only with a circle; give the length of a line.", code="key_misplaced")
     if kind.path != "line" and kind.length is not None:
         raise InvalidInput('length goes only with path = "line"; give the radius of a circle.', code="key_misplaced")
+    for key, known in (("path", PATHS), ("along", ALONG)):
+        word = getattr(kind, key)
+        if word is not None and word not in known:
+            raise InvalidInput(f'{key} = "{word}" is unknown; {nearest(word, known)}', code="unknown_name")
     name = "stm" if isinstance(kind, tables.SpatiotemporalTable) else "lm"
     size = kind.length if kind.path == "line" else kind.radius
     motion = Motion(name, kind.path, size, kind.frequency, kind.frames, kind.along)  # pyright: ignore[reportArgumentType]

@@ -39,6 +39,9 @@ FRAMES = 16
 MOST_FRAMES = 1024
 """As many as an AUTD3 board keeps."""
 
+PATHS, ALONG = ("circle", "line", "points"), ("skin", "array")
+"""The words that a motion takes."""
+
 Kind = Literal["lm", "stm"]
 Path = Literal["circle", "line", "points"]
 Along = Literal["skin", "array"]
@@ -76,7 +79,7 @@ class Motion:
     along: Along | None = None
 
     def __post_init__(self) -> None:
-        words = {"kind": ("lm", "stm"), "path": ("circle", "line", "points"), "along": ("skin", "array")}
+        words = {"kind": ("lm", "stm"), "path": PATHS, "along": ALONG}
         for name, known in words.items():
             value = getattr(self, name)
             if value not in known and not (value is None and name != "kind"):
