@@ -55,8 +55,8 @@ REFERENCE = Path(__file__).parent / "reference"
 ERRORS_HEAD = """# Codes of errors
 
 `InvalidInput`, `NotConverged` and `LinkFailed` carry a `code`, which stays the same when the sentence is improved. The
-command line prints it in brackets after the sentence. The first place that raises it, and its sentence with numbers left
-out:
+command line prints it in brackets after the sentence. The first place that raises it, and its sentence with numbers
+left out:
 
 | code | raised in | sentence |
 |---|---|---|
