@@ -16,7 +16,7 @@ from airtact.conventions import InvalidInput
 from airtact.scene.scene import Scene
 from airtact.scene.target import Target
 from airtact.scene.target_points import MAX_OFFSET, frame_of, onto_surface, outward
-from airtact.synthesis.max_min import max_min
+from airtact.synthesis.best import best
 from airtact.synthesis.sequence import FEWEST, Make, Sequence, led
 from airtact.transfer import TransferMatrix
 from airtact.validation import of_kind, positive
@@ -200,7 +200,7 @@ def moving_foci(
     target: Target,
     foci: int,
     turns: float,
-    method: Make = max_min,
+    method: Make = best,
     *,
     clock: float = 40e3,
 ) -> Sequence:
