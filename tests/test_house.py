@@ -260,7 +260,7 @@ def test_a_folder_fits_a_glance(folder) -> None:
 def test_every_fault_has_a_code(path) -> None:
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         called = ast.unparse(node.func).removeprefix("at.") if isinstance(node, ast.Call) else ""
-        if isinstance(node, ast.Call) and called in ("InvalidInput", "NotConverged"):
+        if isinstance(node, ast.Call) and called in ("InvalidInput", "NotConverged", "LinkFailed"):
             code = next((word.value for word in node.keywords if word.arg == "code"), None)
             assert code is not None, f"line {node.lineno} has no code"
             if isinstance(code, ast.Constant):

@@ -125,8 +125,9 @@ def test_leaving_the_block_ends_in_silence_and_nothing_follows() -> None:
     with emission:
         emission.send(tone())
     assert ended(link)
-    with pytest.raises(LinkFailed, match="the emission is over because it was ended, after 2 frames"):
+    with pytest.raises(LinkFailed, match="the emission is over because it was ended, after 2 frames") as over:
         emission.send(tone())
+    assert over.value.code == "emission_over"
 
 
 def test_signals_end_in_silence_in_the_firmware() -> None:
@@ -184,6 +185,7 @@ def test_a_link_that_fails_says_what_was_last_and_that_it_may_sound() -> None:
 
     with pytest.raises(LinkFailed, match=r"while silencing: broken; .* may still emit: cut their power") as failure:
         playing(link, work)
+    assert failure.value.code == "silence_failed"
     assert failure.value.last is not None
     assert not failure.value.last.silent
     assert failure.value.sent == 2

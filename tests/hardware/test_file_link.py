@@ -1,5 +1,7 @@
 """Frames in files; reading them back is tested with ``load_drive``."""
 
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -41,6 +43,35 @@ def test_two_thousand_frames_are_two_thousand_frames_on_a_busy_machine(tmp_path)
     levels = codec_of("nano16").levels
     asked = Sequence(frames, 1.0)
     assert all(quantise(back.drive(i), levels).same_as(quantise(asked.drive(i), levels)) for i in range(2000))
+
+
+@pytest.fixture
+def four_busy_processes():
+    """Four processes that do nothing but take the cores."""
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(4)]
+    yield
+    for process in busy:
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["npz", "csv", "h5", "bin"])
+@pytest.mark.usefixtures("four_busy_processes")
+def test_every_one_of_2000_frames_is_in_the_file_20_times_beside_four_busy_processes(tmp_path, kind: str) -> None:
+    """0.5 s of a circle at 4 kHz; each frame is there once, in its order."""
+    levels, rate = codec_of("nano16").levels, 4000.0
+    asked = Sequence(np.exp(2j * np.pi * np.arange(2000)[:, None] / 256) * tone(12).amplitudes, rate)
+    frames = [quantise(asked.drive(index), levels) for index in range(2000)]
+    for turn in range(20):
+        path = tmp_path / f"{turn}.{kind}"
+        with Emission(FileLink(path, "nano16")) as emission:
+            played = emission.play(asked, seconds=0.5)
+        assert (played.frames, played.dropped) == (2000, 0)
+        back = load_drive(path, board="nano16", rate=rate) if kind == "bin" else load_drive(path)
+        assert isinstance(back, Sequence)
+        assert (len(back), back.rate) == (2000, rate)
+        assert all(quantise(back.drive(index), levels).same_as(frame) for index, frame in enumerate(frames))
 
 
 def test_sequences_of_two_rates_do_not_go_into_one_file(tmp_path) -> None:

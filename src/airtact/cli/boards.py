@@ -17,7 +17,11 @@ def boards() -> None:
     table = plain_table("board", "elements", "levels", "a link")
     for board in BOARDS.values():
         amplitudes = "on, off" if board.amplitudes == 2 else str(board.amplitudes)
-        row = (str(len(board)), f"{amplitudes} x {board.phases} phases", f"1 to {board.most} boards")
+        row = (
+            str(len(board)),
+            f"{amplitudes} x {board.phases} phases",
+            "1 board" if board.most == 1 else f"1 to {board.most} boards",
+        )
         table.add_row(board.name, *row)
     links = [f"{board.name}: {board.title}, by {', '.join(links_of(board.name))}" for board in BOARDS.values()]
     ports = _ports()
