@@ -11,6 +11,9 @@ from airtact.conventions import InvalidInput, Vector
 from airtact.printing import in_short
 from airtact.validation import check_finite, number, real_numbers
 
+WHOLE_TURN = 2.0 * math.pi * (1.0 + 1e-9)
+"""Largest angle of a rotation [rad]; a larger one was meant in degrees."""
+
 
 @dataclass(frozen=True, eq=False)
 class Pose:
@@ -72,16 +75,22 @@ class Pose:
         Parameters
         ----------
         axis : (3,) direction, of any length above zero.
-        angle : [rad], right-handed about the axis.
+        angle : [rad], right-handed about the axis, at most a whole turn.
         translation : (3,) [m].
 
         Raises
         ------
         InvalidInput
-            When the axis is zero, or a number is not real or not finite.
+            When the axis is zero, a number is not real or not finite, or the angle is more than a whole turn.
         """
         along = real_numbers(np.asarray(axis), "the axis of a rotation")
         angle = number(angle, "the angle of a rotation", "rad")
+        if math.isfinite(angle) and abs(angle) > WHOLE_TURN:
+            raise InvalidInput(
+                f"the angle of a rotation is {angle:g} rad, more than a whole turn of {WHOLE_TURN:.4g}: is it in "
+                f"degrees? Give radians, np.radians({angle:g}).",
+                code="out_of_range",
+            )
         if along.shape != (3,):
             raise InvalidInput(
                 f"the axis of a rotation has shape {along.shape}, but a direction has shape (3,).", code="wrong_shape"

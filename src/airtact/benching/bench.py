@@ -4,6 +4,7 @@ import csv
 import json
 import os
 import platform
+import shutil
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import partial
@@ -23,6 +24,7 @@ from airtact.conventions import InvalidInput
 from airtact.file_access.atomic import whole_file, writable_folder
 from airtact.hand.files import load_hand
 from airtact.timing import Progress, no_progress
+from airtact.transducers.element import monopole
 from airtact.transducers.layout import surrounding_box
 
 FILES = ("bench.csv", "bench.json", "performance.md", "error_against_time.png", "error_against_time.svg", "growth.png")
@@ -45,17 +47,23 @@ def bench(
     """Measure everything and write ``FILES`` into a folder, from which references computed before are read.
 
     The interpreters of environments with AcousTools and bempp-cl, and the pose of an open hand (.json), are left out
-    with a note if not given; so is a package that fails. ``InvalidInput`` is raised where the folder takes no files, or
-    the hand's file is at fault.
+    with a note if not given; so is a package that fails. ``InvalidInput`` is raised where the folder takes no files, an
+    interpreter cannot be run, or the hand's file is at fault.
     """
+    others = {"AcousTools": acoustools, "bempp-cl": bempp}
+    for package, python in others.items():
+        if python is not None and shutil.which(python) is None:
+            raise InvalidInput(
+                f"{python} is not a program that can be run, so {package} cannot: give the Python of its environment.",
+                code="cannot_run",
+            )
     writable_folder(folder)
     references = folder / "references"
     notes: list[str] = []
     machine, runs = _machine(), 3 if quick else 7
-    bodies, elements = contested(), surrounding_box().positions
+    bodies, elements = contested(), surrounding_box(monopole()).positions
     report_step("the reference of the contest, by fundamental solutions")
     reference = reference_pressure(bodies, elements, bodies.foci, references)
-    others = {"AcousTools": acoustools, "bempp-cl": bempp}
     contest = _contest(bodies, elements, reference.pressure, others, quick, notes, report_step)
     rows = _rows(references, hand, quick, notes, report_step)
     unknowns = by_unknowns(runs, 2000 if quick else 16000, report_step)

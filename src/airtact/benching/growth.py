@@ -17,6 +17,7 @@ from airtact.solvers.bem.solver import BoundaryElement
 from airtact.surfaces.surface import Surface
 from airtact.synthesis.time_reversal import time_reversal
 from airtact.timing import Progress, no_progress
+from airtact.transducers.element import monopole
 from airtact.transducers.layout import flat_boards
 from airtact.transfer import transfer_matrix
 
@@ -54,7 +55,7 @@ def by_elements(runs: int, boards: tuple[int, ...] = BOARDS) -> list[Grown]:
     beacons = BoundaryElement(accuracy=0.03).radiate(bodies.scene, bodies.target.beacons())
     found = []
     for side in boards:
-        array = flat_boards(side, side).seen_from(Pose(np.eye(3), np.array([0.0, 0.0, 0.2])))
+        array = flat_boards(side, side, monopole()).seen_from(Pose(np.eye(3), np.array([0.0, 0.0, 0.2])))
         jobs = [lambda array=array: time_reversal(transfer_matrix(beacons, array), bodies.target)] * (runs + 1)
         found.append(Grown(len(array), timed(jobs)[0]))
     return found

@@ -22,6 +22,7 @@ from airtact.solvers.bem.solver import BoundaryElement
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.solvers.spherical.multipole_field import multipole_expansion
 from airtact.synthesis.time_reversal import time_reversal
+from airtact.transducers.element import monopole
 from airtact.transducers.layout import PhasedArray, surrounding_box
 from airtact.transfer import Drive, TransferMatrix, transfer_matrix
 
@@ -85,7 +86,7 @@ class RealTime:
     @cached_property
     def array(self) -> PhasedArray:
         """The paper's 996 transducers."""
-        return surrounding_box()
+        return surrounding_box(monopole())
 
     @cached_property
     def rest(self) -> Bodies:
@@ -238,7 +239,7 @@ class OpenHand:
     @cached_property
     def array(self) -> PhasedArray:
         """996 transducers around the hand, 1.6 times as far away as in the paper's box."""
-        box, vertices = surrounding_box(), self.bodies.surfaces[0].vertices
+        box, vertices = surrounding_box(monopole()), self.bodies.surfaces[0].vertices
         centre = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
         return PhasedArray(1.6 * box.positions + centre, box.normals, box.element)
 

@@ -103,6 +103,7 @@ def _scene_tables(setup: "Setup") -> "Iterator[Table]":
     away = f", {1e3 * clearance:.0f} mm off the bodies or more" if surfaces else ""
     sensitivity = f"{elements.element.sensitivity:g} Pa·m, uncalibrated"
     facts.add_row("transducers", f"{len(elements)}, {sensitivity}{away}")
+    facts.add_row("pattern", elements.element.pattern_in_words(setup.scene.wavenumber.real))
     if len(setup.target.suppression_points):
         facts.add_row("suppression points", f"{len(setup.target.suppression_points)}")
     facts.add_row("wavelength", f"{1e3 * wavelength:.2f} mm at {setup.scene.frequency / 1e3:g} kHz")

@@ -18,6 +18,7 @@ from airtact.printing import in_short
 from airtact.solvers.fem.meshing.netgen import netgen_libraries, ngsolve_library
 from airtact.solvers.fem.solver import MARGIN, FiniteElement
 from airtact.solvers.fem.weak_form import THICKNESS
+from airtact.transducers.element import monopole
 from airtact.transducers.layout import surrounding_box
 
 ROOM = 0.5e-3
@@ -173,7 +174,7 @@ def run_apart(combination: Combination, limit: float) -> Ran | str:
 
 def main() -> None:
     """Solve for the paper's beacons, as the command line asks in JSON, and print the fields of ``Ran`` in JSON."""
-    combination, fingers, array = Combination(*json.loads(sys.argv[1])), dummies(), surrounding_box()
+    combination, fingers, array = Combination(*json.loads(sys.argv[1])), dummies(), surrounding_box(monopole())
     scene = fingers.scene
     netgen_libraries()
     ngsolve_library()  # loaded before the clock starts

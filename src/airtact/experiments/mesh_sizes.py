@@ -21,6 +21,7 @@ from airtact.experiments.settings import Settings
 from airtact.pages.page import paragraph, picture, table
 from airtact.solvers.bem.solver import BoundaryElement
 from airtact.timing import Clock
+from airtact.transducers.element import monopole
 from airtact.transducers.layout import surrounding_box
 
 GOOD = 0.02
@@ -113,7 +114,7 @@ def _best(ran: Sequence[Row]) -> tuple[str, tuple[tuple[str, str], ...]]:
 
 def _reference(accuracy: float) -> tuple[Complex128[np.ndarray, "elements"], float]:
     """Pressure of the beacons at the transducers (E,), and its relative distance from a coarser solution."""
-    fingers, positions = dummies(), surrounding_box().positions
+    fingers, positions = dummies(), surrounding_box(monopole()).positions
     received = [
         BoundaryElement(accuracy=one).radiate(fingers.scene, fingers.beacon).at(positions)[:, 0]
         for one in (accuracy, 2 * accuracy)

@@ -22,6 +22,7 @@ from airtact.solvers.bem.solver import BoundaryElement
 from airtact.synthesis.quantise import quantise
 from airtact.synthesis.time_reversal import time_reversal
 from airtact.timing import Clock
+from airtact.transducers.element import monopole
 from airtact.transducers.layout import PhasedArray, surrounding_box
 from airtact.transfer import focus_by_distance, transfer_matrix
 
@@ -79,7 +80,7 @@ def all_fingers(settings: Settings) -> list[Fingers]:
 
 def ratios(settings: Settings, folder: Path, clock: Clock) -> Part:
     """Sweep the fingers and show where the paper's numbers lie."""
-    array, found = surrounding_box(), {}
+    array, found = surrounding_box(monopole()), {}
     wanted = all_fingers(settings)
     for index, one in enumerate(wanted, start=1):
         with clock.step(f"fingers {index}", f"fingers {index} of {len(wanted)}: {one}"):

@@ -24,6 +24,7 @@ from airtact.solvers.bem.solver import BoundaryElement
 from airtact.solvers.problem import RadiatedField
 from airtact.solvers.sampled_field import SampledField
 from airtact.timing import Clock
+from airtact.transducers.element import monopole
 from airtact.transducers.layout import surrounding_box
 
 FARTHEST, WIDEST = 5e-3, 10.0
@@ -118,7 +119,7 @@ class Reading:
 
 def rigid_motion(settings: Settings, folder: Path, clock: Clock) -> Part:
     """Compare ways to evaluate one solution at the transducers of a moved hand."""
-    fingers, array = dummies(), surrounding_box()
+    fingers, array = dummies(), surrounding_box(monopole())
     scene, poses = fingers.scene, random_poses(settings.poses)
     beacon = Monopoles(fingers.foci[1:], np.ones(1))
     with clock.step("moved", f"moving the hand to {len(poses)} poses"):

@@ -15,6 +15,7 @@ from airtact.solvers.fem.field import FiniteField
 from airtact.solvers.fem.solver import FiniteElement
 from airtact.synthesis.quantise import quantise
 from airtact.timing import Clock
+from airtact.transducers.element import monopole
 from airtact.transducers.layout import PhasedArray, surrounding_box
 from airtact.transfer import Drive, focus_by_distance
 
@@ -46,7 +47,7 @@ class Solved:
 
 def solved(settings: Settings, clock: Clock) -> Solved:
     """Solve for the beacons by finite elements, make both drives, and verify them by boundary elements."""
-    fingers, array = dummies(edge=DRAWN), surrounding_box()
+    fingers, array = dummies(edge=DRAWN), surrounding_box(monopole())
     scene = fingers.scene
     solver = FiniteElement(settings.order, settings.elements_per_wavelength)
     with clock.step("finite elements", f"solving for the beacons by finite elements of order {settings.order}"):

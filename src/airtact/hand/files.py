@@ -10,7 +10,7 @@ from jaxtyping import Float64
 from airtact.conventions import InvalidInput, about
 from airtact.hand.hand import Hand, hand_from_joints
 from airtact.hand.joints import NAMES, named_joints
-from airtact.validation import counted, points_of
+from airtact.validation import counted, file_fault, points_of
 
 KEYS = ("joints", "positions_m", "radii_m", "side")
 """Keys of a pose: names of joints, their positions and radii [m], "left" or "right"."""
@@ -96,7 +96,7 @@ def _pose_in(path: Path) -> dict[str, Any]:
     try:
         pose = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise InvalidInput(f"the pose cannot be read: {error.strerror}.", code="file_unreadable") from None
+        raise file_fault(path, error) from None
     except UnicodeDecodeError as error:
         raise InvalidInput(f"this is not a text file: byte {error.start} is not UTF-8.", code="not_text") from None
     except RecursionError:

@@ -272,6 +272,7 @@ def _how(run: Run) -> dict[str, Any]:
             ["bodies", ", ".join(_body(*pair) for pair in pairs)],
             ["repaired", repairs or "nothing"],
             ["array", f"{_transducers(run)} of {run.array.element.sensitivity:g} Pa·m (peak, uncalibrated)"],
+            ["pattern", run.array.element.pattern_in_words(scene.wavenumber.real)],
             ["not in the model", NOT_MODELLED],
             ["wall time", _listed({name: f"{time:.2f} s" for name, time in run.seconds.items()})],
         ],

@@ -1,5 +1,6 @@
 """The bodies of a scene file: built from their tables, named, merged where asked, and drawable where at fault."""
 
+import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import combinations
@@ -15,6 +16,7 @@ from airtact.conventions import InvalidInput, about
 from airtact.file_access.text_table import text_of
 from airtact.hand.files import ROOM, load_hand
 from airtact.hand.pinch import pinch
+from airtact.pose import Pose
 from airtact.scene.medium import Medium
 from airtact.scene.scene import Obstacle, filled, impedance, sound_hard
 from airtact.scene_file import tables
@@ -63,10 +65,37 @@ def bodies_of(
     return names, obstacles, points
 
 
+def pose_of(table: tables.PoseTable) -> Pose:
+    """Build the rigid motion of a table."""
+    translation = np.array(table.translation)
+    match table.rotation:
+        case tables.MatrixTable(rotation=rotation):
+            return Pose(np.array(rotation), translation)
+        case tables.AxisTable(axis=axis, degrees=degrees):
+            whole_turns_off = math.fmod(degrees, 360.0) if math.isfinite(degrees) else degrees
+            return Pose.turn(np.array(axis), math.radians(whole_turns_off), translation)
+    return Pose(np.eye(3), translation)
+
+
 def _surfaces(
     table: tables.ObstacleTable, folder: Path, points: NamedPoints, wanted: tuple[str, ...] = ()
 ) -> dict[str, Surface]:
-    """Build the surfaces of an obstacle by name, and add its named points; those wanted are brought to the surface."""
+    """Build the surfaces of an obstacle by name where its pose places them, and add its named points."""
+    if table.pose is None:
+        return _unmoved(table, folder, points, wanted)
+    own: NamedPoints = {}
+    surfaces = _unmoved(table, folder, own, wanted)
+    with about("pose"):
+        pose = pose_of(table.pose)
+    for name, (point, normal, room) in own.items():
+        points[name] = (pose.apply(point), pose.rotate(normal), room)
+    return {name: surface.moved(pose) for name, surface in surfaces.items()}
+
+
+def _unmoved(
+    table: tables.ObstacleTable, folder: Path, points: NamedPoints, wanted: tuple[str, ...] = ()
+) -> dict[str, Surface]:
+    """Build the surfaces of an obstacle in its own frame; the named points wanted are brought to the surface."""
     match table.body:
         case tables.PinchTable(gap=gap):
             fingers = pinch(gap=gap)

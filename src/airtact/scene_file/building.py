@@ -1,6 +1,5 @@
 """From a scene file to the scene, the array, the target and the way to make the drive."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -15,7 +14,7 @@ from airtact.scene.medium import Medium, air
 from airtact.scene.scene import Scene, check_outside
 from airtact.scene.target import Target
 from airtact.scene_file import tables
-from airtact.scene_file.bodies import bodies_of, built
+from airtact.scene_file.bodies import bodies_of, built, pose_of
 from airtact.scene_file.parsing import nearest, parse_scene
 from airtact.scene_file.targets import target_of
 from airtact.solvers.bem.solver import BoundaryElement
@@ -24,9 +23,9 @@ from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import Solver
 from airtact.synthesis.methods import METHODS
 from airtact.synthesis.motion import ALONG, PATHS, Motion
-from airtact.transducers.boards import poses_of_boards
+from airtact.transducers.boards import MURATA_RADIUS, board_named, poses_of_boards
 from airtact.transducers.calibration import load_calibration
-from airtact.transducers.element import Element, monopole, piston
+from airtact.transducers.element import DEFAULT_SENSITIVITY, LARGEST_PISTON, Element, monopole, piston
 from airtact.transducers.layout import PhasedArray, board_array, flat_boards, surrounding_box
 from airtact.transducers.levels import Levels
 from airtact.transducers.modulation import AmplitudeModulation
@@ -40,6 +39,9 @@ SOLVERS = {
     "free_field": (),
 }
 """The solvers that a file can name, and the boundaries of bodies that each of them can solve."""
+
+SOURCES = ("piston", "monopole")
+"""What a file can name as the kind of transducer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +108,12 @@ def read_scene(path: str | Path) -> Setup:
         file's name and the table at fault.
     """
     path = Path(path)
+    if path.suffix.lower() == ".json":
+        raise InvalidInput(
+            f"{path.name} is not a scene file (.toml): a pose of a hand stands in one as [[obstacles]] hand = "
+            f'"{path.name}", and airtact hand shows it.',
+            code="unknown_ending",
+        )
     text = text_of(path)
     with about(path.name):
         return _set_up(path, text, parse_scene(text))
@@ -117,7 +125,7 @@ def _set_up(path: Path, text: str, file: tables.SceneFile) -> Setup:
     bodies, obstacles, points = bodies_of(file, path.parent, lambda table: medium_of(table, file.frequency))
     scene = Scene(medium, obstacles, frequency=file.frequency)
     with about("array"):
-        array, board = _array(file.array, path.parent)
+        array, board = _array(file.array, medium.wavenumber(file.frequency).real, path.parent)
     surfaces = {name: obstacle.surface for name, obstacle in zip(bodies, scene.obstacles, strict=True)}
     target, foci = target_of(file.foci, file.suppression, points, surfaces, path.parent)
     with about("solver"):
@@ -214,28 +222,44 @@ def medium_of(table: tables.MediumTable, frequency: float) -> Medium:
     return built(partial(air, frequency=frequency), table.fluid)
 
 
-def _pose(table: tables.PoseTable) -> Pose:
-    translation = np.array(table.translation)
-    match table.rotation:
-        case tables.MatrixTable(rotation=rotation):
-            return Pose(np.array(rotation), translation)
-        case tables.AxisTable(axis=axis, degrees=degrees):
-            return Pose.turn(np.array(axis), math.radians(degrees), translation)
-    return Pose(np.eye(3), translation)
-
-
-def _array(table: tables.ArrayTable, folder: Path) -> tuple[PhasedArray, str | None]:
+def _array(table: tables.ArrayTable, wavenumber: float, folder: Path) -> tuple[PhasedArray, str | None]:
     """Build the transducers, and name the kind of board that they are made of."""
-    sensitivity = {} if table.sensitivity is None else {"sensitivity": table.sensitivity}
-    element = monopole(**sensitivity) if table.piston_radius is None else piston(table.piston_radius, **sensitivity)
-    array, board = _layout(table, element, folder)
+    array, board = _layout(table, _element(table, wavenumber), folder)
     if table.calibration is not None:
         with about("calibration"):
             array = array.calibrated(load_calibration(folder / table.calibration, len(array)))
     if table.pose is None:
         return array, board
     with about("pose"):
-        return array.moved(_pose(table.pose)), board
+        return array.moved(pose_of(table.pose)), board
+
+
+def _element(table: tables.ArrayTable, wavenumber: float) -> Element:
+    """Build the kind of transducer: that of the boards unless the table gives another one."""
+    sensitivity = DEFAULT_SENSITIVITY if table.sensitivity is None else table.sensitivity
+    if table.source not in SOURCES:
+        raise InvalidInput(
+            f'source = "{table.source}" is not known; {nearest(table.source, SOURCES)}', code="unknown_name"
+        )
+    if table.source == "monopole":
+        if table.piston_radius is not None:
+            raise InvalidInput(
+                f'piston_radius = {table.piston_radius:g} goes only with source = "piston".', code="key_misplaced"
+            )
+        return monopole(sensitivity)
+    radius = _own_radius(table) if table.piston_radius is None else table.piston_radius
+    return piston(radius, sensitivity, points=12 if wavenumber * radius <= LARGEST_PISTON[12] else 19)
+
+
+def _own_radius(table: tables.ArrayTable) -> float:
+    """Find the radius of the piston for the transducers of the boards of a table [m]."""
+    match table.layout:
+        case tables.ListedTable():
+            return MURATA_RADIUS
+        case tables.FlatBoardsTable():
+            return board_named("autd3").radius
+        case tables.BoardsTable(board=board) | tables.SurroundingBoxTable(board=board):
+            return board_named(board or "autd3").radius
 
 
 def _layout(table: tables.ArrayTable, element: Element, folder: Path) -> tuple[PhasedArray, str | None]:
@@ -245,7 +269,7 @@ def _layout(table: tables.ArrayTable, element: Element, folder: Path) -> tuple[P
         case tables.FlatBoardsTable():
             return built(partial(flat_boards, element=element), table.layout), "autd3"
         case tables.BoardsTable(board=board, poses=poses):
-            return board_array(board, [_pose(pose) for pose in poses], element), board
+            return board_array(board, [pose_of(pose) for pose in poses], element), board
         case tables.ListedTable(file=file):
             return _array_from_csv(folder / file, element), None
 

@@ -10,6 +10,7 @@ import msgspec
 
 from airtact.conventions import InvalidInput
 from airtact.scene_file.tables import RENAMED, Choice, SceneFile, Table
+from airtact.transducers.boards import BOARDS
 
 AnyTable = typing.TypeVar("AnyTable", bound=Table)
 
@@ -150,6 +151,12 @@ def _tag_by_value(
         return value
     if value.endswith(".csv") and ".csv" in tags:
         return ".csv"
+    if value in BOARDS and field.name == "layout":
+        raise InvalidInput(
+            f'{_joined(path, field.name)} = "{value}" is a kind of board: write layout = "boards" with board = "{value}" '
+            "and poses = [{ translation = [x, y, z] }], a pose for each board.",
+            code="unknown_name",
+        )
     known = [tag for tag in tags if tag != ".csv"]
     kind = f"neither a known {field.name} nor a .csv file" if ".csv" in tags else f"not a known {field.name}"
     sentence = f'{_joined(path, field.name)} = "{value}" is {kind}; {nearest(value, known)}'

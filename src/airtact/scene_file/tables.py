@@ -98,11 +98,13 @@ class ListedTable(Layout, frozen=True, tag=".csv"):
 class ArrayTable(Table, frozen=True):
     """The transducers; ``pose`` places the whole array in the obstacles' frame.
 
-    ``calibration`` is a .csv file beside the scene file with the gain of each element.
+    ``calibration`` is a .csv file beside the scene file with the gain of each element. ``source`` is "piston", of the
+    radius of the board's transducers or of ``piston_radius`` [m], or "monopole", alike in all directions.
     """
 
     layout: SurroundingBoxTable | FlatBoardsTable | BoardsTable | ListedTable
     calibration: str | None = None
+    source: str = "piston"
     piston_radius: float | None = None
     sensitivity: float | None = None
     pose: PoseTable | None = None
@@ -171,10 +173,11 @@ class FilledTable(Boundary, frozen=True, tag="filled"):
 
 
 class ObstacleTable(Table, frozen=True):
-    """A body, or the two of a pinch, and what its surface does to sound."""
+    """A body, or the two of a pinch, and what its surface does to sound; ``pose`` places it, its named points too."""
 
     body: PinchTable | CapsuleTable | SphereTable | SurfaceTable | HandTable
     boundary: SoundHardTable | ImpedanceTable | FilledTable = SoundHardTable()
+    pose: PoseTable | None = None
 
 
 class NamedPointTable(Choice, frozen=True, tag="at"):

@@ -1,5 +1,6 @@
 """Boards as data: the positions of their transducers, and which channel of a message drives which of them."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,18 @@ from airtact.validation import counted, fixed
 
 MAX_MISPLACEMENT = 1e-4
 """Largest distance of an element from its position on the board [m]."""
+
+NICERA_RADIUS = 4.0e-3
+"""Radius of the piston with the pattern of Nippon Ceramic's T4010A1 at 40 kHz, in a case of 5 mm radius [m].
+
+It is 6 dB down at 50 degrees off the axis, as the maker's curve is, which the AUTD3 SDK holds as a table (its
+``T4010A1``: 0.708, 0.501 and 0.355 of the axis at 40, 50 and 60 degrees; the piston has 0.62, 0.49 and 0.38)."""
+
+MURATA_RADIUS = 4.5e-3
+"""Radius of the piston for Murata's MA40S4S at 40 kHz, in a case of 4.95 mm radius [m].
+
+It is 6 dB down at 42 degrees off the axis; the data sheet gives 80 degrees from side to side. Others of this size, such
+as those of boards built from kits, are near it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +42,8 @@ class Board:
     placed : whether the board fixes the positions of its transducers; else ``positions`` are an example.
     most : largest number of boards on one link.
     amplitudes, phases : number of levels of each.
+    transducer : its kind of transducer.
+    radius : of the piston that has the pattern of that transducer [m], see ``piston``.
     source : documents of its layout and its message.
     """
 
@@ -42,6 +57,8 @@ class Board:
     most: int
     amplitudes: int
     phases: int
+    transducer: str
+    radius: float
     source: str
 
     __repr__ = in_short
@@ -98,6 +115,17 @@ def _whole_boards(board: Board, elements: int) -> int:
             code="element_count",
         )
     return count
+
+
+def kind_of_array(
+    positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"]
+) -> tuple[Board, list[Pose]] | None:
+    """Find the kind of board that an array consists of, and the pose of each board; None where it is of none."""
+    for board in BOARDS.values():
+        if board.placed:
+            with suppress(InvalidInput):
+                return board, poses_of_boards(board, positions, normals)
+    return None
 
 
 def poses_of_boards(
@@ -168,6 +196,8 @@ def _autd3() -> Board:
         most=256,
         amplitudes=256,
         phases=256,
+        transducer="Nippon Ceramic T4010A1",
+        radius=NICERA_RADIUS,
         source="AUTD3 SDK (autd3-core); message as pyautd3 takes it",
     )
 
@@ -187,6 +217,8 @@ def _sonicsurface() -> Board:
         most=2,
         amplitudes=2,
         phases=32,
+        transducer="of 10 mm, as Murata MA40S4S",
+        radius=MURATA_RADIUS,
         source="upnalab/SonicSurface: control software, Distribute.vhd, PhaseLine.vhd",
     )
 
@@ -205,6 +237,8 @@ def _nano16() -> Board:
         most=1,
         amplitudes=2,
         phases=16,
+        transducer="of 10 mm, as Murata MA40S4S",
+        radius=MURATA_RADIUS,
         source="asiermarzo/Ultraino: DriverNano16.ino, ArduinoNano.java",
     )
 
@@ -224,6 +258,8 @@ def _openmpd() -> Board:
         most=256,
         amplitudes=65,
         phases=128,
+        transducer="Murata MA40S4S",
+        radius=MURATA_RADIUS,
         source="RMResearch/OpenMPD_Hardware 3.4.2: CommandReader.vhd; board_6.pat of OpenMPD_Libs",
     )
 

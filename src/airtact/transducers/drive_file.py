@@ -20,7 +20,7 @@ Files of version 0 have no ``format_version``; their frequency and medium stand 
 import csv
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -34,7 +34,7 @@ from airtact.pose import Pose
 from airtact.scene.medium import Medium, air
 from airtact.scene.scene import Scene
 from airtact.scene.target import Target
-from airtact.transducers.boards import BOARDS, poses_of_boards
+from airtact.transducers.boards import kind_of_array
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import FULL_SCALE, Levels
 from airtact.transducers.modulation import AmplitudeModulation
@@ -139,8 +139,9 @@ def save_drives(
     if array is not None:
         of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
         _check_count(len(array), elements, "the array")
-        board, poses = _boards_of(array)
-        known |= {"positions": array.positions, "normals": array.normals, "board": board, "poses": poses}
+        known |= {"positions": array.positions, "normals": array.normals}
+        if found := kind_of_array(array.positions, array.normals):
+            known |= {"board": found[0].name, "poses": tuple(found[1])}
         known |= {"sensitivity": array.element.sensitivity, "element_radius": array.element.radius}
     if scene is not None:
         of_kind(scene, Scene, "the scene", "Scene(medium, obstacles)")
@@ -161,15 +162,6 @@ def _check_count(there: int, elements: int, what: str) -> None:
             f"{what} has {there} elements, and the drive {elements}: give the one that it was made for.",
             code="element_count",
         )
-
-
-def _boards_of(array: PhasedArray) -> tuple[str | None, tuple[Pose, ...] | None]:
-    """Find the kind of board that an array consists of, and the pose of each board."""
-    for board in BOARDS.values():
-        if board.placed:
-            with suppress(InvalidInput):
-                return board.name, tuple(poses_of_boards(board, array.positions, array.normals))
-    return None, None
 
 
 def write_drive_file(path: Path, what: DriveFile) -> None:

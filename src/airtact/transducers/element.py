@@ -15,8 +15,14 @@ DEFAULT_SENSITIVITY = 4.38
 AUTD3's constant, 3.10 Pa rms at 1 m (the transducer amplitude of its SDK), times √2. Uncalibrated: other sources
 differ by a factor of 2, so give the measured value of your own device where pascals matter."""
 
-LARGEST_PISTON = 4.8
-"""Largest product of wavenumber and piston radius at which the 19 points keep the far pattern to 1e-3."""
+LARGEST_PISTON = {12: 3.6, 19: 4.8}
+"""Largest product of wavenumber and radius at which so many points keep the far pattern of a piston to 1.5e-3."""
+
+LARGEST_RADIUS = 0.1
+"""Largest radius of a piston [m]; a larger one was meant in millimetres."""
+
+HALF = 2.2151
+"""Argument at which the pattern 2 J₁(x)/x of a piston is 6 dB (a half) under that on the axis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +91,20 @@ class Element:
         """Distance of the farthest face point from the element's position [m]."""
         return float(np.linalg.norm(self.points, axis=1).max())
 
+    def pattern_in_words(self, wavenumber: float) -> str:
+        """Describe where the element radiates to, at a wavenumber k [rad/m].
+
+        >>> piston(4.0e-3).pattern_in_words(732.5)
+        'pistons of 4 mm radius (-6 dB at 49 degrees), nothing behind them'
+        """
+        if self.radius == 0.0:
+            return "directional" if self.directional else "monopoles, alike in all directions"
+        size = wavenumber * self.radius
+        wide = (
+            f"-6 dB at {np.degrees(np.arcsin(HALF / size)):.0f} degrees" if size > HALF else "over -6 dB to all sides"
+        )
+        return f"pistons of {self.radius * 1e3:.3g} mm radius ({wide}), nothing behind them"
+
     def same_as(self, other: "Element") -> bool:
         """Whether both elements are the same in every number."""
         return (
@@ -131,25 +151,28 @@ def monopole(sensitivity: float = DEFAULT_SENSITIVITY) -> Element:
     return Element(np.zeros((1, 3)), np.ones(1), sensitivity)
 
 
-def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY) -> Element:
+def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY, points: int = 19) -> Element:
     """Build a disc that moves as one, with the far pattern 2 J₁(x)/x, x = ka sin θ.
 
     The pattern is that of Kinsler, Frey, Coppens and Sanders, Fundamentals of Acoustics (4th edition), section 7.4.
 
     The disc is 19 points, the rule of degree 9 of Albrecht (ZAMM 40, 514, 1960; S2 9-1 in Stroud, Approximate
     Calculation of Multiple Integrals, 1971): in the far field the error is of order x¹⁰, 1.8e-4 of the axis at ka = 4
-    and 1e-3 at ka = 4.8. At 40 kHz that is a radius of 5.5 and 6.5 mm; a larger piston raises an error where it
+    and 1e-3 at ka = 4.8. At 40 kHz that is a radius of 5.5 and 6.5 mm. With 12 points it is the rule of degree 7 (S2
+    7-1 in Stroud), which costs less: 3.3e-4 at ka = 2.9, 1.5e-3 at ka = 3.6. A larger piston raises an error where it
     meets a frequency.
 
     Parameters
     ----------
     radius : radius of the disc a [m].
     sensitivity : peak pressure at full scale, 1 m away on the axis [Pa·m].
+    points : 12 or 19.
 
     Raises
     ------
     InvalidInput
-        If the radius or the sensitivity is not positive.
+        If the radius or the sensitivity is not positive, the radius is over 0.1 m, or there is no rule of so many
+        points.
 
     Examples
     --------
@@ -160,27 +183,57 @@ def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY) -> Element:
     0.216
     """
     radius = positive(radius, "the radius of a piston", "m")
+    if radius > LARGEST_RADIUS:
+        raise InvalidInput(
+            f"a piston of {radius:g} m radius is no transducer: is it in millimetres? Give metres, such as 4.5e-3.",
+            code="out_of_range",
+        )
+    if points not in LARGEST_PISTON:
+        raise InvalidInput(f"there is no piston of {points} points: take 12 or 19.", code="out_of_range")
+    places, weights = _degree_7() if points == 12 else _degree_9()
+    return Element(radius * places, weights, sensitivity, directional=True, radius=radius)
+
+
+def _degree_7() -> tuple[Float64[np.ndarray, "12 3"], Float64[np.ndarray, "12"]]:
+    """Return the points and weights of S2 7-1 on the unit disc."""
+    root = np.sqrt(29.0)
+    turns = np.arange(4) * np.pi / 2
+    rings = (
+        (np.sqrt(3 / 4), 2 / 27, 0.0),
+        (np.sqrt((27 - 3 * root) / 52), (551 + 41 * root) / 6264, np.pi / 4),
+        (np.sqrt((27 + 3 * root) / 52), (551 - 41 * root) / 6264, np.pi / 4),
+    )
+    return np.concatenate([_ring(distance, turn + turns) for distance, _, turn in rings]), np.repeat(
+        [weight for _, weight, _ in rings], 4
+    )
+
+
+def _degree_9() -> tuple[Float64[np.ndarray, "19 3"], Float64[np.ndarray, "19"]]:
+    """Return the points and weights of S2 9-1 on the unit disc."""
     root = np.sqrt(111.0)
+    turns = np.arange(6) * np.pi / 3
     rings = (
         (np.sqrt((96 - 4 * root) / 155), (110297 + 5713 * root) / 2045952, 0.0),
         (np.sqrt(4 / 5), 125 / 3072, np.pi / 6),
         (np.sqrt((96 + 4 * root) / 155), (110297 - 5713 * root) / 2045952, 0.0),
     )
-    points, weights = [np.zeros((1, 3))], [np.array([251 / 2304])]
-    for distance, weight, turn in rings:
-        angles = turn + np.arange(6) * np.pi / 3
-        points.append(radius * distance * np.stack([np.cos(angles), np.sin(angles), np.zeros(6)], axis=1))
-        weights.append(np.full(6, weight))
-    return Element(np.concatenate(points), np.concatenate(weights), sensitivity, directional=True, radius=radius)
+    places = [np.zeros((1, 3)), *(_ring(distance, turn + turns) for distance, _, turn in rings)]
+    return np.concatenate(places), np.array([251 / 2304, *np.repeat([weight for _, weight, _ in rings], 6)])
+
+
+def _ring(distance: float, angles: Float64[np.ndarray, "points"]) -> Float64[np.ndarray, "points 3"]:
+    return distance * np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1)
 
 
 def check_pattern(element: Element, wavenumber: complex | float) -> None:
-    """Raise "piston_too_large" where k times the radius of the face passes ``LARGEST_PISTON``, k in rad/m."""
-    size = wavenumber.real * element.radius
-    if size > LARGEST_PISTON:
+    """Raise "piston_too_large" where k times the radius of the face is too much for its points, k in rad/m."""
+    size, count = wavenumber.real * element.radius, len(element.points)
+    largest = LARGEST_PISTON.get(count, LARGEST_PISTON[19])
+    if size > largest:
+        finer = ", piston(radius, points=19)" if size <= LARGEST_PISTON[19] else ""
         raise InvalidInput(
-            f"a face of {element.radius * 1e3:.3g} mm radius has ka = {size:.2f}, and its {len(element.points)} points "
-            f"keep the pattern only up to {LARGEST_PISTON}: take a radius of at most "
-            f"{LARGEST_PISTON / wavenumber.real * 1e3:.3g} mm or a lower frequency.",
+            f"a face of {element.radius * 1e3:.3g} mm radius has ka = {size:.2f}, and its {count} points keep the "
+            f"pattern only up to {largest}: take a radius of at most {largest / wavenumber.real * 1e3:.3g} mm{finer} "
+            "or a lower frequency.",
             code="piston_too_large",
         )

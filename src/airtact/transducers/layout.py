@@ -10,7 +10,7 @@ from airtact.conventions import InvalidInput, Vector
 from airtact.pose import Pose
 from airtact.printing import html_table, one_line, sides_in_mm
 from airtact.transducers.boards import Board, board_named
-from airtact.transducers.element import Element, monopole
+from airtact.transducers.element import Element, monopole, piston
 from airtact.validation import (
     check_finite,
     complex_numbers,
@@ -262,7 +262,7 @@ def board_array(
     board : name of the kind, such as "autd3".
     poses : pose of each board: maps the board's frame, in which it radiates to +z, to the array's. One board at
         the origin unless given.
-    element : kind of transducer; a monopole unless given.
+    element : kind of transducer; the board's own piston unless given, see ``Board.radius``.
 
     Raises
     ------
@@ -281,6 +281,7 @@ def board_array(
 
 def _flat(board: Board, element: Element | None) -> PhasedArray:
     ones = np.ones((len(board), 1))
+    element = piston(board.radius, points=12) if element is None else element
     return PhasedArray(board.positions, ones * [0.0, 0.0, 1.0], element, ones * [1.0, 0.0, 0.0])
 
 
@@ -293,7 +294,7 @@ def autd3_board(pose: Pose | None = None, element: Element | None = None) -> Pha
     Parameters
     ----------
     pose : maps the board's frame to the array's; the identity unless given.
-    element : kind of transducer; a monopole unless given.
+    element : kind of transducer; the board's own piston unless given, see ``Board.radius``.
 
     Examples
     --------
@@ -321,7 +322,7 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
 
     Parameters
     ----------
-    element : kind of transducer; a monopole unless given, as in the paper (its section 4.1).
+    element : kind of transducer; the board's own piston unless given. The paper takes ``monopole()`` (its section 4.1).
     board : name of a real board to close the box with: the faces then stand half its height from the centre, so that
         thin boards touch along their long edges (75.7 mm and 151.4 mm across for "autd3"). The paper's if not given.
 
@@ -361,7 +362,7 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
     Parameters
     ----------
     rows, columns : how many boards along y and along x.
-    element : kind of transducer; a monopole unless given.
+    element : kind of transducer; the board's own piston unless given, see ``Board.radius``.
 
     Raises
     ------

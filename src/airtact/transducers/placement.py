@@ -6,6 +6,7 @@ from scipy.spatial import ConvexHull
 
 from airtact.conventions import InvalidInput
 from airtact.scene.scene import CONTACT, Scene, check_not_inside
+from airtact.transducers.boards import kind_of_array
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
 from airtact.validation import counted, in_mm, of_kind
@@ -34,7 +35,7 @@ def check_placement(scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "fo
     for index, obstacle in enumerate(scene.obstacles):
         vertices = obstacle.surface.corners.reshape(-1, 3)
         hull = vertices[ConvexHull(vertices).vertices]
-        _check_behind(-_height(array, hull).min(axis=0), f"body {index} reaches")
+        _check_behind(array, -_height(array, hull).min(axis=0), f"body {index} reaches")
 
 
 def _check_outside_bodies(scene: Scene, array: PhasedArray) -> None:
@@ -82,17 +83,33 @@ def check_before_faces(array: PhasedArray, points: Real[np.ndarray, "points 3"],
     """Raise "behind_faces" for a point (P, 3) behind the face of an element; ``what`` names one point."""
     behind = -_height(array, points)
     point = int(np.argmax(behind.max(axis=1)))
-    _check_behind(behind[point], f"{what} {point} stands")
+    _check_behind(array, behind[point], f"{what} {point} stands")
 
 
-def _check_behind(behind: Float64[np.ndarray, "elements"], what: str) -> None:
+def _check_behind(array: PhasedArray, behind: Float64[np.ndarray, "elements"], what: str) -> None:
     """Raise where something is behind a face; ``behind`` is how far it is behind each [m]."""
     faces = np.flatnonzero(behind > CONTACT)
     if len(faces):
+        _check_boards(array, behind, what)
         count = counted(len(faces), "element", "elements")
         raise InvalidInput(
             f"{what} behind the faces of {count}, first element {faces[0]} by "
             f"{behind[faces[0]] * 1e3:.3g} mm: they radiate forwards only, so move it before them.",
+            code="behind_faces",
+        )
+
+
+def _check_boards(array: PhasedArray, behind: Float64[np.ndarray, "elements"], what: str) -> None:
+    """Raise for a board that has something behind all its faces, if the array consists of boards."""
+    if (found := kind_of_array(array.positions, array.normals)) is None:
+        return
+    board, poses = found
+    depths = behind.reshape(len(poses), len(board)).min(axis=1)
+    index = int(np.argmax(depths > CONTACT))
+    if depths[index] > CONTACT:
+        raise InvalidInput(
+            f"{what} {depths[index] * 1e3:.3g} mm behind board {index} of {len(poses)} ({board.name}), which radiates "
+            f"forwards only, along {np.round(poses[index].rotation[:, 2], 3) + 0.0}: turn or move that board.",
             code="behind_faces",
         )
 

@@ -36,14 +36,16 @@ def listen(
         ports = [f"ws://127.0.0.1:{sockets.enter_context(WebSocketReceiver(stream, websocket)).port}"]
         if osc is not None:
             ports.append(f"OSC at 127.0.0.1:{sockets.enter_context(OscReceiver(stream, osc)).port}")
+        begun = time.monotonic()
         try:
             report_step(f"listening for {seconds:g} s: {', '.join(ports)}")
             time.sleep(seconds)
         except KeyboardInterrupt:
             report_step("interrupted; the frames received so far are recorded")
+        listened = time.monotonic() - begun
     if not frames:
         raise InvalidInput(
-            f"0 frames were received in {seconds:g} s ({', '.join(ports)}; {stream.health}): does the tracker send "
+            f"0 frames were received in {listened:.3g} s ({', '.join(ports)}; {stream.health}): does the tracker send "
             "there?",
             code="no_frames",
         )
