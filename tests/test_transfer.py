@@ -173,7 +173,7 @@ def test_what_stands_behind_a_directional_face_raises_with_how_far() -> None:
         transfer_matrix(FreeField().radiate(scene, target.beacons()), array)
     with raises_code("behind_faces", "focus 1", "249 elements", "25 mm"):
         focus_by_distance(array, target, AIR, 40e3)
-    monopoles = flat_boards(1, 1)
+    monopoles = flat_boards(1, 1, monopole())
     assert np.isfinite(transfer_matrix(FreeField().radiate(scene, target.beacons()), monopoles).matrix).all()
     assert len(focus_by_distance(monopoles, target, AIR, 40e3)) == 249
 

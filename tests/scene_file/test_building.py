@@ -403,7 +403,7 @@ def test_a_key_of_older_files_is_answered_with_its_new_name(read, text, sentence
 
 def test_a_setup_offers_all_that_playing_its_drive_needs(read):
     pose = "[array.pose]\naxis = [0.0, 1.0, 0.0]\ndegrees = 90.0\ntranslation = [0.0, 0.0, 0.1]\n"
-    setup = read("frequency = 41e3\n", MEDIUM, ARRAY, pose, FOCUS)
+    setup = read("frequency = 41e3\n", MEDIUM, ARRAY + 'source = "monopole"\n', pose, FOCUS)
     assert (setup.frequency, setup.medium, setup.board) == (41e3, setup.scene.medium, "autd3")
     assert len(setup.poses) == 4
     for face, place in enumerate(setup.poses):
@@ -436,8 +436,8 @@ def test_a_focus_inside_a_body_is_rejected_with_its_depth(read):
 
 def test_a_transducer_inside_a_body_is_rejected_with_its_depth(read, tmp_path):
     (tmp_path / "ring.csv").write_text("x,y,z,nx,ny,nz\n0.1,0,0,-1,0,0\n0,1e-3,0,0,-1,0\n")
-    sentence = fails(read, "inside_body", "array: ", MEDIUM, '[array]\nlayout = "ring.csv"\n', BALL, FOCUS)
-    assert "4 mm deep" in sentence
+    sentence = fails(read, "array_inside_body", "array: ", MEDIUM, '[array]\nlayout = "ring.csv"\n', BALL, FOCUS)
+    assert "by 4 mm" in sentence
 
 
 def test_a_file_that_cannot_be_read_is_rejected(tmp_path):

@@ -87,7 +87,7 @@ def test_a_file_holds_all_that_emitting_it_needs(tmp_path, drive, ending: str) -
     drive.save(tmp_path / f"drive.{ending}", ARRAY, SCENE, MATRIX, TARGET)
     back = read_drive_file(tmp_path / f"drive.{ending}")
     assert (back.frequency, back.medium, back.rate) == (39e3, SCENE.medium, None)
-    assert (back.sensitivity, back.element_radius) == (ARRAY.element.sensitivity, 0.0)
+    assert (back.sensitivity, back.element_radius) == (ARRAY.element.sensitivity, 4.0e-3)
     assert back.positions is not None
     assert back.normals is not None
     assert back.poses is not None

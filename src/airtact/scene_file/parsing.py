@@ -153,7 +153,7 @@ def _tag_by_value(
         return ".csv"
     if value in BOARDS and field.name == "layout":
         raise InvalidInput(
-            f'{_joined(path, field.name)} = "{value}" is a kind of board: write layout = "boards" with board = "{value}" '
+            f'{_joined(path, field.name)} = "{value}" is a kind of board: write layout = "boards", board = "{value}" '
             "and poses = [{ translation = [x, y, z] }], a pose for each board.",
             code="unknown_name",
         )

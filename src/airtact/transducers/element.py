@@ -15,7 +15,7 @@ DEFAULT_SENSITIVITY = 4.38
 AUTD3's constant, 3.10 Pa rms at 1 m (the transducer amplitude of its SDK), times √2. Uncalibrated: other sources
 differ by a factor of 2, so give the measured value of your own device where pascals matter."""
 
-LARGEST_PISTON = {12: 3.6, 19: 4.8}
+LARGEST_PISTON = {12: 3.5, 19: 4.8}
 """Largest product of wavenumber and radius at which so many points keep the far pattern of a piston to 1.5e-3."""
 
 LARGEST_RADIUS = 0.1
@@ -159,7 +159,7 @@ def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY, points: int 
     The disc is 19 points, the rule of degree 9 of Albrecht (ZAMM 40, 514, 1960; S2 9-1 in Stroud, Approximate
     Calculation of Multiple Integrals, 1971): in the far field the error is of order x¹⁰, 1.8e-4 of the axis at ka = 4
     and 1e-3 at ka = 4.8. At 40 kHz that is a radius of 5.5 and 6.5 mm. With 12 points it is the rule of degree 7 (S2
-    7-1 in Stroud), which costs less: 3.3e-4 at ka = 2.9, 1.5e-3 at ka = 3.6. A larger piston raises an error where it
+    7-1 in Stroud), which costs less: 3.3e-4 at ka = 2.9, 1.3e-3 at ka = 3.5. A larger piston raises an error where it
     meets a frequency.
 
     Parameters

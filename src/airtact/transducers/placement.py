@@ -48,7 +48,8 @@ def _check_outside_bodies(scene: Scene, array: PhasedArray) -> None:
         return
     near = np.flatnonzero(depth > -array.element.reach)
     if len(near):
-        depth[near] = scene.depth(array.face_points[near].reshape(-1, 3)).reshape(len(near), -1).max(axis=1)
+        faces = scene.depth(array.face_points[near].reshape(-1, 3)).reshape(len(near), -1).max(axis=1)
+        depth[near] = np.maximum(depth[near], faces)
     inside = np.flatnonzero(depth > CONTACT)
     if len(inside):
         deepest = int(depth.argmax())
@@ -108,8 +109,9 @@ def _check_boards(array: PhasedArray, behind: Float64[np.ndarray, "elements"], w
     index = int(np.argmax(depths > CONTACT))
     if depths[index] > CONTACT:
         raise InvalidInput(
-            f"{what} {depths[index] * 1e3:.3g} mm behind board {index} of {len(poses)} ({board.name}), which radiates "
-            f"forwards only, along {np.round(poses[index].rotation[:, 2], 3) + 0.0}: turn or move that board.",
+            f"{what} {depths[index] * 1e3:.3g} mm behind board {index} of {len(poses)} ({board.name}, {len(board)} "
+            f"elements), which radiates forwards only, along {np.round(poses[index].rotation[:, 2], 3) + 0.0}: turn or "
+            "move that board.",
             code="behind_faces",
         )
 
