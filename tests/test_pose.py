@@ -13,7 +13,7 @@ from faults import raises_code
 number = st.floats(-1.0, 1.0, allow_subnormal=False)
 vector = st.tuples(number, number, number)
 axis = vector.filter(lambda v: np.linalg.norm(v) > 1e-3)
-pose = st.builds(Pose.turn, axis, st.floats(-7.0, 7.0), vector)
+pose = st.builds(Pose.turn, axis, st.floats(-2 * math.pi, 2 * math.pi), vector)
 
 
 @given(pose, pose, vector)
@@ -37,7 +37,7 @@ def test_poses_keep_distances_and_handedness(motion, one, two):
     assert np.allclose(turned, np.cross(*motion.rotate(points)), rtol=0, atol=1e-14)
 
 
-@given(axis, st.floats(-7.0, 7.0))
+@given(axis, st.floats(-2 * math.pi, 2 * math.pi))
 def test_a_turn_keeps_its_axis_and_has_its_angle(direction, angle):
     motion = Pose.turn(direction, angle)
     assert np.allclose(motion.rotate(np.array(direction)), direction, rtol=0, atol=1e-14)
