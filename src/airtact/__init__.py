@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from airtact.synthesis.upper_bound import upper_bound
     from airtact.transducers.element import monopole, piston
     from airtact.transducers.layout import PhasedArray, autd3_board, flat_boards, surrounding_box
-    from airtact.transfer import Drive, TransferMatrix, focus_by_distance, transfer_matrix
+    from airtact.transfer import Drive, TransferMatrix, focus_by_distance, open_air_matrix, transfer_matrix
 
     from airtact import (  # isort: skip
         boards,
@@ -117,6 +117,7 @@ __all__ = [
     "max_min",
     "monopole",
     "multipole_expansion",
+    "open_air_matrix",
     "pinch",
     "piston",
     "plot",
@@ -175,7 +176,7 @@ _HOMES = {
     "synthesis.upper_bound": "upper_bound",
     "transducers.element": "monopole piston",
     "transducers.layout": "PhasedArray autd3_board flat_boards surrounding_box",
-    "transfer": "Drive TransferMatrix focus_by_distance transfer_matrix",
+    "transfer": "Drive TransferMatrix focus_by_distance open_air_matrix transfer_matrix",
 }
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names.split()}
 """Where each name stands: a module is imported when one of its names is first asked for."""

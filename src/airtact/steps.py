@@ -1,7 +1,8 @@
 """The steps that several workflows share: the transfer matrix, the drive, and the solver that verifies it."""
 
+import re
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from airtact.evaluation.headline import body_word
 from airtact.evaluation.windows import Window, plane_through
 from airtact.scene.sources import Monopoles
 from airtact.scene.target import Target
@@ -19,10 +21,11 @@ from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import Solver, SolveReport
 from airtact.store.stored import Stored
 from airtact.surfaces.surface import Surface
+from airtact.synthesis.best import method_for
 from airtact.synthesis.max_min import Stalled
 from airtact.timing import Clock
 from airtact.transducers.modulation import AmplitudeModulation
-from airtact.transfer import Drive, TransferMatrix, transfer_matrix
+from airtact.transfer import Drive, TransferMatrix, open_air_matrix, transfer_matrix
 from airtact.validation import counted
 
 REFINEMENT = 1.8
@@ -107,6 +110,35 @@ def synthesise(
         if not isinstance(other.message, Stalled):
             warnings.warn_explicit(other.message, other.category, other.filename, other.lineno)
     return drive, tuple(str(one.message) for one in caught if isinstance(one.message, Stalled))
+
+
+def method_words(setup: Setup) -> str:
+    """Name the method of a scene in words, and what the default chose."""
+    words = setup.method.replace("_", " ")
+    return f"{words} ({method_for(setup.target).__name__.replace('_', ' ')})" if setup.method == "best" else words
+
+
+def drive_names(bodies: Sequence[str]) -> tuple[str, ...]:
+    """Return what the drive of a run and its control are called; in open air there is no control."""
+    word = body_word(bodies)
+    return (f"{word}-aware", f"without the {word}") if bodies else ("drive",)
+
+
+def with_control(
+    setup: Setup, method: Callable[[TransferMatrix, Target], Drive], drive: Drive | None = None
+) -> dict[str, Drive]:
+    """Return a drive, if given, and its control by name: the same method on a matrix without the bodies."""
+    names = drive_names(setup.bodies)
+    drives = {} if drive is None else {names[0]: drive}
+    if setup.bodies:
+        open_air = open_air_matrix(setup.scene, setup.array, setup.target)
+        drives[names[1]] = synthesise(method, open_air, setup.target)[0]
+    return drives
+
+
+def named(sentences: Iterable[str], bodies: Sequence[str]) -> list[str]:
+    """Put the names of bodies into a solver's sentences, which know their numbers only."""
+    return [re.sub(r"\bbody (\d+)\b", lambda found: bodies[int(found[1])], one) for one in sentences]
 
 
 def save_drives(drives: Mapping[Path, Drive], setup: Setup, transfer: TransferMatrix, report: SolveReport) -> None:

@@ -12,6 +12,7 @@ from airtact.printing import html_table, one_line
 from airtact.scene.medium import Medium
 from airtact.scene.scene import Scene
 from airtact.scene.target import Target
+from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import RadiatedField
 from airtact.transducers.drive_file import save_drives
 from airtact.transducers.element import check_pattern
@@ -235,6 +236,33 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
     matrix = element.sensitivity * np.einsum("eqf,q->fe", received, element.weights) * array.gains
     error = float(np.max(beacons.error_at(array.positions)))
     return TransferMatrix(matrix, error, sources.positions, beacons.scene.wavelength)
+
+
+def open_air_matrix(scene: Scene, array: PhasedArray, target: Target) -> TransferMatrix:
+    """Build the transfer matrix as if the bodies were not there, in closed form: the control of every comparison.
+
+    A drive made from it by the same method as another one, and emitted with the bodies there, differs from that one in
+    nothing but what it knows of the bodies. Directivity and calibration of the elements count in both.
+
+    Parameters
+    ----------
+    scene : its medium and frequency count, its bodies do not.
+    array : the E transducers in the obstacles' frame.
+    target : the foci, and suppression points, which are the rows of the matrix.
+
+    Returns
+    -------
+    The matrix [Pa], without error.
+
+    Raises
+    ------
+    InvalidInput
+        If a focus is behind the face of a directional element, or something is of the wrong kind.
+    """
+    of_kind(scene, Scene, "the scene", "Scene(medium, obstacles)")
+    of_kind(target, Target, "the target", "Target(points, pressures)")
+    empty = Scene(scene.medium, [], frequency=scene.frequency)
+    return transfer_matrix(FreeField().radiate(empty, target.beacons(suppression=True)), array)
 
 
 def _check_known(received: Complex128[np.ndarray, "elements face foci"], array: PhasedArray) -> None:

@@ -109,7 +109,7 @@ def test_the_values_under_the_pointer_are_those_of_the_field(report, rendered):
     words = report.inner_text("output")
     assert run.foci[0] in words
     assert "asked: 900 Pa" in words
-    assert f"hand considered: {run.reached[0]:,.0f} Pa" in words
+    assert f"object-aware: {run.reached[0]:,.0f} Pa" in words
     report.uncheck("[name=surfaces]")
     box = report.locator(".stage").bounding_box()
     shown = []
@@ -125,7 +125,7 @@ def test_the_values_under_the_pointer_are_those_of_the_field(report, rendered):
     away = np.linalg.norm(points, axis=1) > 7.5e-3
     scale = np.abs(run.drive.amplitudes).max()
     np.testing.assert_allclose(
-        pressures[away], scale * np.abs(run.comparison.at(points[away])["hand considered"]), atol=0.02 * run.view.most
+        pressures[away], scale * np.abs(run.comparison.at(points[away])["object-aware"]), atol=0.02 * run.view.most
     )
 
 

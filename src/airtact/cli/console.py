@@ -52,14 +52,20 @@ def progress() -> Iterator[Callback]:
 
 
 def show(
-    *tables: Table, warnings: Sequence[str] = (), lines: Sequence[str] = (), record: Mapping | None = None
+    *tables: Table,
+    first: Sequence[str] = (),
+    warnings: Sequence[str] = (),
+    lines: Sequence[str] = (),
+    record: Mapping | None = None,
 ) -> None:
-    """Print tables, warnings, and lines that say which files were written.
+    """Print what comes first, tables, warnings, and lines that say which files were written.
 
     With ``--quiet`` only the warnings are printed. With ``--json`` the record, with the warnings and the version, is
     all that stands on the standard output, and the rest goes to the standard error.
     """
     console = Console(stderr=wanted(JSON) or wanted(QUIET))
+    for index, line in enumerate(() if wanted(QUIET) else first):
+        console.print(escape(line), soft_wrap=True, highlight=False, style=None if index else "bold")
     for table in () if wanted(QUIET) else tables:
         console.print(table)
     for sentence in warnings:

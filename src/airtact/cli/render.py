@@ -47,7 +47,13 @@ def render(scene: Path, folder: Path, method: str | None, store: Path | None, pi
     written = {name: str(folder / name) for name in (workflow.FILES if pictures else workflow.FILES[:2])}
     last = folder / list(written)[-1]
     line = f"Report: {last}" if pictures else f"Drive: {last}"
-    show(_table(run), warnings=run.notes, lines=[*run.sensation, line], record={**_record(run), "files": written})
+    show(
+        _table(run),
+        first=[run.headline, *run.remarks],
+        warnings=run.notes,
+        lines=[*run.sensation, line],
+        record={**_record(run), "files": written},
+    )
     if opened:
         open_page(folder / "report.html")
 
@@ -62,6 +68,7 @@ def _record(run: "Rendered") -> dict[str, Any]:
     ]
     return {
         "method": run.method,
+        "headline": run.headline,
         "foci": foci,
         "sensation": list(run.sensation),
         "estimated_error": run.comparison.report.estimated_error,
@@ -70,11 +77,12 @@ def _record(run: "Rendered") -> dict[str, Any]:
 
 
 def _table(run: "Rendered") -> "Table":
-    """Tabulate what each focus gets, and how much of it is left where the drive ignores the hand."""
-    ratios = {name: run.comparison.ratios(name)[1] for name in run.comparison.pressures}
-    table = plain_table("focus", "pressure", *ratios)
-    table.title = "Pressure at the foci, and pressure with the hand ignored over it"
+    """Tabulate what each focus gets, beside the control where there is one."""
+    asked, names = run.target.pressures, run.comparison.names
+    table = plain_table("focus", "pressure", *([] if asked is None else ["asked"]), *names[1:])
+    scale = run.reached / run.comparison.pressures["equal energy"][0]
     for index, name in enumerate(run.foci):
-        shares = [f"{ratio[index]:.2f} ×" for ratio in ratios.values()]
-        table.add_row(escape(name), f"{run.reached[index]:,.0f} Pa", *shares)
+        wanted = [] if asked is None else [f"{asked[index]:,.0f} Pa"]
+        others = [f"{scale[index] * got[index]:,.0f} Pa" for got in run.comparison.pressures["equal energy"][1:]]
+        table.add_row(escape(name), f"{run.reached[index]:,.0f} Pa", *wanted, *others)
     return table

@@ -12,12 +12,22 @@ from airtact.file_access.atomic import whole_file, writable_folder
 from airtact.pages.methods_page import Contender, Contest, Ranked, write_methods_page
 from airtact.scene_file.building import Setup, read_scene
 from airtact.solvers.problem import RadiatedField
-from airtact.steps import plane_of_foci, save_drives, solve_foci, stored, synthesise, verification_solver
+from airtact.steps import (
+    drive_names,
+    plane_of_foci,
+    save_drives,
+    solve_foci,
+    stored,
+    synthesise,
+    verification_solver,
+    with_control,
+)
+from airtact.synthesis.best import best
 from airtact.synthesis.methods import METHODS
 from airtact.synthesis.quantise import quantise
 from airtact.synthesis.upper_bound import upper_bound
 from airtact.timing import Clock, Progress, no_progress
-from airtact.transfer import Drive, TransferMatrix, focus_by_distance
+from airtact.transfer import Drive, TransferMatrix
 from airtact.workflows.scene_view import scene_view
 
 FILES = ("methods.csv", "methods.html")
@@ -25,9 +35,6 @@ FILES = ("methods.csv", "methods.html")
 
 WAYS = tuple(name for name in METHODS if name != "best")
 """The methods that are compared; `best` is one of them."""
-
-IGNORED = "hand ignored"
-"""What the control is called: phases from distances alone."""
 
 
 def compare(
@@ -125,8 +132,8 @@ def _all_drives(setup: Setup, transfer: TransferMatrix) -> tuple[dict[str, Drive
         all_notes += notes
     if not drives:
         raise InvalidInput(f"0 of {len(WAYS)} methods make a drive; {all_notes[0]}", code="no_drive")
-    with clock.step(IGNORED):
-        drives[IGNORED] = focus_by_distance(setup.array, setup.target, setup.scene.medium, setup.scene.frequency)
+    with clock.step(drive_names(setup.bodies)[-1]):
+        drives |= with_control(setup, best)
     return drives, clock.seconds, all_notes
 
 

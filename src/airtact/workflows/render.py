@@ -1,33 +1,49 @@
 """From a scene file to a folder of results: the drive, the field and the page. Prints nothing."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
 
 from airtact.evaluation.comparison import Comparison, compare
+from airtact.evaluation.headline import body_word, headline, shortfalls
 from airtact.evaluation.windows import Window, box_around, close_up
 from airtact.figures.field_figure import Cut, cut_bodies
 from airtact.file_access.atomic import writable_folder
 from airtact.files.vtkhdf import write_field
 from airtact.pages.run_page import Rendered, Run, write_page
+from airtact.scene.target import Target
 from airtact.scene.target_points import outward
 from airtact.scene_file.building import Setup, read_scene
-from airtact.steps import plane_of_foci, save_drives, solve_foci, stored, synthesise, verification_solver
+from airtact.steps import (
+    method_words,
+    named,
+    plane_of_foci,
+    save_drives,
+    solve_foci,
+    stored,
+    synthesise,
+    verification_solver,
+    with_control,
+)
 from airtact.synthesis.methods import METHODS
 from airtact.synthesis.quantise import quantise
+from airtact.synthesis.reach import fraction
+from airtact.synthesis.upper_bound import upper_bound
 from airtact.timing import Clock, Progress, no_progress
 from airtact.transducers.drive_file import SEQUENCE_FILE
-from airtact.transfer import Drive, focus_by_distance
+from airtact.transfer import Drive, TransferMatrix
 from airtact.workflows.modulated import sensations, write_sequence
 from airtact.workflows.scene_view import scene_view
 
 FILES = ("drive.csv", "drive.h5", "field.vtkhdf", "report.html")
 """What a run writes, in this order."""
 
-CONSIDERED, IGNORED = "hand considered", "hand ignored"
+DOUBTFUL = 1.5
+"""Difference between both solutions at a focus, over the accuracy asked, from which a run warns."""
 
 
 def render(
@@ -58,7 +74,7 @@ def render(
             setup = replace(setup, method=method, synthesise=METHODS[method])
         writable_folder(folder)
     transfer, beacons = solve_foci(setup, clock, store)
-    with clock.step("drive", f"making the drive by {setup.method.replace('_', ' ')}"):
+    with clock.step("drive", f"making the drive by {method_words(setup)}"):
         drive, notes = synthesise(setup.synthesise, transfer, setup.target)
     # An older run's field and page must not stand beside this run's drive.
     for name in (*FILES, SEQUENCE_FILE):
@@ -66,6 +82,8 @@ def render(
     save_drives({folder / name: drive for name in FILES[:2]}, setup, transfer, beacons)
     moving, noted = write_sequence(folder / SEQUENCE_FILE, setup, transfer, clock, store)
     drives, comparison = _verify(setup, drive, clock, store)
+    drive = _scaled(setup.target, drive, comparison)
+    save_drives({folder / name: drive for name in FILES[:2]}, setup, transfer, beacons)
     reached = float(np.abs(drive.amplitudes).max()) * comparison.pressures["equal peak"][0]
     rendered = Rendered(
         title=path.stem.replace("_", " "),
@@ -75,14 +93,14 @@ def render(
         array=setup.array,
         target=setup.target,
         foci=setup.foci,
-        method=setup.method.replace("_", " "),
+        method=method_words(setup),
         drive=drive,
         frame=quantise(drive, setup.levels),
         transfer=transfer,
         beacons=beacons,
         reached=reached,
         comparison=comparison,
-        notes=(*notes, *noted),
+        **_sentences(setup, transfer, drive, comparison, (*notes, *noted)),
         sensation=sensations(setup, reached, moving),
         seconds=clock.seconds,
     )
@@ -102,7 +120,7 @@ def _draw(
     peak = float(np.abs(rendered.drive.amplitudes).max())
     with clock.step("field", "computing the field around the foci"):
         box = box_around(setup.target.points, setup.scene.wavelength)
-        write_field(folder / "field.vtkhdf", box, peak * comparison.at(box.points)[CONSIDERED], bodies)
+        write_field(folder / "field.vtkhdf", box, peak * comparison.at(box.points)[comparison.names[0]], bodies)
     scales = _scales(comparison, peak)
     with clock.step("cuts", "computing the field in the pictures"):
         plane, close_ups = _cuts(setup, comparison, scales)
@@ -115,13 +133,61 @@ def _draw(
 
 
 def _verify(setup: Setup, drive: Drive, clock: Clock, store: Path | None) -> tuple[dict[str, Drive], Comparison]:
-    """Compare the drive with the one that ignores the bodies; both, their strongest element at full scale."""
-    control = focus_by_distance(setup.array, setup.target, setup.scene.medium, setup.scene.frequency)
-    drives = {CONSIDERED: drive, IGNORED: control}
+    """Compare the drive with the one by the same method without the bodies, the strongest element at full scale."""
+    drives = with_control(setup, setup.synthesise, drive)
     with clock.step("verify", "verifying it by a more accurate solve with all transducers as sources"):
         solver = stored(verification_solver(setup), store)
         comparison = compare(setup.scene, setup.array, drives, setup.target, solver=solver)
     return {name: Drive(one.amplitudes / np.abs(one.amplitudes).max()) for name, one in drives.items()}, comparison
+
+
+def _scaled(target: Target, drive: Drive, comparison: Comparison) -> Drive:
+    """Scale the drive so that the weakest focus gets what it asks by the verification, where full scale allows that."""
+    peak = float(np.abs(drive.amplitudes).max())
+    share = (
+        np.nanmin(fraction(peak * comparison.pressures["equal peak"][0], target)) if target.pressures is not None else 1
+    )
+    return Drive(drive.amplitudes / max(share, peak)) if peak < 1.0 else drive
+
+
+def _sentences(
+    setup: Setup, transfer: TransferMatrix, drive: Drive, comparison: Comparison, notes: Sequence[str]
+) -> dict[str, Any]:
+    """Return the headline of a run, the remarks under it, and the warnings: those there are and those of the solves."""
+    peak = float(np.abs(drive.amplitudes).max())
+    reached = peak * comparison.pressures["equal peak"][0]
+    missing = shortfalls(setup.target, setup.foci, reached, peak)
+    return {
+        "headline": headline(comparison, peak, body_word(setup.bodies)),
+        "remarks": (*missing, _share_of_bound(setup, transfer, drive)),
+        "notes": (
+            *notes,
+            *_doubts(setup, transfer, drive, reached),
+            *named(comparison.report.warnings, setup.bodies),
+        ),
+    }
+
+
+def _share_of_bound(setup: Setup, transfer: TransferMatrix, drive: Drive) -> str:
+    """Say how near the drive comes to the certified bound, before and after rounding."""
+    frame = quantise(drive, setup.levels)
+    bound = upper_bound(transfer, setup.target, tolerance=1e-2)
+    exact, rounded = (bound.reached(transfer, setup.target, one) for one in (drive, frame.drive()))
+    levels = f"{len(frame.levels.amplitudes)} levels of amplitude and {frame.levels.phases} of phase"
+    return f"That is {exact:.0%} of what no drive exceeds, {rounded:.0%} rounded to {levels}.".replace("%", " %")
+
+
+def _doubts(setup: Setup, transfer: TransferMatrix, drive: Drive, reached: Float64[np.ndarray, "foci"]) -> list[str]:
+    """Say where the two solutions disagree by more than was asked."""
+    predicted = np.abs(transfer.pressure(drive))[: len(reached)]
+    apart = np.abs(predicted / reached - 1.0)
+    worst = int(np.argmax(apart))
+    if not apart[worst] > DOUBTFUL * setup.accuracy:
+        return []
+    return [
+        f"the solution that the drive is made from and the one that verifies it differ by {apart[worst]:.1%} at "
+        f"{setup.foci[worst]}, and {setup.accuracy:.1%} was asked: give a smaller accuracy under [solver]."
+    ]
 
 
 def _scales(comparison: Comparison, peak: float) -> Float64[np.ndarray, "drives"]:

@@ -1,0 +1,82 @@
+"""The first sentence of a run says what its comparison holds."""
+
+import numpy as np
+import pytest
+
+from airtact.evaluation.comparison import compare
+from airtact.evaluation.headline import body_word, headline, pascals, shortfalls
+from airtact.scene.medium import Medium
+from airtact.scene.scene import Scene
+from airtact.scene.target import Target
+from airtact.solvers.free_field import FreeField
+from airtact.synthesis.best import best
+from airtact.transducers.layout import flat_boards
+from airtact.transfer import Drive, open_air_matrix
+
+SCENE = Scene(Medium(343.1, 1.293), [])
+ARRAY = flat_boards(1, 1)
+POINTS = np.array([[0.02, 0.0, 0.06], [-0.03, 0.01, 0.08]])
+
+
+def compared(target: Target, weaker: float = 1.0):
+    """Compare the best drive with itself, but for a share of its elements that are off."""
+    drive = best(open_air_matrix(SCENE, ARRAY, target), target)
+    on = np.arange(len(drive)) < weaker * len(drive)
+    drives = {"hand-aware": drive, "without the hand": Drive(drive.amplitudes * on)}
+    return compare(SCENE, ARRAY, drives, target, solver=FreeField())
+
+
+def test_the_gain_is_that_of_the_weakest_foci() -> None:
+    result = compared(Target(POINTS), weaker=0.7)
+    first, second = result.pressures["equal peak"].min(axis=1)
+    assert headline(result, 1.0) == (
+        f"Hand-aware: {first / 1e3:.2f} kPa at the weakest focus. Without the hand: {second / 1e3:.2f} kPa. Same "
+        f"hardware: {first / second - 1.0:+.0%}."
+    ).replace("%", " %")
+
+
+def test_where_the_hand_does_not_matter_the_sentence_says_so() -> None:
+    said = headline(compared(Target(POINTS)), 1.0, "object")
+    assert said.endswith("The object does not matter here: the solution distinguishes no less than 1.0%.")
+
+
+def test_below_full_scale_the_energies_are_equal() -> None:
+    result = compared(Target(POINTS, 500.0), weaker=0.7)
+    first, second = result.pressures["equal energy"].min(axis=1)
+    said = headline(result, 500.0 / result.pressures["equal peak"][0].min())
+    assert said.startswith("Hand-aware: 500 Pa at the weakest focus.")
+    assert said.endswith(f"Same energy: {first / second - 1.0:+.0%}.".replace("%", " %"))
+
+
+def test_unequal_requests_are_counted_as_shares() -> None:
+    result = compared(Target(POINTS, np.array([400.0, 200.0])))
+    assert headline(result, 0.1).startswith("Hand-aware: ")
+    assert " % of what was asked at the weakest focus." in headline(result, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("bodies", "word"),
+    [(["thumb", "finger"], "hand"), (["hand"], "hand"), (["left-Hand 2"], "hand"), (["sphere", "cup"], "object")],
+)
+def test_bodies_are_called_what_they_are(bodies, word) -> None:
+    assert body_word(bodies) == word
+
+
+def test_what_was_asked_and_not_reached_is_listed() -> None:
+    target = Target(POINTS, np.array([200e3, 500.0]))
+    assert shortfalls(target, ["a", "b"], np.array([21.53e3, 495.0]), 1.0) == (
+        "Asked and not reached: a 21.5 kPa of 200 kPa: the transducers are at full scale.",
+    )
+    assert shortfalls(target, ["a", "b"], np.array([200e3, 500.0]), 0.5) == ()
+    assert shortfalls(Target(POINTS), ["a", "b"], np.array([1.0, 1.0]), 1.0) == ()
+
+
+def test_pressures_have_three_digits() -> None:
+    assert [pascals(one) for one in (12045.0, 8931.0, 853.2, 41.6e3, 200e3, 9.4)] == [
+        "12.0 kPa",
+        "8.93 kPa",
+        "853 Pa",
+        "41.6 kPa",
+        "200 kPa",
+        "9.4 Pa",
+    ]
