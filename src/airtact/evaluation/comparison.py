@@ -12,6 +12,7 @@ from airtact.printing import html_table, one_line
 from airtact.scene.scene import Scene
 from airtact.scene.target import Target
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport
+from airtact.timing import Progress
 from airtact.transducers.layout import PhasedArray
 from airtact.transfer import Drive, check_drive
 from airtact.validation import counted, of_kind
@@ -179,7 +180,13 @@ class Comparison:
 
 
 def compare(
-    scene: Scene, array: PhasedArray, drives: Mapping[str, Drive], target: Target, *, solver: Solver
+    scene: Scene,
+    array: PhasedArray,
+    drives: Mapping[str, Drive],
+    target: Target,
+    *,
+    solver: Solver,
+    progress: Progress | None = None,
 ) -> Comparison:
     """Compare drives at the foci by one solve with two excitations per drive: scaled to full scale, and phases alone.
 
@@ -190,6 +197,7 @@ def compare(
     drives : by name; the first is the reference for the ratios. The scale of a drive does not matter.
     target : the F foci; the pressures asked there do not matter.
     solver : another one than made the drives, or a more accurate one.
+    progress : callback that gets the words of each step as it begins, such as ``print``.
 
     Returns
     -------
@@ -212,7 +220,8 @@ def compare(
                 f"drive {name!r} is silent: all {len(drives[name])} amplitudes are 0.", code="drive_silent"
             )
     strongest = [Drive(drive.amplitudes / peaks[name]) for name, drive in drives.items()]
-    field = radiate_drives(scene, array, [*strongest, *(drive.phase_only() for drive in strongest)], target, solver)
+    emitted = [*strongest, *(drive.phase_only() for drive in strongest)]
+    field = radiate_drives(scene, array, emitted, target, solver, progress=progress)
     at_foci = np.ascontiguousarray(field.at(target.points).T)
     equal_peak, phase_only = np.abs(at_foci[: len(drives)]), np.abs(at_foci[len(drives) :])
     energy = np.array([np.sum(np.abs(drive.amplitudes) ** 2) for drive in strongest])

@@ -9,6 +9,7 @@ from airtact.conventions import InvalidInput
 from airtact.scene.scene import Scene
 from airtact.scene.sources import Monopoles, check_off_sources
 from airtact.solvers.problem import Solver
+from airtact.timing import Progress, no_progress
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
 from airtact.transfer import Drive, check_drive
@@ -59,7 +60,13 @@ def drive_sources(array: PhasedArray, drives: Sequence[Drive]) -> Monopoles:
 
 
 def field_map(
-    scene: Scene, array: PhasedArray, drive: Drive, points: Real[np.ndarray, "points 3"], *, solver: Solver
+    scene: Scene,
+    array: PhasedArray,
+    drive: Drive,
+    points: Real[np.ndarray, "points 3"],
+    *,
+    solver: Solver,
+    progress: Progress | None = None,
 ) -> Complex128[np.ndarray, "points"]:
     """Return the complex pressure that a drive makes at any points, scattering by all bodies included.
 
@@ -74,6 +81,7 @@ def field_map(
     points : (P, 3) points [m]. Behind the faces of directional elements the result is meaningless: real ones are
         shielded there.
     solver : another one than made the drive, or a more accurate one.
+    progress : callback that gets the words of each step as it begins, such as ``print``.
 
     Returns
     -------
@@ -90,4 +98,6 @@ def field_map(
     sources = drive_sources(array, [drive])
     check_placement(scene, array)
     check_off_sources(points, sources)
-    return solver.radiate(scene, sources).at(points)[:, 0]
+    field = solver.reporting(progress).radiate(scene, sources)
+    (progress or no_progress)(f"evaluating the field at {counted(len(points), 'point', 'points')}")
+    return field.at(points)[:, 0]

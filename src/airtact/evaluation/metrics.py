@@ -13,6 +13,7 @@ from airtact.scene.sources import check_off_sources
 from airtact.scene.target import Target
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.synthesis.reach import fraction
+from airtact.timing import Progress
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
 from airtact.transfer import Drive
@@ -127,7 +128,9 @@ class Evaluation:
         return "\n".join([*lines, *self.report.warnings])
 
 
-def evaluate(scene: Scene, array: PhasedArray, drive: Drive, target: Target, *, solver: Solver) -> Evaluation:
+def evaluate(
+    scene: Scene, array: PhasedArray, drive: Drive, target: Target, *, solver: Solver, progress: Progress | None = None
+) -> Evaluation:
     """Evaluate the pressure at the foci by one forward solve: all elements emit at once, and the scene scatters.
 
     Parameters
@@ -137,6 +140,7 @@ def evaluate(scene: Scene, array: PhasedArray, drive: Drive, target: Target, *, 
     drive : what they emit.
     target : the F foci and the pressures asked there.
     solver : a different or more accurate solver than the one that made the drive.
+    progress : callback that gets the words of each step as it begins, such as ``print``.
 
     Returns
     -------
@@ -148,7 +152,7 @@ def evaluate(scene: Scene, array: PhasedArray, drive: Drive, target: Target, *, 
         If the drive is silent or for another number of elements, an element or a focus is inside a body, a focus or a
         body is behind the face of a directional element, a focus is on an element, or something is of the wrong kind.
     """
-    field = radiate_drives(scene, array, [drive], target, solver)
+    field = radiate_drives(scene, array, [drive], target, solver, progress=progress)
     return Evaluation(target, np.ascontiguousarray(field.at(target.points)[:, 0]), field.report, field)
 
 
@@ -159,6 +163,7 @@ def radiate_drives(
     target: Target,
     solver: Solver,
     others: Mapping[str, Float64[np.ndarray, "points 3"]] | None = None,
+    progress: Progress | None = None,
 ) -> RadiatedField:
     """Solve for several drives at once, one right-hand side a drive; the errors are those of ``evaluate``.
 
@@ -172,4 +177,4 @@ def radiate_drives(
         if len(points):
             check_outside(scene, points, what)
             check_off_sources(points, sources)
-    return solver.radiate(scene, sources)
+    return solver.reporting(progress).radiate(scene, sources)

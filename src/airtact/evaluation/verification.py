@@ -16,6 +16,7 @@ from airtact.scene.target import Target
 from airtact.solvers.problem import RadiatedField, Solver
 from airtact.synthesis.quantise import quantise
 from airtact.synthesis.reach import check_foci
+from airtact.timing import Progress, no_progress
 from airtact.transducers.layout import PhasedArray
 from airtact.transfer import Drive, TransferMatrix, transfer_matrix
 from airtact.validation import in_mm, of_kind, points_of
@@ -238,15 +239,15 @@ def verify(
     solver: Solver,
     transfer: TransferMatrix | None = None,
     head: Vector | Real[np.ndarray, "head 3"] | None = None,
+    progress: Progress | None = None,
 ) -> Verification:
     """Verify a drive in every respect: foci, attainable maximum, side lobes, skin, tactile thresholds, rounding, head.
 
-    It takes one forward solution with the drive and the drive rounded to 256 levels, and one with beacons at the foci
-    where no transfer matrix is given.
+    It solves forwards with the drive and the drive rounded to 256 levels, and for beacons where no matrix is given.
 
     Parameters
     ----------
-    scene, array, drive, solver : as in ``evaluate``.
+    scene, array, drive, solver, progress : as in ``evaluate``.
     target : the foci and suppression points.
     transfer : of the foci, for what is attainable; None to compute it by ``solver``.
     head : (3,) or (N, 3) points of a head [m] at which the level is evaluated.
@@ -264,16 +265,18 @@ def verify(
     ears = points_of(np.empty((0, 3)) if head is None else np.atleast_2d(head), "points of the head", least=0)
     if transfer is not None:
         check_foci(transfer, target)
-    rounded = quantise(drive).drive()
-    drives = [drive, rounded if rounded.amplitudes.any() else drive]
+    drives = [drive, _rounded(drive)]
     others = {"suppression point": target.suppression_points, "point of the head": ears}
+    solver = solver.reporting(progress)
     field = radiate_drives(scene, array, drives, target, solver, others)
     transfer = transfer or transfer_matrix(solver.radiate(scene, target.beacons()), array)
     energy = float(np.sum(np.abs(drive.amplitudes) ** 2))
-    foci, end = len(target.points), len(target.points) + len(target.suppression_points)
-    everywhere = np.concatenate([target.points, target.suppression_points, ears])
-    exact, quantised = np.ascontiguousarray(field.at(everywhere).T)
+    points = [target.points, target.suppression_points, ears]
+    foci, end = len(points[0]), len(points[0]) + len(points[1])
+    (progress or no_progress)("evaluating the field at the foci and on the surfaces")
+    exact, quantised = np.ascontiguousarray(field.at(np.concatenate(points)).T)
     skin = radiation_of(field, 0) if scene.obstacles else None
+    (progress or no_progress)("looking for side lobes")
     return Verification(
         evaluation=Evaluation(target, exact[:foci], field.report),
         quantised=Evaluation(target, quantised[:foci], field.report),
@@ -282,11 +285,17 @@ def verify(
         energy=energy,
         elements=len(array),
         skin=skin,
-        side_lobe_on_surface=None if skin is None else _side_lobe_on_surface(skin, scene, target),
+        side_lobe_on_surface=skin and _side_lobe_on_surface(skin, scene, target),
         side_lobe_in_box=_side_lobe_in_box(field, array, target),
         suppression_points=exact[foci:end],
         head=sound_pressure_level(exact[end:]),
     )
+
+
+def _rounded(drive: Drive) -> Drive:
+    """Round a drive to 256 levels, unless nothing would be left of it."""
+    rounded = quantise(drive).drive()
+    return rounded if rounded.amplitudes.any() else drive
 
 
 def _farther(

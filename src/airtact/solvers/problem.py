@@ -13,6 +13,7 @@ from airtact.scene.sources import Monopoles, check_off_sources
 from airtact.solvers.arrays import Gradients, Mask, Points, Pressures, Vectors
 from airtact.solvers.monopoles import monopole_pressure
 from airtact.solvers.velocity import differences, velocity_of
+from airtact.timing import Progress
 from airtact.validation import counted, points_of
 
 DIFFERENCE = 1.0 / 40.0
@@ -188,3 +189,10 @@ class Solver(ABC):
     @abstractmethod
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
         """Solve the scene for the monopoles, for all their excitations at once."""
+
+    def reporting(self, progress: Progress | None) -> "Solver":
+        """Return the solver with a callback that gets the words of each step as it begins, such as ``print``.
+
+        Solvers in closed form have no steps and return themselves, as does every solver for None.
+        """
+        return self

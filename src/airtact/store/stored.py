@@ -14,6 +14,7 @@ from airtact.scene.sources import Monopoles
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.store.entry import DamagedError, read, save, written
 from airtact.store.fingerprint import fingerprint
+from airtact.timing import Progress
 from airtact.validation import number, of_kind
 
 SUFFIX = ".field.h5"
@@ -75,6 +76,12 @@ class Stored(Solver):
             )
         self.solver, self.folder, self.most_bytes = solver, Path(folder), int(most_bytes)
         self._memory: OrderedDict[str, RadiatedField] = OrderedDict()
+
+    def reporting(self, progress: Progress | None) -> "Stored":
+        """Return the store with a callback that gets the words of each step of its solver as it begins."""
+        again = copy.copy(self)  # it shares the fields in memory
+        again.solver = self.solver.reporting(progress)
+        return again
 
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
         """Give the field of the monopoles, from memory, from the folder, or solved; errors as of the solver.

@@ -1,7 +1,7 @@
 """BoundaryElement: the field of monopoles around sound-hard bodies, from the pressure on their surfaces alone."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -33,8 +33,8 @@ from airtact.solvers.probes import surrounding_points
 from airtact.solvers.problem import Solver, SolveReport
 from airtact.surfaces.panels import Panels, panels_of
 from airtact.surfaces.shape import BEND
-from airtact.timing import Clock
-from airtact.validation import number, points_of
+from airtact.timing import Clock, Progress
+from airtact.validation import counted, number, points_of
 
 CITATIONS = (
     "A. Mohsen, R. Piscoya, M. Ochmann, Acta Acustica united with Acustica 97 (2011) 699: dual-surface equation",
@@ -83,6 +83,7 @@ class BoundaryElement(Solver):
         the matrix is stored in bfloat16.
     estimate : whether to solve the direct equation too. Without it a solve takes about half the time, the field raises
         ``InvalidInput`` on and near the surfaces, and the estimated error is NaN: enough for a transfer matrix.
+    progress : callback that gets the words of each step as it begins, such as ``print``.
 
     Raises
     ------
@@ -102,6 +103,7 @@ class BoundaryElement(Solver):
     accuracy: float = 0.01
     precision: Literal["float32", "float64"] = "float32"
     estimate: bool = True
+    progress: Progress | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check both settings."""
@@ -120,6 +122,10 @@ class BoundaryElement(Solver):
     def nodes_per_square_wavelength(self) -> float:
         """Nodes per square wavelength of surface: the error falls as the third power of the panel edge."""
         return 34.0 * (0.01 / self.accuracy) ** (2 / 3)
+
+    def reporting(self, progress: Progress | None) -> "BoundaryElement":
+        """Return the solver with a callback that gets the words of each step as it begins."""
+        return self if progress is None else replace(self, progress=progress)
 
     def unknowns(self, scene: Scene, sources: Monopoles) -> int:
         """Count the nodes (unknowns) of a solve, from its panels alone."""
@@ -142,14 +148,15 @@ class BoundaryElement(Solver):
         """
         check_sources(scene, sources)
         _check_bodies(scene)
-        clock = Clock()
-        with clock.step("panels"):
+        clock = Clock(self.progress)
+        with clock.step("panels", "covering the bodies with panels"):
             panels = self._panels(scene, sources.refined_positions)
             nodes = place_nodes(*_in_block_order(panels))
-        with clock.step("matrix"):
+        with clock.step("matrix", f"filling the matrix of {len(nodes.points)} unknowns"):
             surface = self._surface(nodes, scene, scene.obstacles)
             matrix = assemble(surface, self._store(), self._low_rank_error())
-        with clock.step("gmres"):
+        count = sources.strengths.shape[1]
+        with clock.step("gmres", f"solving for {counted(count, 'excitation', 'excitations')}"):
             right, factors = transposed_right_side(surface, sources.positions, sources.strengths)
             solved = [self._solved(matrix, right, transposed=True)]
             if self.estimate:
@@ -163,15 +170,15 @@ class BoundaryElement(Solver):
             citations=CITATIONS + ((LOW_RANK_SOURCE,) if matrix.far.column.size else ()),
         )
         density, *pressure = (result.solution.astype(np.complex128).T for result in solved)
-        field = BoundaryField(
+        solved_field = BoundaryField(
             scene, sources, surface, pressure[0] if pressure else None, density, factors, self.accuracy, report
         )
         if not self.estimate:
-            return field
-        with clock.step("estimate"):
-            estimate = float(field.error_at(surrounding_points(scene, nodes.points)).max())
+            return solved_field
+        with clock.step("estimate", "estimating the error"):
+            estimate = float(solved_field.error_at(surrounding_points(scene, nodes.points)).max())
         warnings = (*_warnings(estimate, self.accuracy), *report.warnings)
-        return replace(field, report=replace(report, estimated_error=estimate, warnings=warnings))
+        return replace(solved_field, report=replace(report, estimated_error=estimate, warnings=warnings))
 
     def factorised(self, scene: Scene, refined: Real[np.ndarray, "points 3"] | None = None) -> FactorisedBodies:
         """Factorise each body by itself once: a solver for these bodies, for any sources and wherever they are moved.
@@ -196,10 +203,13 @@ class BoundaryElement(Solver):
         if len(points):
             check_outside(scene, points, "refined")
             check_near(scene, points, "refined")
-        clock = Clock()
-        with clock.step("bodies"):
+        clock, made = Clock(self.progress), []
+        with clock.step("panels", "covering the bodies with panels"):
             panels = self._panels(scene, points)
-            bodies = tuple(self._reduced(panels, body, scene) for body in range(len(scene.obstacles)))
+        for body in range(len(scene.obstacles)):
+            with clock.step("bodies", f"factorising body {body}"):
+                made.append(self._reduced(panels, body, scene))
+        bodies = tuple(made)
         tolerance = 0.1 * self.accuracy
         report = self._report(scene, panels, [body.surface.nodes for body in bodies], tolerance, clock)
         report = replace(

@@ -1,6 +1,6 @@
 """FiniteElement: the paper's equation (8) in a box round the bodies, on NGSolve."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -21,7 +21,7 @@ from airtact.solvers.fem.system import System, assembled
 from airtact.solvers.fem.weak_form import THICKNESS
 from airtact.solvers.probes import surrounding_points
 from airtact.solvers.problem import Solver, SolveReport
-from airtact.timing import Clock
+from airtact.timing import Clock, Progress
 from airtact.validation import counted, in_mm, number, of_kind, points_of
 
 CITATIONS = (
@@ -95,7 +95,7 @@ class FiniteElement(Solver):
     factorisation: Literal["found", "sparsecholesky", "pardiso"] = "found"
     estimate: bool = False
     graded: bool = True
-    progress: Callable[[str], None] | None = field(default=None, compare=False)
+    progress: Progress | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check the settings."""
@@ -141,6 +141,10 @@ class FiniteElement(Solver):
                 f"accuracy is {accuracy:g}, but finite elements reach 0.001 to 0.3 (0.01 is 1 %).", code="out_of_range"
             )
         return cls(order=4 if accuracy >= 0.03 else 5 if accuracy >= 0.005 else 6)
+
+    def reporting(self, progress: Progress | None) -> "FiniteElement":
+        """Return the solver with a callback that gets the words of each step as it begins."""
+        return self if progress is None else replace(self, progress=progress)
 
     def radiate(self, scene: Scene, sources: Monopoles) -> FiniteField:
         """Solve the scene for monopoles outside the bodies or on their surface.
