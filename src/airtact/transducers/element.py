@@ -84,7 +84,7 @@ class Element:
     def kind(self) -> str:
         """What it is, in words: "monopoles", "pistons of 4.5 mm"."""
         shape = f"pistons of {1e3 * self.radius:g} mm" if self.radius else "monopoles"
-        return shape if len(self.points) in (1, 19) else f"{shape}, {len(self.points)} points each"
+        return shape if self.radius or len(self.points) == 1 else f"elements of {len(self.points)} points"
 
     @property
     def reach(self) -> float:
