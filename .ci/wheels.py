@@ -80,21 +80,22 @@ def prove(python: str, minor: int) -> None:
     room.mkdir()
     programs = environment(python, WORK / f"download-3.{minor}")
     pip(programs, "download", "--only-binary", ":all:", "--dest", downloads, wheel)
-    begun = time.perf_counter()
+    begun, before = time.perf_counter(), os.times()
     programs = environment(python, WORK / f"proof-3.{minor}")
     pip(programs, "install", "--no-index", "--find-links", downloads, wheel)
     installed = time.perf_counter()
     subprocess.run(
         [programs / "airtact", "render", "pinch", "--out", "out"], check=True, cwd=room, env={"PATH": str(programs)}
     )
-    rendered = time.perf_counter()
+    rendered, after = time.perf_counter(), os.times()
     missing = [name for name in RESULTS if not (room / "out" / name).stat().st_size]
     if missing:
         raise SystemExit(f"3.{minor}: the pinch was rendered without {', '.join(missing)}")
     packages = next((programs.parent / "lib").glob("python3.*/site-packages"))
     size = sum(path.lstat().st_size for path in packages.rglob("*") if path.is_file())
-    spent = f"installed in {installed - begun:.0f} s, first report after {rendered - begun:.0f} s"
-    print(f"3.{minor}: {size / 1e6:.0f} MB; {spent}", flush=True)
+    busy = sum(after[2:4]) - sum(before[2:4])  # of the processes begun here
+    spent = f"installed after {installed - begun:.0f} s, first report after {rendered - begun:.0f} s"
+    print(f"3.{minor}: {size / 1e6:.0f} MB with pip and bytecode; {spent}, {busy:.0f} s of a core", flush=True)
 
 
 if __name__ == "__main__":
