@@ -18,6 +18,7 @@ from airtact.synthesis.quantise import quantise
 from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
 from airtact.transducers.element import monopole
 from airtact.transducers.layout import PhasedArray
+from airtact.transducers.levels import Levels
 from airtact.transfer import Drive, TransferMatrix, transfer_matrix
 from faults import raises_code
 
@@ -68,6 +69,11 @@ def test_the_effect_of_rounding_is_that_of_the_rounded_drive() -> None:
     exact, rounded = (np.abs(transfer.pressure(one)) for one in (drive, quantise(drive).drive()))
     assert result.quantisation_loss == pytest.approx(np.max(np.abs(rounded - exact) / exact), rel=1e-9)
     assert 0 < result.quantisation_loss < 5e-3
+    coarse = Levels.even(amplitudes=5, phases=8)
+    result = verify(OPEN_AIR, ARRAY, drive, target, solver=FreeField(), transfer=transfer, levels=coarse)
+    rounded = np.abs(transfer.pressure(quantise(drive, coarse).drive()))
+    assert result.quantisation_loss == pytest.approx(np.max(np.abs(rounded - exact) / exact), rel=1e-9)
+    assert "rounding to 5 levels of amplitude and 8 of phase changes a focus by" in str(result)
 
 
 def test_the_side_lobe_of_one_element_is_where_the_box_comes_nearest_to_it() -> None:

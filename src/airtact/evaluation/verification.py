@@ -18,6 +18,7 @@ from airtact.synthesis.quantise import quantise
 from airtact.synthesis.reach import check_foci
 from airtact.timing import Progress, no_progress
 from airtact.transducers.layout import PhasedArray
+from airtact.transducers.levels import EIGHT_BITS, Levels
 from airtact.transfer import Drive, TransferMatrix, transfer_matrix
 from airtact.validation import in_mm, of_kind, points_of
 
@@ -94,7 +95,8 @@ class Verification:
     Attributes
     ----------
     evaluation : the pressure at each of the F foci.
-    quantised : the same when the drive is rounded to 256 amplitudes and 256 phases.
+    quantised : the same when the drive is rounded to levels.
+    levels : those levels.
     attainable : (F,) what each focus could get at full scale if the array served it alone [Pa].
     attainable_at_energy : (F,) the same with the energy of the drive [Pa].
     energy : Σ|d|².
@@ -109,6 +111,7 @@ class Verification:
 
     evaluation: Evaluation
     quantised: Evaluation
+    levels: Levels
     attainable: Float64[np.ndarray, "foci"]
     attainable_at_energy: Float64[np.ndarray, "foci"]
     energy: float
@@ -193,7 +196,8 @@ class Verification:
             str(self.evaluation),
             f"of what a focus could get alone: {_range(self.attained, '.1%')} at full scale, "
             f"{_range(at_energy, '.1%')} with the energy of this drive",
-            f"energy Σ|d|² {self.energy:.1f}, at full scale {self.elements}; rounding to 256 levels changes a focus by "
+            f"energy Σ|d|² {self.energy:.1f}, at full scale {self.elements}; rounding to "
+            f"{len(self.levels.amplitudes)} levels of amplitude and {self.levels.phases} of phase changes a focus by "
             f"{self.quantisation_loss:.2%} at most",
             *self._side_lobe_lines(),
         ]
@@ -239,11 +243,10 @@ def verify(
     solver: Solver,
     transfer: TransferMatrix | None = None,
     head: Vector | Real[np.ndarray, "head 3"] | None = None,
+    levels: Levels = EIGHT_BITS,
     progress: Progress | None = None,
 ) -> Verification:
     """Verify a drive in every respect: foci, attainable maximum, side lobes, skin, tactile thresholds, rounding, head.
-
-    It solves forwards with the drive and the drive rounded to 256 levels, and for beacons where no matrix is given.
 
     Parameters
     ----------
@@ -251,6 +254,7 @@ def verify(
     target : the foci and suppression points.
     transfer : of the foci, for what is attainable; None to compute it by ``solver``.
     head : (3,) or (N, 3) points of a head [m] at which the level is evaluated.
+    levels : what a board can emit; the solve is for the drive and for the drive rounded to them.
 
     Returns
     -------
@@ -259,26 +263,26 @@ def verify(
     Raises
     ------
     InvalidInput
-        As ``evaluate``; a suppression or head point inside a body or on an element, or a body that is not sound-hard.
+        As ``evaluate``; a suppression or head point in a body or on an element, or a body that is not sound-hard.
     """
     of_kind(target, Target, "the target", "Target(points, pressures)")
     ears = points_of(np.empty((0, 3)) if head is None else np.atleast_2d(head), "points of the head", least=0)
     if transfer is not None:
         check_foci(transfer, target)
-    drives = [drive, _rounded(drive)]
     others = {"suppression point": target.suppression_points, "point of the head": ears}
     solver = solver.reporting(progress)
-    field = radiate_drives(scene, array, drives, target, solver, others)
+    field = radiate_drives(scene, array, [drive, _rounded(drive, levels)], target, solver, others)
     transfer = transfer or transfer_matrix(solver.radiate(scene, target.beacons()), array)
     energy = float(np.sum(np.abs(drive.amplitudes) ** 2))
-    points = [target.points, target.suppression_points, ears]
-    foci, end = len(points[0]), len(points[0]) + len(points[1])
+    foci, end = len(target.points), len(target.points) + len(target.suppression_points)
     (progress or no_progress)("evaluating the field at the foci and on the surfaces")
-    exact, quantised = np.ascontiguousarray(field.at(np.concatenate(points)).T)
+    points = np.concatenate([target.points, target.suppression_points, ears])
+    exact, quantised = np.ascontiguousarray(field.at(points).T)
     skin = radiation_of(field, 0) if scene.obstacles else None
     (progress or no_progress)("looking for side lobes")
     return Verification(
         evaluation=Evaluation(target, exact[:foci], field.report),
+        levels=levels,
         quantised=Evaluation(target, quantised[:foci], field.report),
         attainable=attainable(transfer)[:foci],
         attainable_at_energy=attainable(transfer, energy)[:foci],
@@ -292,9 +296,9 @@ def verify(
     )
 
 
-def _rounded(drive: Drive) -> Drive:
-    """Round a drive to 256 levels, unless nothing would be left of it."""
-    rounded = quantise(drive).drive()
+def _rounded(drive: Drive, levels: Levels) -> Drive:
+    """Round a drive to levels, unless nothing would be left of it."""
+    rounded = quantise(drive, levels).drive()
     return rounded if rounded.amplitudes.any() else drive
 
 
