@@ -94,7 +94,7 @@ def test_surfaces_carry_the_pressure_on_them(scene, solved):
     assert np.abs(found.pressures[:, 0] - exact).max() < 0.04 * exact.max()
     corners = found.vertices[found.triangles]
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-    assert edges.max() <= scene.wavelength / 4 * (1 + 1e-9)
+    assert edges.max() <= 0.3 * scene.wavelength * (1 + 1e-9)
 
 
 def test_open_air_has_no_surfaces():

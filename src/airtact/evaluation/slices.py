@@ -26,7 +26,7 @@ STEPS = 1.0 / 5.0, 1.0 / 4.0
 LEAST_PLANES = 9
 """Planes of a stack."""
 
-SURFACE_EDGE = 1.0 / 4.0
+SURFACE_EDGE = 0.3
 """Longest edge of the triangles that carry the pressure on surfaces, in wavelengths."""
 
 WALL = 0.25

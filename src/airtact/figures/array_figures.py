@@ -96,7 +96,7 @@ def draw_phases(
     magnitudes = np.abs(amplitudes)
     emitted = (
         (np.angle(amplitudes), _phase_colours(), "phase [rad]"),
-        (magnitudes, ScalarMappable(Normalize(0, magnitudes.max()), "viridis"), "amplitude\n[of full scale]"),
+        (magnitudes, ScalarMappable(Normalize(0, magnitudes.max()), "viridis"), "amplitude"),
     )
     for row, (values, scale, label) in zip(rows, emitted, strict=True):
         for panel, face in zip(row, faces, strict=True):

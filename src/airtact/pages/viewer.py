@@ -219,7 +219,7 @@ def _views(view: SceneView) -> dict[str, Any]:
         "middle": _rounded(1e3 * (lowest + highest) / 2.0),
         "reach": 0.55e3 * float(np.linalg.norm(highest - lowest)),
         "focus": _rounded(1e3 * middle),
-        "close": 0.62e3 * float(np.linalg.norm(sides[:2])),
+        "close": 0.54e3 * float(np.linalg.norm(sides[:2])),
         "seen": [azimuth, elevation],
     }
 

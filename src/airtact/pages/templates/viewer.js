@@ -29,14 +29,29 @@ const SLICE = {
     void main() { at = cell; gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0); }`,
   fragmentShader: `
     precision highp sampler3D;
-    uniform sampler3D first, second, depth;
+    uniform sampler3D first, second; // pressure and depth
     varying vec3 at;
     ${COLOUR}
     void main() {
-      float inside = smoothstep(0.48, 0.52, texture(depth, at).r);
-      vec3 field = coloured(texture(first, at).r, texture(second, at).r);
-      gl_FragColor = vec4(mix(field, 0.86 * BODY, inside), 1.0);
+      vec2 here = texture(first, at).rg;
+      vec3 field = coloured(here.r, shown == 2 ? texture(second, at).r : here.r);
+      gl_FragColor = vec4(mix(field, 0.86 * BODY, smoothstep(0.48, 0.52, here.g)), 1.0);
     }`,
+};
+
+// Discs that fade into the paper instead of being transparent, which many of them would make slow.
+const DISCS = {
+  vertexShader: `
+    varying vec3 colour;
+    void main() {
+      colour = instanceColor;
+      gl_Position = projectionMatrix * modelViewMatrix * instanceMatrix * vec4(position, 1.0);
+    }`,
+  fragmentShader: `
+    uniform vec3 paper;
+    uniform float strength;
+    varying vec3 colour;
+    void main() { gl_FragColor = vec4(mix(paper, colour, strength), 1.0); }`,
 };
 
 const SURFACE = {
@@ -63,7 +78,7 @@ const SURFACE = {
       #include <clipping_planes_fragment>
       vec3 normal = normalize(gl_FrontFacing ? facing : -facing);
       float lit = 0.5 + 0.5 * max(dot(normal, normalize(vec3(-0.35, 0.55, 0.8))), 0.0);
-      float strength = plain ? 0.0 : shown > 0 ? 1.0 : smoothstep(0.0, 0.35, a * a);
+      float strength = plain ? 0.0 : shown > 0 ? 1.0 : smoothstep(0.0, 0.2, a * a);
       gl_FragColor = vec4((gl_FrontFacing ? lit : 0.45) * mix(BODY, coloured(a, b), strength), 1.0);
     }`,
 };
@@ -112,7 +127,6 @@ class Viewer {
     this.uniforms = {
       pressures: { value: this.palette("pressure") },
       differences: { value: this.palette("difference") },
-      depth: { value: this.volume("depth") },
       shown: { value: 0 },
       plain: { value: false },
       first: { value: this.fields[0] },
@@ -152,8 +166,14 @@ class Viewer {
   }
 
   volume(name) {
-    const texture = new THREE.Data3DTexture(this.array(name), ...this.facts.slices.counts);
-    texture.format = THREE.RedFormat;
+    const [pressure, depth] = [this.array(name), this.array("depth")];
+    const both = new Uint8Array(2 * depth.length);
+    for (let index = 0; index < depth.length; index++) {
+      both[2 * index] = pressure[index];
+      both[2 * index + 1] = depth[index];
+    }
+    const texture = new THREE.Data3DTexture(both, ...this.facts.slices.counts);
+    texture.format = THREE.RGFormat;
     texture.minFilter = texture.magFilter = THREE.LinearFilter;
     texture.unpackAlignment = 1;
     texture.needsUpdate = true;
@@ -162,8 +182,9 @@ class Viewer {
 
   discs() {
     const [positions, normals] = [this.array("positions"), this.array("normals")];
-    const material = new THREE.MeshBasicMaterial({ transparent: true, depthWrite: false });
-    const circle = new THREE.CircleGeometry(this.facts.radius, 18);
+    const uniforms = { paper: { value: new THREE.Color() }, strength: { value: 1 } };
+    const material = new THREE.ShaderMaterial({ uniforms, ...DISCS });
+    const circle = new THREE.CircleGeometry(this.facts.radius, 10);
     const discs = new THREE.InstancedMesh(circle, material, positions.length / 3);
     const turned = new THREE.Object3D();
     for (let index = 0; index < discs.count; index++) {
@@ -262,10 +283,13 @@ class Viewer {
     const since = now - this.last;
     this.last = now;
     if (turning.dragging && since > SLOW && since < 10 * SLOW) this.fine = Math.max(0.4, 0.8 * this.fine);
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2) * this.fine);
+    const ratio = Math.min(devicePixelRatio, 2) * this.fine;
+    if (ratio !== this.renderer.getPixelRatio()) this.renderer.setPixelRatio(ratio); // it makes all buffers anew
     turning.place();
     const far = Math.min(1, Math.max(0, (turning.distance - 3 * facts.close) / facts.reach));
-    this.elements.material.opacity = 0.4 + 0.6 * far; // close up they are but the background
+    const { paper, strength } = this.elements.material.uniforms;
+    paper.value.set(getComputedStyle(this.root).getPropertyValue("--paper").trim());
+    strength.value = 0.4 + 0.6 * far; // close up they are but the background
     this.surface.material.clippingPlanes = this.cutting();
     this.renderer.render(this.scene, this.camera);
     const { shown, emitted, largest } = this;
