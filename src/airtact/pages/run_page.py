@@ -135,8 +135,9 @@ def _transducers(run: Run) -> str:
 def _pictures(run: Run) -> dict[str, Any]:
     phases = picture(
         draw_phases(run.array.positions, run.array.normals, run.drive.amplitudes),
-        f"Phase and amplitude, of full scale, of each transducer by {run.method}, each face as seen from the side that it "
-        "radiates to, in the order in which a viewer inside who turns to the right sees them (compare Fig. 5 of the paper). Phases "
+        f"Phase and amplitude, of full scale, of each transducer by {run.method}, each face as seen from the side that "
+        "it radiates to, in the order in which a viewer inside who turns to the right sees them (compare Fig. 5 of the "
+        "paper). Phases "
         f"are those of Re[u e^(−iωt)]. Rounded to {len(run.frame.levels.amplitudes)} levels of amplitude and "
         f"{run.frame.levels.phases} of phase (drive.csv) they change the pressure at the foci by {_rounding(run):.2%} "
         "at most.",
