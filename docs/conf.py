@@ -19,13 +19,18 @@ project = "airtact"
 author = "The airtact developers"
 version = release = airtact.__version__
 
-extensions = ["myst_parser", "numpydoc", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx_copybutton"]
+extensions = ["myst_nb", "numpydoc", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx_copybutton"]
 html_theme = "furo"
 html_title = f"airtact {release}"
 html_math_renderer = "mathml"
 html_show_sphinx = False
 html_show_copyright = False
 exclude_patterns = ["_build"]
+
+nb_execution_mode = "force"  # the notebooks are kept without what they print and plot
+nb_execution_in_temp = True
+nb_execution_timeout = 300
+nb_execution_raise_on_error = True
 
 myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
 myst_heading_anchors = 4
