@@ -13,6 +13,7 @@ from airtact.files.drives import load_drive
 from airtact.solvers.spherical.sphere_series import SphereSeries
 from airtact.synthesis.best import best
 from airtact.synthesis.sequence import Sequence
+from airtact.synthesis.upper_bound import upper_bound
 from airtact.transducers.drive_file import read_drive_file
 from airtact.transducers.levels import Levels
 from airtact.transducers.modulation import AmplitudeModulation
@@ -164,6 +165,13 @@ def test_the_page_says_what_was_computed_and_what_was_not(rendered):
         f"{run.beacons.nodes:,}",
     ):
         assert words in page
+
+
+def test_below_full_scale_the_run_says_what_is_left(rendered):
+    run = rendered[1]
+    bound = upper_bound(run.transfer, run.target)
+    times = 1.0 / bound.reached(run.transfer, run.target, run.drive)
+    assert run.remarks[-1].startswith(f"At full scale no drive exceeds {times:.1f} times that; rounded to 256 levels")
 
 
 def test_the_first_sentence_has_both_drives_and_what_is_missing(tmp_path):

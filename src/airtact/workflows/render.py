@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.evaluation.comparison import Comparison, compare
-from airtact.evaluation.headline import body_word, headline, shortfalls
+from airtact.evaluation.headline import FULL, body_word, headline, shortfalls
 from airtact.evaluation.windows import Window, box_around, close_up
 from airtact.figures.field_figure import Cut, cut_bodies
 from airtact.file_access.atomic import writable_folder
@@ -174,6 +174,9 @@ def _share_of_bound(setup: Setup, transfer: TransferMatrix, drive: Drive) -> str
     bound = upper_bound(transfer, setup.target, tolerance=1e-2)
     exact, rounded = (bound.reached(transfer, setup.target, one) for one in (drive, frame.drive()))
     levels = f"{len(frame.levels.amplitudes)} levels of amplitude and {frame.levels.phases} of phase"
+    if np.abs(drive.amplitudes).max() < FULL:
+        left = f"At full scale no drive exceeds {1.0 / exact:.1f} times that"
+        return f"{left}; rounded to {levels} it is {rounded / exact:.1%} of it.".replace("%", " %")
     return f"That is {exact:.0%} of what no drive exceeds, {rounded:.0%} rounded to {levels}.".replace("%", " %")
 
 
