@@ -11,7 +11,21 @@ from collections.abc import Sequence
 import click
 
 import airtact as at
-from airtact.cli import bench, boards, check, compare, compare_scan, emit, export, hand, listen, mesh, render, reproduce
+from airtact.cli import (
+    bench,
+    boards,
+    check,
+    compare,
+    compare_scan,
+    emit,
+    export,
+    hand,
+    init,
+    listen,
+    mesh,
+    render,
+    reproduce,
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -64,6 +78,6 @@ def commands() -> None:
 
 for _command in (
     *(bench.bench, boards.boards, check.check, compare.compare, compare_scan.compare_scan, emit.emit, export.export),
-    *(hand.hand, listen.listen, mesh.mesh, render.render, reproduce.reproduce),
+    *(hand.hand, init.init, listen.listen, mesh.mesh, render.render, reproduce.reproduce),
 ):
     commands.add_command(_command)
