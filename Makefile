@@ -14,7 +14,7 @@ help:
 	@echo "make format rewrite the sources in the house's format"
 	@echo "make docs   the documentation site in build/docs; a warning or a broken link fails it"
 	@echo "make wheels wheels for every Python from 3.11 on that is here, in dist/, each proven without a compiler"
-	@echo "make bench  the measured table of the README"
+	@echo "make bench  the measured table of docs/performance.md"
 
 $(VENV)/installed: $(KERNELS)
 	python3 -m venv $(VENV)

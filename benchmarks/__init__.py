@@ -1,1 +1,1 @@
-"""What the README measures."""
+"""What docs/performance.md states, measured."""

@@ -1,4 +1,4 @@
-"""Accuracy of the boundary element solver: every accuracy figure of the README, measured anew.
+"""Accuracy of the boundary element solver: every accuracy figure of docs/performance.md, measured anew.
 
 Run ``make bench``, or ``PYTHONPATH=.:tests python benchmarks/accuracy.py [figure ...]``. The reference is the sphere's
 series, multipoles about two spheres, or fundamental solutions; each error is the worst of at least 8 random directions.

@@ -1,4 +1,4 @@
-"""Time and memory of the jobs: every speed figure of the README, measured anew.
+"""Time and memory of the jobs: every speed figure of docs/performance.md, measured anew.
 
 Run ``make bench``, or ``PYTHONPATH=.:tests python benchmarks/speed.py [row ...]`` with the first words of the rows
 wanted. Times are medians with the least and the most, errors are against fundamental solutions or, for a hand, against

@@ -1,4 +1,4 @@
-"""Pressures and times of the synthesis methods: every figure of the README about drives, measured anew.
+"""Pressures and times of the synthesis methods: every figure of docs/performance.md about drives, measured anew.
 
 Run ``PYTHONPATH=.:tests python benchmarks/synthesis.py``, with ``--acoustools PYTHON`` the Python of an environment
 where AcousTools is installed (it needs PyTorch), else that comparison is left out. The transfer matrices of 300 points

@@ -336,8 +336,8 @@ def test_links_lead_somewhere(path) -> None:
     assert [link for link in links if not link.startswith("http") and not (path.parent / link).exists()] == []
 
 
-def test_readme_has_the_place_for_what_was_measured() -> None:
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
+def test_the_page_of_performance_has_the_place_for_what_was_measured() -> None:
+    text = (ROOT / "docs/performance.md").read_text(encoding="utf-8")
     table = re.search(r"<!-- measured:begin -->\n(.*?)<!-- measured:end -->", text, re.DOTALL)
     assert table
     assert len(table[1].splitlines()) >= 12

@@ -1,0 +1,51 @@
+"""The examples in the help of every command run as they are printed, in an empty folder."""
+
+import re
+import shlex
+
+import click
+import pytest
+
+from airtact.cli import commands, main
+
+PARSED = {"bench", "listen", "reproduce"}
+"""Their examples take minutes or a tracker, and have tests of their own; here they are only parsed."""
+
+SECONDS = {"compare", "compare-scan", "emit", "export", "render"}
+"""Their examples take seconds each."""
+
+NAMES = [
+    pytest.param(name, marks=pytest.mark.slow) if name in SECONDS else name
+    for name in commands.commands
+    if name not in PARSED
+]
+
+
+def example(name):
+    """Return the words of the one example in the help of a command, without the program."""
+    (found,) = re.findall(r"Example: airtact (.*)", commands.commands[name].epilog or "")
+    first, *rest = shlex.split(found)
+    assert first == name
+    return rest
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_example_of_a_command_runs(name, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    words = example(name)
+    if name in ("emit", "export"):  # what render's example wrote
+        assert main(["render", *example("render"), "--no-pictures"]) == 0
+    assert main([name, *words]) == 0
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize("name", sorted(PARSED))
+def test_a_long_example_is_a_command_line(name):
+    context = commands.commands[name].make_context(name, example(name))
+    assert isinstance(context, click.Context)
+
+
+def test_the_example_of_the_program_is_that_of_a_command():
+    (found,) = re.findall(r"Example: airtact (.*)", commands.epilog or "")
+    name, *words = shlex.split(found)
+    assert words == example(name)

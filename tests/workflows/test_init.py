@@ -1,0 +1,87 @@
+"""The first scene: what init writes is checked, rendered and emitted as it stands, and nothing is overwritten."""
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+
+import airtact as at
+from airtact.cli import main
+from airtact.transducers.boards import BOARDS
+from airtact.workflows.init import PLACES, init
+from faults import raises_code
+from paths import HANDS
+
+FILES = ["hand-LICENSE.txt", "hand.json", "scene.toml"]
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def names(folder):
+    return sorted(entry.name for entry in folder.iterdir())
+
+
+@pytest.mark.parametrize("board", BOARDS)
+def test_the_hand_lies_over_the_middle_of_the_board_with_its_palm_down(tmp_path, board):
+    setup = at.read_scene(init(tmp_path / "new", board)[0])
+    assert names(tmp_path / "new") == FILES
+    assert (setup.board, len(setup.array)) == (board, len(BOARDS[board]))
+    assert setup.foci == PLACES
+    np.testing.assert_allclose(setup.array.positions.mean(axis=0), 0.0, atol=1e-3)
+    np.testing.assert_allclose(setup.target.points[:, :2].mean(axis=0), 0.0, atol=2e-3)
+    lowest = 0.06 if board == "nano16" else 0.15
+    assert setup.target.points[:, 2].min() == pytest.approx(lowest, abs=2e-3)
+    # Half a millimetre off the skin; a centimetre further down there is air, further up the hand.
+    np.testing.assert_allclose(-setup.scene.depth(setup.target.points), 0.5e-3, atol=1e-5)
+    assert (setup.scene.depth(setup.target.points - [0.0, 0.0, 0.01]) < 0.0).all()
+    assert (setup.scene.depth(setup.target.points + [0.0, 0.0, 0.004]) > 0.0).all()
+
+
+def test_another_hand_is_named_by_the_scene_and_turned_to_the_board(tmp_path):
+    pose = tmp_path / "poses/mine.json"
+    pose.parent.mkdir()
+    pose.write_bytes((HANDS / "relaxed.json").read_bytes())
+    (scene,) = init(tmp_path / "new/mine.toml", hand=pose)
+    assert names(tmp_path / "new") == ["mine.toml"]
+    setup = at.read_scene(scene)
+    assert setup.target.points[:, 2].min() == pytest.approx(0.15, abs=2e-3)
+    (obstacle,) = tomllib.loads(scene.read_text(encoding="utf-8"))["obstacles"]
+    assert obstacle["hand"] == "../poses/mine.json"
+
+
+def test_nothing_is_overwritten(tmp_path):
+    (tmp_path / "hand.json").write_text("mine")
+    with raises_code("would_overwrite", "hand.json", "3 files"):
+        init(tmp_path)
+    assert names(tmp_path) == ["hand.json"]
+    assert (tmp_path / "hand.json").read_text() == "mine"
+
+
+def test_a_hand_at_fault_leaves_no_files(tmp_path):
+    (tmp_path / "empty.json").write_text("{}")
+    with pytest.raises(at.InvalidInput):
+        init(tmp_path / "new", hand=tmp_path / "empty.json")
+    assert not (tmp_path / "new").exists()
+
+
+def test_the_first_scene_is_checked_rendered_and_emitted(capsys, here):
+    assert main(["init"]) == 0
+    assert capsys.readouterr().out.endswith("Next: airtact render --open\n")
+    scene = here / "scene.toml"
+    text = scene.read_text(encoding="utf-8")
+    assert "accuracy = 0.03" in text
+    scene.write_text(text.replace("accuracy = 0.03", "accuracy = 0.15"), encoding="utf-8")  # for a test's time
+    assert main(["check", "scene.toml"]) == 0
+    capsys.readouterr()
+    assert main(["render", "--no-pictures", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [focus["name"] for focus in found["foci"]] == list(PLACES)
+    assert min(focus["pressure"] for focus in found["foci"]) > 1000.0
+    drive = str(here / "out/scene/drive.h5")
+    assert main(["emit", drive, "--board", "autd3", "--link", "audit", "--yes", "--seconds", "0.3"]) == 0
+    assert "the last was silence" in capsys.readouterr().out
