@@ -69,6 +69,7 @@ def _record(run: "Rendered") -> dict[str, Any]:
     return {
         "method": run.method,
         "headline": run.headline,
+        "remarks": list(run.remarks),
         "foci": foci,
         "sensation": list(run.sensation),
         "estimated_error": run.comparison.report.estimated_error,
