@@ -280,6 +280,7 @@ class Viewer {
   paint(now) {
     this.wanted = false;
     const { turning, facts } = this;
+    if (this.overlay.width < 100) return; // not laid out yet
     const since = now - this.last;
     this.last = now;
     if (turning.dragging && since > SLOW && since < 10 * SLOW) this.fine = Math.max(0.4, 0.8 * this.fine);
