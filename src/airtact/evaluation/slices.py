@@ -208,8 +208,10 @@ def surface_pressure(field: RadiatedField, columns: Sequence[int]) -> SurfacePre
         points, corners, *_ = subdivide_to_size(
             surface.vertices, surface.triangles, max_edge=SURFACE_EDGE * field.scene.wavelength, max_iter=20
         )
+        # The cut triangles have corners of their own, and would be lit as facets.
+        points, numbers = np.unique(points.round(9), axis=0, return_inverse=True)
         vertices.append(points)
-        triangles.append(corners + count)
+        triangles.append(numbers.reshape(-1)[corners] + count)
         count += len(points)
     points = np.concatenate(vertices)
     pressure = pressure_on_surfaces(field, points)[:, list(columns)]

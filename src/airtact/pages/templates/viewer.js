@@ -184,7 +184,7 @@ class Viewer {
     const [positions, normals] = [this.array("positions"), this.array("normals")];
     const uniforms = { paper: { value: new THREE.Color() }, strength: { value: 1 } };
     const material = new THREE.ShaderMaterial({ uniforms, ...DISCS });
-    const circle = new THREE.CircleGeometry(this.facts.radius, 10);
+    const circle = new THREE.CircleGeometry(this.facts.radius, 16);
     const discs = new THREE.InstancedMesh(circle, material, positions.length / 3);
     const turned = new THREE.Object3D();
     for (let index = 0; index < discs.count; index++) {
