@@ -7,6 +7,7 @@ from base64 import b64decode
 import h5py
 import numpy as np
 import pytest
+from scipy.special import j1
 
 from airtact.evaluation.field import drive_sources
 from airtact.files.drives import load_drive
@@ -67,9 +68,14 @@ def test_the_worst_focus_gets_what_it_asked_by_the_series(rendered, exact):
 
 
 def control_in_closed_form(run) -> Drive:
-    """The control: the best drive on the matrix of monopoles in open air."""
-    distance = np.linalg.norm(run.array.positions[None] - run.target.points[:, None], axis=-1)
-    wave = np.exp(2j * np.pi * run.scene.frequency / run.scene.medium.sound_speed * distance) / distance
+    """The control: the best drive on the matrix of baffled pistons in open air, 2 J1(x)/x with x = k a sin(angle)."""
+    away = run.target.points[:, None] - run.array.positions[None]
+    distance = np.linalg.norm(away, axis=-1)
+    wavenumber = 2.0 * np.pi * run.scene.frequency / run.scene.medium.sound_speed
+    cosine = np.einsum("fec,ec->fe", away, run.array.normals) / distance
+    argument = wavenumber * run.array.element.radius * np.sqrt(1.0 - cosine**2)
+    pattern = np.where(cosine > 0.0, 2.0 * j1(argument) / argument, 0.0)
+    wave = pattern * np.exp(1j * wavenumber * distance) / distance
     return best(TransferMatrix(run.array.element.sensitivity * wave, 0.0), run.target)
 
 
