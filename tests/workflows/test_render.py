@@ -125,6 +125,8 @@ def test_the_pictures_show_the_drive_as_it_is_and_the_control_at_its_energy(rend
     field = SphereSeries().radiate(run.scene, drive_sources(run.array, [emitted]))
     expected = field.at(cut.window.points[chosen])[:, 0]
     drawn = cut.pressures[run.comparison.names[1]][chosen]
+    common = np.vdot(expected, drawn)  # the phase that all elements of a drive share is free
+    expected *= common / abs(common)
     assert np.linalg.norm(drawn - expected) < 0.02 * np.linalg.norm(expected)
     assert tuple(cut.pressures) == run.comparison.names
 
