@@ -89,3 +89,8 @@ def test_a_turn_needs_an_axis_and_an_angle():
         Pose.turn((0.0, math.nan, 0.0), 1.0)
     with raises_code("not_finite", "rotation hold 9 NaN"):
         Pose.turn((0, 0, 1), math.nan)
+
+
+def test_an_angle_in_degrees_is_rejected():
+    with raises_code("out_of_range", "90 rad", "np.radians(90)"):
+        Pose.turn((0, 0, 1), 90)

@@ -25,6 +25,7 @@ from airtact.synthesis.best import method_for
 from airtact.synthesis.max_min import Stalled
 from airtact.timing import Clock
 from airtact.transducers.modulation import AmplitudeModulation
+from airtact.transducers.reach import open_air_bound, strongest_open_air
 from airtact.transfer import Drive, TransferMatrix, open_air_matrix, transfer_matrix
 from airtact.validation import counted
 
@@ -33,6 +34,9 @@ REFINEMENT = 1.8
 
 MOST_UNKNOWNS = 19_000
 """Unknowns above which the verification solve is refined no further: its matrix would pass 3 GB."""
+
+LEAST_REACH = 0.1
+"""Least share of the array's strongest pressure at a focus: a tenth of the pressure is a hundredth of the force."""
 
 FINEST = 1e-4
 """The best accuracy that boundary elements take."""
@@ -78,6 +82,34 @@ def _verification_accuracy(setup: Setup) -> float:
     while index < len(trials) - 1 and unknowns(trials[index]) < enough:
         index += 1
     return trials[max(index - 1, 0)] if unknowns(trials[index]) > MOST_UNKNOWNS else trials[index]
+
+
+def reach_cautions(setup: Setup) -> tuple[str, ...]:
+    """Name the foci that the array can hardly reach, and pressures beyond its full scale, before anything is solved.
+
+    A focus is out of reach where all elements in phase bring less than ``LEAST_REACH`` of their strongest pressure to
+    it in open air. A hard surface doubles the pressure of a plane wave, so a pressure beyond twice the open-air bound
+    (once without bodies) cannot be expected.
+    """
+    wavenumber, target = setup.scene.wavenumber.real, setup.target
+    bounds = open_air_bound(setup.array, target.points, wavenumber)
+    strongest, most = strongest_open_air(setup.array, wavenumber), 2.0 if setup.bodies else 1.0
+    asked = np.zeros(len(bounds)) if target.pressures is None else np.abs(target.pressures)
+    found = []
+    for name, bound, pressure in zip(setup.foci, bounds, asked, strict=True):
+        if bound < LEAST_REACH * strongest:
+            found.append(
+                f"{name} is out of the array's reach: it gets {bound / strongest:.1%} of the {strongest:,.0f} Pa that "
+                f"the elements bring to their strongest point in open air, under {LEAST_REACH:.0%}; move the focus or "
+                "the array."
+            )
+        if pressure > most * bound:
+            words = ", and at most about twice that on a hard surface" if setup.bodies else ""
+            found.append(
+                f"{name} asks for {pressure:,.0f} Pa, and all elements at full scale bring {bound:,.0f} Pa to it in "
+                f"open air{words}: ask for less, or take more boards."
+            )
+    return tuple(found)
 
 
 def stored(solver: Solver, store: Path | None) -> Solver:

@@ -38,8 +38,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return error.exit_code
     except click.ClickException as error:
         fault = _usage(error), "wrong_usage", error.exit_code
-    except (KeyboardInterrupt, click.Abort):
-        fault = "interrupted; finished files are complete", "interrupted", 130
+    except (KeyboardInterrupt, click.Abort) as stop:
+        kept = str(stop.__cause__ or stop) or "finished files are complete"
+        fault = f"interrupted; {kept}", "interrupted", 130
     except OSError as error:
         missing = isinstance(error, FileNotFoundError)
         sentence = f"{error.filename or 'a file'}: {error.strerror or error}"

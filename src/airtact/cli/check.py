@@ -42,7 +42,8 @@ def check(scene: Path, folder: Path | None, **settings: float | None) -> None:
         tables = _surface_tables(scene.name, checked) if isinstance(checked, Scene) else _scene_tables(checked)
         tables = list(tables)
         record = _surface_record(checked) if isinstance(checked, Scene) else _scene_record(checked)
-    show(*tables, record=record)
+        cautions = () if isinstance(checked, Scene) else workflow.reach_cautions(checked)
+    show(*tables, warnings=cautions, record=record)
 
 
 def _scene_record(setup: "Setup") -> dict[str, Any]:
@@ -110,7 +111,7 @@ def _scene_tables(setup: "Setup") -> "Iterator[Table]":
     facts.add_row("drive", f"{setup.method.replace('_', ' ')}, accuracy {setup.accuracy:g}")
     if isinstance(setup.solver, BoundaryElement):
         unknowns = setup.solver.unknowns(setup.scene, setup.target.beacons())
-        facts.add_row("unknowns", f"{unknowns:,}, matrix {_memory(unknowns)}")
+        facts.add_row("unknowns", f"{unknowns:,}, about {_memory(unknowns, setup.accuracy)} to solve")
     yield facts
 
 
@@ -143,12 +144,14 @@ def _surface_tables(name: str, scene: "Scene") -> "Iterator[Table]":
     facts.add_row("volume", f"{1e6 * surface.volume:.4g} cm³")
     facts.add_row("sharp edges", sharp_edges_in_words(surface))
     for accuracy, unknowns in unknowns_by_accuracy(scene).items():
-        facts.add_row(f"accuracy {accuracy:g}", f"{unknowns:,} unknowns, matrix {_memory(unknowns)}")
+        facts.add_row(f"accuracy {accuracy:g}", f"{unknowns:,} unknowns, about {_memory(unknowns, accuracy)} to solve")
     yield facts
     yield repairs_table(surface)
 
 
-def _memory(unknowns: float) -> str:
-    """Return how large a complex matrix of single precision is, in words."""
-    size = 8 * unknowns**2
-    return f"{size / 1e9:.1f} GB" if size > 1e9 else f"{math.ceil(size / 1e6)} MB"
+def _memory(unknowns: float, accuracy: float) -> str:
+    """Return how much memory the process takes to solve, in words."""
+    from airtact.workflows.check import memory_of_a_solve
+
+    size = memory_of_a_solve(unknowns, accuracy)
+    return f"{size / 1e9:.1f} GB" if size > 1e9 else f"{math.ceil(size / 1e7) * 10} MB"

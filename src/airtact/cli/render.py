@@ -43,7 +43,11 @@ def render(scene: Path, folder: Path, method: str | None, store: Path | None, pi
         report_step("starting")
         from airtact.workflows import render as workflow
 
-        run = workflow.render(scene, folder, report_step, store, method=method, pictures=pictures)
+        try:
+            run = workflow.render(scene, folder, report_step, store, method=method, pictures=pictures)
+        except KeyboardInterrupt:
+            kept = ", ".join(name for name in workflow.FILES if (folder / name).exists()) or "0 files"
+            raise KeyboardInterrupt(f"{kept} in {folder} kept, each complete") from None
     written = {name: str(folder / name) for name in (workflow.FILES if pictures else workflow.FILES[:2])}
     last = folder / list(written)[-1]
     line = f"Report: {last}" if pictures else f"Drive: {last}"

@@ -16,12 +16,19 @@ from airtact.scene.scene import Scene, sound_hard
 from airtact.scene.sources import Monopoles
 from airtact.scene_file.bodies import Triangles, bare_triangles, drawable_bodies
 from airtact.scene_file.building import Setup, read_scene
-from airtact.solvers.bem.solver import BoundaryElement
+from airtact.solvers.bem.solver import ROUNDED, BoundaryElement
+from airtact.steps import reach_cautions as reach_cautions
 from airtact.surfaces.files import SUFFIXES, load_surface
 from airtact.timing import Progress, no_progress
 
 BODIES, FAULT = "bodies.png", "fault.png"
 """What is written, one or the other."""
+
+PROCESS = 1.2e8
+"""Memory of the process before a solve, the bodies included [bytes]."""
+
+LOW_RANK, GROWTH = 193.0, 1.434
+"""Bytes of a solve over the unknowns to this power, with the matrix in bfloat16; 1.9 times that in single."""
 
 
 def check(
@@ -77,6 +84,15 @@ def _draw(
     if folder is not None:
         report_step(f"drawing {folder / BODIES}")
         write_picture(folder / BODIES, draw_bodies([one.surface for one in scene.obstacles], names, foci))
+
+
+def memory_of_a_solve(unknowns: float, accuracy: float) -> float:
+    """Estimate the memory that the process takes at its peak to solve for a few foci by boundary elements [bytes].
+
+    The matrix is mostly low-rank, so that it grows far slower than the square of the unknowns. The law is fitted to 10
+    solves of the examples, 2,244 to 23,058 unknowns, which it meets within 20 %.
+    """
+    return PROCESS + (LOW_RANK if accuracy >= ROUNDED else 1.9 * LOW_RANK) * unknowns**GROWTH
 
 
 def unknowns_by_accuracy(scene: Scene) -> dict[float, int]:

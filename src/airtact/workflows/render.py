@@ -22,6 +22,7 @@ from airtact.steps import (
     method_words,
     named,
     plane_of_foci,
+    reach_cautions,
     save_drives,
     solve_foci,
     stored,
@@ -100,7 +101,7 @@ def render(
         beacons=beacons,
         reached=reached,
         comparison=comparison,
-        **_sentences(setup, transfer, drive, comparison, (*notes, *noted)),
+        **_sentences(setup, transfer, drive, comparison, (*reach_cautions(setup), *notes, *noted)),
         sensation=sensations(setup, reached, moving),
         seconds=clock.seconds,
     )

@@ -1,0 +1,57 @@
+"""What commands report of unreachable foci, of interruptions, and of programs that are not there."""
+
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from airtact.cli import main
+
+SCENE = """[medium]
+celsius = 20.0
+humidity = 0.5
+[array]
+layout = "{layout}"
+[[foci]]
+point = [0.0, 0.0, {height}]
+{pressure}
+"""
+
+
+@pytest.mark.parametrize(
+    ("layout", "height", "pressure", "words"),
+    [
+        ("surrounding_box", 0.5, "", ("focus 1 is out of the array's reach", "7.5%")),
+        ("flat_boards", 0.1, "pressure = 1e6", ("focus 1 asks for 1,000,000 Pa", "in open air")),
+        ("flat_boards", 0.2, "pressure = 5e3", ()),
+    ],
+)
+def test_what_cannot_be_reached_is_named_before_it_is_solved(tmp_path, capsys, layout, height, pressure, words) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE.format(layout=layout, height=height, pressure=pressure))
+    assert main(["check", str(path)]) == 0
+    printed = capsys.readouterr().out
+    assert [word for word in words if word not in printed] == []
+    assert ("Warning" in printed) == bool(words)
+
+
+def test_a_package_of_a_bench_that_cannot_run_is_rejected(tmp_path, capsys) -> None:
+    assert main(["bench", "--acoustools", "/nope", "--out", str(tmp_path)]) == 2
+    printed = capsys.readouterr().err
+    assert "/nope is not a program that can be run" in printed
+    assert "[cannot_run]" in printed
+
+
+def test_ctrl_c_in_render_says_what_was_kept(tmp_path) -> None:
+    command = [sys.executable, "-m", "airtact", "render", "pinch", "--out", str(tmp_path / "out")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as rendering:
+        assert rendering.stderr is not None
+        for line in rendering.stderr:
+            if "verifying" in line:
+                break
+        rendering.send_signal(signal.SIGINT)
+        printed = rendering.stderr.read()
+        assert rendering.wait() == 130
+    assert "drive.csv, drive.h5 in " in printed
+    assert "[interrupted]" in printed
