@@ -44,24 +44,35 @@ class RidgedMesh:
     ridges: Int64[np.ndarray, "ridges 2"]
 
 
-def coarsened(mesh: RidgedMesh, edge: float) -> RidgedMesh:
-    """Coarsen a mesh of edges far shorter than ``edge`` [m], or MMG takes the roughness of a scan for bends."""
+WALL_OFF, COARSE_WALL_OFF = 0.3, 0.1
+"""Distance of triangles, and of the coarsened mesh, from the surface at most, over the thickness of the thinnest wall."""
+
+
+def coarsened(mesh: RidgedMesh, edge: float, wall: float = np.inf) -> RidgedMesh:
+    """Coarsen a mesh of edges far shorter than ``edge`` [m], or MMG takes the roughness of a scan for bends.
+
+    ``wall`` is the thickness of its thinnest wall [m], whose rim would be lost if triangles left it by as much.
+    """
     if edge_lengths(mesh.vertices[mesh.triangles]).mean() > FINE * edge:
         return mesh
-    return _meshed(mesh, np.full(len(mesh.vertices), FINE), edge, ROUGH)
+    return _meshed(mesh, np.full(len(mesh.vertices), FINE), edge, min(ROUGH, COARSE_WALL_OFF * wall / edge))
 
 
-def remeshed(mesh: RidgedMesh, sizes: Real[np.ndarray, "vertices"], edge: float, wanted: float) -> RidgedMesh:
+def remeshed(
+    mesh: RidgedMesh, sizes: Real[np.ndarray, "vertices"], edge: float, wanted: float, wall: float = np.inf
+) -> RidgedMesh:
     """Mesh a closed surface anew with triangles about as large as equilateral ones of a given edge.
 
     ``sizes`` (V,) are the longest edges allowed at each vertex beside what ``edge`` asks for [m], ``wanted`` is the
-    number of triangles that the area asks for. The result is near the curved surface, not on it.
+    number of triangles that the area asks for, ``wall`` is as in ``coarsened``. The result is near the curved surface,
+    not on it.
     """
+    flattest = min(FLATTEST, WALL_OFF * wall / edge)
     for stretch in STRETCHES[:-1]:
-        found = _meshed(mesh, np.clip(sizes / edge, SMALLEST, stretch), edge, FLATTEST)
+        found = _meshed(mesh, np.clip(sizes / edge, SMALLEST, stretch), edge, flattest)
         if len(found.triangles) >= ENOUGH * wanted:
             return found
-    return _meshed(mesh, np.clip(sizes / edge, SMALLEST, STRETCHES[-1]), edge, FLATTEST)
+    return _meshed(mesh, np.clip(sizes / edge, SMALLEST, STRETCHES[-1]), edge, flattest)
 
 
 def _meshed(surface: RidgedMesh, sizes: Real[np.ndarray, "vertices"], edge: float, flattest: float) -> RidgedMesh:

@@ -26,6 +26,12 @@ AWRY = 0.35
 STRIP = 2.0
 """Longest edge beside a narrow strip between two sharp edges, over its width."""
 
+WALL = 3.0
+"""Longest edge on a thin wall, over its thickness."""
+
+OPPOSITE = 0.6
+"""Distance, over the largest size, within which the other side of a wall is looked for."""
+
 PIECES = 8
 """Pieces of a sharp edge between which the nearest other one is looked for."""
 
@@ -61,6 +67,28 @@ def bend_sizes(
     sizes = np.full(len(vertices), largest)
     np.minimum.at(sizes, triangles, size[:, None])
     return sizes
+
+
+def wall_sizes(vertices: Vertices, triangles: Triangles, largest: float) -> Float64[np.ndarray, "vertices"]:
+    """Longest edge, at most ``largest``, at each vertex of a closed mesh that suits a thin wall there [m].
+
+    Coarser panels of both sides would deviate by much of the thickness, or cross each other. Vertices are neighbours if
+    they are near to each other and look in opposite directions, so the tree holds normals too.
+    """
+    area = area_vectors(vertices[triangles])
+    normals = np.zeros((len(vertices), 3))
+    np.add.at(normals, triangles, area[:, None])
+    normals = unit(normals)
+    reach = OPPOSITE * largest
+    tree = KDTree(np.concatenate([vertices, reach * normals], axis=1))
+    sought = np.concatenate([vertices, -reach * normals], axis=1)
+    distance, other = tree.query(sought, distance_upper_bound=reach)
+    met = np.flatnonzero(distance < reach)
+    depth = np.einsum("nd,nd->n", vertices[met] - vertices[other[met]], normals[met])
+    size = np.full(len(vertices), largest)
+    inside = depth > 0.0
+    size[met[inside]] = np.minimum(largest, WALL * depth[inside])
+    return size
 
 
 def strip_sizes(vertices: Vertices, ridges: Ridges, largest: float) -> Float64[np.ndarray, "vertices"]:

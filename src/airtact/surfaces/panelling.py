@@ -14,7 +14,7 @@ from airtact.mesh.quadratic_triangles import (
     unit,
 )
 from airtact.mesh.remeshing import RidgedMesh, coarsened, remeshed
-from airtact.mesh.sizing import bend_sizes, strip_sizes
+from airtact.mesh.sizing import WALL, bend_sizes, strip_sizes, wall_sizes
 from airtact.mesh.topology import are_among, edge_ends
 from airtact.surfaces.quadratic_mesh import QuadraticMesh
 
@@ -75,13 +75,19 @@ def covered(mesh: QuadraticMesh, edge: float) -> QuadraticTriangles:
 
 
 def _meshed_anew(mesh: QuadraticMesh, edge: float) -> QuadraticTriangles:
-    given = coarsened(mesh.with_short_edges(SPLIT * edge), edge)
-    sizes = np.minimum(
-        strip_sizes(given.vertices, given.ridges, LARGEST * edge),
-        bend_sizes(given.vertices, given.triangles, given.ridges, LARGEST * edge),
+    largest = LARGEST * edge
+    fine = mesh.with_short_edges(SPLIT * edge)
+    wall = float(wall_sizes(fine.vertices, fine.triangles, largest).min()) / WALL
+    wall = wall if WALL * wall < largest else np.inf
+    given = coarsened(fine, edge, wall)
+    bounds = (
+        strip_sizes(given.vertices, given.ridges, largest),
+        bend_sizes(given.vertices, given.triangles, given.ridges, largest),
+        wall_sizes(given.vertices, given.triangles, largest),
     )
+    sizes = np.min(bounds, axis=0)
     wanted = mesh.area / (np.sqrt(3) / 4 * edge**2)
-    return _cut_where_it_helps(mesh, _on_the_surface(mesh, remeshed(given, sizes, edge, wanted), edge), edge)
+    return _cut_where_it_helps(mesh, _on_the_surface(mesh, remeshed(given, sizes, edge, wanted, wall), edge), edge)
 
 
 def _on_the_surface(mesh: QuadraticMesh, anew: RidgedMesh, edge: float) -> QuadraticTriangles:

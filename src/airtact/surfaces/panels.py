@@ -7,10 +7,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64, Int64, Real
+from jaxtyping import Bool, Float64, Int64, Real
 from scipy.spatial import KDTree
 
-from airtact.mesh.quadratic_triangles import QuadraticTriangles, cut, longest_edges, panel_areas, shape_functions
+from airtact.mesh.quadratic_triangles import (
+    NODE_PLACES,
+    QuadraticTriangles,
+    cut,
+    longest_edges,
+    normals_at,
+    panel_areas,
+    shape_functions,
+    unit,
+)
 from airtact.surfaces.shape import BEND, Shape
 
 Points = Real[np.ndarray, "points 3"]
@@ -21,8 +30,17 @@ LONGEST_TO_EQUILATERAL = 1.2
 LARGEST_TO_POINT = 1.7
 """Panels beside a point that asks for smaller ones have edges of at most this many distances."""
 
-LARGEST_TO_GAP = 3.0
-"""Panels that face another body have edges of at most this many gaps."""
+LARGEST_TO_GAP = 1.0
+"""Panels that face another body, or another side of their own, have edges no longer than so many gaps."""
+
+LARGEST_TO_WALL = 4.0
+"""Panels of a thin wall have edges of at most this many thicknesses."""
+
+LEAST_IN_GAP = 0.25
+"""Edge, over the smallest beside points, below which no panel is cut for a gap's or a wall's sake."""
+
+OPPOSITE = 0.6
+"""Distance, over the longest edge, within which the other side of a gap or wall is looked for."""
 
 
 def _probes() -> Float64[np.ndarray, "probes 6"]:
@@ -55,10 +73,10 @@ class Panels:
 
 
 def panels_of(shapes: Sequence[Shape], edge: float, near: Points, smallest: float, bend: float = BEND) -> Panels:
-    """Panels of some bodies as large as equilateral triangles of an edge [m], smaller beside points and other bodies.
+    """Panels of some bodies as large as equilateral triangles of an edge [m], smaller beside points, in gaps and walls.
 
-    No panel is cut for a point's or another body's sake below the edge ``smallest`` [m]. Panels of a round surface turn
-    by ``bend`` [rad] at most.
+    No panel is cut for a point's sake below the edge ``smallest`` [m], for a gap's or a thin wall's below
+    ``LEAST_IN_GAP`` of it. Panels of a round surface turn by ``bend`` [rad] at most.
     """
     whole = [shape.panels(edge, bend) for shape in shapes]
     bodies = []
@@ -82,21 +100,45 @@ def panels_of(shapes: Sequence[Shape], edge: float, near: Points, smallest: floa
 def _refined(
     panels: QuadraticTriangles, shape: Shape, points: Points, others: Real[np.ndarray, "others 3"], smallest: float
 ) -> Float64[np.ndarray, "pieces 6 3"]:
-    """Cut in four the panels larger than ``smallest`` and than points or other bodies near them allow."""
-    asking = (np.asarray(points, dtype=np.float64), LARGEST_TO_POINT), (others, LARGEST_TO_GAP)
+    """Cut in four the panels larger than ``smallest`` and than points, other bodies or thin walls near them allow."""
+    beside_point, in_gap = LONGEST_TO_EQUILATERAL * smallest * np.array([1.0, LEAST_IN_GAP])
+    points = np.asarray(points, dtype=np.float64)
     fresh = np.ones(len(panels), dtype=bool)
     while True:
         edges = longest_edges(panels[fresh])
-        allowed = np.min([_allowed(panels[fresh], edges, *some) for some in asking], axis=0)
+        by_points = np.maximum(beside_point, _allowed(panels[fresh], edges, points, LARGEST_TO_POINT))
+        by_gaps = _allowed(panels[fresh], edges, others, LARGEST_TO_GAP)
+        if not shape.thinnest:
+            by_gaps = np.minimum(by_gaps, _allowed_by_own(panels, fresh))
+        allowed = np.minimum(by_points, np.maximum(in_gap, by_gaps))
         # all panels beside a point are fitted to the surface, or those left whole would stand off the others
         beside = np.flatnonzero(fresh)[edges > allowed]
         panels[beside] = shape.fitted(panels[beside])
         large = np.zeros(len(panels), dtype=bool)
-        large[fresh] = longest_edges(panels[fresh]) > np.maximum(LONGEST_TO_EQUILATERAL * smallest, allowed)
+        large[fresh] = longest_edges(panels[fresh]) > allowed
         if not large.any():
             return panels
         panels, parents = cut(panels, np.where(large, 2, 1))
         fresh = large[parents]
+
+
+def _allowed_by_own(panels: QuadraticTriangles, some: Bool[np.ndarray, "panels"]) -> Float64[np.ndarray, "some"]:
+    """Longest edge that other sides of the same surface allow some panels [m]: across a gap or through a wall.
+
+    Nodes are neighbours if they are near to each other and look in opposite directions, so the tree holds normals too.
+    """
+    edges = longest_edges(panels)
+    reach = OPPOSITE * float(edges[some].max())
+    normals = np.stack([unit(normals_at(panels, place)) for place in NODE_PLACES], axis=1)
+    tree = KDTree(np.concatenate([panels, reach * normals], axis=2).reshape(-1, 6))
+    own, outward = panels[some].reshape(-1, 3), normals[some].reshape(-1, 3)
+    sought = np.concatenate([own, -reach * outward], axis=1)
+    distance, other = tree.query(sought, distance_upper_bound=reach)
+    met = np.flatnonzero(distance < OPPOSITE * np.repeat(edges[some], 6))
+    across = np.einsum("nd,nd->n", panels.reshape(-1, 3)[other[met]] - own[met], outward[met])
+    allowed = np.full(len(own), np.inf)
+    allowed[met] = np.abs(across) * np.where(across > 0, LARGEST_TO_GAP, LARGEST_TO_WALL)
+    return allowed.reshape(-1, 6).min(axis=1)
 
 
 def _allowed(
