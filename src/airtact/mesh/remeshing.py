@@ -45,7 +45,7 @@ class RidgedMesh:
 
 
 WALL_OFF, COARSE_WALL_OFF = 0.3, 0.1
-"""Distance of triangles, and of the coarsened mesh, from the surface at most, over the thickness of the thinnest wall."""
+"""Distance of triangles, and of the coarsened mesh, from the surface at most, over the thinnest wall's thickness."""
 
 
 def coarsened(mesh: RidgedMesh, edge: float, wall: float = np.inf) -> RidgedMesh:
