@@ -11,12 +11,11 @@ from jaxtyping import Bool, Float64, Int64, Real
 from scipy.spatial import KDTree
 
 from airtact.mesh.quadratic_triangles import (
-    NODE_PLACES,
     QuadraticTriangles,
     cut,
     longest_edges,
-    normals_at,
     panel_areas,
+    points_at,
     shape_functions,
     unit,
 )
@@ -39,7 +38,7 @@ LARGEST_TO_WALL = 4.0
 LEAST_IN_GAP = 0.25
 """Edge, over the smallest beside points, below which no panel is cut for a gap's or a wall's sake."""
 
-OPPOSITE = 0.6
+OPPOSITE = 0.75
 """Distance, over the longest edge, within which the other side of a gap or wall is looked for."""
 
 
@@ -125,20 +124,20 @@ def _refined(
 def _allowed_by_own(panels: QuadraticTriangles, some: Bool[np.ndarray, "panels"]) -> Float64[np.ndarray, "some"]:
     """Longest edge that other sides of the same surface allow some panels [m]: across a gap or through a wall.
 
-    Nodes are neighbours if they are near to each other and look in opposite directions, so the tree holds normals too.
+    Centres are neighbours if they are near and look in opposite directions, so the tree holds normals too.
     """
     edges = longest_edges(panels)
     reach = OPPOSITE * float(edges[some].max())
-    normals = np.stack([unit(normals_at(panels, place)) for place in NODE_PLACES], axis=1)
-    tree = KDTree(np.concatenate([panels, reach * normals], axis=2).reshape(-1, 6))
-    own, outward = panels[some].reshape(-1, 3), normals[some].reshape(-1, 3)
-    sought = np.concatenate([own, -reach * outward], axis=1)
-    distance, other = tree.query(sought, distance_upper_bound=reach)
-    met = np.flatnonzero(distance < OPPOSITE * np.repeat(edges[some], 6))
-    across = np.einsum("nd,nd->n", panels.reshape(-1, 3)[other[met]] - own[met], outward[met])
+    centres, normals = points_at(panels, np.full((len(panels), 2), 1 / 3))
+    normals = unit(normals)
+    tree = KDTree(np.concatenate([centres, reach * normals], axis=1))
+    own, outward = centres[some], normals[some]
+    distance, other = tree.query(np.concatenate([own, -reach * outward], axis=1), distance_upper_bound=reach)
+    met = np.flatnonzero(distance < OPPOSITE * edges[some])
+    across = np.einsum("nd,nd->n", centres[other[met]] - own[met], outward[met])
     allowed = np.full(len(own), np.inf)
     allowed[met] = np.abs(across) * np.where(across > 0, LARGEST_TO_GAP, LARGEST_TO_WALL)
-    return allowed.reshape(-1, 6).min(axis=1)
+    return allowed
 
 
 def _allowed(
