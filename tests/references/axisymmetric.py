@@ -158,7 +158,7 @@ def fitted(
     wavelength = 2 * np.pi / abs(wavenumber)
     rings, points, normals, checks = [], [], [], []
     finest = np.inf
-    for index, own in enumerate(meridians):
+    for own in meridians:
         others = [other.at(np.linspace(0, other.lengths.sum(), 4000))[0] for other in meridians if other is not own]
         depth = _depth(own, others, wavelength)
         lengths = own.spaced(lambda p, depth=depth: np.minimum(depth(p) / fineness, wavelength / 8))
@@ -174,24 +174,28 @@ def fitted(
                 normals.append(out)
             else:
                 checks.append((at_, out))
-        del index
     around = around or int(2 ** np.ceil(np.log2(max(32, 2 * np.pi * fineness / finest))))
     source_rings = np.concatenate(rings)
     fit_points, fit_normals = np.concatenate(points), np.concatenate(normals)
     angles = 2 * np.pi * np.arange(around) / around
-    kernel = np.fft.fft(_ring_kernel(fit_points, fit_normals, source_rings, angles, wavenumber), axis=2)
     placed, outward = _turned(fit_points, around), _turned(fit_normals, around)
     incident = _slopes(placed.reshape(-1, 3), outward.reshape(-1, 3), sources, wavenumber)
     right = np.fft.fft(incident.reshape(len(fit_points), around, -1), axis=1)
+    sizes = np.abs(right).max(axis=(0, 2))
+    orders = np.flatnonzero(sizes > 1e-9 * sizes.max())
+    kernel = np.concatenate(
+        [
+            np.fft.fft(_ring_kernel(at_, out, source_rings, angles, wavenumber), axis=2)[:, :, orders]
+            for at_, out in zip(np.array_split(fit_points, 40), np.array_split(fit_normals, 40), strict=True)
+        ]
+    )
     strengths = np.zeros((len(source_rings), around, len(sources)), dtype=complex)
     weight = np.sqrt(fit_points[:, 0] / fit_points[:, 0].max())[:, None]
-    sizes = np.abs(right).max(axis=(0, 2))
-    for order in range(around):
-        if sizes[order] > 1e-9 * sizes.max():
-            matrix = weight * kernel[:, :, order]
-            scale = np.linalg.norm(matrix, axis=0)
-            found = np.linalg.lstsq(matrix / scale, -weight * right[:, order], rcond=1e-12)[0]
-            strengths[:, order] = found / scale[:, None]
+    for index, order in enumerate(orders):
+        matrix = weight * kernel[:, :, index]
+        scale = np.linalg.norm(matrix, axis=0)
+        found = np.linalg.lstsq(matrix / scale, -weight * right[:, order], rcond=1e-12)[0]
+        strengths[:, order] = found / scale[:, None]
     fit = Fit(source_rings, np.fft.ifft(strengths, axis=1), wavenumber, sources, np.nan)
     return Fit(fit.rings, fit.strengths, wavenumber, sources, _residual(fit, checks))
 
@@ -301,11 +305,10 @@ def surface(meridian: Meridian, edge: float) -> at.Surface:
         flat = meridian.at(length)[0]
         return np.stack([flat[:, 0] * np.cos(angle), flat[:, 0] * np.sin(angle), flat[:, 1]], axis=1)
 
-    parameters, triangles = [], []
+    parameters = []
     inner = stops[:-1] if closed else stops[1:-1]
     for row, length in enumerate(inner):
         parameters += [(length, angle + np.pi / around * (row % 2)) for angle in angles]
-    del row
     rows = np.arange(len(inner) * around).reshape(len(inner), around)
     triangles = []  # corners as (index, length, angle), so that middles follow from the parameters
     given = np.array(parameters)

@@ -59,8 +59,8 @@ class Comparison:
 
     @property
     def report(self) -> SolveReport:
-        """How the solver came to the pressures."""
-        return self.field.report
+        """How the solver came to the pressures, with the error estimated at the foci."""
+        return self.field.report_at(self.target.points)
 
     def column(self, name: str, phase_only: bool = False) -> int:
         """Return the index of the right-hand side of ``field`` that belongs to a drive, or to its phases alone.

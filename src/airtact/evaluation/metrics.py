@@ -153,7 +153,8 @@ def evaluate(
         body is behind the face of a directional element, a focus is on an element, or something is of the wrong kind.
     """
     field = radiate_drives(scene, array, [drive], target, solver, progress=progress)
-    return Evaluation(target, np.ascontiguousarray(field.at(target.points)[:, 0]), field.report, field)
+    pressure = np.ascontiguousarray(field.at(target.points)[:, 0])
+    return Evaluation(target, pressure, field.report_at(target.points), field)
 
 
 def radiate_drives(

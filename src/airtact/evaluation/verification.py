@@ -278,12 +278,12 @@ def verify(
     (progress or no_progress)("evaluating the field at the foci and on the surfaces")
     points = np.concatenate([target.points, target.suppression_points, ears])
     exact, quantised = np.ascontiguousarray(field.at(points).T)
-    skin = radiation_of(field, 0) if scene.obstacles else None
+    skin, report = radiation_of(field, 0) if scene.obstacles else None, field.report_at(points)
     (progress or no_progress)("looking for side lobes")
     return Verification(
-        evaluation=Evaluation(target, exact[:foci], field.report),
+        evaluation=Evaluation(target, exact[:foci], report),
         levels=levels,
-        quantised=Evaluation(target, quantised[:foci], field.report),
+        quantised=Evaluation(target, quantised[:foci], report),
         attainable=attainable(transfer)[:foci],
         attainable_at_energy=attainable(transfer, energy)[:foci],
         energy=energy,

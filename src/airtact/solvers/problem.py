@@ -175,6 +175,14 @@ class RadiatedField(ABC):
         """Estimated relative error over points (P, 3) away from the surfaces, for each of the S excitations."""
         return np.full(self.sources.strengths.shape[1], self.report.estimated_error)
 
+    def report_at(self, points: Points) -> SolveReport:
+        """Return the report with the error estimated at points (P, 3) [m], where it is the larger one.
+
+        Where it exceeds what was asked, a warning names the worst point and what to do.
+        """
+        points_of(points, "points", least=0)
+        return self.report
+
 
 def receivers(points: Points, sources: Monopoles) -> Vectors:
     """Return points (P, 3) [m] at which a total pressure is evaluated, as float64; raise as ``RadiatedField.at``."""

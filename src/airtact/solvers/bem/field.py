@@ -1,10 +1,11 @@
 """The field around sound-hard bodies that ``BoundaryElement`` returns: which solution serves where."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Int64, Real
+from scipy.spatial import KDTree
 
 from airtact.conventions import InvalidInput
 from airtact.mesh.quadratic_triangles import points_at
@@ -16,13 +17,16 @@ from airtact.solvers.bem.solutions import DirectSolution, TransposedSolution, in
 from airtact.solvers.bem.target_cells import Cells, cells_of
 from airtact.solvers.problem import DIFFERENCE, RadiatedField, SolveReport, SurfaceField, receivers
 from airtact.solvers.velocity import differences, velocity_of
-from airtact.validation import points_of
+from airtact.validation import in_mm, points_of
 
 COMMON_ERROR = 0.15
 """Part of the accuracy that the error estimate never goes below, where all of the pressure is scattered."""
 
 ERROR_OF_CELLS = 0.04
 """Part of the accuracy that the evaluation of many points in cells may cost."""
+
+WARN_ABOVE = 1.2
+"""Estimated error at the points asked for, over the accuracy, above which a warning names the worst of them."""
 
 LEAST_HEIGHT = 1.0 / 60.0
 """Height over the surface, in wavelengths, below which differences of the pressure are too noisy."""
@@ -158,20 +162,66 @@ class BoundaryField(RadiatedField):
         return self.direct.at(*project_contacts(self.surface.nodes, points_of(points, "points", least=0)), total)
 
     def error_at(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "sounds"]:
-        """Relative error of the direct solution over points (P, 3) away from the surface, for each excitation.
+        """Relative error of the direct solution over points (P, 3), for each excitation.
 
         It is the difference of the direct and the transposed solution, together with ``COMMON_ERROR`` of the accuracy
         asked for, as far as the pressure is scattered: errors of panels and quadrature that both share show in neither.
-        NaN without a direct solution.
+        Points on or near the surface are lifted off it by a panel's radius, where there is room, because the transposed
+        solution is right only there. NaN without a direct solution.
         """
-        points = points_of(points, "points")
+        return self._errors(points_of(points, "points"))[0]
+
+    def _errors(
+        self, points: Float64[np.ndarray, "points 3"]
+    ) -> tuple[Float64[np.ndarray, "sounds"], Float64[np.ndarray, "points"]]:
+        """Relative errors of excitations over points, and each point's largest part in the squares of one."""
         if self.pressure is None:
-            return np.full(self.density.shape[1], np.nan)
+            return np.full(self.density.shape[1], np.nan), np.full(len(points), np.nan)
+        points = self._lifted(points)
         transposed = self.transposed.at(points)
         size = np.linalg.norm(transposed, axis=0)
-        difference = np.linalg.norm(self.direct_at(points) - transposed, axis=0)
-        scattered = np.linalg.norm(transposed - incident_pressure(points, self.sources, self.surface), axis=0)
-        return np.hypot(difference, COMMON_ERROR * self.accuracy * scattered) / np.where(size > 0, size, 1)
+        difference = self.direct_at(points) - transposed
+        scattered = transposed - incident_pressure(points, self.sources, self.surface)
+        squares = np.abs(difference) ** 2 + (COMMON_ERROR * self.accuracy * np.abs(scattered)) ** 2
+        relative = squares / np.where(size > 0, size, 1) ** 2
+        return np.sqrt(relative.sum(axis=0)), relative.max(axis=1)
+
+    def _lifted(self, points: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
+        """Move points near the surface away from it by the radius of the nearest panel, where that meets no other."""
+        nodes = self.surface.nodes
+        near = np.flatnonzero(near_surface(nodes, points, self.surface.near_rule.reach))
+        if not len(near):
+            return points
+        nearest = KDTree(nodes.points).query(points[near])[1]
+        radius = nodes.radii[nearest // 6]
+        away = points[near] + radius[:, None] * nodes.normals[nearest]
+        free = -self.scene.depth(away) > 0.5 * radius
+        points = points.copy()
+        points[near[free]] = away[free]
+        return points
+
+    def report_at(self, points: Real[np.ndarray, "points 3"]) -> SolveReport:
+        """Return the report with the error estimated at points (P, 3) [m] outside the bodies, where it is larger.
+
+        Where it exceeds what was asked, a warning names the worst point and what to do. Without a direct solution, or
+        without points, it is the plain report.
+        """
+        points = points_of(points, "points", least=0)
+        points = points[self.scene.depth(points) <= 0.0]
+        if self.pressure is None or not len(points):
+            return self.report
+        errors, parts = self._errors(points)
+        error, warnings = float(errors.max()), self.report.warnings
+        if error > WARN_ABOVE * self.accuracy:
+            warnings = (
+                *warnings,
+                f"at {in_mm(points[parts.argmax()])} and the points beside it the pressure is estimated to be "
+                f"{100 * error:.1f} % off, and {100 * self.accuracy:.1f} % was asked: solve with "
+                f"BoundaryElement(accuracy={self.accuracy / 3:.2g}) for points in a narrow gap or a cavity.",
+            )
+        return replace(
+            self.report, estimated_error=float(np.fmax(error, self.report.estimated_error)), warnings=warnings
+        )
 
     def velocity(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
         """Particle velocity [m/s] at points (P, 3) for each of the S excitations; NaN inside the bodies.
