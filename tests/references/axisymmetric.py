@@ -282,10 +282,9 @@ def pressure_at(
     return pressure, float(max(change, 0.1 * fit.residual))
 
 
-def surface(meridian: Meridian, edge: float) -> at.Surface:
-    """Mesh the turned meridian with triangles whose middles lie on it too; the edges are about ``edge`` long [m]."""
-    closed = bool(meridian.at(np.zeros(1))[0][0, 0] > 1e-9)
-    steps = np.concatenate(
+def _row_lengths(meridian: Meridian, edge: float) -> np.ndarray:
+    """Lengths along the meridian of the rows of vertices [m], an even number in each piece."""
+    return np.concatenate(
         [
             start + length * np.arange(count) / count
             for start, length, count in zip(
@@ -296,6 +295,12 @@ def surface(meridian: Meridian, edge: float) -> at.Surface:
             )
         ]
     )
+
+
+def surface(meridian: Meridian, edge: float) -> at.Surface:
+    """Mesh the turned meridian with triangles whose middles lie on it too; the edges are about ``edge`` long [m]."""
+    closed = bool(meridian.at(np.zeros(1))[0][0, 0] > 1e-9)
+    steps = _row_lengths(meridian, edge)
     stops = np.append(steps, meridian.lengths.sum())
     widest = float(meridian.at(stops)[0][:, 0].max())
     around = max(12, int(np.ceil(2 * np.pi * widest / edge)))

@@ -84,7 +84,7 @@ def wall_sizes(vertices: Vertices, triangles: Triangles, largest: float) -> Floa
     sought = np.concatenate([vertices, -reach * normals], axis=1)
     distance, other = tree.query(sought, distance_upper_bound=reach)
     met = np.flatnonzero(distance < reach)
-    depth = np.einsum("nd,nd->n", vertices[met] - vertices[other[met]], normals[met])
+    depth = np.einsum("nd,nd->n", vertices[met] - vertices[np.asarray(other)[met]], normals[met])
     size = np.full(len(vertices), largest)
     inside = depth > 0.0
     size[met[inside]] = np.minimum(largest, WALL * depth[inside])

@@ -134,7 +134,7 @@ def _allowed_by_own(panels: QuadraticTriangles, some: Bool[np.ndarray, "panels"]
     own, outward = centres[some], normals[some]
     distance, other = tree.query(np.concatenate([own, -reach * outward], axis=1), distance_upper_bound=reach)
     met = np.flatnonzero(distance < OPPOSITE * edges[some])
-    across = np.einsum("nd,nd->n", centres[other[met]] - own[met], outward[met])
+    across = np.einsum("nd,nd->n", centres[np.asarray(other)[met]] - own[met], outward[met])
     allowed = np.full(len(own), np.inf)
     allowed[met] = np.abs(across) * np.where(across > 0, LARGEST_TO_GAP, LARGEST_TO_WALL)
     return allowed
