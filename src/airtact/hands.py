@@ -1,4 +1,4 @@
-"""Hands: from joints, from files, fitted to a point cloud; and the pinch of the paper."""
+"""Hands: from joints, from files, fitted to a point cloud; named positions on scans; and the pinch of the paper."""
 
 from airtact.hand.anatomy_parts import Touch
 from airtact.hand.files import load_cloud, load_hand, load_landmarks
@@ -6,6 +6,7 @@ from airtact.hand.fitting.fit import FittedHand, fit_hand
 from airtact.hand.fitting.size_prior import HandAnatomy
 from airtact.hand.hand import Hand, hand_from_joints
 from airtact.hand.pinch import Pinch, pinch
+from airtact.hand.scans import load_rigged_hand, places_on
 
 __all__ = [
     "FittedHand",
@@ -18,5 +19,7 @@ __all__ = [
     "load_cloud",
     "load_hand",
     "load_landmarks",
+    "load_rigged_hand",
     "pinch",
+    "places_on",
 ]

@@ -15,7 +15,10 @@ from scipy.sparse.csgraph import connected_components
 from airtact.conventions import InvalidInput, about
 from airtact.file_access.text_table import text_of
 from airtact.hand.files import ROOM, load_hand
+from airtact.hand.hand import Hand
+from airtact.hand.joints import NAMES
 from airtact.hand.pinch import pinch
+from airtact.hand.scans import PLACES, load_rigged_hand, places_on
 from airtact.pose import Pose
 from airtact.scene.medium import Medium
 from airtact.scene.scene import Obstacle, filled, impedance, sound_hard
@@ -56,9 +59,12 @@ def bodies_of(
     wanted = tuple(focus.points.at for focus in file.foci if isinstance(focus.points, tables.NamedPointTable))
     for index, table in enumerate(file.obstacles):
         with about(f"obstacles[{index}]"):
-            for name, surface in _surfaces(table, folder, points, wanted).items():
+            own: NamedPoints = {}
+            for name, surface in _surfaces(table, folder, own, wanted).items():
                 obstacles.append(_obstacle(table, surface, medium))
                 names.append(f"{name} {index + 1}" if name in names else name)
+            points |= _distinct(own, points, wanted)
+    _check_places(file, folder, points)
     if file.merge_bodies:
         with about("merge_bodies"):
             names, obstacles = with_merged_bodies(names, obstacles)
@@ -112,7 +118,59 @@ def _unmoved(
                 points[name] = (*(hand.place(name) if name in wanted else hand.places[name]), ROOM)
             return {"hand": hand.surface}
         case tables.SurfaceTable(surface=name):
-            return {Path(name).stem: built(partial(load_surface, folder / name), table.body, leave_out=("surface",))}
+            surface = built(partial(load_surface, folder / name), table.body, leave_out=("surface", "joints"))
+            hand = _hand_of(table.body, folder, wanted)
+            if hand is not None:
+                points.update({place: (*found, ROOM) for place, found in places_on(surface, hand).items()})
+            return {Path(name).stem: surface}
+
+
+def _hand_of(table: tables.SurfaceTable, folder: Path, wanted: tuple[str, ...]) -> Hand | None:
+    """Read the hand that names the points of a mesh: of its ``joints``, or of its rig where names are wanted."""
+    if table.joints is not None:
+        return load_hand(folder / table.joints)
+    if not wanted:
+        return None
+    path = folder / table.surface
+    try:
+        return load_rigged_hand(path, table.scale or 1.0)
+    except InvalidInput as fault:
+        if fault.code == "joint_missing" or not set(wanted) & set(PLACES):
+            return None
+        if fault.code == "side_unclear":
+            raise InvalidInput(
+                f"{path.name}: the {len(NAMES)} joints of its rig are too straight to distinguish a left hand from a "
+                'right one; give joints = "FILE.json" with the same joints and the side.',
+                code="side_unclear",
+            ) from None
+        raise
+
+
+def _distinct(own: NamedPoints, known: NamedPoints, wanted: tuple[str, ...]) -> NamedPoints:
+    """Return the named points of a body; raise where a wanted one is named by a body before it, too."""
+    for name in wanted:
+        if name in own and name in known:
+            raise InvalidInput(
+                f"{name} is a named point of 2 bodies; give point = [x, y, z] instead of at.", code="place_twice"
+            )
+    return own
+
+
+def _check_places(file: tables.SceneFile, folder: Path, points: NamedPoints) -> None:
+    """Raise where a focus names a place of a hand, and the meshes here have no joints to find it by."""
+    meshes = [table.body for table in file.obstacles if isinstance(table.body, tables.SurfaceTable)]
+    for index, focus in enumerate(file.foci):
+        at = focus.points.at if isinstance(focus.points, tables.NamedPointTable) else None
+        if at not in PLACES or at in points or not meshes:
+            continue
+        try:
+            load_rigged_hand(folder / meshes[0].surface, meshes[0].scale or 1.0)
+        except InvalidInput as fault:
+            raise InvalidInput(
+                f'foci[{index}]: at = "{at}" is not a named point here, for {str(fault).removesuffix(".")}; give the '
+                f'obstacle joints = "FILE.json", all of them in the frame of the mesh, or the focus point = [x, y, z].',
+                code="joint_missing",
+            ) from None
 
 
 def _obstacle(

@@ -136,10 +136,12 @@ class SphereTable(Choice, frozen=True, tag="sphere"):
 class SurfaceTable(Choice, frozen=True, tag="surface"):
     """A mesh file beside the scene file, ``scale`` metres per unit.
 
-    Holes up to ``largest_hole`` [m] are filled; edges that bend by more than ``sharp_degrees`` stay sharp.
+    Holes up to ``largest_hole`` [m] are filled; edges that bend by more than ``sharp_degrees`` stay sharp. ``joints``
+    is a file of the hand's pose in the frame of the mesh [m], which names its pads where the mesh has no rig.
     """
 
     surface: str
+    joints: str | None = None
     scale: float | None = None
     largest_hole: float | None = None
     sharp_degrees: float | None = None
