@@ -130,19 +130,22 @@ def check_drive(drive: Drive, what: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class TransferMatrix:
-    """The pressure at every focus per unit drive of every element, all scattering included: p = H d.
+    """The pressure at every focus per unit drive of every element, p = H d.
+
+    ``transfer_matrix`` makes it with the scattering of the bodies, ``open_air_matrix`` without.
 
     Attributes
     ----------
-    matrix : (F, E) complex pressure H[f, e] at focus f when element e alone is at full scale [Pa].
-    estimated_error : relative error of the matrix, as the solver of the beacons estimates it.
+    matrix : (F, E) complex pressure H[f, e] at focus f when element e alone is at full scale [Pa]; after the foci a row
+        for each suppression point, if the beacons had them.
+    estimated_error : relative error of the matrix, as the solver of the beacons estimates it; NaN if unknown.
     foci : (F, 3) positions of the foci in the obstacles' frame [m], or None if unknown.
     wavelength : of the sound in the air [m], or None if unknown.
 
     Raises
     ------
     InvalidInput
-        If the matrix is empty, an entry is not finite, or every entry is zero.
+        If the matrix is not (F, E) or is empty, an entry is not finite, or every entry is zero.
     """
 
     matrix: Complex128[np.ndarray, "foci elements"]
@@ -241,8 +244,9 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
 def open_air_matrix(scene: Scene, array: PhasedArray, target: Target) -> TransferMatrix:
     """Build the transfer matrix as if the bodies were not there, in closed form: the control of every comparison.
 
-    A drive made from it by the same method as another one, and emitted with the bodies there, differs from that one in
-    nothing but what it knows of the bodies. Directivity and calibration of the elements count in both.
+    A drive made from it by the same method as another one, and emitted with the bodies there, shows what knowing the
+    bodies is worth: compare the two at equal peak or equal energy (``compare``). Directivity and calibration of the
+    elements count in both.
 
     Parameters
     ----------

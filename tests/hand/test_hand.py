@@ -347,5 +347,5 @@ def test_files_that_hold_no_pose_are_rejected(tmp_path, text, code, details):
 
 
 def test_a_missing_file_is_rejected(tmp_path):
-    with raises_code("file_unreadable", "none.json"):
+    with raises_code("file_missing", "none.json"):
         load_hand(tmp_path / "none.json")

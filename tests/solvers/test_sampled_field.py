@@ -129,6 +129,12 @@ def test_samples_that_do_not_show_the_sign_are_warned_of(tmp_path):
     assert "do not show the sign of time (a fit of 0." in sampled.report.warnings[0]
 
 
+def test_cells_that_do_not_fit_are_rejected():
+    source, nodes = one_each(np.array([[0.0, 0.0, 0.1]])), 0.01 * np.eye(4, 3)
+    with raises_code("out_of_range", "0 to 9", "4 nodes"):
+        at.SampledField(SCENE, source, nodes, np.ones(4), np.array([[0, 1, 2, 9]]))
+
+
 def test_samples_that_do_not_fit_are_rejected():
     pressures = EXACT.at(NODES)
     with raises_code("wrong_shape", "(4913, 1)", "(4913, 2)"):

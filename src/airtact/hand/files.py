@@ -24,14 +24,17 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
 
     Parameters
     ----------
-    path : a file with ``positions_m``, 25 or 21 points [m]; ``joints``, the names of WebXR, where they are in another
-        order; ``radii_m``, a number for each point, and ``side``, where they are known.
-    gap : opens thumb and index finger until their last phalanges are so far apart [m]; None leaves the pose.
+    path : a file with ``positions_m``, 25 points in the order of WebXR or 21 in that of MediaPipe [m]; ``joints``, the
+        25 names of WebXR, only where the 25 points are in another order; ``radii_m``, a number for each point, and
+        ``side``, where they are known.
+    gap : turns thumb and index finger until the skins of their last phalanges are this far apart [m], above 0 and at
+        most 0.15; None leaves the pose.
 
     Raises
     ------
     InvalidInput
-        The file cannot be read or is no pose, or no hand has these joints; the sentence begins with the file's name.
+        The file cannot be read or is no pose, no hand has these joints, or no turn gives the gap; the sentence begins
+        with the file's name.
     """
     path = Path(path)
     with about(path.name or str(path)):

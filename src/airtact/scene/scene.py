@@ -99,7 +99,8 @@ def impedance(surface: Surface, ratio: complex | float) -> Obstacle:
     Parameters
     ----------
     surface : closed surface of the body.
-    ratio : Z/(ρc), with a real part that is not negative.
+    ratio : Z/(ρc), Z being pressure over the velocity into the surface for e^{-iωt}; finite, not zero, its real part
+        not negative. ``FiniteElement`` solves such bodies, ``SphereSeries`` one sphere; ``BoundaryElement`` does not.
 
     Raises
     ------

@@ -44,8 +44,9 @@ _Samples = tuple[Float64[np.ndarray, "nodes 3"], Complex128[np.ndarray, "nodes e
 class SampledField(RadiatedField):
     """A field given by its pressure at nodes, interpolated between them; NaN outside the cells.
 
-    Before it interpolates linearly in the tetrahedron that contains a point, it divides the pressure by e^{ikr}/r of
-    the nearest source, whose phase varies far faster than the rest.
+    Inside a cell it interpolates p·r·e^{-ikr} linearly, with r the distance from the source nearest to the middle of
+    the cell, because the phase of e^{ikr}/r varies far faster than the rest. Without ``tetrahedra`` the cells fill the
+    hull of the nodes, bodies included: do not use points inside a body. The error is not estimated (NaN).
 
     Attributes
     ----------
@@ -58,7 +59,8 @@ class SampledField(RadiatedField):
     Raises
     ------
     InvalidInput
-        Shapes that do not match, NaN or infinity, fewer than four nodes, or repeated ones.
+        Shapes that do not match, NaN or infinity, fewer than four nodes, repeated ones, nodes in one plane, or cells
+        that name nodes which are not there.
     """
 
     scene: Scene
@@ -106,6 +108,16 @@ class SampledField(RadiatedField):
                     f"there are {len(self.nodes)} nodes, but a tetrahedron has 4; give more.", code="too_few"
                 )
             cells = _delaunay(np.asarray(self.nodes, dtype=np.float64))
+        elif cells.ndim != 2 or cells.shape[1] != 4:
+            raise InvalidInput(
+                f"the tetrahedra have shape {cells.shape}, but T cells of four nodes have (T, 4).", code="wrong_shape"
+            )
+        elif cells.size and not (cells.min() >= 0 and cells.max() < len(self.nodes)):
+            raise InvalidInput(
+                f"the tetrahedra name nodes {cells.min()} to {cells.max()}, but the {len(self.nodes)} nodes have the "
+                f"numbers 0 to {len(self.nodes) - 1}.",
+                code="out_of_range",
+            )
         four = self.nodes[cells]
         edges = four[:, 1:] - four[:, :1]
         size = np.linalg.norm(edges, axis=2).max(axis=1)

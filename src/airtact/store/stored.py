@@ -30,19 +30,20 @@ ABANDONED = 600.0
 
 
 class Stored(Solver):
-    """A solver that keeps what it solved, in memory and in a folder, and answers from there.
+    """A solver that keeps its fields in memory and in a folder, and reads them instead of solving again.
 
-    A field is found again by everything that determines it, to the last bit: every vertex and mid-edge point, boundary,
-    medium, frequency, source, setting of the solver, and airtact itself. Entries appear whole or not at all, whoever
-    writes at the same time or is killed; damaged ones are noticed by their checksum and solved again. The oldest-used
-    go when the folder holds too much. A field that cannot be stored is solved all the same, and its report's
-    warnings give the reason. Finite elements' fields stay in memory only.
+    A field is found again by everything that determines it, to the last bit: every vertex and mid-edge point,
+    boundary, medium, frequency, source, setting of the solver, and airtact itself. An entry is written whole or not
+    at all, even if another process writes too or this one is killed; a damaged one is noticed by its checksum and
+    solved again. When the folder exceeds ``most_bytes``, the entries that were unused for longest are deleted. A
+    field that cannot be stored is solved all the same, and its report's warnings give the reason. Finite elements'
+    fields stay in memory only.
 
     Parameters
     ----------
     solver : solves what is not there.
     folder : of the files; made if it is not there. Any number of processes may share it.
-    most_bytes : that the folder may hold.
+    most_bytes : largest size of the folder.
 
     Raises
     ------

@@ -160,12 +160,12 @@ class Capsule(Shape):
 
 
 def sphere(radius: float, edge: float, centre: Vector = (0, 0, 0)) -> Surface:
-    """Mesh a sphere.
+    """Make a sphere. Boundary elements use its formula and choose panels themselves, whatever the edge is.
 
     Parameters
     ----------
     radius : [m].
-    edge : longest edge of its triangles [m].
+    edge : longest edge of the triangles of its mesh, for pictures and files [m].
     centre : (3,) [m].
 
     Raises

@@ -61,8 +61,9 @@ def weighted_gerchberg_saxton(
 
     Di Leonardo, Ianni and Ruocco, Opt. Express 15 (2007) 1913; for sound Marzo and Drinkwater, PNAS 116 (2019) 84. The
     method starts from the foci in phase and from the elements in phase, and returns the better drive. Where the weights
-    oscillate, as they can between two foci with nearly equal rows of H, it shortens their steps. Parameters, result and
-    errors are those of ``gerchberg_saxton``.
+    oscillate, as they can between two foci with nearly equal rows of H, it shortens their steps. With
+    ``constraint.phase_bits`` it starts from the elements in phase alone and does neither. Phases and suppression points
+    of the target have no effect. Parameters, result and errors are those of ``gerchberg_saxton``.
     """
     return _projected(transfer, target, iterations, constraint, weighted=True)
 

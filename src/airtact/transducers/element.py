@@ -132,16 +132,16 @@ class Element:
 
 
 def monopole(sensitivity: float = DEFAULT_SENSITIVITY) -> Element:
-    """Build a transducer that radiates alike in all directions, as the paper's simulation has it (its section 4.1).
+    """Build a transducer that radiates alike in all directions, as in the simulation of Inoue and others 2014 (4.1).
 
     Parameters
     ----------
-    sensitivity : peak pressure at full scale, 1 m away [Pa·m].
+    sensitivity : peak pressure at full scale, 1 m away [Pa·m]; that of AUTD3 unless given, uncalibrated.
 
     Raises
     ------
     InvalidInput
-        If the sensitivity is not positive.
+        If the sensitivity is not a finite number above zero.
 
     Examples
     --------

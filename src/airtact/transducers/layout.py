@@ -312,13 +312,13 @@ def _centred(board: Board, element: Element | None) -> PhasedArray:
 
 
 def surrounding_box(element: Element | None = None, board: str | None = None) -> PhasedArray:
-    """Build the paper's array (its section 3.3): four AUTD3 boards, 996 transducers, around 14 x 14 x 18 cm.
+    """Build the array of Inoue and others 2014 (3.3): four AUTD3 boards, 996 transducers, around 14 x 14 x 18 cm.
 
-    The origin is the centre of the box and z its long axis. The faces stand at x = +70 mm, x = -70 mm, y = +70 mm and
-    y = -70 mm, in that order, each a board centred on its face and radiating inwards, in the board's own order. The
-    board's x axis (18 elements) runs along +z on every face, so its y axis (14 elements) runs along +y, -y, -x and +x:
-    each face is the first one turned about z. The outlines of real boards would overlap at the corners by 11.4 mm, as
-    idealised in the paper; ``board="autd3"`` closes a box that they fit.
+    The origin is the centre of the box and z its long axis. The faces stand at x = +70 mm, x = -70 mm, y = +70 mm
+    and y = -70 mm, in that order, each a board centred on its face and radiating inwards, in the board's own order.
+    The board's x axis (18 elements) runs along +z on every face, so its y axis (14 elements) runs along +y, -y, -x
+    and +x: each face is the first one turned about z. A real board is 151.4 mm wide where this box is 140 mm, so it
+    would pass its neighbours' faces by 5.7 mm at each corner; ``board="autd3"`` closes a box that real boards fit.
 
     Parameters
     ----------
@@ -329,7 +329,8 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
     Raises
     ------
     InvalidInput
-        "unknown_name", or "outline_unknown".
+        If there is no such board ("unknown_name"), or its outline is not known, as for nano16 and openmpd
+        ("outline_unknown").
 
     Examples
     --------
