@@ -47,7 +47,10 @@ def test_whole_numbers_are_numbers():
             "obstacles[1].pinch.gapp is not a key of a scene file; did you mean obstacles[1].pinch.gap?",
         ),
         ("[[foci]]\npresure = 1.0", "foci[0].presure is not a key of a scene file; did you mean foci[0].pressure?"),
-        ("[drive]\nqqqq = 1", "drive.qqqq is not a key of a scene file; there is drive.levels, drive.method, drive.modulation."),
+        (
+            "[drive]\nqqqq = 1",
+            "drive.qqqq is not a key of a scene file; there is drive.levels, drive.method, drive.modulation.",
+        ),
     ],
 )
 def test_a_wrong_key_is_named_with_its_path_and_the_nearest_right_one(text, sentence):
