@@ -1,4 +1,4 @@
-"""The conventions that every room shares: time sign, units, axis order, array types, errors.
+"""The conventions that every room shares: time sign, units, axis order, array types, limits, errors.
 
 - Phasor p(t) = Re[P e^{-iωt}]; an outgoing wave is e^{+ikr}/r.
 - SI units: metre, hertz, pascal, radian. Amplitudes are peak values unless a name ends in ``_rms``.
@@ -16,6 +16,60 @@ Vector = Real[np.ndarray, "3"] | tuple[float | int, float | int, float | int]
 """One point or direction: an array of three numbers or a tuple of three."""
 
 
+LONGEST_SENTENCE = 450
+"""Largest length of the sentence of a fault or a warning [characters]; the middle of a longer one is left out.
+
+With its code and what stands before it a line of the command line has 500 at most.
+"""
+
+LARGEST_SCENE_FILE = 4_000_000
+"""Largest size of a scene file [bytes]."""
+
+MOST_LEVELS = 32
+"""Largest number of lists and tables in each other in a scene file, and of parts of a key between dots."""
+
+MOST_DIGITS = 100
+"""Largest length of a number in a scene file [characters]."""
+
+LARGEST_NUMBER, SMALLEST_NUMBER = 1e12, 1e-60
+"""Largest and smallest magnitude of a number in a scene file; 0 is allowed too."""
+
+MOST_POINTS = 4096
+"""Largest number of points of a shape, and of foci and suppression points of a scene unless ``most_points`` is given.
+
+With more, a unit is probably wrong.
+"""
+
+MOST_BODIES = 256
+"""Largest number of obstacles in a scene file."""
+
+MOST_TRIANGLES = 2_000_000
+"""Largest number of triangles of a sphere or a capsule; with more, a unit is probably wrong."""
+
+MOST_PIXELS = 16_777_216
+"""Largest number of pixels of a picture, counted before it is decoded."""
+
+
+def one_sentence(words: str) -> str:
+    r"""Write words on one line of ``LONGEST_SENTENCE`` characters at most, without characters that no screen shows.
+
+    Examples
+    --------
+    >>> one_sentence("two\nlines"), len(one_sentence("x" * 100_000))
+    ('two\\nlines', 500)
+    """
+    short = _cut(words)  # so that no more than this is escaped
+    return _cut("".join(one if one.isprintable() else one.encode("unicode_escape").decode() for one in short))
+
+
+def _cut(words: str) -> str:
+    if len(words) <= LONGEST_SENTENCE:
+        return words
+    gap = " ... "
+    first = 2 * LONGEST_SENTENCE // 3
+    return words[:first] + gap + words[len(words) - (LONGEST_SENTENCE - first - len(gap)) :]
+
+
 class InvalidInput(ValueError):  # noqa: N818 (reads as what it is in a traceback)
     """The input is at fault; the message is one sentence with the number that is wrong and what to change.
 
@@ -26,7 +80,7 @@ class InvalidInput(ValueError):  # noqa: N818 (reads as what it is in a tracebac
     """
 
     def __init__(self, sentence: str, position: Real[np.ndarray, "3"] | None = None, *, code: str) -> None:
-        super().__init__(sentence)
+        super().__init__(one_sentence(sentence))
         self.position = position
         self.code = code
 
@@ -74,5 +128,5 @@ class NotConverged(RuntimeError):  # noqa: N818
     """
 
     def __init__(self, sentence: str, *, code: str) -> None:
-        super().__init__(sentence)
+        super().__init__(one_sentence(sentence))
         self.code = code

@@ -1,10 +1,14 @@
 """Writing, SVG and pictures as points: upright, to scale, and rejected with what is wrong."""
 
+import contextlib
+import os
+
 import numpy as np
 import pytest
 from PIL import Image
 from scipy.spatial import KDTree
 
+from airtact.conventions import InvalidInput
 from airtact.scene.drawings import picture, svg_path, text
 from faults import raises_code
 
@@ -146,3 +150,38 @@ def test_a_broken_svg_file_is_rejected(tmp_path):
     (tmp_path / "no.png").write_text("no picture")
     with raises_code("file_unreadable", "cannot read the file", "no.png"):
         picture(tmp_path / "no.png", 0.02, 2e-3)
+
+
+def test_only_png_jpeg_tiff_and_pgm_are_opened(tmp_path):
+    grey = Image.fromarray(np.arange(1, 17, dtype=np.uint8).reshape(4, 4))
+    for ending in ("png", "jpg", "tiff", "pgm"):
+        grey.save(tmp_path / f"a.{ending}")
+        assert len(picture(tmp_path / f"a.{ending}", width=0.02, spacing=5e-3)[0]) > 10
+    for ending in ("eps", "gif", "bmp", "pdf"):
+        grey.save(tmp_path / f"a.{ending}")
+        (tmp_path / "posing.png").write_bytes((tmp_path / f"a.{ending}").read_bytes())
+        for name in (f"a.{ending}", "posing.png"):
+            with raises_code("file_unreadable", name, "PNG, JPEG, TIFF, PGM"):
+                picture(tmp_path / name, width=0.02, spacing=5e-3)
+
+
+@pytest.mark.parametrize("side", [4097, 10_000, 13_000, 60_000])
+def test_pixels_are_counted_before_a_picture_is_decoded(tmp_path, side):
+    path = tmp_path / "large.pgm"
+    path.write_bytes(b"P5 %d %d 255\n" % (side, side))
+    with raises_code("too_many_pixels"):
+        picture(path, width=0.02, spacing=5e-3)
+
+
+def test_a_damaged_picture_or_a_pipe_is_rejected(tmp_path):
+    Image.fromarray(np.full((64, 64), 9, dtype=np.uint8)).save(tmp_path / "whole.png")
+    data = (tmp_path / "whole.png").read_bytes()
+    path = tmp_path / "damaged.png"
+    for place in range(8, len(data), 3):
+        for flipped in (data[:place], data[:place] + bytes([data[place] ^ 255]) + data[place + 1 :]):
+            path.write_bytes(flipped)
+            with contextlib.suppress(InvalidInput):
+                picture(path, width=0.02, spacing=5e-3)
+    os.mkfifo(tmp_path / "pipe.png")
+    with raises_code("file_unreadable", "pipe"):
+        picture(tmp_path / "pipe.png", width=0.02, spacing=5e-3)

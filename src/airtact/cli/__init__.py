@@ -62,6 +62,9 @@ def _usage(error: click.ClickException) -> str:
 
 
 def _fail(sentence: str, code: str, status: int, as_json: bool) -> int:
+    from airtact.conventions import one_sentence
+
+    sentence = one_sentence(sentence)
     click.echo(f"airtact: {sentence} [{code}]", err=True)
     if as_json:
         click.echo(json.dumps({"error": sentence, "code": code}, ensure_ascii=False))

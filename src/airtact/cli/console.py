@@ -63,12 +63,14 @@ def show(
     With ``--quiet`` only the warnings are printed. With ``--json`` the record, with the warnings and the version, is
     all that stands on the standard output, and the rest goes to the standard error.
     """
+    from airtact.conventions import one_sentence  # only now, so that --help comes at once
+
     console = Console(stderr=wanted(JSON) or wanted(QUIET))
     for index, line in enumerate(() if wanted(QUIET) else first):
         console.print(escape(line), soft_wrap=True, highlight=False, style=None if index else "bold")
     for table in () if wanted(QUIET) else tables:
         console.print(table)
-    for sentence in warnings:
+    for sentence in map(one_sentence, warnings):
         console.print(f"[yellow]Warning:[/yellow] {escape(sentence)}", soft_wrap=True, highlight=False)
     for line in () if wanted(QUIET) else lines:
         console.print(escape(line), soft_wrap=True, highlight=False)

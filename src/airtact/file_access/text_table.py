@@ -1,6 +1,7 @@
 """Tables in text files: columns by name, numbers in cells, and the line in every error. The only reader of them."""
 
 import csv
+import stat
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -67,9 +68,19 @@ class TextTable:
         )
 
 
-def text_of(path: Path) -> str:
-    """Read a file as UTF-8 text; raise "file_missing", "file_unreadable" or "not_text"."""
+def text_of(path: Path, largest: int | None = None) -> str:
+    """Read a file as UTF-8 text; raise "file_missing", "file_unreadable", "file_too_large" or "not_text".
+
+    ``largest`` is the most bytes that it may have, any number for None.
+    """
     try:
+        found = path.stat()
+        if not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):
+            sentence = f"{path.name} is 1 device or pipe, not a file; save its contents in a file."
+            raise InvalidInput(sentence, code="file_unreadable")
+        if largest is not None and found.st_size > largest:
+            sentence = f"{path.name} has {found.st_size:,} bytes, more than {largest:,}."
+            raise InvalidInput(sentence, code="file_too_large")
         return path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise file_fault(path, error) from None

@@ -1,5 +1,6 @@
 """Writing and pictures as points for a ``Target``: text in single strokes, SVG paths, grey-scale images."""
 
+import warnings
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -7,9 +8,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64, Real
 
-from airtact.conventions import InvalidInput, Vector
+from airtact.conventions import MOST_PIXELS, InvalidInput, Vector
 from airtact.scene.target_points import Points, check_count, frame_of, segment, spaced_apart
 from airtact.validation import check_finite, file_fault, positive, real_numbers
+
+PICTURE_FORMATS = ("PNG", "JPEG", "TIFF", "PPM")
+"""What is opened, in the names of Pillow, whose PPM is PGM too; others start programs, such as Ghostscript."""
 
 FONT = "futural"
 """The Hershey font of single strokes without serifs: what is felt is the stroke, not the outline of a letter."""
@@ -19,6 +23,9 @@ DARKEST_SHARE = 0.05
 
 SHARP_CORNER_COSINE = 0.5
 """Cosine of the bend of a stroke below which its corner becomes a point: 60 degrees."""
+
+LEAST_KEPT = 0.2
+"""Least share of the points of strokes that are kept where strokes cross or follow each other."""
 
 Strokes = list[Float64[np.ndarray, "_ 2"]]
 """Lines from corner to corner in a plane, x to the right and y up."""
@@ -56,6 +63,7 @@ def text(
     """
     from HersheyFonts import HersheyFonts  # read only where something is written
 
+    check_count(len(words), spacing)
     font = HersheyFonts()
     font.load_default_font(FONT)
     font.normalize_rendering(1.0)  # or y would run down
@@ -205,11 +213,32 @@ def _brightness(image: str | Path | Real[np.ndarray, "rows columns"]) -> Float64
 def _read(path: str | Path) -> Float64[np.ndarray, "rows columns"]:
     from PIL import Image  # comes with matplotlib
 
+    path = Path(path)
     try:
-        with Image.open(path) as image:
-            return np.asarray(image.convert("L"), dtype=np.float64)
+        if path.exists() and not path.is_file():
+            raise InvalidInput(f"{path.name} is 1 folder, device or pipe, not a picture.", code="file_unreadable")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of damage that the reader passes over; pixels are counted here
+            with Image.open(path, formats=PICTURE_FORMATS) as image:
+                _check_pixels(path.name, image.width * image.height)
+                return np.asarray(image.convert("L"), dtype=np.float64)
+    except Image.UnidentifiedImageError:
+        sentence = f"cannot read the file {path}: it is none of the 4 kinds of picture, PNG, JPEG, TIFF, PGM."
+        raise InvalidInput(sentence, code="file_unreadable") from None
+    except Image.DecompressionBombError as error:
+        raise InvalidInput(f"{path.name} has too many pixels: {error}.", code="too_many_pixels") from None
     except OSError as error:
-        raise file_fault(Path(path), error) from None
+        raise file_fault(path, error) from None
+    except InvalidInput:
+        raise
+    except Exception as error:  # the reader has its own way to fail on each damage
+        raise InvalidInput(f"{path.name} cannot be read as a picture: {error}.", code="file_unreadable") from None
+
+
+def _check_pixels(name: str, pixels: int) -> None:
+    if pixels > MOST_PIXELS:
+        sentence = f"{name} has {pixels:,} pixels, more than {MOST_PIXELS:,}; make it smaller."
+        raise InvalidInput(sentence, code="too_many_pixels")
 
 
 def _averaged(rows: Float64[np.ndarray, "rows columns"], count: int) -> Float64[np.ndarray, "cells columns"]:
@@ -229,6 +258,8 @@ def _laid_out(strokes: Strokes, name: str, spacing: float, centre: Vector, norma
     corners = np.concatenate(strokes)
     middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
     spacing = positive(spacing, "the spacing", "m")
+    steps = [np.linalg.norm(np.diff(stroke, axis=0), axis=1).sum() for stroke in strokes]
+    check_count(np.maximum(np.array(steps) / spacing, 1.0).sum() * LEAST_KEPT, spacing)
     found = [_along(np.asarray(stroke - middle) @ np.stack([right, upwards]), spacing) for stroke in strokes]
     return np.asarray(centre, dtype=np.float64) + spaced_apart(np.concatenate(found), 0.6 * spacing)
 

@@ -10,14 +10,11 @@ import numpy as np
 from jaxtyping import Float64, Real
 from scipy.spatial import KDTree
 
-from airtact.conventions import InvalidInput, Vector
+from airtact.conventions import MOST_POINTS, InvalidInput, Vector
 from airtact.mesh.quadratic_triangles import points_at
 from airtact.surfaces.panels import panels_of
 from airtact.surfaces.surface import Surface
 from airtact.validation import between, in_mm, of_kind, point_of, points_of, positive
-
-MOST_POINTS = 4096
-"""Largest number of points of a shape; with more, a unit is probably wrong."""
 
 Points = Float64[np.ndarray, "points 3"]
 

@@ -12,7 +12,7 @@ from jaxtyping import Float64, Int64
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from airtact.conventions import InvalidInput, about
+from airtact.conventions import LARGEST_SCENE_FILE, InvalidInput, about
 from airtact.file_access.text_table import text_of
 from airtact.hand.files import ROOM, load_hand
 from airtact.hand.hand import Hand
@@ -23,6 +23,7 @@ from airtact.pose import Pose
 from airtact.scene.medium import Medium
 from airtact.scene.scene import Obstacle, filled, impedance, sound_hard
 from airtact.scene_file import tables
+from airtact.scene_file.limits import not_finite
 from airtact.scene_file.parsing import parse_scene
 from airtact.surfaces.checks import NEAREST, approach
 from airtact.surfaces.files import load_surface
@@ -217,7 +218,8 @@ def drawable_bodies(path: Path) -> list[Triangles]:
         The file itself cannot be read or is not a scene file.
     """
     found = []
-    for table in parse_scene(text_of(path)).obstacles:
+    file = parse_scene(text_of(path, LARGEST_SCENE_FILE))
+    for table in () if not_finite(file) else file.obstacles:
         try:
             found += [(body.vertices, body.triangles) for body in _surfaces(table, path.parent, {}).values()]
         except InvalidInput:

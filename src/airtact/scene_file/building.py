@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from airtact.conventions import InvalidInput, about
+from airtact.conventions import LARGEST_SCENE_FILE, InvalidInput, about
 from airtact.file_access.text_table import read_text_table, text_of
 from airtact.pose import Pose
 from airtact.scene.medium import Medium, air
@@ -15,6 +15,7 @@ from airtact.scene.scene import Scene, check_outside
 from airtact.scene.target import Target
 from airtact.scene_file import tables
 from airtact.scene_file.bodies import bodies_of, built, pose_of
+from airtact.scene_file.limits import not_finite
 from airtact.scene_file.parsing import nearest, parse_scene
 from airtact.scene_file.targets import target_of
 from airtact.solvers.bem.solver import BoundaryElement
@@ -114,9 +115,20 @@ def read_scene(path: str | Path) -> Setup:
             f'"{path.name}", and airtact hand shows it.',
             code="unknown_ending",
         )
-    text = text_of(path)
+    text = text_of(path, LARGEST_SCENE_FILE)
     with about(path.name):
-        return _set_up(path, text, parse_scene(text))
+        file = parse_scene(text)
+        fault = not_finite(file)
+        if fault is None:
+            return _set_up(path, text, file)
+        try:
+            with np.errstate(all="raise"):
+                _set_up(path, text, file)
+        except InvalidInput:
+            raise
+        except (ArithmeticError, ValueError):
+            raise fault from None
+        raise fault
 
 
 def _set_up(path: Path, text: str, file: tables.SceneFile) -> Setup:
@@ -127,7 +139,7 @@ def _set_up(path: Path, text: str, file: tables.SceneFile) -> Setup:
     with about("array"):
         array, board = _array(file.array, medium.wavenumber(file.frequency).real, path.parent)
     surfaces = {name: obstacle.surface for name, obstacle in zip(bodies, scene.obstacles, strict=True)}
-    target, foci = target_of(file.foci, file.suppression, points, surfaces, path.parent)
+    target, foci = target_of(file.foci, file.suppression, points, surfaces, path.parent, file.most_points)
     with about("solver"):
         solver = _solver(file, scene)
     with about("foci"):

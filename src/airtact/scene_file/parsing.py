@@ -4,13 +4,18 @@ import difflib
 import re
 import typing
 from collections.abc import Iterable, Mapping
+from functools import cache
 from typing import Any
 
 import msgspec
 
 from airtact.conventions import InvalidInput
+from airtact.scene_file.limits import check_data, check_text
 from airtact.scene_file.tables import RENAMED, Choice, SceneFile, Table
 from airtact.transducers.boards import BOARDS
+
+LONGEST_WORD = 50
+"""A longer word is cut before it is compared with those that are known."""
 
 AnyTable = typing.TypeVar("AnyTable", bound=Table)
 
@@ -23,7 +28,8 @@ def parse_scene(text: str) -> SceneFile:
     InvalidInput
         "not_toml", "unknown_key" (with the nearest right key), "key_renamed", "key_missing", "key_misplaced" (a key
         of another choice), "choose_one" (none or several of keys that exclude each other), "unknown_name" or
-        "wrong_value".
+        "wrong_value"; or a limit is passed: "file_too_large", "not_text", "too_deep", "number_too_long", "not_finite",
+        "out_of_range" or "too_many_bodies".
 
     Examples
     --------
@@ -32,20 +38,23 @@ def parse_scene(text: str) -> SceneFile:
     ...
     airtact.conventions.InvalidInput: medium.celsuis is not a key of a scene file; did you mean medium.celsius?
     """
+    check_text(text)
     try:
         data = msgspec.toml.decode(text.encode())
     except msgspec.DecodeError as error:
         raise InvalidInput(f"this is not TOML: {str(error)[:1].lower()}{str(error)[1:]}.", code="not_toml") from None
+    check_data(data)
     return _table(data, SceneFile, "")
 
 
-def keys_of(table: type[Table]) -> set[str]:
+@cache
+def keys_of(table: type[Table]) -> frozenset[str]:
     """List the keys that a table may hold, those of its choices among them."""
-    keys = set()
-    for field in msgspec.structs.fields(table):
+    keys: set[str] = set()
+    for field in _fields(table):
         kinds = _tables_in(field.type)
         keys |= {field.name} if len(kinds) < 2 else {key for kind in kinds for key in _keys_beside(kind)}
-    return keys
+    return frozenset(keys)
 
 
 def nearest(word: str, known: Iterable[str], prefix: str = "") -> str:
@@ -55,7 +64,7 @@ def nearest(word: str, known: Iterable[str], prefix: str = "") -> str:
     'did you mean finite_element?'
     """
     known = sorted(known)
-    close = difflib.get_close_matches(word, known, n=1)
+    close = difflib.get_close_matches(word[:LONGEST_WORD], known, n=1)
     return f"did you mean {prefix}{close[0]}?" if close else f"there is {', '.join(prefix + name for name in known)}."
 
 
@@ -65,7 +74,7 @@ def _table(data: Any, table: type[AnyTable], path: str) -> AnyTable:
         return _converted(data, table, path)
     _check_keys(data, table, path)
     ready: dict[str, Any] = {}
-    for field in sorted(msgspec.structs.fields(table), key=lambda field: len(_tables_in(field.type))):
+    for field in sorted(_fields(table), key=lambda field: len(_tables_in(field.type))):
         kinds, value, inner = _tables_in(field.type), data.get(field.name), _joined(path, field.name)
         if len(kinds) > 1:
             chosen = _chosen(data, field, kinds, path)
@@ -110,7 +119,7 @@ def _chosen(
         return _table({"file": data[field.name]}, kind, path)
     if not by_value and tag not in kind.__struct_fields__:
         return _table(data[tag], kind, _joined(path, tag))
-    for key in (one.name for one in msgspec.structs.fields(kind) if one.required):
+    for key in (one.name for one in _fields(kind) if one.required):
         if key not in data:
             sentence = f"the key {_joined(path, key)} is missing: {_phrase(field, tag, by_value)} needs it."
             raise InvalidInput(sentence, code="key_missing")
@@ -163,26 +172,33 @@ def _tag_by_value(
     raise InvalidInput(sentence, code="unknown_name")
 
 
-def _keys_beside(kind: type[Table]) -> set[str]:
+@cache
+def _keys_beside(kind: type[Table]) -> frozenset[str]:
     """List the keys of a choice that stand in the table which makes it."""
     config, fields = kind.__struct_config__, keys_of(kind)
     if not issubclass(kind, Choice):
-        return {str(config.tag_field)} | (fields if config.tag != ".csv" else set())
-    return fields if config.tag in kind.__struct_fields__ else {str(config.tag)}
+        return frozenset({str(config.tag_field)}) | (fields if config.tag != ".csv" else frozenset())
+    return fields if config.tag in kind.__struct_fields__ else frozenset({str(config.tag)})
 
 
 def _leading(kind: type[Table]) -> list[str]:
     """List the keys that a choice needs, or may have where it needs none."""
     if kind.__struct_config__.tag not in kind.__struct_fields__:
         return [str(kind.__struct_config__.tag)]
-    return [field.name for field in msgspec.structs.fields(kind) if field.required] or list(kind.__struct_fields__)
+    return [field.name for field in _fields(kind) if field.required] or list(kind.__struct_fields__)
 
 
+@cache
 def _tables_in(kind: Any) -> list[type[Table]]:
     """Find the tables that a type holds: alone, in a list or as one of several choices."""
     if isinstance(kind, type) and issubclass(kind, Table):
         return [kind]
     return [table for part in typing.get_args(kind) for table in _tables_in(part)]
+
+
+@cache
+def _fields(table: type[Table]) -> tuple[msgspec.structs.FieldInfo, ...]:
+    return msgspec.structs.fields(table)
 
 
 def _joined(path: str, key: str) -> str:

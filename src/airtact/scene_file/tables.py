@@ -10,6 +10,8 @@ from typing import Annotated
 
 import msgspec
 
+from airtact.conventions import MOST_POINTS
+
 Triple = tuple[float, float, float]
 
 
@@ -366,7 +368,10 @@ class DriveTable(Table, frozen=True):
 
 
 class SceneFile(Table, frozen=True):
-    """The whole file; ``merge_bodies`` makes one of sound-hard bodies that overlap or are nearer than 0.3 mm."""
+    """The whole file; ``merge_bodies`` makes one of sound-hard bodies that overlap or are nearer than 0.3 mm.
+
+    ``most_points`` is the largest number of foci and suppression points together.
+    """
 
     medium: MediumTable
     array: ArrayTable
@@ -375,6 +380,7 @@ class SceneFile(Table, frozen=True):
     obstacles: list[ObstacleTable] = []
     frequency: float = 40e3
     merge_bodies: bool = False
+    most_points: int = MOST_POINTS
     solver: SolverTable = SolverTable()
     drive: DriveTable = DriveTable()
 

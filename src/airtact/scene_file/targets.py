@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64, Num
 
-from airtact.conventions import InvalidInput, about
+from airtact.conventions import MOST_POINTS, InvalidInput, about
 from airtact.scene.drawings import picture, svg_path, text
 from airtact.scene.target import Target
 from airtact.scene.target_points import Points, circle, onto_surface, polyline, segment, sphere_shell, surface_points
 from airtact.scene_file import tables
 from airtact.scene_file.bodies import NamedPoints, built
+from airtact.scene_file.limits import check_total
 from airtact.scene_file.parsing import nearest
 from airtact.surfaces.surface import Surface
 
@@ -36,11 +37,14 @@ def target_of(
     named: NamedPoints,
     bodies: Mapping[str, Surface],
     folder: Path,
+    most_points: int = MOST_POINTS,
 ) -> tuple[Target, tuple[str, ...]]:
     """Build the target of a scene file, and a name for each of its foci.
 
     Foci can name the points in ``named`` and the bodies by their names; drawings and pictures are in the folder.
+    Raise "too_many_points" where there are more than ``most_points`` foci and suppression points.
     """
+    check_total(len(foci) + len(suppression), most_points)
     points, factors, names = [np.empty((0, 3))], [], []
     for index, table in enumerate(foci):
         with about(f"foci[{index}]"):
@@ -48,6 +52,7 @@ def target_of(
             names += _names(table, index, len(found))
             points.append(found)
             factors.append(factor)
+        check_total(sum(map(len, points)), most_points)
     zones = [np.empty((0, 3))]
     for index, zone in enumerate(suppression):
         with about(f"suppression[{index}]"):
@@ -56,6 +61,7 @@ def target_of(
                 zones.append(built(partial(surface_points, body), zone.points, leave_out=("body",)))
             else:
                 zones.append(_drawn(zone.points, folder))
+        check_total(sum(map(len, points + zones)), most_points)
     with about("foci"):
         wanted = _wanted(foci, factors)
         return Target(np.concatenate(points), suppression_points=np.concatenate(zones), **wanted), tuple(names)

@@ -30,6 +30,9 @@ THINNEST = 0.5e-3
 ROUGH = 0.1
 """Share of a thickness that may be missing in a mesh."""
 
+SAMPLES = 200
+"""Vertices that show a wide overlap."""
+
 _PASSED: WeakSet[Surface] = WeakSet()  # surfaces never change, so one that passed is not checked again
 
 APART = "move them apart, or merge them: airtact.merged([one, two]), in a scene file merge_bodies = true"
@@ -181,6 +184,9 @@ def _meshes(one: Surface, two: Surface, within: float) -> Approach | None:
     low, high = (np.stack([end(body.vertices, axis=0) for body in (one, two)]) for end in (np.min, np.max))
     if np.linalg.norm(np.maximum(low.max(axis=0) - high.min(axis=0), 0.0)) >= within + sum(rises):
         return None
+    deep = _deeply_overlapping(one, two, max(rises))
+    if deep is not None:
+        return deep
     found = _triangles(one.corners, two.corners, within + sum(rises))
     if found is not None and max(rises) > AWAY:
         found = _triangles(corners_of(flattened(one)), corners_of(flattened(two)), within)
@@ -194,6 +200,24 @@ def _meshes(one: Surface, two: Surface, within: float) -> Approach | None:
             lies = f"one lies {depth.max() * 1e3:.3g} mm inside the other near {in_mm(where)}"
             return Approach(0.0, where, lies)
     return found
+
+
+def _deeply_overlapping(one: Surface, two: Surface, rise: float) -> Approach | None:
+    """Find an overlap that a few vertices show, before all triangles are compared: those of bodies that overlap widely.
+
+    A body that is given twice has all its vertices on the surface of the other one.
+    """
+    if one.vertices.shape == two.vertices.shape and np.abs(one.vertices - two.vertices).max() <= TOUCH:
+        where = one.vertices[0]
+        return Approach(0.0, where, f"one has all its {len(one.vertices)} vertices on the other, near {in_mm(where)}")
+    for inner, outer in ((one, two), (two, one)):
+        some = inner.vertices[:: 1 + len(inner.vertices) // SAMPLES]
+        depth = outer.depth(some)
+        if np.count_nonzero(depth > rise + TOUCH) > len(some) // 5:
+            where = some[depth.argmax()]
+            lies = f"one lies {depth.max() * 1e3:.3g} mm inside the other near {in_mm(where)}"
+            return Approach(0.0, where, lies)
+    return None
 
 
 def _triangles(

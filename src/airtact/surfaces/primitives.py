@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from jaxtyping import Float64, Real
 
-from airtact.conventions import InvalidInput, Vector
+from airtact.conventions import MOST_TRIANGLES, InvalidInput, Vector
 from airtact.mesh.quadratic_triangles import QuadraticTriangles, enclosed_volume, longest_edges, with_middles
 from airtact.mesh.remeshing import RidgedMesh
 from airtact.mesh.topology import Triangles, Vertices, check_size
@@ -140,6 +140,7 @@ class Capsule(Shape):
         check_size(self.extent)
         rings = max(2, math.ceil(1.6 * self.radius / edge)) if edge > self.radius / _MOST_RINGS else _MOST_RINGS + 1
         while rings <= _MOST_RINGS:
+            self._check_count(rings)
             vertices, triangles = _mesh(rings, _SECTORS, self.length / self.radius)
             corners = self.radius * vertices[triangles]
             if longest_edges(corners).max() <= edge:
@@ -151,6 +152,17 @@ class Capsule(Shape):
             self.pose.translation,
             code="edge_too_short",
         )
+
+    def _check_count(self, rings: int) -> None:
+        """Raise "too_many_triangles" before a mesh of so many rings is made."""
+        count = _count(rings, _SECTORS, self.length / self.radius)
+        if count > MOST_TRIANGLES:
+            raise InvalidInput(
+                f"a capsule of {1e3 * self.radius:.4g} mm radius and {1e3 * self.length:.4g} mm length needs {count:,} "
+                f"triangles, more than {MOST_TRIANGLES:,}: are its lengths in different units? Give metres.",
+                self.pose.translation,
+                code="too_many_triangles",
+            )
 
     def _surface(self, vertices: Vertices, triangles: Triangles) -> Surface:
         midpoints = Capsule(self.radius, self.length, Pose.identity()).edge_middles(vertices[triangles])
