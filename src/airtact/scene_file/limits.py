@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -60,7 +60,7 @@ def check_text(text: str) -> None:
             raise InvalidInput(sentence, code="number_too_long")
 
 
-def check_data(data: object) -> None:
+def check_data(data: Mapping[str, str | float | Sequence | Mapping]) -> None:
     """Raise "too_deep", "out_of_range" or "too_many_bodies" where decoded TOML goes beyond a limit.
 
     NaN and infinity pass: where they stand, what is built from them says what it needs.
@@ -73,7 +73,7 @@ def check_data(data: object) -> None:
                 f"{LARGEST_NUMBER:g}.",
                 code="out_of_range",
             )
-    bodies = data.get("obstacles") if isinstance(data, dict) else None
+    bodies = data.get("obstacles")
     if isinstance(bodies, list) and len(bodies) > MOST_BODIES:
         count = counted(len(bodies), "obstacle", "obstacles")
         raise InvalidInput(f"there are {count}, more than {MOST_BODIES}.", code="too_many_bodies")
