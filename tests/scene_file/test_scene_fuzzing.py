@@ -37,7 +37,7 @@ NUMBERS = (
     "1979-05-27",
 )
 WORDS = ('""', '"\\u0000"', '"a\\nb"', f'"{"w" * 30_000}"', '"../x.csv"', '"x.csv"', '"é"', "3", "[[]]", '"none"')
-FAST, SLOW = range(200), range(200, 4000)
+FAST, SLOW = [*range(199), 411], range(199, 4000)  # 411 has a date in place of a number
 
 
 def damaged(seed: int) -> str:
@@ -64,7 +64,9 @@ def damaged(seed: int) -> str:
     return text
 
 
-@pytest.mark.parametrize("seed", [*FAST, *(pytest.param(seed, marks=pytest.mark.slow) for seed in SLOW)])
+@pytest.mark.parametrize(
+    "seed", [*FAST, *(pytest.param(seed, marks=pytest.mark.slow) for seed in SLOW if seed not in FAST)]
+)
 def test_a_damaged_scene_is_read_or_rejected_in_one_short_sentence(seed, tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text(damaged(seed), encoding="utf-8")

@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import date, time
 from typing import Any
 
 import msgspec
@@ -60,7 +61,7 @@ def check_text(text: str) -> None:
             raise InvalidInput(sentence, code="number_too_long")
 
 
-def check_data(data: Mapping[str, str | float | Sequence | Mapping]) -> None:
+def check_data(data: Mapping[str, str | float | date | time | Sequence | Mapping]) -> None:
     """Raise "too_deep", "out_of_range" or "too_many_bodies" where decoded TOML goes beyond a limit.
 
     NaN and infinity pass: where they stand, what is built from them says what it needs.
