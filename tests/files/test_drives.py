@@ -85,6 +85,11 @@ def test_an_old_drive_is_read() -> None:
     np.testing.assert_array_equal(back.amplitudes, amplitude * np.exp(1j * phase))
 
 
+def test_a_folder_that_is_not_there_is_named(tmp_path, drive) -> None:
+    with raises_code("file_not_writable", "none"):
+        drive.save(tmp_path / "none" / "drive.h5")
+
+
 def test_frames_without_a_rate_are_rejected_until_one_is_given(tmp_path) -> None:
     with h5py.File(tmp_path / "frames.h5", "w") as file:
         file["amplitude"] = file["phase"] = np.ones((3, 12))

@@ -1,5 +1,6 @@
 """The default is as good as any method, exact where that is possible, and its peak the least there is."""
 
+import jaxtyping
 import numpy as np
 import pytest
 from jaxtyping import Complex128
@@ -13,6 +14,7 @@ from airtact.synthesis.methods import METHODS
 from airtact.synthesis.reach import achieved_fraction
 from airtact.transfer import Drive, TransferMatrix
 from closed_form_transfers import any_points, open_air, random_matrix, scattered, worst
+from faults import raises_code
 
 
 def least_peak_by_linear_programming(
@@ -127,6 +129,12 @@ def test_what_is_asked_chooses_the_method() -> None:
     }
     assert {name: method_for(target).__name__ for name, target in chosen.items()} == {name: name for name in chosen}
     assert method_for(Target(two, np.array([100.0, 0.0]))).__name__ == "phase_conjugate"
+
+
+def test_arguments_in_the_wrong_order_are_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
+    with raises_code("wrong_kind", "Target"):
+        at.best(at.Target(np.array([[0.0, 0.0, 0.1]])), TransferMatrix(np.ones((1, 4), dtype=complex), 0.0))  # pyright: ignore
 
 
 def test_what_is_asked_may_be_too_much_for_few_elements() -> None:

@@ -11,6 +11,7 @@ from airtact.solvers.free_field import FreeField
 from airtact.surfaces.primitives import sphere
 from airtact.synthesis.motion import Motion, moving_foci, moving_target
 from airtact.transducers.layout import autd3_board
+from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transfer import TransferMatrix, transfer_matrix
 from faults import raises_code
 
@@ -124,6 +125,8 @@ def test_suppression_points_stay_suppressed() -> None:
         (lambda: Motion("stm", "points", size=0.01), "setting_not_taken", "0.01"),
         (lambda: Motion("lm", size=-1.0), "not_positive", "-1 m"),
         (lambda: Motion("lm", frequency=0.0), "not_positive", "0 Hz"),
+        (lambda: Motion("stm", "circle", size=3.0), "out_of_range", "3 m"),
+        (lambda: AmplitudeModulation(20e3), "out_of_range", "20000 Hz"),
         (lambda: Motion("lm", frames=3), "frame_count", "4 to 1024 frames, not 3"),
         (lambda: Motion("lm", along="skin").paths(OPEN, ALONE, MIDDLE), "skin_too_far", "20 mm"),
         (lambda: moving_foci(matrix_of(ALONE), ALONE, 2, 50.0), "sizes_differ", "1 points"),

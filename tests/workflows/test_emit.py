@@ -386,6 +386,7 @@ FAULTS = {
         "rate_missing",
         "3 frames",
     ),
+    "inaudible": (lambda path: path, (*AUDIT, "--cap", "0.001"), "drive_silent", "0.001 all 996 elements"),
     "shapes": (
         lambda path: change(path, amplitude=np.zeros(3)),
         AUDIT,

@@ -42,6 +42,12 @@ def test_the_hand_lies_over_the_middle_of_the_board_with_its_palm_down(tmp_path,
     assert (setup.scene.depth(setup.target.points + [0.0, 0.0, 0.004]) > 0.0).all()
 
 
+@pytest.mark.parametrize(("board", "frequency"), [("autd3", 200.0), ("nano16", 87.0), ("sonicsurface", 44.0)])
+def test_the_modulation_is_one_that_the_board_can_play(tmp_path, board, frequency):
+    (scene, *_) = init(tmp_path / "new", board)
+    assert tomllib.loads(scene.read_text(encoding="utf-8"))["drive"]["modulation"]["frequency"] == frequency
+
+
 def test_another_hand_is_named_by_the_scene_and_turned_to_the_board(tmp_path):
     pose = tmp_path / "poses/mine.json"
     pose.parent.mkdir()

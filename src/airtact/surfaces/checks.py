@@ -35,7 +35,7 @@ SAMPLES = 200
 
 _PASSED: WeakSet[Surface] = WeakSet()  # surfaces never change, so one that passed is not checked again
 
-APART = "move them apart, or merge them: airtact.merged([one, two]), in a scene file merge_bodies = true"
+APART = "move them apart, or merge them: airtact.surfaces.merged([one, two]), in a scene file merge_bodies = true"
 
 
 def check_surface(surface: Surface) -> None:

@@ -14,6 +14,7 @@ from airtact.synthesis.reach import asked_rows
 from airtact.synthesis.time_reversal import phase_conjugate
 from airtact.transducers.levels import FULL_SCALE
 from airtact.transfer import Drive, TransferMatrix
+from airtact.validation import of_kind
 
 
 def best(transfer: TransferMatrix, target: Target) -> Drive:
@@ -46,7 +47,7 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
     Raises
     ------
     InvalidInput
-        As the method that is chosen.
+        As the method that is chosen, or what is given is of another kind.
 
     Warns
     -----
@@ -59,6 +60,8 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
     >>> transfer.pressure(best(transfer, Target(np.zeros((1, 3))))).real.round(9).tolist()
     [7.0]
     """
+    of_kind(transfer, TransferMatrix, "the transfer matrix", "transfer_matrix(beacons, array)")
+    of_kind(target, Target, "the target", "Target(points, pressures)")
     method = method_for(target)
     drive = _settled(transfer, target) if method is max_min else method(transfer, target)
     if target.pressures is None or len(target.suppression_points):

@@ -30,6 +30,9 @@ LATERAL_RADIUS = 3e-3
 DRAWING_SPEED = 7.0
 """Speed of a focus that draws a shape [m/s], between the 5 and 8 m/s of Frier and others."""
 
+LARGEST_SIZE = 0.1
+"""Largest radius or length of a path [m]: the foci leave any hand beyond it."""
+
 DRAWING_RADIUS = 10e-3
 """Radius of a circle that is drawn around a single focus [m]."""
 
@@ -90,6 +93,12 @@ class Motion:
         for name, unit in (("size", "m"), ("frequency", "Hz")):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, positive(getattr(self, name), f"the {name} of a motion", unit))
+        if self.size is not None and self.size > LARGEST_SIZE:
+            raise InvalidInput(
+                f"the radius or length of a path is {self.size:g} m, but a path over a hand has {LARGEST_SIZE:g} m at "
+                "most; is this in millimetres?",
+                code="out_of_range",
+            )
         if self.frames is not None and not FEWEST <= self.frames <= MOST_FRAMES:
             raise InvalidInput(f"a path has {FEWEST} to {MOST_FRAMES} frames, not {self.frames}.", code="frame_count")
         given = [name for name in ("size", "frames", "along") if getattr(self, name) is not None]

@@ -11,6 +11,9 @@ from airtact.validation import number, positive
 FREQUENCY = 200.0
 """Frequency of amplitude modulation unless another is given [Hz]."""
 
+FASTEST = 1000.0
+"""Frequency above which skin hardly feels vibration, and boards do not follow [Hz]."""
+
 
 @dataclass(frozen=True)
 class AmplitudeModulation:
@@ -27,7 +30,7 @@ class AmplitudeModulation:
     Raises
     ------
     InvalidInput
-        If the frequency is not above zero, or the depth is outside 0 to 1.
+        If the frequency is not above zero or over 1000 Hz, or the depth is outside 0 to 1.
     """
 
     frequency: float = FREQUENCY
@@ -35,6 +38,12 @@ class AmplitudeModulation:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frequency", positive(self.frequency, "the frequency of the modulation", "Hz"))
+        if self.frequency > FASTEST:
+            raise InvalidInput(
+                f"the frequency of the modulation is {self.frequency:g} Hz, but skin feels vibration up to some "
+                f"{FASTEST:g} Hz: give that or less, such as {FREQUENCY:g}.",
+                code="out_of_range",
+            )
         depth = number(self.depth, "the depth of the modulation", "shares of 1")
         if not 0.0 < depth <= 1.0:
             raise InvalidInput(

@@ -173,6 +173,12 @@ def plan(
     if limited:
         share = head.cap_under_limit(full, kind)
     peak, average = head.levels(share)
+    if not np.isfinite(peak):
+        raise InvalidInput(
+            f"at a cap of {share:g} all {stored.drives.shape[1]} elements round to the level 0 of {kind.name}, so "
+            "nothing would be emitted: give a larger cap.",
+            code="drive_silent",
+        )
     still = chosen is None and rate is None
     beside = path.with_name(SEQUENCE_FILE)
     moving = beside if still and not constant and beside.is_file() else None

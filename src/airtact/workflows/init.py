@@ -14,8 +14,10 @@ from airtact.examples import example
 from airtact.file_access.atomic import whole_file, writable_folder
 from airtact.hand.files import load_hand
 from airtact.hand.hand import Hand
+from airtact.hardware.file_link import FileLink
 from airtact.pose import Pose
 from airtact.transducers.boards import Board, board_named
+from airtact.transducers.modulation import FREQUENCY
 from airtact.validation import counted
 
 SCENE, HAND, LICENCE = "scene.toml", "hand.json", "hand-LICENSE.txt"
@@ -92,6 +94,7 @@ def _text(name: str, board: Board, hand: Hand, file: str) -> str:
         translation=_listed(translation),
         amplitudes=board.amplitudes,
         phases=board.phases,
+        frequency=min(FREQUENCY, float(np.floor(FileLink("frames.npz", board.name).fastest_frames / 2.0))),
     )
 
 
