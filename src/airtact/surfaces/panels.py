@@ -105,13 +105,13 @@ def _refined(
     fresh = np.ones(len(panels), dtype=bool)
     while True:
         edges = longest_edges(panels[fresh])
-        by_points = np.maximum(beside_point, _allowed(panels[fresh], edges, points, LARGEST_TO_POINT))
+        by_points = _allowed(panels[fresh], edges, points, LARGEST_TO_POINT)
         by_gaps = _allowed(panels[fresh], edges, others, LARGEST_TO_GAP)
         if not shape.thinnest:
             by_gaps = np.minimum(by_gaps, _allowed_by_own(panels, fresh))
-        allowed = np.minimum(by_points, np.maximum(in_gap, by_gaps))
+        allowed = np.minimum(np.maximum(beside_point, by_points), np.maximum(in_gap, by_gaps))
         # all panels beside a point are fitted to the surface, or those left whole would stand off the others
-        beside = np.flatnonzero(fresh)[edges > allowed]
+        beside = np.flatnonzero(fresh)[edges > np.minimum(by_points, by_gaps)]
         panels[beside] = shape.fitted(panels[beside])
         large = np.zeros(len(panels), dtype=bool)
         large[fresh] = longest_edges(panels[fresh]) > allowed
