@@ -72,7 +72,7 @@ def numbers(rows, column):
 def test_page_is_self_contained_and_says_what_was_left_out(small) -> None:
     _, done, steps = small
     page = done.page.read_text(encoding="utf-8")
-    assert page.count("data:image/png;base64,") == 10
+    assert page.count("data:image/webp;base64,") == 10
     assert re.findall(r'(?:src|href)="(?!data:)', page) == []
     assert "This is the tiny run" in page
     assert len(steps) == len(set(steps)) > 10
@@ -92,7 +92,7 @@ def test_what_was_done_before_a_failure_and_before_ctrl_c_is_kept(tmp_path) -> N
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert "Unfinished: 2 parts are still to come (Rigid motion, Mesh and order)" in page
     assert "This part failed, and the others were done without it: a gap of 0 mm leaves no room" in page
-    assert page.count("data:image/png;base64,") == 6
+    assert page.count("data:image/webp;base64,") == 6
     assert len(rows_of(tmp_path, "sweep")) == 1  # the fingers before the ones that cannot be
     unfinished = {"mesh_sizes", "rigid_motion", "rigid_motion_readings"}
     assert {path.stem for path in (tmp_path / "data").iterdir()} == TABLES - unfinished

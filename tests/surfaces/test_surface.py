@@ -16,7 +16,7 @@ from mesh.meshes import box_mesh, torus_mesh
 number = st.floats(-1.0, 1.0, allow_subnormal=False)
 vector = st.tuples(number, number, number)
 axis = vector.filter(lambda v: np.linalg.norm(v) > 1e-3)
-pose = st.builds(Pose.turn, axis, st.floats(-7.0, 7.0), vector)
+pose = st.builds(Pose.turn, axis, st.floats(-6.28, 6.28), vector)
 
 
 # ---- surfaces: closed forms

@@ -63,9 +63,9 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "
 
     >>> print(table(["focus", "Pa"], [["<thumb>", "12"]]))
     <div class="scroll"><table>
-    <thead><tr><th>focus</th><th>Pa</th></tr></thead>
+    <thead><tr><th scope="col">focus</th><th scope="col">Pa</th></tr></thead>
     <tbody>
-    <tr><td>&lt;thumb&gt;</td><td>12</td></tr>
+    <tr><th scope="row">&lt;thumb&gt;</th><td>12</td></tr>
     </tbody></table></div>
     """
     return _piece("table", header, list(rows), caption, text)
