@@ -5,7 +5,6 @@ import io
 from collections.abc import Iterable, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -14,9 +13,6 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from airtact.figures.picture_file import PIXELS, pixels_of
-
-Value = TypeVar("Value")
-"""What a template shows: text, numbers, tables, pieces."""
 
 QUALITY = 90
 """Of pictures, in percent: letters stay clean."""
@@ -33,7 +29,7 @@ def _templates() -> Environment:
     )
 
 
-def page_from(template: str, **values: Value) -> str:
+def page_from(template: str, **values: object) -> str:
     """Fill a template with values; text among them is escaped."""
     return _templates().get_template(template).render(values)
 
