@@ -56,7 +56,7 @@ def one_sentence(words: str) -> str:
     Examples
     --------
     >>> one_sentence("two\nlines"), len(one_sentence("x" * 100_000))
-    ('two\\nlines', 500)
+    ('two\\nlines', 450)
     """
     short = _cut(words)  # so that no more than this is escaped
     return _cut("".join(one if one.isprintable() else one.encode("unicode_escape").decode() for one in short))

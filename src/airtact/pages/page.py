@@ -5,6 +5,7 @@ import io
 from collections.abc import Iterable, Sequence
 from functools import cache
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -13,6 +14,9 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from airtact.figures.picture_file import PIXELS, pixels_of
+
+Value = TypeVar("Value")
+"""What a template shows: text, numbers, tables, pieces."""
 
 QUALITY = 90
 """Of pictures, in percent: letters stay clean."""
@@ -29,7 +33,7 @@ def _templates() -> Environment:
     )
 
 
-def page_from(template: str, **values: object) -> str:
+def page_from(template: str, **values: Value) -> str:
     """Fill a template with values; text among them is escaped."""
     return _templates().get_template(template).render(values)
 

@@ -141,7 +141,7 @@ def plan(
     InvalidInput
         If the file is no drive, its transducers are not laid out like boards of that kind, it is for another frequency,
         the cap is not above 0 and at most 1, a modulation is given for a sequence, or boards that only switch their
-        elements on and off cannot stay under the limit.
+        elements on and off cannot stay under the limit, or the cap silences all elements.
     """
     kind = board_named(board)
     stored = read_drive_file(path)
@@ -169,21 +169,23 @@ def plan(
     head = _Head(stored, codec_of(kind), chosen, 2 * np.pi * FREQUENCY / speed)
     full, *_ = head.levels(FULL)
     limited = cap is None and full > OCCUPATIONAL_LIMIT
-    share = FULL if cap is None else cap
-    if limited:
-        share = head.cap_under_limit(full, kind)
+    share = head.cap_under_limit(full, kind) if limited else FULL if cap is None else cap
     peak, average = head.levels(share)
-    if not np.isfinite(peak):
-        raise InvalidInput(
-            f"at a cap of {share:g} all {stored.drives.shape[1]} elements round to the level 0 of {kind.name}, so "
-            "nothing would be emitted: give a larger cap.",
-            code="drive_silent",
-        )
+    _check_emits(peak, share, stored)
     still = chosen is None and rate is None
     beside = path.with_name(SEQUENCE_FILE)
     moving = beside if still and not constant and beside.is_file() else None
     rounding, focus = head.at_foci(share)
     return Plan(stored, kind, poses, chosen, moving, rounding, peak, average, full, focus, share, limited)
+
+
+def _check_emits(peak: float, share: float, stored: DriveFile) -> None:
+    if not np.isfinite(peak):
+        raise InvalidInput(
+            f"at a cap of {share:g} all {stored.drives.shape[1]} elements round to level 0, so nothing would be "
+            "emitted: give a larger cap.",
+            code="drive_silent",
+        )
 
 
 @dataclass(frozen=True, eq=False)
