@@ -13,7 +13,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from airtact.conventions import InvalidInput
 from airtact.evaluation.comparison import Comparison
 from airtact.evaluation.metrics import Evaluation
-from airtact.evaluation.windows import Window, plane_across, plane_through
+from airtact.evaluation.windows import Window, plane_across, plane_of_scene
 from airtact.figures.array_figures import draw_faces, draw_in_space, view_of
 from airtact.figures.field_figure import Cut, cut_bodies, draw_change, draw_pressure
 from airtact.figures.plots import draw_foci
@@ -226,8 +226,7 @@ def _column(result: Evaluation | Comparison | RadiatedField, drive: str | int) -
 
 def _window(scene: Scene, foci: np.ndarray, plane: Plane | None) -> Window:
     if plane is None:
-        vertices = [one.surface.vertices for one in scene.obstacles]
-        return plane_through(foci, np.concatenate([np.empty((0, 3)), *vertices]), scene.wavelength)
+        return plane_of_scene(scene, foci)
     if plane not in ("xy", "xz", "yz"):
         raise InvalidInput(f"plane is {plane!r}, but it is 1 of xy, xz, yz.", code="unknown_name")
     return plane_across(foci, plane, scene.wavelength)

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from airtact.evaluation.headline import body_word
-from airtact.evaluation.windows import Window, plane_through
+from airtact.evaluation.windows import Window, plane_of_scene
 from airtact.scene.sources import Monopoles
 from airtact.scene.target import Target
 from airtact.scene_file.building import Setup
@@ -183,7 +183,5 @@ def save_drives(drives: Mapping[Path, Drive], setup: Setup, transfer: TransferMa
 
 def plane_of_foci(setup: Setup) -> tuple[Window, list[Surface]]:
     """Find the plane through the foci in which fields are pictured, and the surfaces that let no sound through."""
-    obstacles = setup.scene.obstacles
-    vertices = np.concatenate([np.empty((0, 3)), *(one.surface.vertices for one in obstacles)])
-    window = plane_through(setup.target.points, vertices, setup.scene.wavelength)
-    return window, [one.surface for one in obstacles if one.boundary != "filled"]
+    window = plane_of_scene(setup.scene, setup.target.points)
+    return window, [one.surface for one in setup.scene.obstacles if one.boundary != "filled"]

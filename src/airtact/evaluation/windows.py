@@ -6,6 +6,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float64, Real
 
+from airtact.scene.scene import Scene
+
 AXES = dict(zip("xyz", np.eye(3), strict=True))
 
 
@@ -85,6 +87,12 @@ def plane_through(
         candidates.append(_snapped(_direction(bodies.mean(axis=0) - middle)))
     first, second = _independent([*candidates, AXES["z"], AXES["x"], AXES["y"]])
     return _round_foci(foci, *_upright(np.cross(first, second)), wavelength)
+
+
+def plane_of_scene(scene: Scene, foci: Real[np.ndarray, "foci 3"]) -> Window:
+    """Return the window of ``plane_through`` for foci (F, 3) [m] and all bodies of a scene."""
+    vertices = np.concatenate([np.empty((0, 3)), *(one.surface.vertices for one in scene.obstacles)])
+    return plane_through(foci, vertices, scene.wavelength)
 
 
 def plane_across(foci: Real[np.ndarray, "foci 3"], name: Literal["xy", "xz", "yz"], wavelength: float) -> Window:

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import EllipseCollection
+from matplotlib.colorbar import Colorbar
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
@@ -105,8 +106,8 @@ def draw_phases(
         bar.ax.set_title(
             label, fontsize=9, loc="left"
         )  # beside the bar it would read as the label of the next picture's axis
-        if scale.get_cmap().name == "twilight":
-            bar.set_ticks(list(PHASE_TICKS), labels=list(PHASE_TICKS.values()))
+        if label.startswith("phase"):
+            _tick_phases(bar)
     for panel, face in zip(axes[0], faces * (2 if beside else 1), strict=True):
         panel.set_title(_where(face, positions), fontsize=10)
     for panel, face in zip(axes[-1], faces * (2 if beside else 1), strict=True):
@@ -161,11 +162,15 @@ def draw_faces(
     side: Literal["right", "bottom"] = "right" if len(faces) == 1 else "bottom"
     bar = axes.figure.colorbar(scale, ax=axes, label=label, location=side, pad=0.02, aspect=25)
     if show == "phase":
-        bar.set_ticks(list(PHASE_TICKS), labels=list(PHASE_TICKS.values()))
+        _tick_phases(bar)
 
 
 def _phase_colours() -> ScalarMappable:
     return ScalarMappable(Normalize(-np.pi, np.pi), "twilight")
+
+
+def _tick_phases(bar: Colorbar) -> None:
+    bar.set_ticks(list(PHASE_TICKS), labels=list(PHASE_TICKS.values()))
 
 
 def spacing(positions: Real[np.ndarray, "elements 3"]) -> float:
@@ -243,7 +248,7 @@ def draw_in_space(
     if phases is not None:
         label = "phase of the transducers [rad]"
         bar = axes.figure.colorbar(_phase_colours(), ax=axes, label=label, shrink=0.62, pad=0.08, aspect=24)
-        bar.set_ticks(list(PHASE_TICKS), labels=list(PHASE_TICKS.values()))
+        _tick_phases(bar)
 
 
 def _add_discs(

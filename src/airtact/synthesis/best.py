@@ -10,11 +10,10 @@ from airtact.synthesis.gradient import gradient
 from airtact.synthesis.least_peak import exactly, least_peak
 from airtact.synthesis.least_squares import inverse_filter
 from airtact.synthesis.max_min import Stalled, max_min
-from airtact.synthesis.reach import asked_rows
+from airtact.synthesis.reach import asked_rows, check_foci
 from airtact.synthesis.time_reversal import phase_conjugate
 from airtact.transducers.levels import FULL_SCALE
 from airtact.transfer import Drive, TransferMatrix
-from airtact.validation import of_kind
 
 
 def best(transfer: TransferMatrix, target: Target) -> Drive:
@@ -60,8 +59,7 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
     >>> transfer.pressure(best(transfer, Target(np.zeros((1, 3))))).real.round(9).tolist()
     [7.0]
     """
-    of_kind(transfer, TransferMatrix, "the transfer matrix", "transfer_matrix(beacons, array)")
-    of_kind(target, Target, "the target", "Target(points, pressures)")
+    check_foci(transfer, target)
     method = method_for(target)
     drive = _settled(transfer, target) if method is max_min else method(transfer, target)
     if target.pressures is None or len(target.suppression_points):

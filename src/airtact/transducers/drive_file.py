@@ -167,10 +167,6 @@ def _check_count(there: int, elements: int, what: str) -> None:
 def write_drive_file(path: Path, what: DriveFile) -> None:
     """Write a file in the format of its ending; raise "unknown_ending", "dataset_missing" or "file_not_writable"."""
     kind = checked_ending(path, ENDINGS, "drive")
-    if not path.parent.is_dir():
-        raise InvalidInput(
-            f"{path.name} cannot be written: there is no folder {path.parent}; make it first.", code="file_not_writable"
-        )
     with written(path) as partial:
         if kind == ".csv":
             with partial.open("w", newline="", encoding="utf-8") as file:
@@ -185,6 +181,10 @@ def write_drive_file(path: Path, what: DriveFile) -> None:
 @contextmanager
 def written(path: Path) -> Iterator[Path]:
     """Write a file as ``whole_file`` does; raise "file_not_writable" where that is impossible."""
+    if not path.parent.is_dir():
+        raise InvalidInput(
+            f"{path.name} cannot be written: there is no folder {path.parent}; make it first.", code="file_not_writable"
+        )
     try:
         with whole_file(path) as partial:
             yield partial
