@@ -1,0 +1,121 @@
+"""What passes between the parts of the live loop: its scene, one moment of it, and what the page sets."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Complex128, Float64
+
+from airtact.hand.hand import Side
+from airtact.printing import in_short
+from airtact.scene.medium import Medium
+from airtact.tracking.frame import HandFrame
+from airtact.transducers.layout import PhasedArray
+from airtact.transducers.modulation import AmplitudeModulation
+
+Rule = Literal["distances", "phalanges", "fingers", "hand"]
+"""What a drive was made from: distances alone, or a solution of the last phalanges, the fingers or the whole hand."""
+
+State = Literal["waiting", "playing", "fading", "silent", "stopped"]
+"""What the loop does: waits for a hand, plays, fades after one was lost, is silent, or was stopped for good."""
+
+
+@dataclass(frozen=True, eq=False)
+class LiveScene:
+    """What stays the same while the hand moves.
+
+    Attributes
+    ----------
+    medium : what the sound travels in.
+    frequency : of the sound [Hz].
+    array : the transducers, in the scene's frame, in which the tracker's frames are given, too.
+    side : of the hand that carries the foci.
+    radii : (25,) of the skin round each joint [m], or None for those of a generic hand.
+    places : of a hand, such as ``"thumb.pad"``, one for each of F foci, which ride on it.
+    offsets : (F,) distances of the foci from the skin [m].
+    method : name of the method that makes the drives.
+    modulation : what makes the drive perceptible, or None.
+    """
+
+    medium: Medium
+    frequency: float
+    array: PhasedArray
+    side: Side
+    radii: Float64[np.ndarray, "25"] | None
+    places: tuple[str, ...]
+    offsets: Float64[np.ndarray, "foci"]
+    method: str = "best"
+    modulation: AmplitudeModulation | None = None
+
+    __repr__ = in_short
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """One pass of the loop: the drive and what it is expected to do.
+
+    Attributes
+    ----------
+    time : at which the sound is expected in the air, of the tracker's clock [s].
+    frame_time : time in the newest frame that was used [s].
+    joints : (25, 3) of the hand as predicted for ``time`` [m], or None where it is lost.
+    foci : (F, 3) where they are then [m], or None.
+    amplitudes : (E,) complex share of full scale; zeros where it is silent.
+    pressures : (F,) predicted at the foci [Pa], or None.
+    rule : what the drive was made from.
+    shape_age : from the time of the frame that was solved to ``time`` [s]; None for distances.
+    kept : expected share of the attainable pressure at the weakest focus, or None.
+    state : what the loop does.
+    """
+
+    time: float
+    frame_time: float
+    joints: Float64[np.ndarray, "25 3"] | None
+    foci: Float64[np.ndarray, "foci 3"] | None
+    amplitudes: Complex128[np.ndarray, "elements"]
+    pressures: Float64[np.ndarray, "foci"] | None = None
+    rule: Rule = "distances"
+    shape_age: float | None = None
+    kept: float | None = None
+    state: State = "playing"
+
+    __repr__ = in_short
+
+
+@dataclass(frozen=True)
+class Controls:
+    """What the page, or a program, sets while the loop runs.
+
+    Attributes
+    ----------
+    ignore_hand : whether drives are made from distances alone.
+    method : name of the method that makes the drives, or None for the scene's.
+    cap : largest amplitude of an element, a share of full scale.
+    offset : of all foci from the skin [m], or None for the scene's.
+    modulated : whether the amplitude varies.
+    playing : False silences until it is True again.
+    """
+
+    ignore_hand: bool = False
+    method: str | None = None
+    cap: float = 1.0
+    offset: float | None = None
+    modulated: bool = True
+    playing: bool = True
+
+
+class DriveMaker(ABC):
+    """Makes drives for a hand that moves; ``take`` and ``make`` return at once, whatever is being solved."""
+
+    @abstractmethod
+    def take(self, frame: HandFrame) -> None:
+        """Take the tracker's newest frame, in the scene's frame; older ones are forgotten."""
+
+    @abstractmethod
+    def make(self, time: float, controls: Controls) -> Moment:
+        """Make the drive for sound that is in the air at a time of the tracker's clock [s]."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """End what runs beside the loop."""
