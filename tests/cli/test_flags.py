@@ -9,6 +9,7 @@ import pytest
 import trimesh
 
 import airtact as at
+from airtact.benching import self_check
 from airtact.cli import commands, main
 from paths import ROOT, SCENES
 
@@ -100,6 +101,25 @@ def test_check_prints_what_is_in_a_scene_or_a_surface_as_json(capsys, here):
     assert found["unknowns"]["0.01"] >= found["unknowns"]["0.03"] > 0
 
 
+def test_known_fields_are_solved_as_accurately_as_asked(capsys, monkeypatch):
+    found = record(capsys, "check", "--physics")
+    assert set(found) == COMMON | documented_keys("check --physics")
+    assert found["threads"] >= 1
+    assert [one["name"].split(",")[0] for one in found["fields"]] == ["one sphere"] * 2 + ["two spheres"] * 2
+    assert max(one["error"] for one in found["fields"]) < found["asked"] == 0.01
+    assert max(one["own"] for one in found["fields"]) < 1e-3
+
+
+def test_known_fields_that_are_not_met_end_with_1(capsys, monkeypatch):
+    monkeypatch.setattr(self_check, "SOLVER", at.BoundaryElement(accuracy=0.3))
+    code, printed, _ = output(capsys, "check", "--physics", "--json")
+    found = json.loads(printed)
+    over = [one["name"] for one in found["fields"] if one["error"] > 0.01]
+    assert code == 1
+    assert over
+    assert [sentence.split(":")[0] for sentence in found["warnings"]] == over
+
+
 def test_boards_are_listed_as_json(capsys):
     found = record(capsys, "boards")
     assert set(found) == COMMON | documented_keys("boards")
@@ -113,6 +133,8 @@ def test_boards_are_listed_as_json(capsys):
         (("render",), "file_missing"),
         (("rendr",), "wrong_usage"),
         (("check", BALL, "--scale", "1"), "options_clash"),
+        (("check", BALL, "--physics"), "options_clash"),
+        (("check",), "wrong_usage"),
     ],
 )
 def test_a_fault_is_json_too(capsys, here, arguments, fault):

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from airtact.benching import self_check
+from airtact.benching.fundamental_solutions import pressure_at as by_fundamental_solutions
 from airtact.pose import Pose
 from airtact.scene.medium import Medium
 from airtact.scene.scene import Scene, sound_hard
@@ -87,3 +89,14 @@ def test_turning_everything_changes_nothing():
     here = pressure_at(spheres, K, near, far)[0]
     there = pressure_at([sphere.moved(turn) for sphere in spheres], K, turn.apply(near), turn.apply(far))[0]
     np.testing.assert_allclose(there, here, atol=1e-6 * np.abs(here).max())
+
+
+def test_what_the_self_check_holds_two_spheres_against_is_what_the_multipoles_say():
+    middle = (sum(self_check.RADII) + self_check.GAP, 0.0, 0.0)
+    spheres = [ball((0.0, 0.0, 0.0), self_check.RADII[0]), ball(middle, self_check.RADII[1])]
+    between = np.array([[self_check.RADII[0] + self_check.GAP / 2, height, 0.0] for height in (0.0, 2e-3, 4e-3)])
+    far = around(10, 0.1, seed=3)
+    known, own = by_fundamental_solutions(spheres, K, far, between, self_check.REFERENCE_ERROR)
+    exact, _ = pressure_at(spheres, K, far, between)
+    assert own < self_check.REFERENCE_ERROR
+    assert np.linalg.norm(known - exact) < own * np.linalg.norm(exact)

@@ -1,7 +1,8 @@
 """The command line: each command parses, calls the workflow of its name, and prints.
 
-Exit codes: 0 done, 1 a link to boards failed, 2 bad input or not converged, 130 interrupted by Ctrl-C. A message ends
-with the code of its kind of fault in brackets; with ``--json`` it is written to the standard output as JSON too.
+Exit codes: 0 done, 1 a link to boards failed or known fields are not met, 2 bad input or not converged, 130 interrupted
+by Ctrl-C. A message ends with the code of its kind of fault in brackets; with ``--json`` it is written to the standard
+output as JSON too.
 """
 
 import json
@@ -32,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line with these arguments, or those of this process, and return its exit code."""
     given = sys.argv[1:] if arguments is None else list(arguments)
     try:
-        commands.main(args=given, prog_name="airtact", standalone_mode=False)
+        status = commands.main(args=given, prog_name="airtact", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
         error.show()
         return error.exit_code
@@ -50,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except at.emission.LinkFailed as error:
         fault = str(error), error.code, 1
     else:
-        return 0
+        return status or 0  # a command returns nothing, or ends with a code of its own
     return _fail(*fault, as_json="--json" in given)
 
 

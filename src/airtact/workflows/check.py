@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
+from airtact.benching.self_check import self_check as self_check
 from airtact.conventions import InvalidInput, about
 from airtact.figures.body_figure import draw_bodies, draw_fault
 from airtact.figures.picture_file import write_picture
