@@ -1,0 +1,136 @@
+"""The page serves those who may ask, and never makes the loop wait: with real sockets and a real process."""
+
+import http.client
+import os
+import signal
+import socket
+import time
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+import airtact as at
+from airtact.live.page.process import PageProcess
+from airtact.live.page.server import Guard
+from airtact.live.parts import Moment
+from live.live_scenes import one_board, silent
+
+
+@pytest.fixture(scope="module")
+def page():
+    with PageProcess(one_board(), port=0) as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def open_page():
+    """Serve the page to other computers as well."""
+    with PageProcess(one_board(), port=0, host="0.0.0.0") as started:
+        yield started
+
+
+def asked(address: str, path: str, **headers: str) -> int:
+    """Ask for a path with these headers; return the status."""
+    connection = http.client.HTTPConnection("127.0.0.1", urlsplit(address).port, timeout=10)
+    connection.putrequest("GET", path, skip_host=True)
+    port = urlsplit(address).port
+    for name, value in ({"Host": f"127.0.0.1:{port}"} | headers).items():
+        connection.putheader(name, value.format(port=port))
+    connection.endheaders()
+    status = connection.getresponse().status
+    connection.close()
+    return status
+
+
+def connected(address: str, path: str = "/", origin: str | None = None) -> bool:
+    """Try to open a websocket."""
+    port = urlsplit(address).port
+    url, origin = f"ws://127.0.0.1:{port}{path}", None if origin is None else origin.format(port=port)
+    try:
+        connect(url, origin=origin, subprotocols=["viser-v0"], proxy=None).close()  # closes by itself: wrong version
+    except InvalidStatus as turned_away:
+        return turned_away.response.status_code != 403
+    return True
+
+
+def test_pages_of_other_sites_are_turned_away(page) -> None:
+    assert asked(page.address, "/") == 200
+    assert asked(page.address, "/", Host="localhost:{port}") == 200
+    assert asked(page.address, "/", Host="localhost:7000") == 200  # through a tunnel
+    assert asked(page.address, "/", Host="evil.example:{port}") == 403  # a name of theirs that leads here
+    assert connected(page.address)
+    assert connected(page.address, origin="http://127.0.0.1:{port}")
+    assert not connected(page.address, origin="http://evil.example")
+    assert not connected(page.address, origin="http://127.0.0.1:1")
+    assert not connected(page.address, origin="null")
+
+
+def test_other_addresses_need_the_token(open_page) -> None:
+    path = urlsplit(open_page.address).path
+    assert len(path) > 32
+    assert asked(open_page.address, path) == 200
+    assert asked(open_page.address, path, Host="lab-computer:{port}") == 200
+    for wrong in ("/", "/wrong/", "/index.html", path[:-2] + "/", path.lower() + "x"):
+        assert asked(open_page.address, wrong) == 403
+        assert not connected(open_page.address, wrong)
+    assert connected(open_page.address, path)
+    assert not connected(open_page.address, path, origin="http://evil.example")
+
+
+def test_only_this_computer_is_served_unless_asked_for(page) -> None:
+    assert page.address.startswith("http://127.0.0.1:")
+    others = {info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)} - {"127.0.0.1"}
+    for address in others:
+        with pytest.raises(ConnectionRefusedError):
+            socket.create_connection((address, urlsplit(page.address).port), timeout=5)
+
+
+@pytest.mark.parametrize(
+    ("path", "host", "origin", "behind"),
+    [
+        ("/", "localhost:80", None, "/"),
+        ("/", "localhost", "http://localhost", "/"),
+        ("/", "[::1]:80", None, None),
+        ("/", "", None, None),
+        ("/", "localhost:80", "http://localhost:81", None),
+    ],
+)
+def test_the_guard_knows_the_names_of_this_computer(path, host, origin, behind) -> None:
+    assert Guard(None).path_within(path, host, origin) == behind
+
+
+def test_a_taken_port_is_said() -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        with pytest.raises(at.InvalidInput) as fault:
+            PageProcess(one_board(), port=other.getsockname()[1])
+        assert fault.value.code == "port_taken"
+        assert str(other.getsockname()[1]) in str(fault.value)
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="processes cannot be halted here.")
+def test_a_page_that_stalls_costs_the_loop_nothing() -> None:
+    scene = one_board()
+    with PageProcess(scene, port=0) as page:
+        os.kill(page._process.pid, signal.SIGSTOP)
+        longer = Moment(0.0, 0.0, None, None, np.zeros(100_000, dtype=np.complex128))  # than what a pipe holds
+        for _ in range(100):
+            page.show(longer)
+            time.sleep(0.001)
+        assert page.alive
+    assert not page.alive
+    page.show(silent(scene))
+
+
+def test_the_loop_outlives_the_page() -> None:
+    scene = one_board()
+    with PageProcess(scene, port=0) as page:
+        page._process.kill()
+        for _ in range(5):
+            page.show(silent(scene))
+            time.sleep(0.05)
+        assert not page.alive
