@@ -3,7 +3,7 @@
 The way through: a ``Scene`` (what is in the air) and a ``Target`` (what a person feels); one solve with beacons, the
 virtual sources at the foci; the transfer matrix to a ``PhasedArray`` by reciprocity; a ``Drive``; its evaluation with
 another solver. The main path is at the top; the rest is in the public modules ``synthesis``, ``targets``, ``plot``,
-``boards``, ``emission``, ``tracking``, ``hands``, ``evaluation``, ``solvers``, ``scene``, ``scene_file`` and
+``boards``, ``emission``, ``live``, ``tracking``, ``hands``, ``evaluation``, ``solvers``, ``scene``, ``scene_file`` and
 ``surfaces``.
 """
 
@@ -56,6 +56,7 @@ if TYPE_CHECKING:
         emission,
         evaluation,
         hands,
+        live,
         plot,
         scene,
         scene_file,
@@ -111,6 +112,7 @@ __all__ = [
     "hand_from_joints",
     "hands",
     "impedance",
+    "live",
     "load_drive",
     "load_hand",
     "load_surface",

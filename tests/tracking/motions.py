@@ -68,3 +68,21 @@ class Pinching:
             HandFrame(time, "left", index, self.at(time) + noise * random.normal(size=(25, 3)))
             for index, time in enumerate(times)
         ]
+
+
+def to_and_fro(time: float) -> np.ndarray:
+    """Where the hand of ``reaching.jsonl`` is (3,) [m]: 60 mm towards boards and back every 2 s, by minimum jerk."""
+    turn, since = divmod(time, 1.0)
+    share = min(since / 0.6, 1.0)
+    there = 0.06 * (10 * share**3 - 15 * share**4 + 6 * share**5)
+    return np.array([(0.06 - there if int(turn) % 2 else there) - 0.03, 0.0, 0.0])
+
+
+def reaching_recording() -> list[HandFrame]:
+    """Make the frames of ``examples/hands/reaching.jsonl``: 4 s at 60 frames/s, which can be played in a loop."""
+    motion = Pinching()
+    gone = [np.array([reached(index / 60), 0.0, 0.0]) for index in range(240)]
+    return [
+        HandFrame(index / 60, "left", index, motion.at(index / 60) - gone[index] + to_and_fro(index / 60))
+        for index in range(240)
+    ]

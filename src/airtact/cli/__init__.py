@@ -23,6 +23,7 @@ from airtact.cli import (
     hand,
     init,
     listen,
+    live,
     mesh,
     render,
     reproduce,
@@ -83,6 +84,6 @@ def commands() -> None:
 
 for _command in (
     *(bench.bench, boards.boards, check.check, compare.compare, compare_scan.compare_scan, emit.emit, export.export),
-    *(hand.hand, init.init, listen.listen, mesh.mesh, render.render, reproduce.reproduce),
+    *(hand.hand, init.init, listen.listen, live.live, mesh.mesh, render.render, reproduce.reproduce),
 ):
     commands.add_command(_command)

@@ -1,19 +1,21 @@
 """What all commands print alike: progress, warnings, tables, and the result as JSON."""
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 import click
 from rich.box import SIMPLE
 from rich.console import Console
+from rich.live import Live
 from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
+from rich.text import Text
 
 import airtact as at
-from airtact.timing import Progress as Callback
+from airtact.timing import Progress as Step
 
 JSON, QUIET = "airtact.json", "airtact.quiet"
 """Where click keeps that the result is wanted as JSON, or that only faults and warnings are."""
@@ -26,7 +28,7 @@ def wanted(what: str) -> bool:
 
 
 @contextmanager
-def progress() -> Iterator[Callback]:
+def progress() -> Iterator[Step]:
     """Show steps as they begin: live with the time each takes in a terminal, else one line each; none if quiet."""
     console = Console(stderr=True)
     if wanted(QUIET):
@@ -49,6 +51,29 @@ def progress() -> Iterator[Callback]:
 
         yield begin
         finish()
+
+
+@contextmanager
+def status_line() -> Iterator[Callable[[object], None]]:
+    """Show what is reported on one line that is rewritten, in a terminal; else a line each; nothing if quiet."""
+    console = Console(stderr=True)
+    if wanted(QUIET):
+        yield lambda status: None
+        return
+    if not console.is_terminal:
+        last = ""
+
+        def line(status: object) -> None:
+            nonlocal last
+            state = str(status).partition(",")[0]
+            if state != last:  # a file of lines, not a terminal: what changes only
+                click.echo(str(status), err=True)
+            last = state
+
+        yield line
+        return
+    with Live(console=console, refresh_per_second=4) as shown:
+        yield lambda status: shown.update(Text(str(status), no_wrap=True, overflow="ellipsis"))
 
 
 def show(

@@ -8,7 +8,7 @@ import click
 
 import airtact as at
 from airtact.cli.console import facts_table, progress, show
-from airtact.cli.options import FILE, Names, drive_settings, level_of, modulation_of, quiet
+from airtact.cli.options import FILE, Names, board_address, drive_settings, level_of, modulation_of, quiet
 
 
 @click.command(
@@ -19,8 +19,7 @@ from airtact.cli.options import FILE, Names, drive_settings, level_of, modulatio
 @click.option("--link", required=True, type=Names("airtact.hardware.links:LINKS"), help="Way to the boards.")
 @click.option("--seconds", type=float, default=2.0, help="How long; 2 by default.")
 @click.option("--yes", is_flag=True, help="Emit without asking.")
-@click.option("--address", help="Interface, AMS net id or host:port, for AUTD3.")
-@click.option("--port", help="Serial port, for SonicSurface and Nano16.")
+@board_address
 @click.option("--out", type=FILE, help="File, for --link file: .npz, .csv, .h5 or .bin.")
 @quiet
 def emit(

@@ -135,6 +135,12 @@ def given(**settings: Setting | None) -> dict[str, Setting]:
     return {name: value for name, value in settings.items() if value is not None}
 
 
+def board_address(command: Command) -> Command:
+    """Give a command where boards are found."""
+    command = click.option("--port", help="Serial port, for SonicSurface and Nano16.")(command)
+    return click.option("--address", help="Interface, AMS net id or host:port, for AUTD3.")(command)
+
+
 def drive_settings(command: Command) -> Command:
     """Give a command the drive file, the kind of board, the cap on the amplitude, and the modulation."""
     for option in (

@@ -25,6 +25,9 @@ COARSE, FINE = 7e-3, 2.5e-3
 PAD = 0.55
 """Position of the pad along the last bone, over its length."""
 
+PLACES = (*(f"{finger}.pad" for finger in FINGERS), "palm")
+"""Named positions on the skin of a hand."""
+
 WIDEST = 0.15
 """Widest gap that a hand is opened to [m]."""
 
@@ -85,8 +88,19 @@ class Hand:
 
         The names are ``"thumb.pad"``, ``"index.pad"``, ``"middle.pad"``, ``"ring.pad"``, ``"pinky.pad"``, ``"palm"``.
         """
-        named = {f"{finger}.pad": self._pad(index) for index, finger in enumerate(FINGERS)}
-        return named | {"palm": self._palm()}
+        return {name: self.position(name) for name in PLACES}
+
+    def position(self, name: str) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
+        """Find one of ``places`` alone (3,) [m] and its outward unit normal (3,), even where it lies inside the body.
+
+        Raises
+        ------
+        InvalidInput
+            The name is unknown.
+        """
+        if name not in PLACES:
+            raise InvalidInput(f"{name!r} is not 1 of the places of a hand: {', '.join(PLACES)}.", code="unknown_place")
+        return self._palm() if name == "palm" else self._pad(PLACES.index(name))
 
     def place(self, name: str) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
         """Find a named position on the skin (3,) [m] and the outward unit normal there (3,).
@@ -101,11 +115,7 @@ class Hand:
             The name is unknown, or the position lies inside the body because a finger touches it; the sentence has the
             depth and the gap that frees the position.
         """
-        if name not in self.places:
-            raise InvalidInput(
-                f"{name!r} is not 1 of the places of a hand: {', '.join(self.places)}.", code="unknown_place"
-            )
-        point, normal = self.places[name]
+        point, normal = self.position(name)
         depth = float(self.shape.depth(point[None])[0])
         if depth > 1e-6:
             raise InvalidInput(

@@ -14,14 +14,11 @@ from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput, about
 from airtact.hand.hand import Hand, hand_from_joints
-from airtact.hand.joints import FINGERS, NAMES, Side, named_joints
+from airtact.hand.joints import NAMES, Side, named_joints
 from airtact.scene.target_points import outward
 from airtact.surfaces.files import node_positions
 from airtact.surfaces.surface import Surface
 from airtact.validation import fixed, of_kind, positive
-
-PLACES = (*(f"{finger}.pad" for finger in FINGERS), "palm")
-"""Names of the positions on a hand that a target can use."""
 
 FARTHEST = 10e-3
 """Largest distance of a hand's pad or palm from the mesh of the same hand [m]: those of four hands in five poses

@@ -1,1 +1,34 @@
-"""The sound follows a moving hand: frames of a tracker become drives at the boards, and what was done is recorded."""
+"""The sound follows a moving hand: frames of a tracker become drives at the boards, and what was done is recorded.
+
+``follow`` is the loop. Frames come from a ``HandSource``, drives from a ``DriveMaker`` and go to an ``Output``; a
+``SessionWriter`` records all of it, and ``read_session`` reads it back.
+"""
+
+from airtact.live.distances import Distances
+from airtact.live.loop import Followed, Status, follow
+from airtact.live.output import Boards, Nowhere, Output
+from airtact.live.parts import Controls, DriveMaker, LiveScene, Moment
+from airtact.live.scene import live_scene
+from airtact.live.session import Session, SessionWriter, read_session
+from airtact.live.sources import HandSource, ReceivedHands, RecordedHands
+
+__all__ = [
+    "Boards",
+    "Controls",
+    "Distances",
+    "DriveMaker",
+    "Followed",
+    "HandSource",
+    "LiveScene",
+    "Moment",
+    "Nowhere",
+    "Output",
+    "ReceivedHands",
+    "RecordedHands",
+    "Session",
+    "SessionWriter",
+    "Status",
+    "follow",
+    "live_scene",
+    "read_session",
+]

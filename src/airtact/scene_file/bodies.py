@@ -15,10 +15,10 @@ from scipy.sparse.csgraph import connected_components
 from airtact.conventions import LARGEST_SCENE_FILE, InvalidInput, about
 from airtact.file_access.text_table import text_of
 from airtact.hand.files import ROOM, load_hand
-from airtact.hand.hand import Hand
+from airtact.hand.hand import PLACES, Hand
 from airtact.hand.joints import NAMES
 from airtact.hand.pinch import pinch
-from airtact.hand.scans import PLACES, load_rigged_hand, places_on
+from airtact.hand.scans import load_rigged_hand, places_on
 from airtact.pose import Pose
 from airtact.scene.medium import Medium
 from airtact.scene.scene import Obstacle, filled, impedance, sound_hard
@@ -49,19 +49,20 @@ def built(function: Callable[..., Made], table: tables.Table, leave_out: tuple[s
 
 def bodies_of(
     file: tables.SceneFile, folder: Path, medium: Callable[[tables.MediumTable], Medium]
-) -> tuple[list[str], list[Obstacle], NamedPoints]:
-    """Build the bodies of a scene file: their names, the obstacles, and the named points that foci can use.
+) -> tuple[list[str], list[Obstacle], NamedPoints, list[Hand]]:
+    """Build the bodies of a scene file: names, obstacles, named points that foci can use, and hands that name points.
 
     Files of surfaces and hands are found in the folder; ``medium`` makes the fluid that fills a body.
     """
     obstacles: list[Obstacle] = []
     names: list[str] = []
     points: NamedPoints = {}
+    hands: list[Hand] = []
     wanted = tuple(focus.points.at for focus in file.foci if isinstance(focus.points, tables.NamedPointTable))
     for index, table in enumerate(file.obstacles):
         with about(f"obstacles[{index}]"):
             own: NamedPoints = {}
-            for name, surface in _surfaces(table, folder, own, wanted).items():
+            for name, surface in _surfaces(table, folder, own, wanted, hands).items():
                 obstacles.append(_obstacle(table, surface, medium))
                 names.append(f"{name} {index + 1}" if name in names else name)
             points |= _distinct(own, points, wanted)
@@ -69,7 +70,7 @@ def bodies_of(
     if file.merge_bodies:
         with about("merge_bodies"):
             names, obstacles = with_merged_bodies(names, obstacles)
-    return names, obstacles, points
+    return names, obstacles, points, hands
 
 
 def pose_of(table: tables.PoseTable) -> Pose:
@@ -85,22 +86,29 @@ def pose_of(table: tables.PoseTable) -> Pose:
 
 
 def _surfaces(
-    table: tables.ObstacleTable, folder: Path, points: NamedPoints, wanted: tuple[str, ...] = ()
+    table: tables.ObstacleTable,
+    folder: Path,
+    points: NamedPoints,
+    wanted: tuple[str, ...] = (),
+    hands: list[Hand] | None = None,
 ) -> dict[str, Surface]:
-    """Build the surfaces of an obstacle by name where its pose places them, and add its named points."""
+    """Build the surfaces of an obstacle by name where its pose places them, and add its named points and its hand."""
+    hands = [] if hands is None else hands
     if table.pose is None:
-        return _unmoved(table, folder, points, wanted)
+        return _unmoved(table, folder, points, wanted, hands)
     own: NamedPoints = {}
-    surfaces = _unmoved(table, folder, own, wanted)
+    own_hands: list[Hand] = []
+    surfaces = _unmoved(table, folder, own, wanted, own_hands)
     with about("pose"):
         pose = pose_of(table.pose)
     for name, (point, normal, room) in own.items():
         points[name] = (pose.apply(point), pose.rotate(normal), room)
+    hands += [Hand(pose.apply(hand.joints), hand.radii, hand.side) for hand in own_hands]
     return {name: surface.moved(pose) for name, surface in surfaces.items()}
 
 
 def _unmoved(
-    table: tables.ObstacleTable, folder: Path, points: NamedPoints, wanted: tuple[str, ...] = ()
+    table: tables.ObstacleTable, folder: Path, points: NamedPoints, wanted: tuple[str, ...], hands: list[Hand]
 ) -> dict[str, Surface]:
     """Build the surfaces of an obstacle in its own frame; the named points wanted are brought to the surface."""
     match table.body:
@@ -117,11 +125,13 @@ def _unmoved(
             hand = load_hand(folder / name, gap)
             for name in hand.places:
                 points[name] = (*(hand.place(name) if name in wanted else hand.places[name]), ROOM)
+            hands.append(hand)
             return {"hand": hand.surface}
         case tables.SurfaceTable(surface=name):
             surface = built(partial(load_surface, folder / name), table.body, leave_out=("surface", "joints"))
             hand = _hand_of(table.body, folder, wanted)
             if hand is not None:
+                hands.append(hand)
                 points.update({place: (*found, ROOM) for place, found in places_on(surface, hand).items()})
             return {Path(name).stem: surface}
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from airtact.conventions import LARGEST_SCENE_FILE, InvalidInput, about
 from airtact.file_access.text_table import read_text_table, text_of
+from airtact.hand.hand import Hand
 from airtact.pose import Pose
 from airtact.scene.medium import Medium, air
 from airtact.scene.scene import Scene, check_outside
@@ -17,7 +18,7 @@ from airtact.scene_file import tables
 from airtact.scene_file.bodies import bodies_of, built, pose_of
 from airtact.scene_file.limits import not_finite
 from airtact.scene_file.parsing import nearest, parse_scene
-from airtact.scene_file.targets import target_of
+from airtact.scene_file.targets import riding_of, target_of
 from airtact.solvers.bem.solver import BoundaryElement
 from airtact.solvers.fem.solver import FiniteElement
 from airtact.solvers.free_field import FreeField
@@ -66,6 +67,9 @@ class Setup:
     synthesise : that method.
     levels : what the drive is rounded to.
     modulation : what makes the drive perceptible; None for a constant one.
+    hands : those that bodies are made of or that name points on them, in the obstacles' frame.
+    riding : for each focus the named point that it is before and its distance from the surface [m], or None.
+    tracker : where the tracker of a live hand stands, from its frame to the obstacles'.
     """
 
     path: Path
@@ -83,6 +87,9 @@ class Setup:
     synthesise: Callable[[TransferMatrix, Target], Drive]
     levels: Levels
     modulation: AmplitudeModulation | Motion | None
+    hands: tuple[Hand, ...]
+    riding: tuple[tuple[str, float] | None, ...]
+    tracker: Pose
 
     @property
     def frequency(self) -> float:
@@ -134,7 +141,7 @@ def read_scene(path: str | Path) -> Setup:
 def _set_up(path: Path, text: str, file: tables.SceneFile) -> Setup:
     with about("medium"):
         medium = medium_of(file.medium, file.frequency)
-    bodies, obstacles, points = bodies_of(file, path.parent, lambda table: medium_of(table, file.frequency))
+    bodies, obstacles, points, hands = bodies_of(file, path.parent, lambda table: medium_of(table, file.frequency))
     scene = Scene(medium, obstacles, frequency=file.frequency)
     with about("array"):
         array, board = _array(file.array, medium.wavenumber(file.frequency).real, path.parent)
@@ -150,6 +157,8 @@ def _set_up(path: Path, text: str, file: tables.SceneFile) -> Setup:
     with about("array"):
         check_placement(scene, array, target.points)
         poses = () if board is None else tuple(poses_of_boards(board, array.positions, array.normals))
+    with about("tracker"):
+        tracker = Pose.identity() if file.tracker is None else pose_of(file.tracker)
     with about("drive"):
         method = file.drive.method
         if method not in METHODS:
@@ -174,6 +183,9 @@ def _set_up(path: Path, text: str, file: tables.SceneFile) -> Setup:
         synthesise=METHODS[method],
         levels=levels,
         modulation=modulation,
+        hands=tuple(hands),
+        riding=riding_of(file.foci, len(foci)),
+        tracker=tracker,
     )
 
 

@@ -370,7 +370,8 @@ class DriveTable(Table, frozen=True):
 class SceneFile(Table, frozen=True):
     """The whole file; ``merge_bodies`` makes one of sound-hard bodies that overlap or are nearer than 0.3 mm.
 
-    ``most_points`` is the largest number of foci and suppression points together.
+    ``most_points`` is the largest number of foci and suppression points together. ``tracker`` is where a tracker stands
+    whose hand the sound follows, from its frame to the obstacles'.
     """
 
     medium: MediumTable
@@ -383,6 +384,7 @@ class SceneFile(Table, frozen=True):
     most_points: int = MOST_POINTS
     solver: SolverTable = SolverTable()
     drive: DriveTable = DriveTable()
+    tracker: PoseTable | None = None
 
 
 RENAMED = {(SceneFile, "quiet"): "suppression", (SuppressionTable, "skin"): "surface"}

@@ -67,6 +67,15 @@ def target_of(
         return Target(np.concatenate(points), suppression_points=np.concatenate(zones), **wanted), tuple(names)
 
 
+def riding_of(foci: Sequence[tables.FocusTable], count: int) -> tuple[tuple[str, float] | None, ...]:
+    """Return for each of ``count`` foci the named point that it is before and its distance off the surface [m]."""
+    if any(not isinstance(table.points, tables.NamedPointTable) for table in foci):
+        return (None,) * count
+    offsets = [DEFAULT_OFFSET if table.offset is None else table.offset for table in foci]
+    names = [table.points.at for table in foci if isinstance(table.points, tables.NamedPointTable)]
+    return tuple(zip(names, offsets, strict=True))
+
+
 def _wanted(
     foci: Sequence[tables.FocusTable], factors: Sequence[Float64[np.ndarray, "_"]]
 ) -> dict[str, Num[np.ndarray, "foci"]]:

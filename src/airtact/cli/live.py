@@ -1,0 +1,67 @@
+"""``airtact live``: the sound follows a hand that moves."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from airtact.cli.console import facts_table, progress, show, status_line
+from airtact.cli.options import Names, as_json, board_address, level_of, quiet, results, scene
+
+
+@click.command(
+    short_help="Let the sound follow a hand that moves.",
+    epilog="Example: airtact live live_pinch --seconds 5 --no-page --out out/live",
+)
+@scene
+@results
+@click.option(
+    "--from",
+    "source",
+    metavar="FILE.jsonl|websocket|osc|page",
+    help="Where the hand comes from: a recording, trackers (websocket:PORT for another port than 8765, osc:PORT than "
+    "9000), or the page; a motion that comes along by default.",
+)
+@click.option("--seconds", type=float, help="How long; until Ctrl-C, or the end of the recording, by default.")
+@click.option("--latency", type=float, default=0.0, help="Least time from picture to frame in seconds; 0 by default.")
+@click.option("--full-scale", is_flag=True, help="Emit at full scale: --cap 1.")
+@click.option("--cap", type=float, help="Largest amplitude of an element, a share of full scale: 0.5 is half.")
+@click.option("--board", type=Names("airtact.transducers.boards:BOARDS"), help="Kind of board; none by default.")
+@click.option("--link", type=Names("airtact.hardware.links:LINKS"), help="Way to the boards.")
+@board_address
+@click.option("--no-page", "page", is_flag=True, flag_value=False, default=True, help="Do not serve the page.")
+@as_json
+@quiet
+def live(
+    scene: Path,
+    folder: Path,
+    seconds: float | None,
+    latency: float,
+    cap: float | None,
+    full_scale: bool,
+    page: bool,
+    **settings: Any,
+) -> None:
+    """Let the sound follow the hand of SCENE, frame by frame, and record what is done in session.h5.
+
+    Foci of the scene must ride on a hand (at = "thumb.pad"). A hand that is lost, leaves the workspace or is not seen
+    for 150 ms fades to silence. Ctrl-C ends it in silence.
+    """
+    from airtact.validation import positive
+
+    share = level_of(cap, full_scale)
+    if seconds is not None:
+        positive(seconds, "how long to go on", "s")
+    with progress() as report_step:
+        report_step("starting")
+        from airtact.workflows import live as workflow
+
+        made = workflow.prepare(scene, folder, report_step=report_step, **settings)
+        report_step(f"following {made.hands.words}; sound to {made.output.words}")
+    with status_line() as report:
+        done = workflow.live(made, seconds, latency, 1.0 if share is None else share, report)
+    show(
+        facts_table(done.facts()),
+        lines=[f"Session: {made.session}"],
+        record={**done.record(), "files": {"session": str(made.session)}},
+    )

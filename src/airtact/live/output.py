@@ -1,0 +1,80 @@
+"""Where the drives of the live loop go: to boards through an emission, or nowhere."""
+
+from abc import ABC, abstractmethod
+from types import TracebackType
+
+import numpy as np
+from jaxtyping import Complex128
+
+from airtact.hardware.emission import Emission
+from airtact.hardware.link import Link
+from airtact.transfer import Drive
+
+
+class Output(ABC):
+    """Takes drives; used in a ``with`` block, at whose end it is silent.
+
+    Attributes
+    ----------
+    words : where drives go, in words.
+    """
+
+    words: str = "no boards"
+
+    def __enter__(self) -> "Output":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End in silence; without boards there is nothing to end."""
+        return
+
+    @abstractmethod
+    def send(self, amplitudes: Complex128[np.ndarray, "elements"]) -> None:
+        """Emit a drive from now on; return when it reached the link."""
+
+    @abstractmethod
+    def beat(self) -> None:
+        """Keep what is emitted, or the silence."""
+
+
+class Nowhere(Output):
+    """Drives are made, and recorded where a session is, but not emitted."""
+
+    def send(self, amplitudes: Complex128[np.ndarray, "elements"]) -> None:
+        """Emit nothing."""
+
+    def beat(self) -> None:
+        """Keep nothing."""
+
+
+class Boards(Output):
+    """Boards behind a link.
+
+    Parameters
+    ----------
+    link : the way to them.
+    """
+
+    def __init__(self, link: Link) -> None:
+        self._emission = Emission(link, ramp=0.0)  # the loop's own gain rises and falls
+        self.words = f"{link.devices} through {link.name}"
+
+    def __enter__(self) -> "Boards":
+        self._emission.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End in silence, whatever happened."""
+        self._emission.__exit__(kind, error, trace)
+
+    def send(self, amplitudes: Complex128[np.ndarray, "elements"]) -> None:
+        """Send a drive; raises ``LinkFailed``."""
+        self._emission.send(Drive(amplitudes))
+
+    def beat(self) -> None:
+        """Feed the watchdog; raises ``LinkFailed``."""
+        self._emission.beat()

@@ -1,0 +1,73 @@
+"""Writes a session to its file in a process of its own, so that neither a slow disk nor a killed loop harms it.
+
+``python -m airtact.live.session_writer FILE`` reads messages from its standard input: 8 bytes of length, then a pickled
+mapping from the names of datasets to rows that are appended (or, in the first message, to whole datasets and
+attributes). It closes the file when the input ends, however that happens.
+"""
+
+import math
+import os
+import pickle
+import signal
+import struct
+import sys
+import time
+from contextlib import suppress
+from typing import Any, BinaryIO
+
+EVERY = 1.0
+"""How often the file is brought to disk [s]."""
+
+CHUNK = 2**18
+"""About so large are chunks of datasets [bytes]."""
+
+
+def main(path: str, messages: BinaryIO) -> None:
+    """Write the messages to a file until they end."""
+    import h5py
+
+    with suppress(OSError):
+        os.nice(5)
+    for kind in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(kind, signal.SIG_IGN)  # the input ends when the loop does
+
+    with h5py.File(path, "w") as file:
+        flushed = 0.0
+        while (message := received(messages)) is not None:
+            for name, value in message.items():
+                if name == "attributes":
+                    file.attrs.update(value)
+                elif name.startswith("+"):
+                    append(file, name[1:], value)
+                else:
+                    file[name] = value
+            if time.monotonic() - flushed > EVERY:
+                file.flush()
+                flushed = time.monotonic()
+
+
+def append(file: Any, name: str, rows: Any) -> None:
+    """Append rows to a dataset, which begins with the first."""
+    if name not in file:
+        row = rows.itemsize * math.prod(rows.shape[1:])
+        chunks = (max(1, min(CHUNK // row, 4096)), *rows.shape[1:])
+        file.create_dataset(name, data=rows, maxshape=(None, *rows.shape[1:]), chunks=chunks)
+        return
+    dataset = file[name]
+    before = len(dataset)
+    dataset.resize(before + len(rows), axis=0)
+    dataset[before:] = rows
+
+
+def received(messages: BinaryIO) -> dict[str, Any] | None:
+    """Read one message; None where the input ends, within a message too."""
+    head = messages.read(8)
+    if len(head) < 8:
+        return None
+    (length,) = struct.unpack("<Q", head)
+    body = messages.read(length)
+    return pickle.loads(body) if len(body) == length else None
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], sys.stdin.buffer)
