@@ -3,15 +3,35 @@
 import numpy as np
 
 import airtact as at
+from airtact.hand.hand import hand_from_joints
+from airtact.live.page.sound import DirectSound
 from airtact.live.parts import LiveScene, Moment
+from airtact.transducers.modulation import AmplitudeModulation
+from tracking.motions import pinch_pose
 
 
 def one_board() -> LiveScene:
-    """One board under a left hand with a focus at the thumb's pad."""
-    offsets = np.array([1e-3])
-    return LiveScene(at.air(), 40e3, at.autd3_board(), "left", None, ("thumb.pad",), offsets)
+    """One board 0.2 m under a left hand that pinches, with foci at thumb and index finger."""
+    joints, radii = pinch_pose()
+    middle = hand_from_joints(joints, radii, side="left").pads[:2].mean(axis=0)
+    array = at.autd3_board().facing(tuple(middle), (0.0, 0.2, -1.0), 0.2)
+    places, offsets = ("thumb.pad", "index.pad"), np.full(2, 1e-3)
+    return LiveScene(at.air(), 40e3, array, "left", radii, places, offsets, modulation=AmplitudeModulation())
 
 
 def silent(scene: LiveScene, time: float = 0.0) -> Moment:
     """A moment without a hand."""
     return Moment(time, time, None, None, np.zeros(len(scene.array), dtype=np.complex128), state="waiting")
+
+
+def playing(scene: LiveScene, time: float = 0.0) -> Moment:
+    """A moment of a drive from distances, at a hand that moves to and fro."""
+    joints, radii = pinch_pose()
+    hand = hand_from_joints(joints + [0.0, 0.0, 0.01 * np.sin(6.0 * time)], radii, side="left")
+    foci = np.array([hand.places[name][0] + 1e-3 * hand.places[name][1] for name in scene.places])
+    distance = np.linalg.norm(scene.array.positions[:, None] - foci, axis=2)
+    amplitudes = np.exp(-1j * scene.medium.wavenumber(scene.frequency).real * distance).sum(axis=1)
+    amplitudes /= np.abs(amplitudes).max()
+    pressures = np.abs(DirectSound(scene).at(foci, amplitudes, foci.mean(axis=0)))
+    shape = {"rule": "phalanges", "shape_age": 0.045, "kept": 0.9}
+    return Moment(time, time - 0.02, hand.joints, foci, amplitudes, pressures, **shape)

@@ -5,6 +5,7 @@ import os
 import signal
 import socket
 import time
+from dataclasses import replace
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -15,7 +16,6 @@ from websockets.sync.client import connect
 import airtact as at
 from airtact.live.page.process import PageProcess
 from airtact.live.page.server import Guard
-from airtact.live.parts import Moment
 from live.live_scenes import one_board, silent
 
 
@@ -117,7 +117,7 @@ def test_a_page_that_stalls_costs_the_loop_nothing() -> None:
     scene = one_board()
     with PageProcess(scene, port=0) as page:
         os.kill(page._process.pid, signal.SIGSTOP)
-        longer = Moment(0.0, 0.0, None, None, np.zeros(100_000, dtype=np.complex128))  # than what a pipe holds
+        longer = replace(silent(scene), amplitudes=np.zeros(100_000, dtype=np.complex128))  # than what a pipe holds
         for _ in range(100):
             page.show(longer)
             time.sleep(0.001)

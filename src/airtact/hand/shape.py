@@ -156,7 +156,7 @@ def deformed(before: Hulls, mesh: HandMesh, now: Hulls, edge: float) -> HandMesh
 
     The triangles stay the same; None where one gets too thin or too long.
     """
-    found = settled(now, replace(mesh, vertices=_moved_with_hulls(before, now, mesh.vertices)), edge)
+    found = settled(now, replace(mesh, vertices=moved_with_hulls(before, now, mesh.vertices)), edge)
     ends = np.roll(found.triangles, -1, axis=1)
     lengths = np.linalg.norm(found.vertices[found.triangles] - found.vertices[ends], axis=2)
     wanted = mesh.sizes[found.triangles].max(axis=1, keepdims=True)
@@ -164,9 +164,10 @@ def deformed(before: Hulls, mesh: HandMesh, now: Hulls, edge: float) -> HandMesh
     return found if good else None
 
 
-def _moved_with_hulls(
+def moved_with_hulls(
     before: Hulls, now: Hulls, vertices: Float64[np.ndarray, "vertices 3"]
 ) -> Float64[np.ndarray, "vertices 3"]:
+    """Carry vertices (V, 3) [m] on the skin of a body along with its hulls to another pose, near its skin."""
     turn, shift = nearest_motion(before.balls[:, :3], now.balls[:, :3])
     distance = before.each(vertices)
     weight = np.exp(-((distance - distance.min(axis=1, keepdims=True)) / BLEND))

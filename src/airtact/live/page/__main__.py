@@ -3,7 +3,6 @@
 import os
 import pickle
 import sys
-import time
 from contextlib import suppress
 from threading import Lock, Thread
 
@@ -56,6 +55,7 @@ def main() -> None:
     settings = pipe.settings()
     try:
         with extra("live", "the page needs viser"):
+            from airtact.live.page.painter import paint
             from airtact.live.page.server import start_server
         server, address = start_server(settings.port, settings.host)
     except InvalidInput as fault:
@@ -63,8 +63,7 @@ def main() -> None:
         return
     pipe.send(address)
     pipe.listen()
-    while not pipe.ended:
-        time.sleep(0.05)
+    paint(server, settings, lambda: pipe.newest, pipe.send, lambda: pipe.ended)
     server.stop()
 
 

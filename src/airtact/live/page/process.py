@@ -11,6 +11,9 @@ from threading import Condition, Thread, Timer
 from types import TracebackType
 from typing import IO
 
+import numpy as np
+from jaxtyping import Float64
+
 from airtact.conventions import InvalidInput
 from airtact.live.parts import Controls, LiveScene, Moment
 from airtact.tracking.frame import HandFrame
@@ -29,7 +32,7 @@ FAREWELL = 2.0
 """How long the page may take to end before it is killed [s]."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PageSettings:
     """What the page needs to start.
 
@@ -38,13 +41,13 @@ class PageSettings:
     scene : what stays the same while the hand moves.
     port : to listen at; 0 takes a free one.
     host : the address to listen at; another than ``127.0.0.1`` needs a token in the page's address.
-    gives_hand : whether a hand is dragged on the page, whose frames come back.
+    hand : (25, 3) joints of the hand that is dragged on the page, where it starts [m]; or None.
     """
 
     scene: LiveScene
     port: int = PORT
     host: str = "127.0.0.1"
-    gives_hand: bool = False
+    hand: Float64[np.ndarray, "25 3"] | None = None
 
 
 EMERGENCY = "emergency"
@@ -85,8 +88,9 @@ class PageProcess:
     port : to listen at; 0 takes a free one, which is in ``address``.
     host : the address to listen at; where it is not ``127.0.0.1``, ``address`` has a token, without which nothing is
         served.
-    stream : given where the hand is the one that is dragged on the page: its frames are fed to this stream. They come
-        only while the page is open, so that a closed page is a hand that is lost.
+    hand : (25, 3) joints of a hand that is dragged on the page, where it starts [m]; none is unless given.
+    stream : that the frames of this hand are fed to. They come only while the page is open, so that a closed page is a
+        hand that is lost; their clock is ``time.monotonic``.
     on_emergency : called at once, by a thread of this class, when the emergency stop is pressed.
 
     Raises
@@ -100,6 +104,7 @@ class PageProcess:
         scene: LiveScene,
         port: int = PORT,
         host: str = "127.0.0.1",
+        hand: Float64[np.ndarray, "25 3"] | None = None,
         stream: HandStream | None = None,
         on_emergency: Callable[[], None] = lambda: None,
     ) -> None:
@@ -112,7 +117,7 @@ class PageProcess:
         )  # in a session of its own, Ctrl-C is not for the page
         self._threads = [Thread(target=work, daemon=True) for work in (self._send, self._receive)]
         try:
-            self.address: str = self._started(PageSettings(scene, port, host, stream is not None))
+            self.address: str = self._started(PageSettings(scene, port, host, hand))
         except BaseException:
             self._end()
             raise

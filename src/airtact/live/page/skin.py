@@ -1,0 +1,44 @@
+"""The skin of a hand that moves: triangles that are made once and carried along by the bones."""
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from airtact.hand.anatomy_parts import hand_hulls
+from airtact.hand.joints import hand_length, radii_of
+from airtact.hand.shape import moved_with_hulls
+from airtact.hand.skin_mesh import HandMesh, even_skin
+from airtact.hand.sphere_mesh import Hulls
+
+EDGE = 4.5e-3
+"""Edge of the triangles [m]: half a wavelength at 40 kHz, over which the pressure on the skin changes."""
+
+LARGEST_CHANGE = 0.1
+"""A hand whose length changed by this share is another one, and gets triangles of its own."""
+
+
+class MovingSkin:
+    """The skin of one hand, made from the first pose and carried along by its bones.
+
+    Parameters
+    ----------
+    radii : (25,) of the skin round each joint [m], or None for those of a generic hand.
+    """
+
+    def __init__(self, radii: Float64[np.ndarray, "25"] | None) -> None:
+        self._given = radii
+        self._first: tuple[Hulls, HandMesh] | None = None
+
+    def at(
+        self, joints: Float64[np.ndarray, "25 3"]
+    ) -> tuple[Float64[np.ndarray, "vertices 3"], Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
+        """Return vertices on the skin (V, 3) [m], the unit normals there (V, 3) and the triangles (T, 3)."""
+        if self._first is None or abs(hand_length(joints) / self._length - 1.0) > LARGEST_CHANGE:
+            self._radii, self._length = radii_of(self._given, None, joints), hand_length(joints)
+            hulls, _ = hand_hulls(joints, self._radii)
+            self._first = hulls, even_skin(hulls, EDGE)
+        now, _ = hand_hulls(joints, self._radii)
+        before, mesh = self._first
+        vertices = now.project(moved_with_hulls(before, now, mesh.vertices))
+        normals = now.look(vertices).gradient
+        normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
+        return vertices, normals, mesh.triangles

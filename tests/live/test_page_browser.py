@@ -1,0 +1,145 @@
+"""The page in a real browser: what is set there reaches the loop, and what the loop does is to be seen."""
+
+import io
+import shutil
+import time
+from threading import Event, Thread
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from airtact.live.page.process import PageProcess
+from airtact.tracking.stream import HandStream
+from live.live_scenes import one_board, playing, silent
+from tracking.motions import pinch_pose
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+SOFTWARE = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
+PATIENCE = 120.0
+"""The pictures are drawn by the processor, which others may be using [s]."""
+
+
+@pytest.fixture(scope="module")
+def browser():
+    if CHROMIUM is None:
+        pytest.skip("no Chromium is installed, so no page is opened.")
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        opened = playwright.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE)
+        yield opened
+        opened.close()
+
+
+class Loop:
+    """Shows moments as the live loop does, with and without a hand on the page."""
+
+    def __init__(self, dragged: bool = False) -> None:
+        self.scene, self.pressed = one_board(), Event()
+        self.stream = HandStream() if dragged else None
+        hand = pinch_pose()[0] if dragged else None
+        self.page = PageProcess(self.scene, 0, hand=hand, stream=self.stream, on_emergency=self.pressed.set)
+        self._ended, self._thread = Event(), Thread(target=self._run)
+        self._thread.start()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *fault):
+        self._ended.set()
+        self._thread.join()
+        self.page.close()
+
+    def _run(self) -> None:
+        moments = [playing(self.scene, step / 30) for step in range(31)]
+        pass_of_the_loop = 0
+        while not self._ended.wait(1 / 60):
+            at_rest = self.page.stopped or not self.page.controls.playing
+            moment = silent(self.scene) if at_rest else moments[pass_of_the_loop % len(moments)]
+            self.page.show(moment)
+            pass_of_the_loop += 1
+
+
+def opened_page(browser, address):
+    page = browser.new_page(viewport={"width": 1280, "height": 800})
+    page.set_default_timeout(1e3 * PATIENCE)
+    page.asked, page.faults = [], []
+    page.on("request", lambda request: page.asked.append(request.url))
+    page.on("console", lambda message: page.faults.append(message.text) if message.type == "error" else None)
+    page.on("pageerror", lambda fault: page.faults.append(str(fault)))
+    page.goto(address)
+    page.get_by_text("drives a second").first.wait_for()
+    return page
+
+
+def until(true, what: str) -> None:
+    """Wait until something that a click changes is true."""
+    end = time.monotonic() + PATIENCE
+    while not true():
+        assert time.monotonic() < end, f"{what} did not happen."
+        time.sleep(0.05)
+
+
+def colours(page) -> int:
+    """Count the colours between the panels."""
+    picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+    return len(np.unique(np.asarray(picture)[:, 330:950].reshape(-1, 3), axis=0))
+
+
+def slider(page, label: str):
+    """Find the handle of the slider with a label."""
+    return page.locator(f"xpath=//label[normalize-space()='{label}']/following::*[@role='slider'][1]")
+
+
+def test_what_is_set_on_the_page_reaches_the_loop(browser) -> None:
+    with Loop() as loop:
+        page, at = opened_page(browser, loop.page.address), loop.page
+        page.get_by_text("playing", exact=True).wait_for()
+        until(lambda: colours(page) > 200, "a picture of the hand")
+        slider(page, "gap [mm]").press("ArrowRight")
+        until(lambda: at.controls.offset == pytest.approx(1.1e-3), "a wider gap")
+        slider(page, "level cap [%]").press("Home")
+        until(lambda: at.controls.cap == 0.0, "a lower cap")
+        page.get_by_label("ignore the hand").click()
+        until(lambda: at.controls.ignore_hand, "to ignore the hand")
+        page.get_by_label("modulated").click()
+        until(lambda: not at.controls.modulated, "a constant amplitude")
+        page.get_by_role("button", name="Stop", exact=True).click()
+        until(lambda: not at.controls.playing, "the stop")
+        page.get_by_text("waiting for a hand", exact=True).wait_for()
+        page.get_by_role("button", name="Start", exact=True).click()
+        until(lambda: at.controls.playing, "the start")
+        assert not at.stopped
+        page.get_by_role("button", name="EMERGENCY STOP").click()
+        until(loop.pressed.is_set, "the emergency stop")
+        assert at.stopped
+        page.get_by_role("button", name="STOPPED FOR GOOD").wait_for()
+        assert page.faults == []
+        assert [url for url in page.asked if not url.startswith((at.address, "data:", "blob:"))] == []
+        page.close()
+
+
+def test_escape_is_the_emergency_stop(browser) -> None:
+    with Loop() as loop:
+        page = opened_page(browser, loop.page.address)
+        page.keyboard.press("Escape")
+        until(loop.pressed.is_set, "the emergency stop")
+        page.close()
+
+
+def test_a_hand_is_dragged_only_while_the_page_is_open(browser) -> None:
+    with Loop(dragged=True) as loop:
+        time.sleep(0.5)
+        assert loop.stream.latest("left") is None
+        page = opened_page(browser, loop.page.address)
+        until(lambda: loop.stream.latest("left") is not None, "a frame of the hand")
+        before = loop.stream.latest("left").landmarks
+        np.testing.assert_allclose(before, pinch_pose()[0], atol=1e-6)
+        slider(page, "index [°]").press("End")
+        until(lambda: not np.allclose(loop.stream.latest("left").landmarks, before), "an open finger")
+        after = loop.stream.latest("left").landmarks
+        moved = np.flatnonzero(np.linalg.norm(after - before, axis=1) > 1e-6)
+        assert moved.tolist() == [7, 8, 9]
+        page.close()
+        until(lambda: loop.stream.latest("left").lost, "a lost hand")

@@ -1,0 +1,81 @@
+"""What the page computes of the sound and the skin, against the whole elements and the exact body."""
+
+import numpy as np
+import pytest
+
+import airtact as at
+from airtact.hand.hand import hand_from_joints
+from airtact.live.page.skin import MovingSkin
+from airtact.live.page.sound import DirectSound
+from airtact.live.parts import LiveScene
+from airtact.mesh.topology import check_closed
+from live.live_scenes import one_board, playing
+from tracking.motions import Pinching
+
+
+@pytest.fixture(scope="module")
+def board():
+    scene = one_board()
+    return scene, playing(scene)
+
+
+def in_open_air(scene: LiveScene, drive: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Pressure of the whole elements, all points of their faces."""
+    empty = at.Scene(scene.medium, [], frequency=scene.frequency)
+    return at.field_map(empty, scene.array, at.Drive(drive), points, solver=at.FreeField())
+
+
+def test_elements_as_points_give_the_field_of_whole_ones_near_the_foci(board) -> None:
+    scene, moment = board
+    middle = moment.foci.mean(axis=0)
+    random = np.random.default_rng(1)
+    for reach, error in ((0.01, 0.02), (0.06, 0.03)):
+        points = middle + random.uniform(-reach, reach, size=(300, 3))
+        exact = in_open_air(scene, moment.amplitudes, points)
+        found = DirectSound(scene).at(points, moment.amplitudes, middle)
+        most = np.abs(in_open_air(scene, moment.amplitudes, moment.foci)).max()
+        print(f"within {reach:g} m: {np.abs(found - exact).max() / most:.4f}")
+        assert np.abs(found - exact).max() < error * most
+
+
+def test_nothing_is_radiated_behind_the_faces(board) -> None:
+    scene, moment = board
+    behind = scene.array.positions.mean(axis=0) - 0.1 * scene.array.normals.mean(axis=0)
+    assert not DirectSound(scene).at(behind[None], moment.amplitudes, behind).any()
+
+
+def test_hard_skin_has_twice_the_direct_sound_where_it_looks_at_the_array(board) -> None:
+    scene, moment = board
+    sound, middle = DirectSound(scene), moment.foci.mean(axis=0)
+    towards = scene.array.positions.mean(axis=0) - middle
+    points = np.stack([middle, middle])
+    pressures = sound.on_skin(points, np.stack([towards, -towards]), moment.amplitudes, middle)
+    direct = np.abs(sound.at(points, moment.amplitudes, middle))
+    np.testing.assert_allclose(pressures, [2.0 * direct[0], 0.0], rtol=1e-5)
+
+
+def test_each_face_of_a_box_lights_its_own_side() -> None:
+    scene = one_board()
+    box = LiveScene(scene.medium, 40e3, at.surrounding_box(), "left", None, scene.places, scene.offsets)
+    drive, centre = np.zeros(len(box.array), dtype=np.complex128), np.zeros((1, 3))
+    one = box.array.normals @ box.array.normals[0] > 0.99
+    drive[one] = np.exp(-1j * 732.0 * np.linalg.norm(box.array.positions[one], axis=1))
+    sound = DirectSound(box)
+    assert sound.on_skin(centre, -box.array.normals[:1], drive, np.zeros(3))[0] > 100.0
+    assert sound.on_skin(centre, box.array.normals[:1], drive, np.zeros(3))[0] == 0.0
+
+
+def test_the_skin_stays_closed_on_the_body_while_fingers_open() -> None:
+    motion = Pinching(5)
+    skin = MovingSkin(motion.radii)
+    first = None
+    for time in (0.0, 0.2, 0.5):
+        joints = motion.at(time)
+        vertices, normals, triangles = skin.at(joints)
+        first = triangles if first is None else first
+        assert triangles is first
+        check_closed(vertices, triangles)
+        shape = hand_from_joints(joints, motion.radii).shape
+        assert np.abs(shape.depth(vertices)).max() < 1e-6
+        outside = shape.depth(vertices + 1e-4 * normals)
+        assert np.median(outside) == pytest.approx(-1e-4, rel=0.01)
