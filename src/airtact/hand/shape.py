@@ -156,7 +156,11 @@ def deformed(before: Hulls, mesh: HandMesh, now: Hulls, edge: float) -> HandMesh
 
     The triangles stay the same; None where one gets too thin or too long.
     """
-    found = settled(now, replace(mesh, vertices=moved_with_hulls(before, now, mesh.vertices)), edge)
+    found = settled(
+        now,
+        replace(mesh, vertices=moved_with_hulls(before, now, mesh.vertices, hull_weights(before, mesh.vertices))),
+        edge,
+    )
     ends = np.roll(found.triangles, -1, axis=1)
     lengths = np.linalg.norm(found.vertices[found.triangles] - found.vertices[ends], axis=2)
     wanted = mesh.sizes[found.triangles].max(axis=1, keepdims=True)
@@ -164,14 +168,21 @@ def deformed(before: Hulls, mesh: HandMesh, now: Hulls, edge: float) -> HandMesh
     return found if good else None
 
 
-def moved_with_hulls(
-    before: Hulls, now: Hulls, vertices: Float64[np.ndarray, "vertices 3"]
-) -> Float64[np.ndarray, "vertices 3"]:
-    """Carry vertices (V, 3) [m] on the skin of a body along with its hulls to another pose, near its skin."""
-    turn, shift = nearest_motion(before.balls[:, :3], now.balls[:, :3])
-    distance = before.each(vertices)
+def hull_weights(hulls: Hulls, vertices: Float64[np.ndarray, "vertices 3"]) -> Float64[np.ndarray, "vertices hulls"]:
+    """Weigh hulls by how near they are to vertices (V, 3) [m] on the skin; the weights of each vertex add up to 1."""
+    distance = hulls.each(vertices)
     weight = np.exp(-((distance - distance.min(axis=1, keepdims=True)) / BLEND))
-    weight /= weight.sum(axis=1, keepdims=True)
+    return weight / weight.sum(axis=1, keepdims=True)
+
+
+def moved_with_hulls(
+    before: Hulls,
+    now: Hulls,
+    vertices: Float64[np.ndarray, "vertices 3"],
+    weight: Float64[np.ndarray, "vertices hulls"],
+) -> Float64[np.ndarray, "vertices 3"]:
+    """Carry vertices (V, 3) [m] along with the hulls, by their ``hull_weights``, to another pose, near its skin."""
+    turn, shift = nearest_motion(before.balls[:, :3], now.balls[:, :3])
     old, new = before.balls[:, :3] @ turn.T + shift, now.balls[:, :3]
     start = vertices @ turn.T + shift
     moved = np.zeros_like(vertices)

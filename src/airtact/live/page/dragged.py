@@ -37,7 +37,7 @@ class DraggedHand:
         self._middle = joints.mean(axis=0)
         self._joints = joints - self._middle
         self._gizmo = server.scene.add_transform_controls(
-            "/drag", scale=0.09, line_width=3.0, depth_test=False, position=self._middle
+            "/drag", scale=0.07, line_width=3.0, depth_test=False, position=self._middle
         )
         with server.gui.add_folder("Hand: drag it by its arrows"):
             self._angles = [

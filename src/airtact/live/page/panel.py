@@ -89,7 +89,7 @@ class Panel:
         panel = gui.add_panel()
         with panel.add_tab("What the loop does"):
             self._status = gui.add_html("")
-            gui.add_html(f'<div class="live"><small>The last {SECONDS:g} s:</small></div>')
+            gui.add_html(f'<div class="live"><small>Curves of the last {SECONDS:g} s, time in s:</small></div>')
             self._curves = [self._add_curve(*named) for named in CURVES]
         panel.dock_left()
         panel.set_width(WIDTH)
@@ -251,7 +251,7 @@ def legend_in_html(look: Look, most: float) -> str:
     """Explain the colours: those of the elements, of the skin and of the slice."""
     array = bar(PHASES, "0", "phase of the elements", "2π") if look.array == "phase" else ""
     array = array or bar(AMPLITUDES, "0", "amplitude of the elements", "100 %")
-    pressure = bar(PRESSURES, "0", "pressure, peak", f"{most:,.0f} Pa" if most > 1.0 else "-")
+    pressure = bar(PRESSURES, "0", "pressure, peak", f"≥ {most:,.0f} Pa" if most > 1.0 else "-")
     note = (
         "Skin: the direct sound, doubled where it meets the skin; the hand casts no shadow on itself here. "
         "Slice: the drive in open air, without the hand."

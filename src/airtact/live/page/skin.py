@@ -5,7 +5,7 @@ from jaxtyping import Float64, Int64
 
 from airtact.hand.anatomy_parts import hand_hulls
 from airtact.hand.joints import hand_length, radii_of
-from airtact.hand.shape import moved_with_hulls
+from airtact.hand.shape import hull_weights, moved_with_hulls
 from airtact.hand.skin_mesh import HandMesh, even_skin
 from airtact.hand.sphere_mesh import Hulls
 
@@ -26,7 +26,7 @@ class MovingSkin:
 
     def __init__(self, radii: Float64[np.ndarray, "25"] | None) -> None:
         self._given = radii
-        self._first: tuple[Hulls, HandMesh] | None = None
+        self._first: tuple[Hulls, HandMesh, Float64[np.ndarray, "vertices hulls"]] | None = None
 
     def at(
         self, joints: Float64[np.ndarray, "25 3"]
@@ -35,10 +35,11 @@ class MovingSkin:
         if self._first is None or abs(hand_length(joints) / self._length - 1.0) > LARGEST_CHANGE:
             self._radii, self._length = radii_of(self._given, None, joints), hand_length(joints)
             hulls, _ = hand_hulls(joints, self._radii)
-            self._first = hulls, even_skin(hulls, EDGE)
+            mesh = even_skin(hulls, EDGE)
+            self._first = hulls, mesh, hull_weights(hulls, mesh.vertices)
         now, _ = hand_hulls(joints, self._radii)
-        before, mesh = self._first
-        vertices = now.project(moved_with_hulls(before, now, mesh.vertices))
+        before, mesh, weight = self._first
+        vertices = now.project(moved_with_hulls(before, now, mesh.vertices, weight))
         normals = now.look(vertices).gradient
         normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
         return vertices, normals, mesh.triangles

@@ -20,11 +20,14 @@ ACROSS = 0.12
 PIXELS = 56
 """Points along a side of the slice at which the field is computed."""
 
-ENLARGED = 4
+ENLARGED = 2
 """Each of them is so many pixels wide, the field between being interpolated."""
 
-HAND = 0.1
+HAND = 0.13
 """How far a hand reaches from the middle of its foci, more or less [m]."""
+
+SATURATED = 0.6
+"""Pressures above this share of the largest have the last colour, so that the others differ."""
 
 AMBIENT, ABOVE = 2.3, 1.2
 """Intensities of the light from all sides and of that from above; more of it would wash out the colours."""
@@ -44,7 +47,7 @@ def colour_map(name: str) -> UInt8[np.ndarray, "steps 3"]:
     return (255 * matplotlib.colormaps[name](np.linspace(0.0, 1.0, STEPS))[:, :3]).round().astype(np.uint8)
 
 
-PHASES, PRESSURES, AMPLITUDES = colour_map("twilight"), colour_map("YlOrRd"), colour_map("viridis")
+PHASES, PRESSURES, AMPLITUDES = colour_map("twilight"), colour_map("OrRd"), colour_map("viridis")
 
 
 @dataclass(frozen=True)
@@ -112,7 +115,7 @@ class View:
     @property
     def most(self) -> float:
         """Pressure at the end of the colours of skin and slice [Pa]."""
-        return max(*self._peaks.values(), 1.0)
+        return max(SATURATED * max(self._peaks.values()), 1.0)
 
     def _show_hand(self, moment: Moment, pressed: bool) -> None:
         if moment.joints is None:
