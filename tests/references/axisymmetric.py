@@ -142,12 +142,16 @@ class Fit:
 
     def pressure(self, points: np.ndarray) -> np.ndarray:
         """Total pressure (P, N) [Pa] of each unit source at points outside (P, 3)."""
+        return _waves(points, self.sources, self.wavenumber) + self.scattered(points)
+
+    def scattered(self, points: np.ndarray) -> np.ndarray:
+        """Scattered pressure (P, N) [Pa] of each unit source at points outside (P, 3)."""
         around = self.strengths.shape[1]
         places = _turned(self.rings, around).reshape(-1, 3)
         strengths = self.strengths.reshape(len(places), -1)
-        total = _waves(points, self.sources, self.wavenumber)
+        total = np.zeros((len(points), strengths.shape[1]), dtype=complex)
         for block in np.array_split(np.arange(len(places)), 1 + len(points) * len(places) // 4_000_000):
-            total = total + _waves(points, places[block], self.wavenumber) @ strengths[block]
+            total += _waves(points, places[block], self.wavenumber) @ strengths[block]
         return total
 
 
