@@ -134,3 +134,12 @@ def test_the_loop_outlives_the_page() -> None:
             page.show(silent(scene))
             time.sleep(0.05)
         assert not page.alive
+
+
+def test_the_extra_is_named_where_viser_is_missing(tmp_path, monkeypatch) -> None:
+    (tmp_path / "viser.py").write_text("raise ImportError('there is none')", encoding="utf-8")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    with pytest.raises(at.InvalidInput) as fault:
+        PageProcess(one_board(), port=0)
+    assert fault.value.code == "extra_not_installed"
+    assert "pip install 'airtact[live]'" in str(fault.value)

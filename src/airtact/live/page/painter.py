@@ -3,12 +3,14 @@
 import time
 from collections.abc import Callable
 
+import numpy as np
 import viser
 
 from airtact.live.page.dragged import DraggedHand
 from airtact.live.page.panel import Panel, Send
 from airtact.live.page.process import PageSettings, Shown
 from airtact.live.page.view import View
+from airtact.live.parts import Moment
 
 INTERVAL = 1.0 / 15.0
 """Time between two pictures [s]."""
@@ -25,17 +27,21 @@ def paint(
     ended: Callable[[], bool],
 ) -> None:
     """Show the newest moment whenever there is another one and someone looks, until the loop ends."""
-    view, panel = View(server, settings.scene), Panel(server, settings.scene, send)
-    dragged = None if settings.hand is None else DraggedHand(server, settings.scene.side, settings.hand, send)
-    before = None
+    scene = settings.scene
+    view, panel = View(server, scene), Panel(server, scene, settings.controls, send)
+    dragged = None if settings.hand is None else DraggedHand(server, scene.side, settings.hand, send)
+    nothing = Moment(0.0, 0.0, None, None, np.zeros(len(scene.array), dtype=np.complex128), state="waiting")
+    before, shown = None, Shown(nothing, 0)
     while not ended():
-        start, shown = time.monotonic(), newest()
+        start, watched = time.monotonic(), bool(server.get_clients())
+        shown = newest() or shown
         if dragged is not None:
-            dragged.watched = bool(server.get_clients())
-        if shown is not None and shown is not before and server.get_clients():
-            before = shown
+            dragged.watched = watched
+        if watched and (shown, panel.look) != before:
+            before = (shown, panel.look)
             with server.atomic():
                 view.update(shown.moment, panel.look)
+        if watched:
             panel.update(shown, view.most)
         spent = time.monotonic() - start
         time.sleep(max(INTERVAL - spent, REST / (1.0 - REST) * spent))

@@ -67,12 +67,13 @@ class Panel:
     ----------
     server : that shows them.
     scene : what stays the same while the hand moves.
+    controls : how they are set from the start.
     send : takes controls, and the emergency stop, to the loop.
     """
 
-    def __init__(self, server: viser.ViserServer, scene: LiveScene, send: Send) -> None:
+    def __init__(self, server: viser.ViserServer, scene: LiveScene, controls: Controls, send: Send) -> None:
         self._server, self._scene, self._send = server, scene, send
-        self._controls, self.look = Controls(), Look()
+        self._controls, self.look = controls, Look()
         self._seen: deque[tuple[float, int, float, float]] = deque(maxlen=1000)
         self._stopped, self._written = False, 0.0
         gui = server.gui
@@ -138,8 +139,9 @@ class Panel:
             "EMERGENCY STOP", color="red", hint="silence at once and for good; the key Escape does it too"
         )
         self._style.content = STYLE.format(emergency=self._emergency._impl.uuid)
-        self._start = gui.add_button("Start", color="green", icon=viser.Icon.PLAYER_PLAY, disabled=True)
+        self._start = gui.add_button("Start", color="green", icon=viser.Icon.PLAYER_PLAY)
         self._pause = gui.add_button("Stop", color="gray", icon=viser.Icon.PLAYER_STOP)
+        self._start.disabled, self._pause.disabled = self._controls.playing, not self._controls.playing
 
         async def stop(_: Any) -> None:  # on the server's own thread: it waits for no other callback
             self._send(EMERGENCY)
@@ -156,16 +158,19 @@ class Panel:
             self._start.disabled, self._pause.disabled = playing, not playing
 
     def _add_controls(self) -> None:
-        gui, scene = self._server.gui, self._scene
-        names = [scene.method, *(name for name in METHODS if name != scene.method)]
-        offset = float(np.clip(1e3 * scene.offsets.mean(), 0.0, 20.0))
-        ignore = gui.add_checkbox("ignore the hand", False, hint="drives from distances alone, to feel the difference")
+        gui, scene, first = self._server.gui, self._scene, self._controls
+        offset = scene.offsets.mean() if first.offset is None else first.offset
+        offset = float(np.clip(1e3 * offset, 0.0, 20.0).round(1))
+        why = "drives from distances alone, to feel the difference"
+        ignore = gui.add_checkbox("ignore the hand", first.ignore_hand, hint=why)
         modulated = gui.add_checkbox(
-            "modulated", True, disabled=scene.modulation is None, hint=modulation_in_words(scene.modulation)
+            "modulated", first.modulated, disabled=scene.modulation is None, hint=modulation_in_words(scene.modulation)
         )
         gap = gui.add_slider("gap [mm]", 0.0, 20.0, 0.1, offset, hint="of the foci from the skin")
-        cap = gui.add_slider("level cap [%]", 0, 100, 1, 100, hint="largest amplitude of an element")
-        method = gui.add_dropdown("method", names, initial_value=scene.method, hint="that makes the drives")
+        cap = gui.add_slider("level cap [%]", 0, 100, 1, round(100 * first.cap), hint="largest amplitude of an element")
+        method = gui.add_dropdown(
+            "method", list(METHODS), initial_value=first.method or scene.method, hint="that makes the drives"
+        )
         ignore.on_update(lambda _: self._set(ignore_hand=ignore.value))
         modulated.on_update(lambda _: self._set(modulated=modulated.value))
         gap.on_update(lambda _: self._set(offset=1e-3 * gap.value))

@@ -6,7 +6,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from threading import Condition, Thread, Timer
 from types import TracebackType
 from typing import IO
@@ -42,12 +42,14 @@ class PageSettings:
     port : to listen at; 0 takes a free one.
     host : the address to listen at; another than ``127.0.0.1`` needs a token in the page's address.
     hand : (25, 3) joints of the hand that is dragged on the page, where it starts [m]; or None.
+    controls : how the page is set from the start.
     """
 
     scene: LiveScene
     port: int = PORT
     host: str = "127.0.0.1"
     hand: Float64[np.ndarray, "25 3"] | None = None
+    controls: Controls = field(default_factory=Controls)
 
 
 EMERGENCY = "emergency"
@@ -91,6 +93,7 @@ class PageProcess:
     hand : (25, 3) joints of a hand that is dragged on the page, where it starts [m]; none is unless given.
     stream : that the frames of this hand are fed to. They come only while the page is open, so that a closed page is a
         hand that is lost; their clock is ``time.monotonic``.
+    controls : how the page is set from the start.
     on_emergency : called at once, by a thread of this class, when the emergency stop is pressed.
 
     Raises
@@ -106,10 +109,11 @@ class PageProcess:
         host: str = "127.0.0.1",
         hand: Float64[np.ndarray, "25 3"] | None = None,
         stream: HandStream | None = None,
+        controls: Controls | None = None,
         on_emergency: Callable[[], None] = lambda: None,
     ) -> None:
         self._stream, self._on_emergency = stream, on_emergency
-        self._controls, self._stopped, self._closed = Controls(), False, False
+        self._controls, self._stopped, self._closed = controls or Controls(), False, False
         self._drives, self._newest, self._changed = 0, None, Condition()
         command = [sys.executable, "-m", "airtact.live.page"]
         self._process = subprocess.Popen(
@@ -117,7 +121,7 @@ class PageProcess:
         )  # in a session of its own, Ctrl-C is not for the page
         self._threads = [Thread(target=work, daemon=True) for work in (self._send, self._receive)]
         try:
-            self.address: str = self._started(PageSettings(scene, port, host, hand))
+            self.address: str = self._started(PageSettings(scene, port, host, hand, self._controls))
         except BaseException:
             self._end()
             raise

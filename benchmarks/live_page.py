@@ -1,0 +1,144 @@
+"""What the page costs the live loop, and how often it is painted: with none open, one, ten, and one that stalls.
+
+    PYTHONPATH=.:tests .venv/bin/python benchmarks/live_page.py
+
+The loop is ``airtact live live_pinch`` with its bundled motion. The page is opened in Chromium, drawn by the processor;
+ten pages are ten connections that read all that they get, the one that stalls reads nothing.
+"""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from threading import Thread
+
+import msgspec
+import viser
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
+
+SECONDS = 12
+"""How long the loop runs each time [s]."""
+
+RUNS = 3
+"""Medians are of so many runs."""
+
+CAMERA = {
+    "type": "ViewerCameraMessage",
+    "wxyz": (1.0, 0.0, 0.0, 0.0),
+    "position": (0.0, 0.0, 1.0),
+    "fov": 0.8,
+    "near": 0.01,
+    "far": 10.0,
+    "image_height": 800,
+    "image_width": 1280,
+    "look_at": (0.0, 0.0, 0.0),
+    "up_direction": (0.0, 0.0, 1.0),
+}
+"""What a browser sends first; from then on it is a page that is open."""
+
+PAINTED = """seconds => new Promise(done => {
+    let frames = 0, start = performance.now();
+    const next = () => {
+        frames += 1;
+        const spent = (performance.now() - start) / 1e3;
+        spent > seconds ? done(frames / spent) : requestAnimationFrame(next);
+    };
+    requestAnimationFrame(next);
+})"""
+
+
+def run(watch: Callable[[str, ExitStack], dict[str, float]] | None) -> dict[str, float]:
+    """Run the loop while its page is watched, and return its drives a second and what was seen."""
+    page = ["--no-page"] if watch is None else ["--page-port", "0"]
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as watched:
+        command = [sys.executable, "-m", "airtact", "live", "live_pinch", "--seconds", str(SECONDS), "--json"]
+        loop = subprocess.Popen(
+            [*command, "--out", folder, *page], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        found: dict[str, float] = {}
+        if watch is not None:
+            found = watch(address_in(loop), watched)
+        out, _ = loop.communicate()
+    return {"drives a second": json.loads(out)["rate"], **found}
+
+
+def address_in(loop: subprocess.Popen[str]) -> str:
+    """Read the address of the page from what the loop prints."""
+    assert loop.stderr is not None
+    for line in loop.stderr:
+        found = re.search(r"http://\S+", line)
+        if found:
+            Thread(target=loop.stderr.read, daemon=True).start()
+            return found[0]
+    raise SystemExit("the loop printed no address of a page.")
+
+
+def connected(address: str) -> ClientConnection:
+    """Connect as a page that is open does."""
+    version = f"viser-v{viser.__version__}"
+    page = connect(address.replace("http", "ws"), subprotocols=[version], compression=None, max_size=None, proxy=None)
+    page.send(msgspec.msgpack.encode(CAMERA))
+    return page
+
+
+def read_all(page: ClientConnection) -> None:
+    """Read until the connection ends."""
+    try:
+        for _ in page:
+            pass
+    except ConnectionClosed:
+        pass
+
+
+def ten(address: str, watched: ExitStack) -> dict[str, float]:
+    """Open ten pages that read what they get."""
+    for _ in range(10):
+        page = connected(address)
+        watched.callback(page.close)
+        Thread(target=read_all, args=(page,), daemon=True).start()
+    return {}
+
+
+def stalled(address: str, watched: ExitStack) -> dict[str, float]:
+    """Open a page that reads nothing."""
+    watched.callback(connected(address).close)
+    return {}
+
+
+def chromium(address: str, watched: ExitStack) -> dict[str, float]:
+    """Open the page in Chromium, and count its pictures and the updates that came."""
+    from playwright.sync_api import sync_playwright
+
+    flags = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
+    browser = watched.enter_context(sync_playwright()).chromium.launch(
+        executable_path=shutil.which("chromium"), args=flags
+    )
+    watched.callback(browser.close)
+    page = browser.new_page(viewport={"width": 1280, "height": 800})
+    times: list[float] = []
+    page.on("websocket", lambda socket: socket.on("framereceived", lambda _: times.append(time.monotonic())))
+    page.goto(address)
+    page.get_by_text("playing", exact=True).wait_for()
+    first = len(times)
+    seconds = SECONDS / 3.0
+    frames = page.evaluate(PAINTED, seconds)
+    return {"pictures a second": frames, "messages a second": (len(times) - first) / seconds}
+
+
+def main() -> None:
+    """Print a table."""
+    cases = {"no page": None, "page, not open": lambda address, watched: {}, "one in Chromium": chromium}
+    for name, watch in {**cases, "ten": ten, "one that stalls": stalled}.items():
+        found = [run(watch) for _ in range(RUNS)]
+        middle = {key: sorted(one[key] for one in found)[RUNS // 2] for key in found[0]}
+        print(f"{name:16}", ", ".join(f"{value:.1f} {key}" for key, value in middle.items()), flush=True)
+
+
+if __name__ == "__main__":
+    main()
