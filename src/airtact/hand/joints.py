@@ -191,11 +191,14 @@ def evidence_of(joints: Float64[np.ndarray, "25 3"]) -> float:
     """Sum the sines of all bends of the fingers and of the thumb's lean, positive for a right hand."""
     across = unit(joints[6] - joints[21])
     back = unit(np.cross(joints[11] - joints[0], across))
-    evidence = -float(unit(joints[4] - joints[1]) @ back)
-    for chain in CHAINS[1:]:
-        bones = [unit(joints[end] - joints[start]) for start, end in pairwise(chain)]
-        evidence += sum(float(np.cross(one, two) @ across) for one, two in pairwise(bones))
-    return evidence
+    bones = np.diff(joints[_LONG_FINGERS], axis=1)
+    bones /= np.linalg.norm(bones, axis=2, keepdims=True)
+    bends = np.cross(bones[:, :-1], bones[:, 1:]) @ across
+    return float(bends.sum()) - float(unit(joints[4] - joints[1]) @ back)
+
+
+_LONG_FINGERS = np.array(CHAINS[1:])
+"""Joints of each finger but the thumb."""
 
 
 def check_finger_order(joints: Float64[np.ndarray, "25 3"], rough: float = 0.0) -> None:

@@ -5,6 +5,7 @@
 """
 
 from airtact.live.distances import Distances
+from airtact.live.drives.maker import HandAware
 from airtact.live.loop import Followed, Status, follow
 from airtact.live.output import Boards, Nowhere, Output
 from airtact.live.parts import Controls, DriveMaker, LiveScene, Moment
@@ -18,6 +19,7 @@ __all__ = [
     "Distances",
     "DriveMaker",
     "Followed",
+    "HandAware",
     "HandSource",
     "LiveScene",
     "Moment",

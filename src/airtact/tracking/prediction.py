@@ -195,6 +195,10 @@ class Predictor:
         """Return the standard deviation of each coordinate [m] a latency after a time [s]; raises as ``at``."""
         return float(np.sqrt(self._newest()[1].at(time + self.latency, self._agility).covariance[0, 0]))
 
+    def velocities(self) -> Float64[np.ndarray, "landmarks 3"]:
+        """Return the velocities of the landmarks at the time of the newest frame [m/s]; raises as ``at``."""
+        return self._newest()[1].velocities
+
     def _newest(self) -> tuple[HandFrame, Motion]:
         if self._seen is None:
             raise InvalidInput("0 frames with landmarks were taken; take one before a prediction.", code="no_frames")

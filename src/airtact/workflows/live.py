@@ -7,7 +7,7 @@ from pathlib import Path
 from airtact.conventions import InvalidInput
 from airtact.examples import example
 from airtact.hardware.links import link_to
-from airtact.live.distances import Distances
+from airtact.live.drives.maker import HandAware
 from airtact.live.loop import Followed, Status, follow
 from airtact.live.output import Boards, Nowhere, Output
 from airtact.live.parts import LiveScene
@@ -88,7 +88,7 @@ def live(
     return follow(
         made.scene,
         made.hands,
-        Distances(made.scene),
+        HandAware(made.scene),
         output=made.output,
         seconds=seconds,
         session=session,

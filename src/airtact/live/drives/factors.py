@@ -1,0 +1,148 @@
+"""What a hand does to the sound of each element at each focus: a factor on its pressure in open air.
+
+The factors are solved for one pose of a hand. They change slowly as the hand moves on, unlike the pressure itself,
+whose phase turns with every millimetre of path: the transfer matrix of a pose nearby is the factors times the open air
+matrix of that pose, which is in closed form.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex64, Complex128, Float64
+
+from airtact.hand.anatomy_parts import FREE, OWNER, PARTS
+from airtact.hand.hand import PLACES, Hand
+from airtact.hand.shape import HandShape
+from airtact.hand.skin_mesh import midpoints
+from airtact.hand.sphere_mesh import Hulls
+from airtact.live.drives.riding import Riding, ride
+from airtact.live.parts import LiveScene, Rule
+from airtact.pose import Pose
+from airtact.printing import in_short
+from airtact.scene.scene import Scene, sound_hard
+from airtact.scene.target import Target
+from airtact.solvers.bem.solver import BoundaryElement
+from airtact.solvers.monopoles import monopole_pressure
+from airtact.surfaces.surface import Surface
+
+ACCURACY = 0.06
+"""Accuracy of the solutions; a finer one brings less than 0.01 of the pressure."""
+
+EDGE = 10e-3
+"""Edge of the triangles of a part's surface [m]; the solver makes its own panels."""
+
+
+@dataclass(frozen=True, eq=False)
+class HandFactors:
+    """A solution for a part of a hand in one pose.
+
+    Attributes
+    ----------
+    part : of the hand that was solved.
+    time : that the pose was predicted for, of the tracker's clock [s].
+    distances, directions : of the pose, see ``Riding``.
+    factors : (F, E) on the open air pressure of each element at each focus.
+    """
+
+    part: Rule
+    time: float
+    distances: Float64[np.ndarray, "pairs"]
+    directions: Float64[np.ndarray, "foci samples 3"]
+    factors: Complex64[np.ndarray, "foci elements"]
+
+    __repr__ = in_short
+
+
+def hulls_of(part: Rule, places: Sequence[str]) -> list[int]:
+    """Return the indices of a hand's ``PARTS`` to solve for foci at some places."""
+    if part == "hand":
+        return list(range(len(PARTS)))
+    fingers = [PLACES.index(place) for place in places if place != "palm"]
+    chosen = {index for finger in fingers for index in np.flatnonzero(finger == OWNER).tolist()}
+    if part == "phalanges":
+        chosen = {int(np.flatnonzero(finger == OWNER)[-1]) for finger in fingers}
+    return sorted(chosen) + (list(range(FREE, len(PARTS))) if "palm" in places else [])
+
+
+def part_of(hand: Hand, part: Rule, places: Sequence[str]) -> Surface:
+    """Make the surface of the part of a hand that foci at some places need."""
+    whole, some = hand.shape.hulls, np.array(hulls_of(part, places))
+    blend, apart = (np.ascontiguousarray(table[np.ix_(some, some)]) for table in (whole.blend, whole.apart))
+    hulls = Hulls(whole.balls, whole.parts[some], blend, apart)
+    shape = HandShape(hulls, Pose.identity())
+    skin = shape.skin(EDGE)
+    return Surface(skin.vertices, skin.triangles, midpoints(hulls, skin), shape)
+
+
+def solved(scene: LiveScene, joints: Float64[np.ndarray, "25 3"], part: Rule, time: float) -> HandFactors:
+    """Solve a part of a hand in a pose, for foci at the places of a scene.
+
+    Parameters
+    ----------
+    scene : of the live loop.
+    joints : (25, 3) of the hand [m].
+    part : ``"phalanges"``, ``"fingers"`` or ``"hand"``.
+    time : of the pose, of the tracker's clock [s].
+
+    Raises
+    ------
+    InvalidInput
+        The joints are no hand's, or a focus lies inside the body.
+    NotConverged
+        The iteration did not settle.
+    """
+    riding = ride(scene, joints)
+    air = Scene(scene.medium, [sound_hard(part_of(riding.hand, part, scene.places))], frequency=scene.frequency)
+    field = BoundaryElement(accuracy=ACCURACY, estimate=False).radiate(air, Target(riding.foci).beacons())
+    return factors_of(scene, riding, part, time, field.at(scene.array.positions))
+
+
+def factors_of(
+    scene: LiveScene, riding: Riding, part: Rule, time: float, received: Complex128[np.ndarray, "elements foci"]
+) -> HandFactors:
+    """Divide the pressure of the beacons at the middles of the elements by that in open air."""
+    open_air = monopole_pressure(
+        scene.array.positions,
+        riding.foci,
+        np.eye(len(riding.foci), dtype=np.complex128),
+        scene.medium.wavenumber(scene.frequency),
+        "float64",
+    )
+    factors = np.ascontiguousarray((received / open_air).T.astype(np.complex64))
+    return HandFactors(part, time, riding.distances, riding.directions, factors)
+
+
+class OpenAir:
+    """The transfer matrix of open air for an array that stands still, and foci that move.
+
+    Parameters
+    ----------
+    scene : its array, medium and frequency count.
+    """
+
+    def __init__(self, scene: LiveScene) -> None:
+        array = scene.array
+        self._faces = array.face_points.astype(np.float32)
+        self._weights = array.element.weights.astype(np.float32)
+        self._strength = array.element.sensitivity * array.gains
+        self._normals, self._heights = array.normals, np.sum(array.positions * array.normals, axis=1)
+        self._directional = array.element.directional
+        self._wavenumber = scene.medium.wavenumber(scene.frequency)
+
+    def rows(self, foci: Float64[np.ndarray, "foci 3"]) -> Complex128[np.ndarray, "foci elements"]:
+        """Pressure at foci (F, 3) per unit drive of each element [Pa]; 0 behind the face of a directional one.
+
+        In single precision, right to 1e-4.
+        """
+        rows = np.empty((len(foci), len(self._strength)), dtype=np.complex128)
+        for row, focus in zip(rows, foci.astype(np.float32), strict=True):
+            away = self._faces - focus
+            distance = np.sqrt(np.einsum("eqd,eqd->eq", away, away))
+            phase = np.float32(self._wavenumber.real) * distance
+            size = np.exp(np.float32(-self._wavenumber.imag) * distance) / distance
+            row.real, row.imag = (size * np.cos(phase)) @ self._weights, (size * np.sin(phase)) @ self._weights
+        rows *= self._strength
+        if self._directional:
+            rows[foci @ self._normals.T < self._heights] = 0.0
+        return rows

@@ -1,0 +1,94 @@
+"""Solutions that are kept, and the choice of the one that is expected to keep most pressure now.
+
+A solution is as good as the pose that it was made for is like the pose of now, however old it is: a hand that pinches
+again comes back to poses that were solved before.
+"""
+
+import numpy as np
+from jaxtyping import Float64
+
+from airtact.live.drives.factors import HandFactors
+from airtact.live.drives.riding import Riding, gap_change, turn
+from airtact.live.parts import Rule
+
+PARTS: tuple[Rule, ...] = ("phalanges", "fingers", "hand")
+
+KEPT: dict[Rule, float] = {"distances": 0.55, "phalanges": 0.93, "fingers": 0.94, "hand": 0.985}
+"""Share of the attainable pressure that a drive keeps where the pose is the one that was solved."""
+
+GAP, TURN = 1.7e-3, 0.35
+"""Change of the gaps between the foci's bones [m], and turn of the hand [rad], that lose 1 - 1/e of what a solution
+brings over distances."""
+
+CAPACITY = 400
+"""Solutions of each part that are kept."""
+
+SAME_GAP, SAME_TURN = 0.25e-3, 0.02
+"""A solution replaces one of a pose that differs less [m], [rad]."""
+
+
+def expected_kept(
+    part: Rule, gap: Float64[np.ndarray, "poses"], turned: Float64[np.ndarray, "poses"]
+) -> Float64[np.ndarray, "poses"]:
+    """Share of the attainable pressure that is expected at the weakest focus of a drive.
+
+    Parameters
+    ----------
+    part : that was solved.
+    gap : ``gap_change`` from the pose that was solved to that of now [m], with the tracker's noise in it.
+    turned : ``turn`` from the one to the other [rad].
+    """
+    least = KEPT["distances"]
+    return least + (KEPT[part] - least) * np.exp(-((gap / GAP) ** 2) - (turned / TURN) ** 2)
+
+
+class Library:
+    """The solutions of a part, newest poses replacing the oldest."""
+
+    def __init__(self, part: Rule, capacity: int = CAPACITY) -> None:
+        self.part: Rule = part
+        self._capacity = capacity
+        self._found: list[HandFactors] = []
+        self._distances = np.empty((0, 0))
+        self._directions = np.empty((0, 0, 0, 0))
+        self._oldest = 0
+
+    def __len__(self) -> int:
+        return len(self._found)
+
+    def add(self, one: HandFactors) -> None:
+        """Keep a solution, in the place of one for nearly the same pose, or of the oldest where there are too many."""
+        if not self._found:
+            self._distances = np.empty((self._capacity, *one.distances.shape))
+            self._directions = np.empty((self._capacity, *one.directions.shape))
+        index = len(self._found)
+        if index:
+            gap, turned = self._changes(one.distances, one.directions)
+            alike = int(np.argmin(gap / SAME_GAP + turned / SAME_TURN))
+            if gap[alike] < SAME_GAP and turned[alike] < SAME_TURN:
+                index = alike
+            elif index == self._capacity:
+                index, self._oldest = self._oldest, (self._oldest + 1) % self._capacity
+        self._found[index : index + 1] = [one]
+        self._distances[index], self._directions[index] = one.distances, one.directions
+
+    def best(self, riding: Riding, noise: float = 0.0) -> tuple[float, HandFactors | None]:
+        """Find the solution that is expected to keep most for a pose, and how much that is.
+
+        Parameters
+        ----------
+        riding : the hand now.
+        noise : standard deviation of the gaps between the bones as predicted [m].
+        """
+        if not self._found:
+            return 0.0, None
+        gap, turned = self._changes(riding.distances, riding.directions)
+        kept = expected_kept(self.part, np.hypot(gap, noise), turned)
+        index = int(kept.argmax())
+        return float(kept[index]), self._found[index]
+
+    def _changes(
+        self, distances: Float64[np.ndarray, "pairs"], directions: Float64[np.ndarray, "foci samples 3"]
+    ) -> tuple[Float64[np.ndarray, "found"], Float64[np.ndarray, "found"]]:
+        count = len(self._found)
+        return gap_change(self._distances[:count], distances), turn(self._directions[:count], directions)

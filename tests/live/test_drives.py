@@ -1,0 +1,174 @@
+"""Drives that know the hand: against whole solutions, and beside a process that may say no."""
+
+import time
+
+import numpy as np
+import pytest
+
+import airtact as at
+from airtact.live.drives.factors import HandFactors, OpenAir, solved
+from airtact.live.drives.library import CAPACITY, Library
+from airtact.live.drives.maker import HandAware
+from airtact.live.drives.riding import gap_change, ride, turn
+from airtact.live.drives.solver_process import Asked, ShapeSolver, SolverProcess
+from airtact.live.parts import Controls
+from live.live_scenes import one_board
+from tracking.motions import pinch_pose, still
+
+
+class Nothing(ShapeSolver):
+    """Solves nothing."""
+
+    def ask(self, asked):
+        self.asked = asked
+
+    def found(self):
+        return []
+
+    def close(self):
+        pass
+
+
+class Ready(Nothing):
+    """Has what was solved."""
+
+    def __init__(self, *solutions):
+        self.solutions = list(solutions)
+
+    def found(self):
+        solutions, self.solutions = self.solutions, []
+        return solutions
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return one_board()
+
+
+@pytest.fixture(scope="module")
+def joints():
+    """A hand that holds thumb and index finger 20 mm apart."""
+    touching, radii = pinch_pose()
+    return np.array(at.hand_from_joints(touching, radii, side="left").open_to(0.02).joints)
+
+
+def seen(joints) -> at.tracking.HandFrame:
+    return still(0, 0.0, landmarks=joints)
+
+
+@pytest.fixture(scope="module")
+def exact(scene, joints):
+    """The transfer matrix of the whole hand."""
+    riding = ride(scene, joints)
+    air = at.Scene(scene.medium, [at.sound_hard(riding.hand.surface)], frequency=scene.frequency)
+    beacons = at.BoundaryElement(accuracy=0.03, estimate=False).radiate(air, at.Target(riding.foci).beacons())
+    return at.transfer_matrix(beacons, scene.array)
+
+
+@pytest.fixture(scope="module")
+def phalanges(scene, joints):
+    return solved(scene, joints, "phalanges", 0.0)
+
+
+def at_weakest(transfer: at.TransferMatrix, amplitudes: np.ndarray) -> float:
+    return float(np.abs(transfer.matrix @ amplitudes).min() / np.linalg.norm(amplitudes))
+
+
+def test_open_air_rows_are_those_of_the_transfer_matrix(scene, joints):
+    foci = ride(scene, joints).foci
+    empty = at.Scene(scene.medium, [], frequency=scene.frequency)
+    exact = at.open_air_matrix(empty, scene.array, at.Target(foci)).matrix
+    np.testing.assert_allclose(OpenAir(scene).rows(foci), exact, atol=2e-4 * np.abs(exact).max())
+
+
+def test_an_element_reaches_nothing_behind_its_face(scene, joints):
+    behind = scene.array.positions.mean(axis=0) - 0.05 * scene.array.normals[0]
+    assert not OpenAir(scene).rows(behind[None]).any()
+
+
+@pytest.mark.parametrize(("part", "least"), [("phalanges", 0.8), ("hand", 0.95)])
+def test_a_still_hand_gets_nearly_what_the_whole_solution_gives(scene, joints, exact, part, least):
+    maker = HandAware(scene, noise=1e-4, solvers=[Ready(solved(scene, joints, part, 0.0))])
+    maker.take(seen(joints))
+    moment = maker.make(0.01, Controls())
+    best = at.weighted_gerchberg_saxton(exact, at.Target(exact.foci))
+    assert moment.rule == part
+    assert at_weakest(exact, moment.amplitudes) >= least * at_weakest(exact, best.amplitudes)
+    assert moment.shape_age == pytest.approx(0.01)
+
+
+def test_factors_ride_along_with_a_hand_that_moves_as_a_whole(scene, joints, phalanges):
+    middle = joints.mean(axis=0)
+    pose = at.Pose.turn((0.3, 1.0, 0.2), 0.06, translation=(0.004, -0.003, 0.005))
+    moved = pose.apply(joints - middle) + middle
+    riding = ride(scene, moved)
+    fresh = solved(scene, moved, "phalanges", 0.0)
+    rows = OpenAir(scene).rows(riding.foci)
+    assert gap_change(riding.distances, phalanges.distances) < 1e-9
+    assert 0.02 < turn(riding.directions, phalanges.directions) < 0.1
+    for carried, own in zip(rows * phalanges.factors, rows * fresh.factors, strict=True):
+        assert abs(np.vdot(carried, own)) > 0.97 * np.linalg.norm(carried) * np.linalg.norm(own)
+
+
+def test_distances_are_played_where_nothing_is_solved_or_wanted(scene, joints, phalanges):
+    maker = HandAware(scene, solvers=[Nothing()])
+    maker.take(seen(joints))
+    assert maker.make(0.0, Controls()).rule == "distances"
+    maker = HandAware(scene, solvers=[Ready(phalanges)])
+    maker.take(seen(joints))
+    told = maker.make(0.0, Controls(ignore_hand=True))
+    assert (told.rule, told.shape_age) == ("distances", None)
+    assert np.abs(told.amplitudes).max() == pytest.approx(1.0)
+    assert maker.make(0.0, Controls()).rule == "phalanges"
+
+
+def test_a_pose_far_from_what_was_solved_is_not_trusted(scene, joints, phalanges):
+    far = np.array(ride(scene, joints).hand.open_to(0.06).joints)
+    near, opened = (HandAware(scene, noise=1e-4, solvers=[Ready(phalanges)]) for _ in range(2))
+    near.take(seen(joints))
+    opened.take(seen(far))
+    assert opened.make(0.0, Controls()).kept < near.make(0.0, Controls()).kept - 0.2
+
+
+def test_a_lost_hand_is_silent(scene, joints):
+    maker = HandAware(scene, solvers=[Nothing()])
+    for begun in (False, True):
+        moment = maker.make(1.0, Controls())
+        assert moment.joints is None
+        assert moment.foci is None
+        assert not moment.amplitudes.any()
+        if not begun:
+            maker.take(seen(joints))
+
+
+def test_poses_that_are_alike_are_kept_once(scene, joints, phalanges):
+    library = Library("phalanges")
+    for _ in range(3):
+        library.add(phalanges)
+    assert len(library) == 1
+    assert library.best(ride(scene, joints))[1] is phalanges
+    assert CAPACITY >= 100
+
+
+def test_the_process_solves_says_what_it_cannot_and_ends(scene, joints):
+    process = SolverProcess(scene, ("phalanges", "fingers"))
+    crossed = joints.copy()
+    crossed[[2, 3, 4]] = joints[[7, 8, 9]]  # the thumb within the index finger
+
+    def wait_for(kind: type, hand: np.ndarray) -> object:
+        until = time.monotonic() + 60.0
+        while time.monotonic() < until:
+            process.ask(Asked(0.0, hand, np.zeros((25, 3)), time.monotonic()))
+            found = [one for one in process.found() if isinstance(one, kind)]
+            if found:
+                return found[-1]
+            time.sleep(0.01)
+        raise AssertionError(f"no {kind} within a minute")
+
+    try:
+        assert "inside a body" in wait_for(str, crossed)
+        solution = wait_for(HandFactors, joints)
+        assert solution.factors.shape == (2, len(scene.array))
+    finally:
+        process.close()
+    assert not process.alive
