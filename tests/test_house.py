@@ -147,8 +147,12 @@ ANY_ARRAY = {
     "airtact.printing.in_short",
     "airtact.printing.one_line",
     "airtact.solvers.gmres.gmres",
+    "airtact.hardware.channel.Channel.send",
+    "airtact.hardware.channel.Channel.receive",
+    "airtact.hardware.feeding.LinkProcess.ask",
+    "airtact.hardware.player.Player.ask",
 }
-"""Inner functions that take arrays of any shape and type, or a product that does."""
+"""Inner functions that take arrays of any shape and type, a product that does, or messages that hold whatever."""
 
 
 @pytest.mark.parametrize("module", [path for path in MODULES if path.name != "__init__.py"], ids=lambda path: path.stem)

@@ -8,6 +8,8 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
+from typing import Any
 
 import numpy as np
 from jaxtyping import Real
@@ -83,6 +85,9 @@ class InvalidInput(ValueError):  # noqa: N818 (reads as what it is in a tracebac
         super().__init__(one_sentence(sentence))
         self.position = position
         self.code = code
+
+    def __reduce__(self) -> Any:
+        return partial(type(self), code=self.code), (str(self), self.position)  # so that processes can pass it on
 
 
 @contextmanager

@@ -41,9 +41,10 @@ def test_the_default_level_of_an_example_is_under_the_limit(capsys, monkeypatch,
     assert levels[0] <= 110 < 130 < levels[1]
 
 
-def test_emit_without_its_extra_names_it(capsys, monkeypatch, fresh) -> None:
+def test_emit_without_its_extra_names_it(capsys, monkeypatch, fresh, tmp_path) -> None:
     monkeypatch.chdir(fresh)
-    monkeypatch.setitem(sys.modules, "pyautd3", None)
+    (tmp_path / "pyautd3.py").write_text("raise ImportError")
+    monkeypatch.syspath_prepend(tmp_path)  # which the link process has too
     emit = ["emit", "out/pinch/drive.h5", "--board", "autd3", "--link", "audit", "--yes"]
     assert main(emit) == 2
     errors = capsys.readouterr().err

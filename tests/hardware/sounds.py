@@ -1,10 +1,17 @@
 """What the tests of emissions play, and how."""
 
+import re
+import time
+from pathlib import Path
+
 import numpy as np
 
 from airtact.hardware.emission import Emission
 from airtact.hardware.link import RecordingLink
 from airtact.transfer import Drive
+
+EVENT = re.compile(r"\d+\.\d+ (opened|frame \d+ loudest \S+|silence confirmed|closed)")
+ENOUGH = 30.0
 
 
 def tone(elements: int = 249, loudness: float = 1.0) -> Drive:
@@ -21,6 +28,16 @@ def ended(link: RecordingLink) -> bool:
     return any(not frame.silent for frame in link.frames) and link.frames[-1].silent
 
 
-def playing(link, work) -> None:
-    with Emission(link, ramp=0.0) as emission:
+def playing(link, work, **settings) -> None:
+    with Emission(link, ramp=0.0, **settings) as emission:
         work(emission)
+
+
+def events(log: Path) -> list[str]:
+    """Return the events of a log without their times, once its link process has ended."""
+    end = time.monotonic() + ENOUGH
+    while not log.read_text().endswith("closed\n") and time.monotonic() < end:
+        time.sleep(0.02)
+    lines = log.read_text().splitlines()
+    assert all(EVENT.fullmatch(line) for line in lines)
+    return [line.split(" ", 1)[1] for line in lines]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from airtact.hardware.amplitudes import frames_of_period, pressures_around
-from airtact.synthesis.sequence import check_rate
 from airtact.transducers.layout import autd3_board
+from airtact.transducers.modulation import check_rate
 from faults import raises_code
 
 K = 2 * np.pi * 40e3 / 343.0

@@ -1,7 +1,5 @@
 """How an emission begins, how loud it is, and what it refuses."""
 
-import time
-
 import jaxtyping
 import numpy as np
 import pytest
@@ -16,6 +14,7 @@ from airtact.synthesis.sequence import Sequence, amplitude_modulation
 from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transfer import Drive
 from faults import raises_code
+from hardware.odd_links import SlowLink
 from hardware.sounds import moving, tone
 
 
@@ -70,12 +69,7 @@ def test_a_sequence_keeps_its_rate_and_tells_what_it_dropped() -> None:
 
 
 def test_frames_that_would_be_late_are_dropped() -> None:
-    class Slow(RecordingLink):
-        def _transmit(self, frame) -> None:
-            time.sleep(0.03)
-            super()._transmit(frame)
-
-    link = Slow()
+    link = SlowLink()
     with Emission(link, ramp=0.0) as emission:
         played = emission.play(Sequence(moving(10), 100.0), seconds=0.6)
     assert played.dropped > 10

@@ -1,5 +1,6 @@
 """SonicSurface and Nano16 over a real terminal device, with noise on the line, dead boards and cut cables."""
 
+import os
 import sys
 import time
 
@@ -175,7 +176,7 @@ def busy() -> None:
             "link_not_opened",
             "/dev/no-such-port cannot be opened (error 2)",
         ),
-        (busy, "link_not_opened", "(error 11)"),
+        (busy, "link_in_use", f"process {os.getpid()}"),
         (lambda: SerialLink(None), "wrong_kind", "a str"),
         (lambda: SerialLink("x", boards=1.5), "board_count", "1 to 2 sonicsurface boards, not 1.5"),
         (lambda: SerialLink("x", "openmpd"), "unknown_link", "0 baud"),

@@ -21,6 +21,7 @@ from airtact.cli.options import FILE, Names, board_address, drive_settings, leve
 @click.option("--yes", is_flag=True, help="Emit without asking.")
 @board_address
 @click.option("--out", type=FILE, help="File, for --link file: .npz, .csv, .h5 or .bin.")
+@click.option("--log", type=FILE, help="File for a line on each event: what the boards got, and when.")
 @quiet
 def emit(
     drive: Path,
@@ -31,13 +32,14 @@ def emit(
     link: str,
     seconds: float,
     yes: bool,
+    log: Path | None,
     **where: Any,
 ) -> None:
     """Emit DRIVE.h5 on boards for some seconds, then silence them.
 
     Without --cap and --full-scale the level half a metre off the array is kept to 110 dB, a usual limit.
-    The amplitude rises over 0.2 s. At the end, at Ctrl-C, when the process is asked to end and when anything fails, a
-    frame of zeros is sent and confirmed as far as the boards can.
+    The amplitude rises over 0.2 s. At the end, when anything fails, and whatever ends this process, a process of the
+    link's own sends a frame of zeros, confirmed as far as the boards can.
     """
     from airtact.evaluation.thresholds import NO_SAFETY_ASSESSMENT
     from airtact.validation import counted, positive
@@ -53,7 +55,7 @@ def emit(
     if not yes:
         _ask(f"Emit for {seconds:g} s through {link} to {way.devices}?")
     with progress() as report_step:
-        played = workflow.emit(plan, way, seconds, report_step)
+        played = workflow.emit(plan, way, seconds, report_step, log)
     if way.real_time:
         unanswered = link == "serial" and board == "sonicsurface"
         confirmed = "written to the port (a SonicSurface never answers)" if unanswered else "and confirmed"

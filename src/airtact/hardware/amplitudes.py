@@ -4,14 +4,11 @@ import numpy as np
 from jaxtyping import Complex, Float64, Real
 
 from airtact.conventions import InvalidInput
-from airtact.synthesis.quantise import Frame, quantise
+from airtact.frames.amplitudes import frame_at
+from airtact.frames.frame import Frame
 from airtact.transducers.levels import Levels
 from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transfer import Drive
-from airtact.validation import number
-
-GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
-"""Multiples of the golden ratio's fraction spread evenly over 0 to 1, however many are taken."""
 
 CLOCK = 40e3
 """Periods of the sound that boards emit, in a second."""
@@ -25,37 +22,8 @@ around each of these."""
 
 
 def faded(drive: Drive, levels: Levels, share: float) -> Frame:
-    """Quantise a drive at a share of its amplitude.
-
-    Boards with levels of amplitude reduce every element. Boards without switch on that share of their elements, spread
-    evenly over the order of the elements: the pressure at a focus is proportional to their number.
-    """
-    if not levels.phase_only:
-        return quantise(Drive(share * drive.amplitudes), levels)
-    order = (np.arange(len(drive)) + 0.5) * GOLDEN % 1.0
-    return quantise(Drive(np.where(order < share, drive.amplitudes, 0.0)), levels)
-
-
-def share_under_cap(drives: Complex[np.ndarray, "frames elements"], levels: Levels, cap: float) -> float:
-    """Return the factor that brings the largest amplitude of some drives under a cap, a share of full scale.
-
-    Without levels of amplitude, the cap is the share of elements that are on. Raise as ``check_cap``.
-    """
-    cap = check_cap(cap)
-    if levels.phase_only:
-        return cap
-    return min(1.0, cap / max(float(np.abs(drives).max()), 1e-12))
-
-
-def check_cap(cap: float) -> float:
-    """Return a cap on amplitudes; raise "out_of_range" unless it is a share of full scale, above 0 and at most 1."""
-    cap = number(cap, "the cap", "shares of full scale")
-    if not 0.0 < cap <= 1.0:
-        percent = f": for {cap:g} per cent give {cap / 100.0:g}" if 1.0 < cap <= 100.0 else ""
-        raise InvalidInput(
-            f"the cap is {cap:g}, but it is a share of full scale, above 0 and at most 1{percent}.", code="out_of_range"
-        )
-    return cap
+    """Quantise a drive at a share of its amplitude, as ``frame_at``."""
+    return frame_at(drive.amplitudes, levels, share)
 
 
 def modulated(

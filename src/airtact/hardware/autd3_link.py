@@ -8,15 +8,14 @@ from operator import setitem
 from typing import Any
 
 import numpy as np
-from jaxtyping import UInt16
-from scipy.spatial.transform import Rotation
+from jaxtyping import Float64, UInt8, UInt16
 
 from airtact.conventions import InvalidInput, extra
+from airtact.frames.frame import Frame
 from airtact.hardware.link import Link, LinkFailed
 from airtact.pose import Pose
-from airtact.synthesis.quantise import Frame
-from airtact.synthesis.sequence import check_rate
 from airtact.transducers.levels import EIGHT_BITS
+from airtact.transducers.modulation import check_rate
 from airtact.validation import of_kind
 
 KNOWN_VERSIONS = ("36.0.2",)
@@ -38,6 +37,9 @@ INTENSITY_FADE, PHASE_FADE = 250, 1000
 """How long the silencer spreads a change of intensity and of phase over [µs], its default."""
 
 
+Envelope = Float64[np.ndarray, "frames"]
+
+
 class AUTD3Link(Link):
     """AUTD3 boards, in the order in which they are chained.
 
@@ -55,7 +57,7 @@ class AUTD3Link(Link):
     sound_speed : of the medium [m/s], for simulators.
     """
 
-    plays_itself = True
+    plays_itself = modulates_itself = True
     poses: list[Pose]
     address: str | None
     sound_speed: float | None
@@ -81,7 +83,10 @@ class AUTD3Link(Link):
             )
         self.name, self.poses = through, list(poses)
         self.address, self.sound_speed = address, sound_speed
+        self._rotations = _quaternions(poses)
         self._lost: str | None = None
+        self._envelope: tuple[Envelope, int] | None = None
+        self._swinging = False
         self._controller: Any = None
         self._library: Any = None
 
@@ -112,10 +117,9 @@ class AUTD3Link(Link):
         InvalidInput
             If the link is not "audit": real boards cannot be read.
         """
-        if self.name != "audit":
-            raise InvalidInput(
-                f"the {self.boards} boards behind {self.name} cannot be read: only audit can.", code="audit_only"
-            )
+        if self._elsewhere is not None:
+            return self._elsewhere("played", index)
+        self._check_audit("cannot be read: only audit can")
         pairs = []
         for board in range(self.boards):
             segment = self._controller.link().current_stm_segment(board)
@@ -131,19 +135,50 @@ class AUTD3Link(Link):
         InvalidInput
             If the link is not "audit".
         """
-        if self.name != "audit":
-            raise InvalidInput(
-                f"the {self.boards} boards behind {self.name} have a cable that you can pull yourself.",
-                code="audit_only",
-            )
+        if self._elsewhere is not None:
+            self._elsewhere("cut")
+            return
+        self._check_audit("have a cable that you can pull yourself")
         self._controller.link().break_down()
 
+    def played_modulation(self, board: int = 0) -> UInt8[np.ndarray, "frames"]:
+        """Read back the factors by which a board varies the amplitudes, 255 for 1, from the firmware's model.
+
+        Raises
+        ------
+        InvalidInput
+            If the link is not "audit": real boards cannot be read.
+        """
+        if self._elsewhere is not None:
+            return self._elsewhere("played_modulation", board)
+        self._check_audit("cannot be read: only audit can")
+        model = self._controller.link()
+        return np.array(model.modulation_buffer(board, model.current_mod_segment(board)), dtype=np.uint8)
+
+    def modulate(self, envelope: Float64[np.ndarray, "frames"] | None, rate: float) -> None:
+        """Have the boards vary the amplitude of all frames that are sent from now on, over and over.
+
+        Parameters
+        ----------
+        envelope : factors on the amplitudes, from 0 to 1, over one period; None for none.
+        rate : factors a second: 40 kHz over a whole number.
+        """
+        self._envelope = None if envelope is None else (envelope, round(PERIODS / rate))
+        self._swinging = False
+
+    def _resource(self) -> str | None:
+        return None if self.name == "audit" else f"{self.name} at {self.address or 'its usual address'}"
+
+    def _check_audit(self, why: str) -> None:
+        if self.name != "audit":
+            raise InvalidInput(f"the {self.boards} boards behind {self.name} {why}.", code="audit_only")
+
     def _begin(self) -> None:
+        self._swinging = False
         self._library = pyautd3 = _library()
-        rotations = [np.array(Rotation.from_matrix(pose.rotation).as_quat(scalar_first=True)) for pose in self.poses]
         devices = [
             pyautd3.AUTD3(pos=1e3 * pose.translation, rot=rotation)
-            for pose, rotation in zip(self.poses, rotations, strict=True)
+            for pose, rotation in zip(self.poses, self._rotations, strict=True)
         ]
         self._lost = None
         self._controller = pyautd3.Controller.open(devices, self._way())
@@ -189,7 +224,22 @@ class AUTD3Link(Link):
     def _transmit(self, frame: Frame) -> None:
         if self._lost is not None:
             raise self._failed("sending", self._lost)
-        self._sender.send((self._library.Static(), _gain_of(self._words(frame))))
+        gain = _gain_of(self._words(frame))
+        if self._envelope is None:
+            self._sender.send((self._library.Static(), gain))
+        elif self._swinging:
+            self._sender.send(gain)
+        else:
+            self._swing(*self._envelope, gain)
+
+    def _swing(self, envelope: Float64[np.ndarray, "frames"], divide: int, gain: Any) -> None:
+        """Begin a modulation, which then goes on while other gains are sent."""
+        period = divide * (1_000_000 // PERIODS)
+        self._sender.send(self._silencer(min(INTENSITY_FADE, period), min(PHASE_FADE, period)))
+        factors = np.rint(255 * envelope).astype(np.uint8)
+        pyautd3 = self._library
+        self._sender.send((pyautd3.modulation.Custom(factors, pyautd3.SamplingConfig(divide)), gain))
+        self._swinging = True
 
     def _look(self) -> None:
         if self._lost is not None:
@@ -206,6 +256,7 @@ class AUTD3Link(Link):
         self._sender.send((pyautd3.Static(), sequence))
 
     def _silence(self) -> None:
+        self._swinging = False
         # First silence, which the boards acknowledge; only then may the silencer be slow again.
         self._sender.send((self._library.Static(), self._library.Null()))
         self._sender.send(self._silencer(INTENSITY_FADE, PHASE_FADE))
@@ -239,6 +290,13 @@ class AUTD3Link(Link):
                     code="link_not_opened",
                 ) from None
             raise self._failed(doing, str(error).rstrip(".")) from error
+
+
+def _quaternions(poses: Sequence[Pose]) -> list[Float64[np.ndarray, "4"]]:
+    """Return rotations as unit quaternions, the real part first."""
+    from scipy.spatial.transform import Rotation  # its import takes longer than a link process takes to start
+
+    return [np.array(Rotation.from_matrix(pose.rotation).as_quat(scalar_first=True)) for pose in poses]
 
 
 def _library() -> Any:

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from airtact.conventions import InvalidInput
-from airtact.synthesis.quantise import Frame
+from airtact.frames.frame import Frame
 from airtact.transducers.boards import Board, board_named
 from airtact.transducers.levels import EIGHT_BITS, Levels
 

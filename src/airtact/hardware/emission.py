@@ -1,20 +1,23 @@
 """Emitting safely: a ramp, a cap, a watchdog, and silence however it ends."""
 
+import atexit
 import signal
 import threading
 import time
-from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any
 
 import numpy as np
 
 from airtact.conventions import InvalidInput
-from airtact.hardware.amplitudes import check_cap, faded, modulated, share_under_cap
+from airtact.frames.amplitudes import check_cap
+from airtact.frames.frame import Frame
+from airtact.hardware.amplitudes import frames_of_period
+from airtact.hardware.feeding import LinkProcess
 from airtact.hardware.link import Link, LinkFailed
-from airtact.synthesis.quantise import Frame
+from airtact.hardware.player import Settings
 from airtact.synthesis.sequence import Sequence
 from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transfer import Drive, check_drive
@@ -23,20 +26,20 @@ from airtact.validation import number, of_kind, positive
 RAMP = 0.2
 """How long the amplitude rises when sound begins [s]."""
 
-STEP = 0.025
-"""How long one step of the ramp lasts [s]."""
+FADE = 0.1
+"""How long the amplitude falls when sound is silenced for a while [s]."""
 
 PATIENCE = 0.5
 """How long boards emit without a call before they are silenced [s]."""
 
-LOOK = 0.1
-"""Time between two checks that the boards are still connected [s]."""
-
 SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
-"""Signals that end an emission with silence."""
+"""Signals that end an emission and then the block that it is in."""
 
 NOHUP = getattr(signal, "SIGHUP", None)
 """The one of them that is left alone where it is ignored."""
+
+NOT_BEGUN = "it was not begun"
+"""Why nothing can be sent before an emission begins."""
 
 
 @dataclass(frozen=True)
@@ -58,14 +61,15 @@ class Played:
 class Emission:
     """Sound from boards, silenced however it ends.
 
-    Use it as ``with Emission(link) as emission:``. Sound begins with a ramp. It ends with a frame of zeros, which the
-    link sees confirmed, when the block is left, in order or by an exception, at SIGINT, SIGTERM or SIGHUP (which then
-    raise ``KeyboardInterrupt`` or ``SystemExit``), and when for half a second no ``send``, ``hold``,
-    ``play`` or ``beat`` is called. Nothing can be sent after that. A signal that comes while a frame is being sent
-    waits until it is sent; outside the main thread Python delivers none.
+    Use it as ``with Emission(link) as emission:``. The link is opened in a process of its own, which raises the sound
+    over a ramp and sends a frame of zeros, which the link sees confirmed, when the block is left, and by itself when
+    this process is gone, whatever ended it, or when for half a second no ``send``, ``hold``, ``play``,
+    ``modulate``, ``set_modulation``, ``silence`` or ``beat`` is called. Nothing can be sent after that. SIGINT,
+    SIGTERM and SIGHUP in the main thread leave the block by ``KeyboardInterrupt`` or ``SystemExit``.
 
-    A process that is killed, or a computer that stops, sends nothing any more: the how-to of each board describes what
-    the boards do then.
+    If the link process itself is killed, the next call raises ``LinkFailed``, and another process opens the link and
+    silences the boards. A link whose class is defined in the script itself, or on a system without POSIX, is open in
+    this process, and a warning says so: the boards go on emitting then if this process is killed.
 
     Parameters
     ----------
@@ -73,6 +77,12 @@ class Emission:
     cap : largest amplitude of an element, a share of full scale; drives above it are reduced as a whole.
     ramp : duration of the ramp [s].
     patience : how long boards emit without a call [s].
+    log : file for one line on each event, written by the link process: when, in seconds of the system's monotonic
+        clock (``time.monotonic``), and what.
+
+    Attributes
+    ----------
+    process : number of the process that holds the link; None where it is this one, or before it is open.
 
     Raises
     ------
@@ -82,36 +92,44 @@ class Emission:
 
     link: Link
 
-    def __init__(self, link: Link, *, cap: float = 1.0, ramp: float = RAMP, patience: float = PATIENCE) -> None:
+    def __init__(
+        self,
+        link: Link,
+        *,
+        cap: float = 1.0,
+        ramp: float = RAMP,
+        patience: float = PATIENCE,
+        log: str | Path | None = None,
+    ) -> None:
         of_kind(link, Link, "the link", "one such as AUTD3Link(poses)")
         if not 0.0 <= number(ramp, "the ramp", "s") < np.inf:
             raise InvalidInput(f"the ramp is {ramp:g} s, but it must be 0 or more.", code="out_of_range")
         self.link = link
-        self._cap = check_cap(cap)
-        self._ramp, self._patience = ramp, positive(patience, "the patience of the watchdog", "s")
-        self._lock = threading.RLock()
+        file = None if log is None else Path(of_kind(log, str | Path, "the log", "a path")).absolute()
+        patience = positive(patience, "the patience of the watchdog", "s")
+        self._settings = Settings(check_cap(cap), float(ramp), patience, file)
         self._inside = 0
         self._signal: int | None = None
-        self._emitting = False
-        self._over: str | None = "it was not begun"
-        self._failure: LinkFailed | None = None
-        self._fed = 0.0
+        self._over = NOT_BEGUN
+        self._played: LinkProcess | None = None
         self._handlers: dict[int, Any] = {}
-        self._done = threading.Event()
 
     def __enter__(self) -> "Emission":
         self._shield(1)
         self._listen()
         try:
-            self.link.open()
+            if self._settings.log is not None:
+                _begin_log(self._settings.log)
+            self._played = LinkProcess(self.link, self._settings)
         except BaseException:
             self._unlisten()
             raise
         finally:
             self._shield(-1)
-        self._over, self._emitting, self._failure = None, False, None
-        self._done.clear()
-        threading.Thread(target=self._watch, name="watchdog", daemon=True).start()
+        if self._played.process is None:
+            atexit.register(self._end)
+        else:
+            self.link._elsewhere = lambda name, *arguments: self._ask("ask", name, *arguments)
         try:
             self._obey()
         except BaseException as error:
@@ -124,30 +142,53 @@ class Emission:
     ) -> None:
         self._shield(1)
         try:
-            self._done.set()
-            self._finish("it was ended")
-            if self._failure is not None:
-                self._failure = None
-                self._silence()
+            self._end()
         finally:
-            # An error on closing adds nothing: silence was confirmed, or its failure is raised from here.
-            with suppress(LinkFailed):
-                self.link.close()
             self._unlisten()
             self._shield(-1)
         if kind is None:
             self._obey()
 
-    def send(self, drive: Drive) -> Frame:
-        """Play a drive from now on; the first one rises over the ramp.
+    def _end(self) -> None:
+        """Silence the boards and close the link; an emission that has ended stays so."""
+        played = self._played
+        if played is None:
+            return
+        atexit.unregister(self._end)
+        failed: LinkFailed | None = None
+        try:
+            played.ask("finish", "it was ended")
+            self.link.collect()
+        except LinkFailed as error:
+            failed = error
+        finally:
+            self._played, self.link._elsewhere = None, None
+            try:
+                self._over = played.close() or "it was ended"
+            except LinkFailed as error:
+                # An error on closing adds nothing where silence was confirmed, unless the link process was lost.
+                self._over = "the link process was lost"
+                if error.code != "link_failed":
+                    failed = failed if failed is not None and failed.code == "silence_failed" else error
+        if failed is not None:
+            raise failed
+
+    @property
+    def process(self) -> int | None:
+        """Number of the process that holds the link; None where it is this one, or before it is open."""
+        return None if self._played is None else self._played.process
+
+    def send(self, drive: Drive, wait: bool = True) -> Frame:
+        """Play a drive from now on; the first one rises over the ramp, and so does one after silence.
 
         Parameters
         ----------
         drive : what every element emits.
+        wait : whether to return when the ramp is over; otherwise the newest drive rises meanwhile.
 
         Returns
         -------
-        The frame that the boards play.
+        The frame that the boards play, at the end of the ramp and at the full amplitude of a modulation.
 
         Raises
         ------
@@ -158,10 +199,57 @@ class Emission:
         """
         check_drive(drive, "what is emitted")
         self.link.check_elements(len(drive))
-        share = share_under_cap(drive.amplitudes[None], self.link.levels, self._cap)
-        if self.link.real_time and not self._emitting and drive.amplitudes.any():
-            self._rise(drive, share)
-        return self._transmit(faded(drive, self.link.levels, share))
+        frame, left = self._ask("send", drive.amplitudes)
+        self.link.last = frame
+        if wait:
+            self._outlast(left)
+        return frame
+
+    def set_modulation(self, modulation: AmplitudeModulation | None) -> None:
+        """Vary the amplitude of whatever ``send`` plays from now on, or stop that; drives follow without a jump in it.
+
+        AUTD3 boards play the modulation themselves. Other boards are sent the newest drive at each of its times.
+
+        Raises
+        ------
+        InvalidInput
+            If the modulation is too fast for the boards (the fastest).
+        LinkFailed
+            If the link fails, or the emission was ended before.
+        """
+        if modulation is None:
+            self._ask("modulate", None, 0.0)
+            return
+        of_kind(modulation, AmplitudeModulation, "the modulation", "AmplitudeModulation(frequency, depth)")
+        count, rate = frames_of_period(modulation.frequency, self.link.fastest_frames)
+        self._ask("modulate", modulation.envelope(count), rate)
+
+    def silence(self, fade: float = FADE, wait: bool = True) -> None:
+        """Let the sound fade to silence; the next drive rises over the ramp.
+
+        Parameters
+        ----------
+        fade : how long it takes [s].
+        wait : whether to return when it is over.
+
+        Raises
+        ------
+        LinkFailed
+            If the link fails, or the emission was ended before.
+        """
+        left = self._ask("silence", positive(fade, "the fade", "s"))
+        if wait:
+            self._outlast(left)
+
+    def stop(self) -> None:
+        """Silence the boards at once, for good.
+
+        Raises
+        ------
+        LinkFailed
+            If that fails: the boards may still emit.
+        """
+        self._ask("finish", "it was stopped")
 
     def beat(self) -> None:
         """Keep the watchdog from silencing the boards.
@@ -169,10 +257,9 @@ class Emission:
         Raises
         ------
         LinkFailed
-            If the emission was ended before.
+            If the emission was ended before, or the link has failed.
         """
-        self._check_over()
-        self._fed = time.monotonic()
+        self._ask("beat")
 
     def hold(self, seconds: float) -> None:
         """Let the boards play on for some time [s].
@@ -180,19 +267,15 @@ class Emission:
         Raises
         ------
         LinkFailed
-            If the emission was ended before or meanwhile.
+            If the emission was ended before or meanwhile, or the link fails.
         """
         self.beat()
         if not self.link.real_time:
             return
-        begun = looked = time.monotonic()
-        while (left := begun + seconds - time.monotonic()) > 0.0:
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0.0:
+            time.sleep(min(left, self._pause))
             self.beat()
-            time.sleep(min(left, self._patience / 5.0, 0.05))
-            if time.monotonic() - looked > LOOK:
-                self._do(self.link.probe, self._emitting)
-                looked = time.monotonic()
-        self.beat()
 
     def play(self, sequence: Sequence, seconds: float) -> Played:
         """Play a sequence over and over; its most powerful frame rises over the ramp before.
@@ -215,13 +298,10 @@ class Emission:
             If the link fails, or the emission was ended before or meanwhile.
         """
         of_kind(sequence, Sequence, "what is played", "Sequence(drives, rate)")
-        drives, rate = sequence.drives, sequence.rate
-        self.link.check_elements(drives.shape[1])
-        self.link.check_sequence(len(drives), rate)
-        share = share_under_cap(drives, self.link.levels, self._cap)
-        frames = [faded(Drive(row), self.link.levels, share) for row in drives]
-        strongest = Drive(drives[np.linalg.norm(drives, axis=1).argmax()])
-        return self._repeat(frames, rate, seconds, lambda: self._rise(strongest, share))
+        self.link.check_elements(sequence.drives.shape[1])
+        self.link.check_sequence(len(sequence), sequence.rate)
+        self._outlast(self._ask("play", sequence.drives, np.ones(len(sequence)), sequence.rate, seconds))
+        return Played(*self._ask("played"))
 
     def modulate(self, drive: Drive, seconds: float, modulation: AmplitudeModulation | None = None) -> Played:
         """Play a drive for some seconds [s] while its amplitude varies, so that it is felt, at a rate of the boards.
@@ -244,126 +324,43 @@ class Emission:
         modulation = AmplitudeModulation() if modulation is None else modulation
         of_kind(modulation, AmplitudeModulation, "the modulation", "AmplitudeModulation(frequency, depth)")
         self.link.check_elements(len(drive))
-        share = share_under_cap(drive.amplitudes[None], self.link.levels, self._cap)
-        frames, rate = modulated(drive, modulation, self.link.levels, self.link.fastest_frames, share)
-        self.link.check_sequence(len(frames), rate)
-        return self._repeat(frames, rate, seconds, lambda: self._rise(drive, share))
+        count, rate = frames_of_period(modulation.frequency, self.link.fastest_frames)
+        self.link.check_sequence(count, rate)
+        self._outlast(self._ask("play", drive.amplitudes[None], modulation.envelope(count), rate, seconds))
+        return Played(*self._ask("played"))
 
-    def _repeat(self, frames: list[Frame], rate: float, seconds: float, rise: Callable[[], None]) -> Played:
-        """Play frames over and over, after a ramp."""
-        if not self.link.real_time:
-            count = max(round(seconds * rate), 1)
-            self._do(lambda: self.link.play([frames[index % len(frames)] for index in range(count)], rate))
-            return Played(rate, count, 0)
-        if not self._emitting:
-            rise()
-        if self.link.plays_itself:
-            self._do(lambda: self.link.play(frames, rate))
-            self.hold(seconds)
-            return Played(rate, round(seconds * rate), 0)
-        return self._pace(frames, rate, seconds)
+    def _outlast(self, left: float) -> None:
+        """Wait until a ramp or a sequence is over, which takes some time yet [s]."""
+        while left > 0.0:
+            time.sleep(min(left, self._pause))
+            left = self._ask("beat")
 
-    def _pace(self, frames: list[Frame], rate: float, seconds: float) -> Played:
-        begun, index, sent, dropped = time.monotonic(), 0, 0, 0
-        total = max(round(seconds * rate), 1)
-        while index < total:
-            late = time.monotonic() - begun - index / rate
-            if late < 0.0:
-                self.hold(-late)
-            elif late > 1.0 / rate:
-                missed = min(int(late * rate), total - index - 1)
-                index, dropped = index + missed, dropped + missed
-            self._transmit(frames[index % len(frames)])
-            index, sent = index + 1, sent + 1
-        self.hold(max(begun + seconds - time.monotonic(), 0.0))
-        return Played(sent / (time.monotonic() - begun), sent, dropped)
+    @property
+    def _pause(self) -> float:
+        """How long to sleep between two beats [s]."""
+        return min(self._settings.patience / 5.0, 0.05)
 
-    def _rise(self, drive: Drive, share: float) -> None:
-        steps = int(np.ceil(self._ramp / STEP))
-        for step in range(1, steps):
-            self._transmit(faded(drive, self.link.levels, share * step / steps))
-            self.hold(self._ramp / steps)
-
-    def _transmit(self, frame: Frame) -> Frame:
-        self._do(lambda: self.link.send(frame), not frame.silent)
-        return frame
-
-    def _do(self, work: Callable[[], None], emitting: bool = True) -> None:
-        """Call the link while no signal can interrupt it."""
+    def _ask(self, name: str, *arguments: Any) -> Any:
+        """Have the link's player do something while no signal can interrupt it."""
         self._shield(1)
         try:
-            with self._lock:
-                self._check_over()
-                self._fed = time.monotonic()
-                emitting = emitting and self.link.real_time
-                self._emitting = self._emitting or emitting
-                work()
-                self._emitting = emitting
-                self._fed = time.monotonic()
+            if self._played is None:
+                raise LinkFailed(
+                    f"the emission is over because {self._over}, after {self.link.sent} frames, and nothing was sent.",
+                    self.link.last,
+                    self.link.sent,
+                    code="emission_over",
+                )
+            answer = self._played.ask(name, *arguments)
         finally:
             self._shield(-1)
         self._obey()
+        return answer
 
     def _shield(self, step: int) -> None:
         """Count the nested calls of the link in the main thread, which receives the signals."""
         if threading.current_thread() is threading.main_thread():
             self._inside += step
-
-    def _check_over(self) -> None:
-        if self._failure is not None:
-            raise self._failure
-        if self._over is not None:
-            raise LinkFailed(
-                f"the emission is over because {self._over}, after {self.link.sent} frames, and nothing was sent.",
-                self.link.last,
-                self.link.sent,
-                code="emission_over",
-            )
-
-    def _finish(self, why: str) -> None:
-        """Silence the boards once; remember why, and whether it failed."""
-        self._shield(1)
-        try:
-            with self._lock:
-                if self._over is not None:
-                    return
-                self._over = why
-                self._silence()
-        finally:
-            self._shield(-1)
-
-    def _silence(self) -> None:
-        before, sent = self.link.last, self.link.sent
-        for last_try in (False, True):
-            try:
-                self.link.stop()
-            except LinkFailed as error:
-                if last_try:
-                    self._failure = LinkFailed(
-                        f"{str(error).rstrip('.')}; the boards may still emit: cut their power.",
-                        before,
-                        sent,
-                        code="silence_failed",
-                    )
-                    raise self._failure from error
-            else:
-                self._emitting = False
-                return
-
-    def _watch(self) -> None:
-        """Silence the boards when no call came for the patience."""
-        while not self._done.wait(self._patience / 10.0):
-            if not self._emitting or time.monotonic() - self._fed < self._patience:
-                continue
-            with self._lock:
-                if time.monotonic() - self._fed < self._patience or self._over is not None:
-                    continue
-                self._over = f"no call came for {self._patience:g} s"
-                try:
-                    self._silence()
-                except LinkFailed:
-                    return  # stored in _failure: the next call and the end of the block raise it
-                return
 
     def _listen(self) -> None:
         if threading.current_thread() is threading.main_thread():
@@ -386,7 +383,22 @@ class Emission:
         if self._signal is None or threading.current_thread() is not threading.main_thread():
             return
         kind, self._signal = self._signal, None
-        self._finish(f"of the signal {signal.Signals(kind).name}")
+        if self._played is not None:
+            self._shield(1)
+            try:
+                self._played.ask("finish", f"of the signal {signal.Signals(kind).name}")
+            finally:
+                self._shield(-1)
         if kind == signal.SIGINT:
             raise KeyboardInterrupt
         raise SystemExit(128 + kind)
+
+
+def _begin_log(path: Path) -> None:
+    """Empty the log, so that it holds one emission."""
+    try:
+        path.write_text("")
+    except OSError as error:
+        raise InvalidInput(
+            f"the log {path} cannot be written (error {error.errno}): {error.strerror}.", code="file_not_writable"
+        ) from None

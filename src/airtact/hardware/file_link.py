@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Complex128
 
 from airtact.conventions import InvalidInput
+from airtact.frames.frame import Frame
 from airtact.hardware.codecs import codec_of
 from airtact.hardware.link import Link
-from airtact.synthesis.quantise import Frame
 from airtact.transducers.drive_file import ENDINGS as DRIVE_ENDINGS
 from airtact.transducers.drive_file import DriveFile, checked_ending, write_drive_file, written
 from airtact.validation import of_kind

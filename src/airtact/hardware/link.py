@@ -1,17 +1,25 @@
 """What every link to boards does, and the link that only records."""
 
+import os
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
+from typing import Any
 
 import numpy as np
+from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
+from airtact.frames.frame import Frame
+from airtact.hardware.board_lock import lock_boards
 from airtact.hardware.codecs import Codec, codec_of
-from airtact.synthesis.quantise import Frame
 from airtact.transducers.levels import Levels
 from airtact.validation import counted, of_kind, positive
+
+RECORDED_AT_ONCE = 64
+"""Number of recorded frames that one process passes to another at once."""
 
 
 class LinkFailed(RuntimeError):  # noqa: N818 (reads as what it is in a traceback)
@@ -30,6 +38,9 @@ class LinkFailed(RuntimeError):  # noqa: N818 (reads as what it is in a tracebac
         self.last = last
         self.sent = sent
 
+    def __reduce__(self) -> Any:
+        return partial(type(self), code=self.code), (str(self), self.last, self.sent)
+
 
 class Link(ABC):
     """A way to boards of one kind: open it, send frames or play a sequence, stop, close.
@@ -42,14 +53,17 @@ class Link(ABC):
     name : what commands call it.
     boards, elements : number of boards, and of elements on all of them.
     plays_itself : whether boards repeat a sequence by themselves once it was sent, or need every frame in time.
+    modulates_itself : whether boards vary the amplitude of what they are sent by themselves.
     real_time : whether a frame is emitted when it is sent, so that frames must be sent at their times.
     fastest : frames a second that it can carry at most.
     last : the frame that was sent last, or None.
     sent : how many frames were sent since it was opened.
+    holder : number of the process that uses it.
     """
 
     name: str
     plays_itself: bool = False
+    modulates_itself: bool = False
     real_time: bool = True
     fastest: float = np.inf
     codec: Codec
@@ -57,6 +71,7 @@ class Link(ABC):
     elements: int
     last: Frame | None
     sent: int
+    holder: int
 
     def __init__(self, board: str, boards: int = 1) -> None:
         self.codec = codec_of(board)
@@ -68,7 +83,16 @@ class Link(ABC):
         self.boards = boards
         self.last = None
         self.sent = 0
+        self.holder = os.getpid()
         self._open = False
+        self._locked: int | None = None
+        self._elsewhere: Callable[..., Any] | None = None
+
+    def __del__(self) -> None:
+        self._unlock()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "_elsewhere": None, "_locked": None}
 
     @property
     def levels(self) -> Levels:
@@ -93,13 +117,19 @@ class Link(ABC):
         Raises
         ------
         InvalidInput
-            If what it needs is not there: a library, a port, a device.
+            If what it needs is not there: a library, a port, a device; or if another process uses the boards.
         LinkFailed
             If the boards do not answer.
         """
         self.last, self.sent = None, 0
-        with self._reporting("opening"):
-            self._begin()
+        resource = self._resource()
+        self._locked = None if resource is None else lock_boards(resource, self.holder)
+        try:
+            with self._reporting("opening"):
+                self._begin()
+        except BaseException:
+            self._unlock()
+            raise
         self._open = True
 
     def send(self, frame: Frame) -> None:
@@ -197,13 +227,38 @@ class Link(ABC):
         """Close the connection; boards go on emitting, so call ``stop`` before."""
         if self._open:
             self._open = False
-            with self._reporting("closing"):
-                self._end()
+            try:
+                with self._reporting("closing"):
+                    self._end()
+            finally:
+                self._unlock()
+
+    def modulate(self, envelope: Float64[np.ndarray, "frames"] | None, rate: float) -> None:
+        """Have the boards vary the amplitude of all frames that are sent from now on, if ``modulates_itself``.
+
+        Parameters
+        ----------
+        envelope : factors on the amplitudes, from 0 to 1, over one period; None for none.
+        rate : factors a second.
+        """
+        raise NotImplementedError
+
+    def collect(self) -> None:  # noqa: B027 (most links keep nothing)
+        """Bring here what the link has kept in another process, before that ends."""
 
     def zero(self) -> Frame:
         """Return the frame in which all elements are off."""
         nothing = np.zeros(self.elements, dtype=np.uint8)
         return Frame(nothing, nothing, self.levels)
+
+    def _resource(self) -> str | None:
+        """Name what only one process may use at a time, such as a port; None where there is no such thing."""
+        return None
+
+    def _unlock(self) -> None:
+        locked, self._locked = getattr(self, "_locked", None), None
+        if locked is not None:
+            os.close(locked)
 
     @abstractmethod
     def _begin(self) -> None: ...
@@ -269,19 +324,44 @@ class RecordingLink(Link):
     """
 
     name = "recording"
-    frames: list[Frame]
-    seconds: list[float]
 
     def __init__(self, board: str = "autd3", boards: int = 1) -> None:
         super().__init__(board, boards)
-        self.frames, self.seconds = [], []
+        self._frames: list[Frame] = []
+        self._seconds: list[float] = []
+
+    @property
+    def frames(self) -> list[Frame]:
+        """What was sent."""
+        self.collect()
+        return self._frames
+
+    @property
+    def seconds(self) -> list[float]:
+        """When it was sent, counted from opening [s]."""
+        self.collect()
+        return self._seconds
+
+    def collect(self) -> None:
+        """Bring here what was recorded in another process."""
+        while self._elsewhere is not None:
+            frames, seconds = self._elsewhere("recorded", len(self._frames))
+            if not frames:
+                return
+            self._frames += frames
+            self._seconds += seconds
+
+    def recorded(self, first: int) -> tuple[list[Frame], list[float]]:
+        """Return some frames from the ``first`` on, and when they were sent; none at the end."""
+        some = slice(first, first + RECORDED_AT_ONCE)
+        return self._frames[some], self._seconds[some]
 
     def _begin(self) -> None:
-        self.frames, self.seconds, self._begun = [], [], time.monotonic()
+        self._frames, self._seconds, self._begun = [], [], time.monotonic()
 
     def _transmit(self, frame: Frame) -> None:
-        self.frames.append(frame)
-        self.seconds.append(time.monotonic() - self._begun)
+        self._frames.append(frame)
+        self._seconds.append(time.monotonic() - self._begun)
 
     def _end(self) -> None:
         pass

@@ -1,5 +1,6 @@
 """SonicSurface and Ultraino Nano16 over a serial port."""
 
+import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from airtact.conventions import InvalidInput, extra
+from airtact.frames.frame import Frame
 from airtact.hardware.link import Link
-from airtact.synthesis.quantise import Frame
 from airtact.validation import of_kind
 
 PATIENCE = 0.5
@@ -58,6 +59,9 @@ class SerialLink(Link):
         self.port, self.boot = port, boot
         self.fastest = self.fastest_frames
         self._line: Any = None
+
+    def _resource(self) -> str:
+        return f"the port {os.path.realpath(self.port)}"
 
     def _begin(self) -> None:
         serial = _library()

@@ -15,12 +15,12 @@ from airtact.evaluation.metrics import NOT_MODELLED
 from airtact.figures.array_figures import draw_phases, draw_scene
 from airtact.figures.field_figure import FAINT, Cut, draw_close_ups, draw_difference, draw_field
 from airtact.file_access.atomic import whole_file
+from airtact.frames.frame import Frame
 from airtact.pages.page import page_from, picture
 from airtact.pages.viewer import SceneView, viewer_alternative, viewer_values
 from airtact.scene.scene import Obstacle, Scene
 from airtact.scene.target import Target
 from airtact.solvers.problem import SolveReport
-from airtact.synthesis.quantise import Frame
 from airtact.transducers.layout import PhasedArray
 from airtact.transfer import Drive, TransferMatrix
 from airtact.validation import counted

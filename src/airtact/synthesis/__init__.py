@@ -1,5 +1,6 @@
 """What to emit: a transfer matrix and a target in, a drive or a sequence out."""
 
+from airtact.frames.frame import Frame
 from airtact.synthesis.best import best
 from airtact.synthesis.constraint import Constraint
 from airtact.synthesis.gerchberg_saxton import (
@@ -14,7 +15,7 @@ from airtact.synthesis.least_squares import eigenvector, inverse_filter, iterate
 from airtact.synthesis.max_min import Stalled, max_min
 from airtact.synthesis.methods import METHODS
 from airtact.synthesis.motion import Motion, moving_foci, moving_target
-from airtact.synthesis.quantise import Frame, quantise, rounding_error
+from airtact.synthesis.quantise import quantise, rounding_error
 from airtact.synthesis.reach import achieved_fraction
 from airtact.synthesis.sequence import (
     Sequence,

@@ -21,7 +21,7 @@ from airtact.synthesis.time_reversal import phase_conjugate
 from airtact.transducers.drive_file import save_drives
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import EIGHT_BITS, FULL_SCALE, Levels
-from airtact.transducers.modulation import FREQUENCY, AmplitudeModulation
+from airtact.transducers.modulation import FREQUENCY, AmplitudeModulation, check_rate
 from airtact.transfer import Drive, TransferMatrix, check_drive
 from airtact.validation import check_finite, complex_numbers, counted, of_kind, positive
 
@@ -145,17 +145,6 @@ def check_playable(sequence: Sequence, *, clock: float, most: int, slowest: int 
             f"the sequence has {len(sequence)} frames, and the board keeps {most}; lower its rate.", code="frame_count"
         )
     check_rate(sequence.rate, clock, slowest, "the board")
-
-
-def check_rate(rate: float, clock: float, slowest: int, board: str) -> None:
-    """Raise "rate_not_possible" unless a rate [frames/s] is a clock [Hz] over a whole number up to ``slowest``."""
-    divide = min(max(round(clock / rate), 1), slowest)
-    if abs(clock / divide - rate) > 1e-6 * rate:
-        raise InvalidInput(
-            f"{rate:g} frames/s are not {clock:g} Hz over a whole number up to {slowest}: the nearest that {board} "
-            f"plays is {clock / divide:.7g} frames/s.",
-            code="rate_not_possible",
-        )
 
 
 def amplitude_modulation(

@@ -63,3 +63,14 @@ class AmplitudeModulation:
         """
         angle = 2.0 * np.pi * np.arange(frames) / frames
         return np.sqrt(np.maximum(1.0 - self.depth * (1.0 - np.cos(angle)) / 2.0, 0.0))
+
+
+def check_rate(rate: float, clock: float, slowest: int, board: str) -> None:
+    """Raise "rate_not_possible" unless a rate [frames/s] is a clock [Hz] over a whole number up to ``slowest``."""
+    divide = min(max(round(clock / rate), 1), slowest)
+    if abs(clock / divide - rate) > 1e-6 * rate:
+        raise InvalidInput(
+            f"{rate:g} frames/s are not {clock:g} Hz over a whole number up to {slowest}: the nearest that {board} "
+            f"plays is {clock / divide:.7g} frames/s.",
+            code="rate_not_possible",
+        )

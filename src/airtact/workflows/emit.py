@@ -8,14 +8,16 @@ from jaxtyping import Complex128, Float64
 
 from airtact.conventions import InvalidInput, about
 from airtact.evaluation.thresholds import CONSTANT, OCCUPATIONAL_LIMIT, sensation, sound_pressure_level
-from airtact.hardware.amplitudes import faded, frames_of_period, modulated, pressures_around, share_under_cap
+from airtact.frames.amplitudes import share_under_cap
+from airtact.frames.frame import Frame
+from airtact.hardware.amplitudes import faded, frames_of_period, modulated, pressures_around
 from airtact.hardware.codecs import Codec, codec_of
 from airtact.hardware.emission import Emission, Played
 from airtact.hardware.link import Link
 from airtact.hardware.links import link_to
 from airtact.pose import Pose
 from airtact.scene.medium import air
-from airtact.synthesis.quantise import Frame, rounding_error
+from airtact.synthesis.quantise import rounding_error
 from airtact.synthesis.sequence import Sequence
 from airtact.timing import Progress, no_progress
 from airtact.transducers.boards import Board, board_named, boards_needed, poses_of_boards
@@ -269,8 +271,12 @@ def link_for(made: Plan, link: str, **settings: str | Path | None) -> Link:
     return link_to(link, made.board.name, made.poses, _sound_speed(made.stored), **settings)
 
 
-def emit(made: Plan, link: Link, seconds: float, report_step: Progress = no_progress) -> Played | None:
+def emit(
+    made: Plan, link: Link, seconds: float, report_step: Progress = no_progress, log: Path | None = None
+) -> Played | None:
     """Play a plan for some time, then silence the boards; return what was played, None for one constant drive.
+
+    Each event is a line of the log, if one is given; ``Emission`` has what it holds.
 
     Raises
     ------
@@ -286,7 +292,7 @@ def emit(made: Plan, link: Link, seconds: float, report_step: Progress = no_prog
     if made.modulation is not None:
         frames_of_period(made.modulation.frequency, link.fastest_frames)
     report_step(f"opening the {link.name} link to {link.devices}")
-    with Emission(link, cap=made.cap) as emission:
+    with Emission(link, cap=made.cap, log=log) as emission:
         report_step(f"emitting for {seconds:g} s")
         if made.sequence and stored.rate is not None:
             played = emission.play(Sequence(stored.drives, stored.rate), seconds)

@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from airtact.hardware.amplitudes import faded, modulated, share_under_cap
+from airtact.frames.amplitudes import share_under_cap
+from airtact.hardware.amplitudes import faded, modulated
 from airtact.hardware.file_link import FileLink, write_frames
 from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transfer import Drive
