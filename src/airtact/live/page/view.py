@@ -23,7 +23,7 @@ PIXELS = 56
 ENLARGED = 2
 """Each of them is so many pixels wide, the field between being interpolated."""
 
-HAND = 0.13
+HAND = 0.15
 """How far a hand reaches from the middle of its foci, more or less [m]."""
 
 SATURATED = 0.6
@@ -179,7 +179,7 @@ class View:
         middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
         reach = float(np.linalg.norm(points - middle, axis=1).max())
         camera = self._server.initial_camera
-        camera.position, camera.look_at, camera.up = middle + 2.3 * reach * towards, middle, (0.0, 0.0, 1.0)
+        camera.position, camera.look_at, camera.up = middle + 2.5 * reach * towards, middle, (0.0, 0.0, 1.0)
         camera.fov, camera.near, camera.far = np.radians(50.0), 0.005, 20.0
 
     def _add_array(self) -> viser.BatchedMeshHandle:
