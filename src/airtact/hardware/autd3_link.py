@@ -234,11 +234,13 @@ class AUTD3Link(Link):
 
     def _swing(self, envelope: Float64[np.ndarray, "frames"], divide: int, gain: Any) -> None:
         """Begin a modulation, which then goes on while other gains are sent."""
+        from pyautd3.modulation import Custom
+
         period = divide * (1_000_000 // PERIODS)
         self._sender.send(self._silencer(min(INTENSITY_FADE, period), min(PHASE_FADE, period)))
         factors = np.rint(255 * envelope).astype(np.uint8)
         pyautd3 = self._library
-        self._sender.send((pyautd3.modulation.Custom(factors, pyautd3.SamplingConfig(divide)), gain))
+        self._sender.send((Custom(factors, pyautd3.SamplingConfig(divide)), gain))
         self._swinging = True
 
     def _look(self) -> None:

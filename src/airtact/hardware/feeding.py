@@ -76,9 +76,10 @@ class LinkProcess:
             with theirs:
                 self._child, self._life = _start(theirs)
         else:
-            threading.Thread(target=serve, args=(Channel(theirs),), name="link", daemon=True).start()
+            here = {"here": link}
+            threading.Thread(target=serve, args=(Channel(theirs),), kwargs=here, name="link", daemon=True).start()
         try:
-            self._exchange("open", (link, settings, os.getpid()), OPENING)
+            self._exchange("open", (None if self._child is None else link, settings, os.getpid()), OPENING)
         except BaseException:
             self.end()
             if self._child is not None:

@@ -15,7 +15,7 @@ from typing import Any
 
 from airtact.conventions import InvalidInput
 from airtact.hardware.channel import Channel
-from airtact.hardware.link import LinkFailed
+from airtact.hardware.link import Link, LinkFailed
 from airtact.hardware.player import Player
 
 GONE = "its process was gone"
@@ -25,15 +25,15 @@ RETRIES, RETRY_PAUSE = 50, 0.1
 """How often silence is tried where it is not confirmed and no feeder is left, and the time between [s]."""
 
 
-def serve(channel: Channel, gone: Callable[[], bool] = lambda: False) -> None:
-    """Play a link until its feeder closes it or is gone; the first message is the link and its settings."""
+def serve(channel: Channel, gone: Callable[[], bool] = lambda: False, here: Link | None = None) -> None:
+    """Play a link until its feeder closes it or is gone; a link that is not ``here`` comes with the first message."""
     player: Player | None = None
     try:
         while not gone():
             message = channel.receive(0.1 if player is None else player.wait())
             if message is not None:
                 number, name, arguments = message
-                player, answer, fault = _obeyed(player, name, arguments)
+                player, answer, fault = _obeyed(player, name, arguments, here)
                 channel.send((number, answer, fault, 0 if player is None else player.link.sent))
                 if name == "close" or player is None:
                     return
@@ -47,17 +47,20 @@ def serve(channel: Channel, gone: Callable[[], bool] = lambda: False) -> None:
         channel.close()
 
 
-def _obeyed(player: Player | None, name: str, arguments: Any) -> tuple[Player | None, Any, BaseException | None]:
+def _obeyed(
+    player: Player | None, name: str, arguments: Any, here: Link | None
+) -> tuple[Player | None, Any, BaseException | None]:
     """Do what a message asks; return the player, an answer and a fault."""
     try:
         if name == "open":
-            return _opened(*arguments), None, None
+            link, *settings = arguments
+            return _opened(here or link, *settings), None, None
         return player, getattr(player, name)(*arguments), None
     except BaseException as error:
         return player, None, _carried(error)
 
 
-def _opened(link: Any, settings: Any, feeder: int) -> Player:
+def _opened(link: Link, settings: Any, feeder: int) -> Player:
     player = Player(link, settings)
     link.holder = feeder
     player.open()
