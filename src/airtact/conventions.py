@@ -48,6 +48,36 @@ MOST_BODIES = 256
 MOST_TRIANGLES = 2_000_000
 """Largest number of triangles of a sphere or a capsule; with more, a unit is probably wrong."""
 
+LARGEST_MESH_FILE = 100_000_000
+"""Largest size of a file of a surface with all that it names [bytes]."""
+
+MOST_FILE_TRIANGLES = 250_000
+"""Largest number of triangles of a surface from a file: reading and checking so many takes some 10 s and 0.9 GB."""
+
+MOST_MESH_LINES = 2_500_000
+"""Largest number of lines of a file of a surface in text: an STL of ``MOST_FILE_TRIANGLES`` has 1,750,000."""
+
+MOST_NODES = 2048
+"""Largest number of nodes, meshes, or pieces of a surface in a file; a node has fewer than 256 above it."""
+
+LARGEST_DATA = 2**28
+"""Largest size of a file of numbers, such as a recording, a drive or a cloud, and of its arrays unpacked [bytes]."""
+
+LARGEST_TEXT = 2**26
+"""Largest size of a file of text, such as a table or a drawing [bytes]."""
+
+LARGEST_POSE = 1_000_000
+"""Largest size of a JSON file of a pose [bytes]."""
+
+MOST_COLUMNS, MOST_CELLS = 1024, 4_000_000
+"""Largest number of columns and of cells of a table."""
+
+LARGEST_DRAWING = 4_000_000
+"""Largest size of an SVG drawing [bytes]."""
+
+MOST_CURVES = 5_000
+"""Largest number of straight and curved parts of a drawing, each as often as it is used."""
+
 MOST_PIXELS = 16_777_216
 """Largest number of pixels of a picture, counted before it is decoded."""
 

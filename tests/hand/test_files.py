@@ -29,7 +29,7 @@ def test_a_cloud_is_read_from_each_kind_of_file(tmp_path: Path) -> None:
     [
         ("a.pcd", b"", "unknown_ending", ".pcd"),
         ("a.ply", b"no ply", "file_unreadable", "a.ply (6 bytes)"),
-        ("a.npy", b"no array", "file_unreadable", "a.npy (8 bytes)"),
+        ("a.npy", b"no array", "file_unreadable", "a.npy: its 8 bytes"),
     ],
 )
 def test_files_that_are_no_clouds_are_rejected(

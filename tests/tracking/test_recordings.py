@@ -99,7 +99,7 @@ def test_files_that_are_no_recording_are_rejected(tmp_path, name, content, code,
 
 @pytest.mark.parametrize("name", ["none.jsonl", "none.npz"])
 def test_files_that_are_not_there_are_rejected(tmp_path, name):
-    with raises_code("file_unreadable", f"{name}: ", "No such file"):
+    with raises_code("file_missing", name):
         load_recording(tmp_path / name)
 
 

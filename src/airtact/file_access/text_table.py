@@ -1,16 +1,16 @@
 """Tables in text files: columns by name, numbers in cells, and the line in every error. The only reader of them."""
 
 import csv
-import stat
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Complex128, Float64
 
-from airtact.conventions import InvalidInput
+from airtact.conventions import LARGEST_NUMBER, MOST_CELLS, MOST_COLUMNS, InvalidInput
+from airtact.file_access.bounded import text_of
 from airtact.printing import in_short
-from airtact.validation import counted, file_fault
+from airtact.validation import counted
 
 COMMENTS = ("%", "#")
 """Lines that begin so are comments."""
@@ -59,6 +59,8 @@ class TextTable:
                 raise self._unreadable(row, name, "which is not a number") from None
             if not np.isfinite(found[row]):
                 raise self._unreadable(row, name, "which is not finite; leave such lines out")
+            if not abs(found[row]) <= LARGEST_NUMBER:
+                raise self._unreadable(row, name, f"beyond {LARGEST_NUMBER:g}")
         return found
 
     def _unreadable(self, row: int, name: str, why: str) -> InvalidInput:
@@ -68,27 +70,6 @@ class TextTable:
         )
 
 
-def text_of(path: Path, largest: int | None = None) -> str:
-    """Read a file as UTF-8 text; raise "file_missing", "file_unreadable", "file_too_large" or "not_text".
-
-    ``largest`` is the most bytes that it may have, any number for None.
-    """
-    try:
-        found = path.stat()
-        if not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):
-            sentence = f"{path.name} is 1 device or pipe, not a file; save its contents in a file."
-            raise InvalidInput(sentence, code="file_unreadable")
-        if largest is not None and found.st_size > largest:
-            sentence = f"{path.name} has {found.st_size:,} bytes, more than {largest:,}."
-            raise InvalidInput(sentence, code="file_too_large")
-        return path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise file_fault(path, error) from None
-    except UnicodeDecodeError as error:
-        sentence = f"{path.name} is not a text file: byte {error.start} is not UTF-8."
-        raise InvalidInput(sentence, code="not_text") from None
-
-
 def read_text_table(path: Path) -> TextTable:
     """Read a file of cells between commas.
 
@@ -96,7 +77,7 @@ def read_text_table(path: Path) -> TextTable:
     does, as COMSOL writes it.
     """
     text = text_of(path)
-    head, commented, rows, lines = "", True, [], []
+    head, commented, rows, lines, count = "", True, [], [], 0
     for line, words in enumerate(text.splitlines(), start=1):
         if not words.strip():
             continue
@@ -104,7 +85,11 @@ def read_text_table(path: Path) -> TextTable:
             head = words.lstrip().lstrip("%# ") if commented and not rows else head
             continue
         _check_other_separators(path.name, line, words)
-        cells = _cells(words)
+        cells = _cells(path.name, line, words)
+        count += len(cells)
+        if count > MOST_CELLS:
+            sentence = f"{path.name} has more than {MOST_CELLS:,} cells; leave columns or lines out."
+            raise InvalidInput(sentence, code="file_too_large")
         if commented and not rows and not any(_is_number(cell) for cell in cells):
             head, commented = words, False
             continue
@@ -137,7 +122,7 @@ def _named(file: str, head: str, rows: int) -> tuple[str, ...]:
             f"{file} has {counted(rows, 'row', 'rows')} of numbers, but no line that names its columns.",
             code="header_missing",
         )
-    names = tuple(name.lower() for name in _cells(head))
+    names = tuple(name.lower() for name in _cells(file, 1, head))
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise InvalidInput(
@@ -147,8 +132,16 @@ def _named(file: str, head: str, rows: int) -> tuple[str, ...]:
     return names
 
 
-def _cells(line: str) -> tuple[str, ...]:
-    return tuple(cell.strip() for cell in next(csv.reader([line], skipinitialspace=True)))
+def _cells(file: str, line: int, words: str) -> tuple[str, ...]:
+    try:
+        cells = tuple(cell.strip() for cell in next(csv.reader([words], skipinitialspace=True)))
+    except csv.Error as error:
+        sentence = f"line {line} of {file}, of {len(words):,} characters, has a cell that cannot be read: {error}."
+        raise InvalidInput(sentence, code="cell_unreadable") from None
+    if len(cells) > MOST_COLUMNS:
+        sentence = f"line {line} of {file} has {len(cells):,} cells, more than {MOST_COLUMNS:,}; leave columns out."
+        raise InvalidInput(sentence, code="wrong_cell_count")
+    return cells
 
 
 def _is_number(cell: str) -> bool:

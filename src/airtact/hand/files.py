@@ -1,16 +1,20 @@
 """Read hands and landmarks from JSON files, and point clouds."""
 
+import io
 import json
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.conventions import InvalidInput, about
+from airtact.conventions import LARGEST_POSE, InvalidInput, about
+from airtact.file_access.bounded import array_of, text_of
 from airtact.hand.hand import Hand, hand_from_joints
 from airtact.hand.joints import NAMES, named_joints
-from airtact.validation import counted, file_fault, points_of
+from airtact.surfaces.files import bare_vertices
+from airtact.validation import counted, points_of
 
 KEYS = ("joints", "positions_m", "radii_m", "side")
 """Keys of a pose: names of joints, their positions and radii [m], "left" or "right"."""
@@ -97,17 +101,17 @@ def _numbers(pose: dict[str, Any], key: str, each: tuple[int, ...]) -> Float64[n
 def _pose_in(path: Path) -> dict[str, Any]:
     """Read a JSON file, and raise where it holds no pose."""
     try:
-        pose = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise file_fault(path, error) from None
-    except UnicodeDecodeError as error:
-        raise InvalidInput(f"this is not a text file: byte {error.start} is not UTF-8.", code="not_text") from None
+        pose = json.loads(text_of(path, LARGEST_POSE))
     except RecursionError:
         raise InvalidInput(
             f"this is no pose of a hand: {path.stat().st_size} bytes of brackets in brackets.", code="not_a_pose"
         ) from None
     except json.JSONDecodeError as error:
         raise InvalidInput(f"this is not JSON: line {error.lineno} is at fault.", code="not_json") from None
+    except InvalidInput:
+        raise
+    except ValueError as error:  # a number of too many digits
+        raise InvalidInput(f"a number of it cannot be read: {error}.", code="not_json") from None
     if not isinstance(pose, dict) or not isinstance(pose.get("positions_m"), list):
         raise InvalidInput("this is no pose of a hand: it has 0 points under positions_m.", code="not_a_pose")
     unknown = [key for key in pose if key not in KEYS]
@@ -145,15 +149,20 @@ def load_cloud(path: Path) -> Float64[np.ndarray, "points 3"]:
         raise InvalidInput(sentence, code="unknown_ending")
     if not path.is_file():
         raise InvalidInput(f"the file {path} does not exist; 0 points were read.", code="file_missing")
-    try:
-        if path.suffix.lower() == ".npy":
-            points = np.load(path, allow_pickle=False)
-        else:
-            import trimesh  # takes as long to import as all the rest of airtact
-
-            points = np.asarray(trimesh.load(path, process=False).vertices, dtype=np.float64)  # pyright: ignore
-    except Exception as fault:  # every reader has its own way to fail on a damaged file
-        sentence = f"{path.name} ({path.stat().st_size} bytes) cannot be read: {fault}."
-        raise InvalidInput(sentence, code="file_unreadable") from fault
+    suffix = path.suffix.lower()
+    points = array_of(path) if suffix == ".npy" else bare_vertices(path) if suffix == ".ply" else _points_in_text(path)
     with about(path.name):
         return points_of(points, "points of a cloud")
+
+
+def _points_in_text(path: Path) -> Float64[np.ndarray, "points 3"]:
+    """Read the first three numbers of each line, between spaces or commas."""
+    text = text_of(path).replace(",", " ")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of a file without a line, which is said by who asks for points
+            return np.loadtxt(io.StringIO(text), usecols=(0, 1, 2), ndmin=2)
+    except ValueError as fault:
+        raise InvalidInput(
+            f"{path.name} cannot be read as x, y, z in 1 line: {fault}.", code="file_unreadable"
+        ) from None

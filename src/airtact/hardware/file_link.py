@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Complex128
 
 from airtact.conventions import InvalidInput
+from airtact.file_access.bounded import bytes_of
 from airtact.frames.frame import Frame
 from airtact.hardware.codecs import codec_of
 from airtact.hardware.link import Link
@@ -57,10 +58,7 @@ def read_messages(path: Path, board: str | None, boards: int = 1) -> Complex128[
             f"{path.name} does not hold the name of its board: give 1, such as autd3.", code="board_missing"
         )
     codec = codec_of(board)
-    try:
-        message = path.read_bytes()
-    except OSError as error:
-        raise InvalidInput(f"cannot read {path}: {error.strerror}.", code="file_missing") from None
+    message = bytes_of(path)
     nothing = np.zeros(boards * len(codec.board), dtype=np.uint8)
     size = len(codec.encode(Frame(nothing, nothing, codec.levels)))
     if not message or len(message) % size:

@@ -1,5 +1,6 @@
 """Writing and pictures as points for a ``Target``: text in single strokes, SVG paths, grey-scale images."""
 
+import io
 import warnings
 from itertools import pairwise
 from pathlib import Path
@@ -8,8 +9,17 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64, Real
 
-from airtact.conventions import MOST_PIXELS, InvalidInput, Vector
-from airtact.scene.target_points import Points, check_count, frame_of, segment, spaced_apart
+from airtact.conventions import (
+    LARGEST_DRAWING,
+    LARGEST_NUMBER,
+    MOST_PIXELS,
+    SMALLEST_NUMBER,
+    InvalidInput,
+    Vector,
+)
+from airtact.file_access.bounded import bytes_of
+from airtact.scene.svg_limits import check_drawing, check_path
+from airtact.scene.target_points import Points, check_count, frame_of, spaced_apart
 from airtact.validation import check_finite, file_fault, positive, real_numbers
 
 PICTURE_FORMATS = ("PNG", "JPEG", "TIFF", "PPM")
@@ -109,7 +119,7 @@ def svg_path(
     corners = np.concatenate(strokes) if strokes else np.empty((0, 2))
     extent = np.ptp(corners, axis=0) if len(corners) else np.zeros(2)
     size = extent[0] if extent[0] > 0.0 else extent[1]
-    if size == 0.0:
+    if size < SMALLEST_NUMBER:
         raise InvalidInput(f"{name} holds {len(strokes)} lines, none of which is longer than 0.", code="empty")
     scaled = [stroke * [width / size, -width / size] for stroke in strokes]  # in SVG y runs down
     return _laid_out(scaled, name, spacing, centre, normal, up)
@@ -119,18 +129,27 @@ def _svg_strokes(source: str | Path, name: str) -> Strokes:
     """Turn the lines of a drawing into corners close to each other, in its own units."""
     import svgelements  # read only where something is drawn
 
+    is_file = isinstance(source, Path) or source.endswith(".svg")
+    raw = bytes_of(Path(source), LARGEST_DRAWING) if is_file else b""
+    if is_file:
+        check_drawing(raw, name)
+    else:
+        check_path(str(source), name)
     try:
-        if isinstance(source, Path) or source.endswith(".svg"):
-            with open(source, encoding="utf-8") as file:
-                drawing = svgelements.SVG.parse(file)
-            paths = [svgelements.Path(one) for one in drawing.elements() if isinstance(one, svgelements.Shape)]
-        else:
-            paths = [svgelements.Path(source)]
-    except OSError as error:
-        raise file_fault(Path(source), error) from None
+        with np.errstate(all="ignore"):  # numbers that are too large are named below
+            if is_file:
+                drawing = svgelements.SVG.parse(io.BytesIO(raw))
+                paths = [svgelements.Path(one) for one in drawing.elements() if isinstance(one, svgelements.Shape)]
+            else:
+                paths = [svgelements.Path(source)]
+            strokes = [_stroke(svgelements.Path(part)) for path in paths for part in path.as_subpaths()]
     except Exception as error:  # the reader has its own way to fail on each damage
         raise InvalidInput(f"{name} is not SVG: {error}.", code="file_unreadable") from None
-    strokes = [_stroke(svgelements.Path(part)) for path in paths for part in path.as_subpaths()]
+    for stroke in strokes:
+        farthest = np.abs(stroke).max(initial=0.0)
+        if not farthest <= LARGEST_NUMBER:
+            sentence = f"{name} has a line at {farthest:.3g}, but lines lie within {LARGEST_NUMBER:g} units."
+            raise InvalidInput(sentence, code="out_of_range")
     return [stroke for stroke in strokes if len(stroke) > 1]
 
 
@@ -141,10 +160,10 @@ def _stroke(line: Any) -> Float64[np.ndarray, "corners 2"]:
     ends = []
     for part in line:
         if isinstance(part, svgelements.Move | svgelements.Line | svgelements.Close):
-            ends.append(part.end)
+            ends += [] if part.end is None else [[[part.end.x, part.end.y]]]
         else:
-            ends += [part.point(t) for t in np.linspace(0.0, 1.0, 65)[1:]]
-    return np.array([[end.x, end.y] for end in ends if end is not None], dtype=np.float64).reshape(-1, 2)
+            ends.append(part.npoint(np.linspace(0.0, 1.0, 65)[1:]))
+    return np.concatenate(ends).astype(np.float64).reshape(-1, 2) if ends else np.empty((0, 2))
 
 
 def picture(
@@ -261,7 +280,9 @@ def _laid_out(strokes: Strokes, name: str, spacing: float, centre: Vector, norma
     steps = [np.linalg.norm(np.diff(stroke, axis=0), axis=1).sum() for stroke in strokes]
     check_count(np.maximum(np.array(steps) / spacing, 1.0).sum() * LEAST_KEPT, spacing)
     found = [_along(np.asarray(stroke - middle) @ np.stack([right, upwards]), spacing) for stroke in strokes]
-    return np.asarray(centre, dtype=np.float64) + spaced_apart(np.concatenate(found), 0.6 * spacing)
+    points = spaced_apart(np.concatenate(found), 0.6 * spacing)
+    check_count(len(points), spacing)
+    return np.asarray(centre, dtype=np.float64) + points
 
 
 def _along(corners: Float64[np.ndarray, "corners 3"], spacing: float) -> Points:
@@ -277,7 +298,8 @@ def _along(corners: Float64[np.ndarray, "corners 3"], spacing: float) -> Points:
     found = []
     for first, last in pairwise(cuts):
         way = np.concatenate([[0.0], np.cumsum(lengths[first:last])])
-        marks = segment((0.0, 0.0, 0.0), (float(way[-1]), 0.0, 0.0), spacing)[:, 0]
+        count = max(1, int(np.ceil(way[-1] / spacing - 1e-9)))
+        marks = way[-1] * np.linspace(0.0, 1.0, count + 1)
         part = corners[first : last + 1]
         found.append(np.stack([np.interp(marks, way, part[:, axis]) for axis in range(3)], axis=1))
     return np.concatenate(found)

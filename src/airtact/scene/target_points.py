@@ -218,11 +218,11 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
 def spaced_apart(points: Points, least: float) -> Float64[np.ndarray, "kept 3"]:
     """Leave out points that are nearer than ``least`` [m] to one before them that stays."""
     kept, dropped = [], np.zeros(len(points), dtype=bool)
-    near = KDTree(points).query_ball_point(points, least * (1.0 - 1e-9))
-    for index, neighbours in enumerate(near):
+    near = KDTree(points)
+    for index, point in enumerate(points):
         if not dropped[index]:
             kept.append(index)
-            dropped[neighbours] = True
+            dropped[near.query_ball_point(point, least * (1.0 - 1e-9))] = True
     return points[kept]
 
 

@@ -13,7 +13,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from airtact.conventions import LARGEST_SCENE_FILE, InvalidInput, about
-from airtact.file_access.text_table import text_of
+from airtact.file_access.bounded import text_of
 from airtact.hand.files import ROOM, load_hand
 from airtact.hand.hand import PLACES, Hand
 from airtact.hand.joints import NAMES
@@ -26,7 +26,7 @@ from airtact.scene_file import tables
 from airtact.scene_file.limits import not_finite
 from airtact.scene_file.parsing import parse_scene
 from airtact.surfaces.checks import NEAREST, approach
-from airtact.surfaces.files import load_surface
+from airtact.surfaces.files import bare_mesh, load_surface
 from airtact.surfaces.primitives import capsule, sphere
 from airtact.surfaces.surface import Surface
 from airtact.surfaces.union import merged
@@ -244,14 +244,13 @@ def bare_triangles(path: Path, scale: float = 1.0) -> Triangles | None:
 
     None where the file cannot be read or there is nothing to draw.
     """
-    import trimesh  # takes as long to import as all the rest of airtact
-
     try:
-        mesh = trimesh.load_scene(path, process=False).to_mesh()
-    except Exception:  # every reader of trimesh has its own way to fail on a damaged file
+        vertices, triangles = bare_mesh(path)
+    except InvalidInput:
         return None
-    vertices = scale * np.asarray(mesh.vertices, dtype=np.float64)
+    with np.errstate(over="ignore"):
+        vertices = scale * vertices
     there = vertices[np.isfinite(vertices).all(axis=1)]
-    if len(mesh.faces) == 0 or len(there) == 0 or np.ptp(there, axis=0).max() == 0.0:
+    if len(there) == 0 or np.ptp(there, axis=0).max() == 0.0:
         return None
-    return vertices, np.asarray(mesh.faces, dtype=np.int64)
+    return vertices, triangles

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from airtact.conventions import LARGEST_SCENE_FILE, InvalidInput, about
-from airtact.file_access.text_table import read_text_table, text_of
+from airtact.file_access.bounded import text_of
+from airtact.file_access.text_table import read_text_table
 from airtact.hand.hand import Hand
 from airtact.pose import Pose
 from airtact.scene.medium import Medium, air

@@ -54,10 +54,17 @@ def written(field: RadiatedField, key: str) -> bytes:
 
 def read(whole: bytes, key: str, scene: Scene, sources: Monopoles) -> RadiatedField:
     """Restore the field from its file; raises ``DamagedError`` for bytes not as written, or for another key."""
-    import h5py
-
     if whole[:HEAD] != (MARK + _checksum(whole)).ljust(HEAD, b"\0"):
         raise DamagedError
+    try:
+        return _restored(whole, key, scene, sources)
+    except Exception as error:  # of an entry that something else wrote, with a checksum that fits
+        raise DamagedError from error
+
+
+def _restored(whole: bytes, key: str, scene: Scene, sources: Monopoles) -> RadiatedField:
+    import h5py
+
     with h5py.File(io.BytesIO(whole), "r") as file:
         if file.attrs["key"] != key:
             raise DamagedError
@@ -66,7 +73,10 @@ def read(whole: bytes, key: str, scene: Scene, sources: Monopoles) -> RadiatedFi
     tree, arrays = json.loads(stored.pop("field")), [stored[f"arrays/{index}"] for index in range(len(stored))]
     for array in arrays:
         array.flags.writeable = False
-    return _put_together(tree, arrays, {"scene": scene, "sources": sources})  # pyright: ignore[reportReturnType]
+    field = _put_together(tree, arrays, {"scene": scene, "sources": sources})
+    if not isinstance(field, RadiatedField):
+        raise DamagedError
+    return field
 
 
 def save(path: Path, whole: bytes) -> None:
@@ -137,5 +147,7 @@ def _put_together(tree: Tree, arrays: list[Num[np.ndarray, "..."]], given: Mappi
             return {key: _put_together(part, arrays, given) for key, part in table.items()}
         case {"module": str(module), "class": str(name), "fields": dict(table)} if module.startswith("airtact."):
             kind = getattr(importlib.import_module(module), name)
+            if not isinstance(kind, type) or not is_dataclass(kind):
+                raise DamagedError
             return kind(**{key: _put_together(part, arrays, given) for key, part in table.items()})
     raise DamagedError

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from airtact.conventions import InvalidInput
+from airtact.file_access.bounded import bytes_of
 from airtact.scene.scene import Scene
 from airtact.scene.sources import Monopoles
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport
@@ -109,8 +110,8 @@ class Stored(Solver):
     def _from_folder(self, key: str, scene: Scene, sources: Monopoles) -> RadiatedField | None:
         begun, path = time.perf_counter(), self.folder / (key + SUFFIX)
         try:
-            field = read(path.read_bytes(), key, scene, sources)
-        except OSError:
+            field = read(bytes_of(path, self.most_bytes), key, scene, sources)
+        except InvalidInput:
             return None
         except DamagedError:
             with suppress(OSError):

@@ -1,16 +1,21 @@
-"""Surfaces from files: STL, PLY, OBJ and GLB, read by trimesh."""
+"""Surfaces from files: STL, PLY, OBJ and GLB, read by trimesh after what they hold was counted."""
 
-from collections.abc import Mapping
+import io
+import warnings
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Float64, Int
+from jaxtyping import Float64, Int64
 
-from airtact.conventions import InvalidInput, about
+from airtact.conventions import LARGEST_MESH_FILE, InvalidInput, about
+from airtact.file_access.bounded import bytes_of
 from airtact.mesh.curving import SHARP_DEGREES
 from airtact.mesh.repair.pipeline import repaired
 from airtact.pose import Pose
+from airtact.surfaces.checks import check_not_crossed
+from airtact.surfaces.file_limits import OwnFolder, check_counts, check_triangles
 from airtact.surfaces.mesh_shape import MeshShape
 from airtact.surfaces.quadratic_mesh import QuadraticMesh
 from airtact.surfaces.surface import Surface
@@ -27,7 +32,9 @@ def load_surface(
 
     The nodes of a scene graph are put where their transforms place them and joined; vertices at the same position are
     merged, whatever their texture or normal. ``repairs`` of the surface lists what was repaired, a sentence each; see
-    ``airtact.mesh.repair.pipeline.repaired`` for what can be.
+    ``airtact.mesh.repair.pipeline.repaired`` for what can be. Files of up to 100 MB and 250,000 triangles are read,
+    which takes up to some 10 s and 1 GB. What a file names is read from its own folder only; materials and pictures
+    never are.
 
     Parameters
     ----------
@@ -39,17 +46,21 @@ def load_surface(
     Raises
     ------
     InvalidInput
-        When there is no such file, it cannot be read, holds no triangles, or the surface is at fault in a way that
-        cannot be repaired.
+        When there is no such file, it cannot be read, is beyond those limits, holds no triangles, or the surface
+        crosses itself or is at fault in another way that cannot be repaired.
     """
     of_kind(path, str | Path, "the path of a surface", "the name of a file")
     path, scale = Path(path), positive(scale, "scale", "m per unit of the file")
-    vertices, triangles = _joined(path)
+    vertices, triangles = bare_mesh(path)
     with about(path.name):
-        whole = repaired(vertices * scale, triangles, largest_hole)
+        with np.errstate(over="ignore"):  # infinite vertices are named below
+            scaled = vertices * scale
+        whole = repaired(scaled, triangles, largest_hole)
         mesh = QuadraticMesh(fixed(whole.vertices), whole.triangles, sharp_degrees=sharp_degrees)
         shape = MeshShape(mesh, Pose.identity())
-        return Surface(mesh.vertices, mesh.triangles, None, None, sharp_degrees, whole.notes, _known_shape=shape)
+        surface = Surface(mesh.vertices, mesh.triangles, None, None, sharp_degrees, whole.notes, _known_shape=shape)
+        check_not_crossed(surface)
+        return surface
 
 
 def node_positions(path: Path) -> Mapping[str, Float64[np.ndarray, "3"]]:
@@ -64,35 +75,64 @@ def node_positions(path: Path) -> Mapping[str, Float64[np.ndarray, "3"]]:
     return {str(node): fixed(np.array(graph.get(node)[0][:3, 3], dtype=np.float64)) for node in graph.nodes}
 
 
+def bare_mesh(path: Path) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
+    """Read the vertices and triangles of a file as they are, in units of the file.
+
+    Raises
+    ------
+    InvalidInput
+        When there is no such file, it cannot be read, is beyond the limits, or holds no triangles.
+    """
+    scene = _scene(path)
+    mesh = _read(path, scene.to_mesh)
+    if len(mesh.faces) == 0:
+        raise InvalidInput(
+            f"{path.name} holds 0 triangles; give a file with a closed triangle surface.", code="no_triangles"
+        )
+    with about(path.name):
+        check_triangles(len(mesh.faces))
+    return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
+
+
+def bare_vertices(path: Path) -> Float64[np.ndarray, "vertices 3"]:
+    """Read the vertices of a file or the points of a cloud in PLY, in units of the file; errors as of ``bare_mesh``."""
+    found = _read(path, lambda: [np.asarray(one.vertices) for one in _scene(path).geometry.values()])
+    return np.concatenate([np.empty((0, 3)), *found]).astype(np.float64)
+
+
 def _scene(path: Path) -> Any:
-    if path.suffix.lower() not in SUFFIXES:
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
         raise InvalidInput(
             f"{path.name} ends in {path.suffix!r}, but surfaces are read from {', '.join(SUFFIXES)}.",
             code="unknown_ending",
         )
     if not path.is_file():
         raise InvalidInput(f"there is no file {path}; 0 triangles were read.", code="file_missing")
+    raw = bytes_of(path, LARGEST_MESH_FILE)
+    with about(f"{path.name} ({len(raw)} bytes)"):
+        raw = check_counts(suffix, raw)
     import trimesh  # takes as long to import as all the rest of airtact
 
+    settings = {"file_type": suffix[1:], "resolver": OwnFolder(path), "process": False}
+    if suffix != ".stl":
+        settings["skip_materials"] = True
+    return _read(path, lambda: trimesh.load_scene(io.BytesIO(raw), **settings))
+
+
+def _read(path: Path, step: Callable[[], Any]) -> Any:
+    """Do a step of reading; whatever it raises, and a number that it would pass over, is a fault of the file."""
     try:
-        return trimesh.load_scene(path, process=False)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            warnings.filterwarnings("error", category=RuntimeWarning)
+            warnings.filterwarnings("error", "string or file could not be read", DeprecationWarning)
+            return step()
+    except InvalidInput as fault:
+        raise InvalidInput(f"{path.name}: {fault}", code=fault.code) from None
     except Exception as fault:  # every reader of trimesh has its own way to fail on a damaged file
-        raise _unreadable(path, fault) from fault
-
-
-def _joined(path: Path) -> tuple[Float[np.ndarray, "vertices 3"], Int[np.ndarray, "triangles 3"]]:
-    scene = _scene(path)
-    try:
-        mesh = scene.to_mesh()
-    except Exception as fault:  # as above
-        raise _unreadable(path, fault) from fault
-    if len(mesh.faces) == 0:
+        size = path.stat().st_size
         raise InvalidInput(
-            f"{path.name} holds 0 triangles; give a file with a closed triangle surface.", code="no_triangles"
-        )
-    return np.asarray(mesh.vertices), np.asarray(mesh.faces)
-
-
-def _unreadable(path: Path, fault: Exception) -> InvalidInput:
-    size = path.stat().st_size
-    return InvalidInput(f"{path.name} ({size} bytes) cannot be read: {fault}.", code="file_unreadable")
+            f"{path.name} ({size} bytes) cannot be read: it is damaged ({type(fault).__name__}: {fault}).",
+            code="file_unreadable",
+        ) from fault

@@ -4,17 +4,17 @@ Also their replay, and where the pads of the fingers were.
 """
 
 import time
-import zipfile
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64, Int64, Real
+from jaxtyping import Float64, Int64
 
-from airtact.conventions import InvalidInput, about
+from airtact.conventions import LARGEST_DATA, InvalidInput, about
 from airtact.file_access.atomic import whole_file
+from airtact.file_access.bounded import Arrays, arrays_of, check_file
 from airtact.hand.hand import Side
 from airtact.printing import in_short
 from airtact.tracking.frame import FaultyFrame, HandFrame
@@ -67,14 +67,16 @@ def load_recording(path: Path, leave_out: bool = False) -> Recording:
         The file cannot be read, or holds no frame, or one that cannot be used: which and why, beginning with the
         file's name.
     """
+    if path.suffix not in ENDINGS:
+        sentence = f"{path.name}: the ending {path.suffix!r} is not 1 of those of recordings: {', '.join(ENDINGS)}."
+        raise InvalidInput(sentence, code="unknown_ending")
+    check_file(path)
+    arrays = arrays_of(path) if path.suffix == ".npz" else None
     with about(path.name):
-        if path.suffix not in ENDINGS:
-            sentence = f"the ending {path.suffix!r} is not 1 of those of recordings: {', '.join(ENDINGS)}."
-            raise InvalidInput(sentence, code="unknown_ending")
         now = 0.0
         stream = HandStream(clock=lambda: now)
         frames = []
-        for where, frame_in in _lines(path) if path.suffix == ".jsonl" else _entries(path):
+        for where, frame_in in _lines(path) if arrays is None else _entries(arrays):
             try:
                 frame = frame_in()
             except FaultyFrame as unreadable:
@@ -160,8 +162,8 @@ def _lines(path: Path) -> Entries:
         raise InvalidInput(f"the recording cannot be read: {error.strerror}.", code="file_unreadable") from None
 
 
-def _entries(path: Path) -> Entries:
-    arrays = _arrays_in(path)
+def _entries(arrays: Arrays) -> Entries:
+    _check_arrays(arrays)
     ends = [np.cumsum(arrays[name].astype(np.int64)) for name in ("landmark_counts", "cloud_counts")]
     for index, (taken, right, sequence) in enumerate(zip(*(arrays[name] for name in ARRAYS[:3]), strict=True)):
         parts = []
@@ -172,17 +174,8 @@ def _entries(path: Path) -> Entries:
         yield f"frame {index + 1}", partial(HandFrame, float(taken), side, int(sequence), *parts)
 
 
-def _arrays_in(path: Path) -> Mapping[str, Real[np.ndarray, "..."]]:
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: np.asarray(file[name]) for name in ARRAYS if name in file}
-            version = file["format_version"].tolist() if "format_version" in file else 0
-    except OSError as error:
-        sentence = f"the recording cannot be read: {error.strerror or 'it is not of NumPy'}."
-        raise InvalidInput(sentence, code="file_unreadable") from None
-    except (ValueError, EOFError, KeyError, zipfile.BadZipFile):
-        sentence = f"these {path.stat().st_size} bytes are no whole .npz file of NumPy: record anew."
-        raise InvalidInput(sentence, code="file_unreadable") from None
+def _check_arrays(arrays: Arrays) -> None:
+    version = arrays["format_version"].tolist() if "format_version" in arrays else 0
     if version not in range(VERSION + 1):
         sentence = f"the recording is of version {version}, and versions 0 to {VERSION} are read: update airtact."
         raise InvalidInput(sentence, code="unknown_version")
@@ -191,9 +184,11 @@ def _arrays_in(path: Path) -> Mapping[str, Real[np.ndarray, "..."]]:
         are = counted(len(missing), "array is", "arrays are")
         raise InvalidInput(f"{are} missing, the first is {missing[0]}.", code="dataset_missing")
     for name in ("landmark_counts", "cloud_counts"):
-        least = int(arrays[name].min(initial=0)) if arrays[name].dtype.kind in "iu" else 0
-        if least < 0:
-            raise InvalidInput(f"{name} holds a count of {least}; write the recording anew.", code="out_of_range")
+        counts = arrays[name] if arrays[name].dtype.kind in "iu" else np.zeros(0, dtype=np.int64)
+        least, most = int(counts.min(initial=0)), int(counts.max(initial=0))
+        if least < 0 or most > LARGEST_DATA:
+            wrong = least if least < 0 else most
+            raise InvalidInput(f"{name} holds a count of {wrong}; write the recording anew.", code="out_of_range")
     count = len(arrays["time"]) if arrays["time"].ndim == 1 else 0
     counts = {"landmarks": "landmark_counts", "clouds": "cloud_counts"}
     for name in ARRAYS:
@@ -202,7 +197,6 @@ def _arrays_in(path: Path) -> Mapping[str, Real[np.ndarray, "..."]]:
         if one.shape != shape or one.dtype.kind not in ("fiu" if name in counts or name == "time" else "iub"):
             sentence = f"{name} has shape {one.shape} and type {one.dtype}, but {count} frames need {shape}."
             raise InvalidInput(sentence, code="wrong_shape")
-    return arrays
 
 
 def _arrays(frames: tuple[HandFrame, ...]) -> dict[str, Float64[np.ndarray, "..."] | Int64[np.ndarray, "..."]]:

@@ -26,10 +26,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Complex128, Float64, Num, Real, UInt8
+from jaxtyping import Complex128, Float64, Real, UInt8
 
-from airtact.conventions import InvalidInput, about
+from airtact.conventions import LARGEST_DATA, InvalidInput, about
 from airtact.file_access.atomic import whole_file
+from airtact.file_access.bounded import arrays_of, datasets_of, text_of
 from airtact.pose import Pose
 from airtact.scene.medium import Medium, air
 from airtact.scene.scene import Scene
@@ -281,10 +282,10 @@ def read_drive_file(path: Path) -> DriveFile:
     kind = checked_ending(path, ENDINGS, "drive")
     if not path.is_file():
         raise InvalidInput(f"cannot read {path}: there is no such file.", code="file_missing")
+    raw = {".h5": datasets_of, ".npz": _npz, ".csv": _read_table}[kind](path)
     with about(path.name):
-        raw = {".h5": _read_h5, ".npz": _read_npz, ".csv": _read_table}[kind](path)
         version = raw.get("format_version", 0)
-        if version not in range(VERSION + 1):
+        if not isinstance(version, int | np.integer) or version not in range(VERSION + 1):
             raise InvalidInput(
                 f"the file is of version {version}, and versions 0 to {VERSION} are read: update airtact.",
                 code="unknown_version",
@@ -299,7 +300,7 @@ def read_drive_file(path: Path) -> DriveFile:
             return _checked(raw, int(version))
         except InvalidInput:
             raise
-        except (KeyError, TypeError, ValueError) as error:
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
             raise InvalidInput(f"its datasets do not fit each other ({error}).", code="wrong_shape") from None
 
 
@@ -317,7 +318,7 @@ def _checked(raw: Mapping[str, Any], version: int) -> DriveFile:
     if "board_positions" in raw:
         poses = tuple(Pose(*pair) for pair in zip(raw["board_rotations"], raw["board_positions"], strict=True))
     levels = Levels(raw["shares_of_levels"], int(raw["levels_of_a_turn"])) if "shares_of_levels" in raw else None
-    rounded = [raw[name].reshape(drives.shape) if name in raw else None for name in ("amplitude_level", "phase_level")]
+    rounded = [_levels_in(raw, name, drives.shape) for name in ("amplitude_level", "phase_level")]
     return DriveFile(
         drives,
         _positive_in(raw, "rate", "the rate", "frames/s"),
@@ -337,6 +338,20 @@ def _checked(raw: Mapping[str, Any], version: int) -> DriveFile:
         texts={name: raw[name] for name in ("scene", "report") if name in raw},
         modulation=_modulation(raw),
     )
+
+
+def _levels_in(
+    raw: Mapping[str, Any], name: str, shape: tuple[int, ...]
+) -> UInt8[np.ndarray, "frames elements"] | None:
+    """Return levels from 0 to 255, one for each element in each frame; None where there are none."""
+    if name not in raw:
+        return None
+    given = real_numbers(np.asarray(raw[name]), name).reshape(shape)
+    wrong = ~((given >= 0.0) & (given <= 255.0) & (given == np.trunc(given)))
+    if wrong.any():
+        sentence = f"{name} holds {given[wrong][0]:g}, but levels are whole numbers from 0 to 255."
+        raise InvalidInput(sentence, code="out_of_range")
+    return given.astype(np.uint8)
 
 
 def _modulation(raw: Mapping[str, Any]) -> AmplitudeModulation | None:
@@ -398,7 +413,9 @@ def _medium_0(scene: str | None) -> tuple[float | None, Medium | None]:
         if "sound_speed" in medium:
             return frequency, Medium(medium["sound_speed"], medium["density"], medium.get("absorption", 0.0))
         weather = {name: medium[name] for name in ("celsius", "humidity") if name in medium}
-    except (tomllib.TOMLDecodeError, KeyError, TypeError) as error:
+    except InvalidInput:
+        raise
+    except (AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
         raise InvalidInput(
             f"this is version 0, whose frequency stands in the scene's text alone, and that cannot be read: {error}.",
             code="file_unreadable",
@@ -406,49 +423,52 @@ def _medium_0(scene: str | None) -> tuple[float | None, Medium | None]:
     return frequency, air(**weather, frequency=frequency)
 
 
-def _read_h5(path: Path) -> dict[str, Any]:
-    import h5py
-
-    try:
-        file: Any = h5py.File(path)
-    except OSError as error:
-        raise InvalidInput(f"it is no HDF5 file ({error.errno or 0}).", code="file_unreadable") from None
-    with file:
-        sets = {name: one for name, one in file.items() if isinstance(one, h5py.Dataset)}
-        return {name: one.asstr()[()] if one.dtype.kind in "OS" else one[()] for name, one in sets.items()}
-
-
-def _read_npz(path: Path) -> dict[str, Any]:
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-    except Exception as error:  # zipfile, zlib and NumPy raise each their own for damaged files
-        raise InvalidInput(f"it is no whole .npz file ({type(error).__name__}).", code="file_unreadable") from None
-    return {name: one.item() if one.ndim == 0 else one for name, one in arrays.items()}
+def _npz(path: Path) -> dict[str, Any]:
+    return {name: one.item() if one.ndim == 0 else one for name, one in arrays_of(path).items()}
 
 
 def _read_table(path: Path) -> dict[str, Any]:
-    header, *lines = path.read_text(encoding="utf-8").splitlines() or [""]
-    columns = tuple(header.split(","))
-    if columns not in (COLUMNS, FRAME_COLUMNS):
-        raise InvalidInput(f"line 1 must be {','.join(COLUMNS)} or {','.join(FRAME_COLUMNS)}.", code="header_missing")
-    rows: Num[np.ndarray, "rows columns"]
-    try:
-        rows = np.array([[float(cell or "nan") for cell in line.split(",")] for line in lines if line])
-    except ValueError as error:
-        raise InvalidInput(f"a cell cannot be read as a number: {error}.", code="cell_unreadable") from None
-    if rows.ndim != 2 or rows.shape[1] != len(columns):
-        raise InvalidInput(
-            f"the table has {len(lines)} lines, and each needs {len(columns)} cells.", code="wrong_cell_count"
-        )
+    lines = text_of(path, LARGEST_DATA).splitlines() or [""]
+    with about(path.name):
+        columns = tuple(lines[0].split(","))
+        if columns not in (COLUMNS, FRAME_COLUMNS):
+            sentence = f"line 1 must be {','.join(COLUMNS)} or {','.join(FRAME_COLUMNS)}."
+            raise InvalidInput(sentence, code="header_missing")
+        return _columns_of(columns, _rows(lines, len(columns)))
+
+
+def _rows(lines: Sequence[str], columns: int) -> Float64[np.ndarray, "rows columns"]:
+    """Read the numbers in all lines but the first; empty cells are NaN, levels and frames small whole numbers."""
+
+    def cells() -> Iterator[float]:
+        for number, line in enumerate(lines[1:], start=2):
+            if line and line.count(",") != columns - 1:
+                sentence = f"line {number} has {line.count(',') + 1} cells, and each needs {columns} cells."
+                raise InvalidInput(sentence, code="wrong_cell_count")
+            for cell in line.split(",") if line else ():
+                try:
+                    yield float(cell or "nan")
+                except ValueError:
+                    sentence = f"line {number} has the cell {cell!r}, which cannot be read as a number."
+                    raise InvalidInput(sentence, code="cell_unreadable") from None
+
+    rows = np.fromiter(cells(), dtype=np.float64).reshape(-1, columns)
+    if not len(rows):
+        raise InvalidInput("the table has 0 lines of numbers.", code="wrong_cell_count")
+    return rows
+
+
+def _columns_of(columns: tuple[str, ...], rows: Float64[np.ndarray, "rows columns"]) -> dict[str, Any]:
     named = dict(zip(columns, rows.T, strict=True))
-    count = 1 if columns == COLUMNS else int(named["frame"].max()) + 1
+    last = 0.0 if columns == COLUMNS else float(named["frame"].max())
+    if not 0.0 <= last < len(rows):
+        raise InvalidInput(f"frame {last:g} is there, but {len(rows)} lines hold fewer.", code="wrong_shape")
+    count = int(last) + 1
     if len(rows) % count:
         raise InvalidInput(f"{len(rows)} lines are not {count} frames of one length.", code="wrong_shape")
     shape = (len(rows),) if columns == COLUMNS else (count, -1)
-    raw: dict[str, Any] = {name: named[name].reshape(shape) for name in ("amplitude", "phase")}
-    for name in ("amplitude_level", "phase_level"):
-        raw[name] = named[name].astype(np.uint8).reshape(shape)
+    numbers = ("amplitude", "phase", "amplitude_level", "phase_level")
+    raw: dict[str, Any] = {name: named[name].reshape(shape) for name in numbers}
     if columns == COLUMNS:
         return raw | {"positions": rows[:, 1:4], "normals": rows[:, 4:7]}
     seconds = named["seconds"].reshape(shape)[:, 0]
