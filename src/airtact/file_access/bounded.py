@@ -96,7 +96,7 @@ def _check_size(size: int) -> None:
         raise InvalidInput(sentence, code="file_too_large")
 
 
-def datasets_of(path: Path) -> Mapping[str, Any]:
+def datasets_of(path: Path) -> Mapping[str, Shaped[np.ndarray, "..."] | np.generic | str]:
     """Read the datasets at the top of an HDF5 file, ``LARGEST_DATA`` bytes at most; raise as ``check_file``.
 
     Links to other files, and data that stand in other files, are passed over.
