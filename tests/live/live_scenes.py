@@ -1,11 +1,15 @@
 """Scenes and moments for the page of the live loop."""
 
+from threading import Event, Thread
+
 import numpy as np
 
 import airtact as at
 from airtact.hand.hand import hand_from_joints
+from airtact.live.page.process import PageProcess
 from airtact.live.page.sound import DirectSound
 from airtact.live.parts import LiveScene, Moment
+from airtact.tracking.stream import HandStream
 from airtact.transducers.modulation import AmplitudeModulation
 from tracking.motions import pinch_pose
 
@@ -35,3 +39,32 @@ def playing(scene: LiveScene, time: float = 0.0) -> Moment:
     pressures = np.abs(DirectSound(scene).at(foci, amplitudes, foci.mean(axis=0)))
     shape = {"rule": "phalanges", "shape_age": 0.045, "kept": 0.9}
     return Moment(time, time - 0.02, hand.joints, foci, amplitudes, pressures, **shape)
+
+
+class Loop:
+    """Shows moments as the live loop does, with and without a hand on the page."""
+
+    def __init__(self, dragged: bool = False) -> None:
+        self.scene, self.pressed = one_board(), Event()
+        self.stream = HandStream() if dragged else None
+        hand = pinch_pose()[0] if dragged else None
+        self.page = PageProcess(self.scene, 0, hand=hand, stream=self.stream, on_emergency=self.pressed.set)
+        self._ended, self._thread = Event(), Thread(target=self._run)
+        self._thread.start()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *fault):
+        self._ended.set()
+        self._thread.join()
+        self.page.close()
+
+    def _run(self) -> None:
+        moments = [playing(self.scene, step / 30) for step in range(31)]
+        pass_of_the_loop = 0
+        while not self._ended.wait(1 / 60):
+            at_rest = self.page.stopped or not self.page.controls.playing
+            moment = silent(self.scene) if at_rest else moments[pass_of_the_loop % len(moments)]
+            self.page.show(moment)
+            pass_of_the_loop += 1

@@ -3,15 +3,12 @@
 import io
 import shutil
 import time
-from threading import Event, Thread
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from airtact.live.page.process import PageProcess
-from airtact.tracking.stream import HandStream
-from live.live_scenes import one_board, playing, silent
+from live.live_scenes import Loop
 from tracking.motions import pinch_pose
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -30,35 +27,6 @@ def browser():
         opened = playwright.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE)
         yield opened
         opened.close()
-
-
-class Loop:
-    """Shows moments as the live loop does, with and without a hand on the page."""
-
-    def __init__(self, dragged: bool = False) -> None:
-        self.scene, self.pressed = one_board(), Event()
-        self.stream = HandStream() if dragged else None
-        hand = pinch_pose()[0] if dragged else None
-        self.page = PageProcess(self.scene, 0, hand=hand, stream=self.stream, on_emergency=self.pressed.set)
-        self._ended, self._thread = Event(), Thread(target=self._run)
-        self._thread.start()
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *fault):
-        self._ended.set()
-        self._thread.join()
-        self.page.close()
-
-    def _run(self) -> None:
-        moments = [playing(self.scene, step / 30) for step in range(31)]
-        pass_of_the_loop = 0
-        while not self._ended.wait(1 / 60):
-            at_rest = self.page.stopped or not self.page.controls.playing
-            moment = silent(self.scene) if at_rest else moments[pass_of_the_loop % len(moments)]
-            self.page.show(moment)
-            pass_of_the_loop += 1
 
 
 def opened_page(browser, address):

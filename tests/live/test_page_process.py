@@ -8,15 +8,17 @@ import time
 from dataclasses import replace
 from urllib.parse import urlsplit
 
+import msgspec
 import numpy as np
 import pytest
+import viser
 from websockets.exceptions import InvalidStatus
-from websockets.sync.client import connect
+from websockets.sync.client import ClientConnection, connect
 
 import airtact as at
 from airtact.live.page.process import PageProcess
 from airtact.live.page.server import Guard
-from live.live_scenes import one_board, silent
+from live.live_scenes import Loop, one_board, silent
 
 
 @pytest.fixture(scope="module")
@@ -110,6 +112,29 @@ def test_a_taken_port_is_said() -> None:
             PageProcess(one_board(), port=other.getsockname()[1])
         assert fault.value.code == "port_taken"
         assert str(other.getsockname()[1]) in str(fault.value)
+
+
+def browser_like(address: str) -> ClientConnection:
+    """Connect as a browser does; it counts as a page from its first message on."""
+    url, version = address.replace("http", "ws"), f"viser-v{viser.__version__}"
+    page = connect(url, subprotocols=[version], compression=None, max_size=None, proxy=None)
+    camera = {"wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0, 0.0, 1.0), "look_at": (0.0, 0.0, 0.0)}
+    lens = {"fov": 0.8, "near": 0.01, "far": 10.0, "image_height": 800, "image_width": 1280}
+    up = {"up_direction": (0.0, 0.0, 1.0)}
+    page.send(msgspec.msgpack.encode({"type": "ViewerCameraMessage", **camera, **lens, **up}))
+    return page
+
+
+def test_a_page_that_reads_nothing_leaves_the_others_in_time() -> None:
+    with Loop() as loop:
+        pages = [browser_like(loop.page.address) for _ in range(3)]
+        stalled, *others = pages
+        received = 0
+        while received < 20_000_000:  # more than the sockets hold
+            received += sum(len(page.recv(timeout=60)) for page in others)
+        assert loop.page.alive
+        for page in [*others, stalled]:
+            page.close()
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="processes cannot be halted here.")
