@@ -26,10 +26,12 @@ if TYPE_CHECKING:
     from airtact.hardware.autd3_link import AUTD3Link
     from airtact.hardware.emission import Emission
     from airtact.pose import Pose
+    from airtact.sampling.ensemble import ensemble
     from airtact.scene.medium import Medium, air
     from airtact.scene.scene import Scene, filled, impedance, sound_hard
     from airtact.scene.sources import Monopoles
     from airtact.scene.target import Target
+    from airtact.scene.uncertainty import Uncertainty
     from airtact.scene_file.building import read_scene
     from airtact.solvers.bem.solver import BoundaryElement
     from airtact.solvers.fem.solver import FiniteElement
@@ -94,6 +96,7 @@ __all__ = [
     "Surface",
     "Target",
     "TransferMatrix",
+    "Uncertainty",
     "air",
     "autd3_board",
     "best",
@@ -101,6 +104,7 @@ __all__ = [
     "capsule",
     "compare",
     "emission",
+    "ensemble",
     "evaluate",
     "evaluation",
     "example",
@@ -155,10 +159,12 @@ _HOMES = {
     "hardware.autd3_link": "AUTD3Link",
     "hardware.emission": "Emission",
     "pose": "Pose",
+    "sampling.ensemble": "ensemble",
     "scene.medium": "Medium air",
     "scene.scene": "Scene filled impedance sound_hard",
     "scene.sources": "Monopoles",
     "scene.target": "Target",
+    "scene.uncertainty": "Uncertainty",
     "scene_file.building": "read_scene",
     "solvers.bem.solver": "BoundaryElement",
     "solvers.fem.solver": "FiniteElement",

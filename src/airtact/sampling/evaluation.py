@@ -1,0 +1,267 @@
+"""The transfer matrix of one sample: evaluated from one solve, or solved with its bodies where they are."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Complex128, Float64, Int64, Real
+
+from airtact.conventions import InvalidInput
+from airtact.pose import Pose
+from airtact.printing import in_short
+from airtact.sampling.draws import Draw, draws
+from airtact.scene.scene import Scene
+from airtact.scene.sources import Monopoles
+from airtact.scene.target import Beacons
+from airtact.scene.target_points import frame_of, outward
+from airtact.scene.uncertainty import Uncertainty
+from airtact.solvers.problem import RadiatedField, Solver
+from airtact.solvers.spherical.multipole_field import MultipoleField, ball_of, multipole_expansion
+from airtact.transducers.boards import kind_of_array
+from airtact.transducers.layout import PhasedArray, join
+from airtact.transducers.placement import check_placement
+
+LEFT_OUT = {
+    "array_inside_body",
+    "inside_body",
+    "behind_faces",
+    "focus_inside_body",
+    "bodies_overlap",
+    "bodies_too_near",
+}
+"""Faults of a sample that cannot be; it is left out."""
+
+ANGLES = 400
+"""Angles at which the pattern of an element is tabulated."""
+
+Ball = tuple[Float64[np.ndarray, "3"], float]
+"""Centre and radius of a ball around all bodies [m]."""
+
+Groups = tuple[Int64[np.ndarray, "group"], ...]
+"""Indices of the foci that move together."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """What all samples share.
+
+    Attributes
+    ----------
+    field : of the beacons, as a multipole expansion where there are bodies.
+    array : the transducers.
+    pieces : its boards where they are in doubt, else none.
+    uncertainty : what is drawn from.
+    solver : for bodies that move by themselves, or None.
+    groups : foci that move together.
+    bodies : (F,) the body that each focus is nearest to; 0 in open air.
+    middle : (3,) of the foci [m], about which the hand turns.
+    ball : around the bodies, or None.
+    remainder : (F, E) what the nominal matrix has beyond centres and directivity, over its carrier wave [Pa].
+    """
+
+    field: RadiatedField
+    array: PhasedArray
+    pieces: tuple[PhasedArray, ...]
+    uncertainty: Uncertainty
+    solver: Solver | None
+    groups: Groups
+    bodies: Int64[np.ndarray, "foci"]
+    middle: Float64[np.ndarray, "3"]
+    ball: Ball | None
+    remainder: Complex128[np.ndarray, "foci elements"]
+
+    __repr__ = in_short
+
+    @cached_property
+    def pattern(self) -> tuple[Float64[np.ndarray, "angles"], Float64[np.ndarray, "angles"]]:
+        """Sines of angles off an element's axis, and its far pressure there over that on the axis."""
+        sines = np.linspace(0.0, 1.0, ANGLES)
+        directions = np.stack([sines, np.zeros(ANGLES), np.sqrt(1.0 - sines**2)], axis=1)
+        return sines, np.real(self.array.element.far_pattern(directions, self.field.scene.wavenumber.real))
+
+    @classmethod
+    def of(
+        cls,
+        beacons: RadiatedField,
+        array: PhasedArray,
+        nominal: Complex128[np.ndarray, "foci elements"],
+        uncertainty: Uncertainty,
+        solver: Solver | None,
+    ) -> "Sampled":
+        """Prepare what the samples need; ``nominal`` is the matrix with nothing in doubt."""
+        scene, foci = beacons.scene, beacons.sources.positions
+        felt = beacons.sources.foci if isinstance(beacons.sources, Beacons) else len(foci)
+        by_themselves = bool(uncertainty.own_position or uncertainty.own_rotation)
+        solved = solver if scene.obstacles and (by_themselves or uncertainty.along_skin) else None
+        expand = scene.obstacles and solved is None and not isinstance(beacons, MultipoleField)
+        bodies = _nearest_bodies(scene, foci)
+        sampled = cls(
+            multipole_expansion(beacons) if expand else beacons,
+            array,
+            _boards(array) if uncertainty.board_position or uncertainty.board_rotation else (),
+            uncertainty,
+            solved,
+            _groups(bodies, by_themselves, bool(uncertainty.along_skin)),
+            bodies,
+            foci[:felt].mean(axis=0),
+            ball_of(scene) if scene.obstacles else None,
+            np.zeros_like(nominal),
+        )
+        if solved is not None:
+            return sampled
+        alone, carrier = sampled._centres(array, Pose.identity(), 1.0)
+        return replace(sampled, remainder=(nominal - alone * array.gains) / carrier)
+
+    def draw(self, samples: int, seed: int) -> Iterator[Draw]:
+        """Draw samples; with a solver each body has a motion of its own, else each group of foci."""
+        foci, groups = self.field.sources.positions, self.groups
+        pivots = [foci[group].mean(axis=0) for group in groups]
+        if self.solver is not None:
+            held = [foci[self.bodies == body] for body in range(len(self.field.scene.obstacles))]
+            whole = [one.surface.vertices for one in self.field.scene.obstacles]
+            pivots = [
+                (some if len(some) else vertices).mean(axis=0) for some, vertices in zip(held, whole, strict=True)
+            ]
+        boards = [piece.positions.mean(axis=0) for piece in self.pieces]
+        return draws(self.uncertainty, samples, seed, self.middle, pivots, len(foci), boards)
+
+    def at_rest(self, pose: Pose) -> Draw:
+        """Draw nothing but a motion of the whole hand."""
+        still = (Pose.identity(),) * len(self.groups)
+        return Draw(pose, still, np.zeros((len(self.field.sources.positions), 2)), (), 1.0)
+
+    def matrices(self, given: Iterable[Draw]) -> Iterator[Complex128[np.ndarray, "foci elements"] | None]:
+        """Transfer matrix of each draw; None where it cannot be."""
+        make = self._evaluated if self.solver is None else self._solved
+        for one in given:
+            try:
+                yield make(one)
+            except InvalidInput as fault:
+                if fault.code not in LEFT_OUT:
+                    raise
+                yield None
+
+    def _array(self, draw: Draw) -> PhasedArray:
+        if not self.pieces:
+            return self.array
+        return join([piece.moved(pose) for piece, pose in zip(self.pieces, draw.boards, strict=True)])
+
+    def _evaluated(self, draw: Draw) -> Complex128[np.ndarray, "foci elements"]:
+        """Evaluate the solved field at the array from where each group of foci sees it."""
+        array, foci = self._array(draw), self.field.sources.positions
+        shifts = along_skin(self.field.scene, foci, draw.skin) if draw.skin.any() else np.zeros_like(foci)
+        rows = np.empty((len(foci), len(array)), dtype=np.complex128)
+        for own, group in zip(draw.own, self.groups, strict=True):
+            pose = draw.hand @ Pose(own.rotation, own.translation + shifts[group[0]])
+            _check(self.field.scene, array, pose, foci[group], self.ball)
+            alone, carrier = self._centres(array, pose, draw.slower, group)
+            rows[group] = alone * array.gains + self.remainder[group] * carrier
+        return rows
+
+    def _centres(
+        self, array: PhasedArray, pose: Pose, slower: float, group: Int64[np.ndarray, "group"] | None = None
+    ) -> tuple[Complex128[np.ndarray, "group elements"], Complex128[np.ndarray, "group elements"]]:
+        """Pressure at the centres of the elements times their directivity towards each focus; and a wave from there.
+
+        That costs a twelfth of the mean over their faces. What it lacks is taken from the nominal matrix.
+        """
+        element, wavenumber = array.element, self.field.scene.wavenumber
+        group = np.arange(len(self.bodies)) if group is None else group
+        points = self.middle + slower * ((array.positions - pose.translation) @ pose.rotation - self.middle)
+        foci = self.middle + slower * (self.field.sources.positions[group] - self.middle)
+        away = points - foci[:, None]
+        distance = np.linalg.norm(away, axis=2)
+        carrier = slower * np.exp(1j * wavenumber * distance) / distance
+        received = _columns(self.field, points, group).T
+        if len(element.weights) > 1:
+            normals = array.normals @ pose.rotation
+            heights = foci @ normals.T - np.sum(points * normals, axis=1)
+            sines = slower * np.sqrt(np.maximum(1.0 - (heights / distance) ** 2, 0.0))
+            received = received * np.interp(sines, *self.pattern)
+        return slower * element.sensitivity * received, carrier
+
+    def _solved(self, draw: Draw) -> Complex128[np.ndarray, "foci elements"]:
+        """Solve the scene with its bodies where they are by themselves."""
+        assert self.solver is not None
+        scene, sources, array = self.field.scene, self.field.sources, self._array(draw)
+        pairs = zip(scene.obstacles, draw.own, strict=True)
+        moved = [replace(one, surface=one.surface.moved(pose)) for one, pose in pairs]
+        there = Scene(scene.medium, moved, frequency=scene.frequency)
+        pairs = zip(self.bodies, sources.positions, strict=True)
+        foci = np.stack([draw.own[body].apply(point) for body, point in pairs])
+        if draw.skin.any():
+            shifted = foci + along_skin(there, foci, draw.skin)
+            deeper = there.depth(shifted) - there.depth(foci)
+            foci = shifted + deeper[:, None] * outward(there.depth, shifted)
+        field = self.solver.radiate(there, Monopoles(foci, sources.strengths))
+        _check(there, array, draw.hand, foci, ball_of(there))
+        element, faces = array.element, array.face_points
+        points = (faces.reshape(-1, 3) - draw.hand.translation) @ draw.hand.rotation
+        points = self.middle + draw.slower * (points - self.middle)
+        received = field.at(points).reshape(*faces.shape[:2], -1)
+        means = np.einsum("eqf,q->fe", received, element.weights)
+        return draw.slower * element.sensitivity * means * array.gains
+
+
+def along_skin(
+    scene: Scene, foci: Real[np.ndarray, "foci 3"], shifts: Real[np.ndarray, "foci 2"]
+) -> Float64[np.ndarray, "foci 3"]:
+    """Turn shifts in two directions along the surface to shifts of foci (F, 3) [m]."""
+    frames = np.stack([np.stack(frame_of(normal)[:2]) for normal in outward(scene.depth, foci)])
+    return np.einsum("fi,fid->fd", shifts, frames)
+
+
+def _columns(
+    field: RadiatedField, points: Float64[np.ndarray, "points 3"], group: Int64[np.ndarray, "group"]
+) -> Complex128[np.ndarray, "points group"]:
+    """Pressure of some of the beacons at points, by the part of an expansion that they need."""
+    sources = field.sources
+    if len(group) == len(sources.positions) or not isinstance(field, MultipoleField):
+        return field.at(points)[:, group]
+    away = np.linalg.norm(points - field.spheres.centre, axis=1)
+    if away.min() < field.spheres.radius:
+        return field.at(points)[:, group]
+    values = np.ascontiguousarray(field.spheres.values[..., group])
+    some = Monopoles(sources.positions[group], np.eye(len(group)))
+    return replace(field, sources=some, spheres=replace(field.spheres, values=values)).at(points)
+
+
+def _check(scene: Scene, array: PhasedArray, pose: Pose, foci: Real[np.ndarray, "group 3"], ball: Ball | None) -> None:
+    """Raise where an element reaches into a body or something is behind a face; at once where all are far away."""
+    held, radii = pose.apply(foci), np.zeros(len(foci))
+    if ball is not None:
+        held, radii = np.vstack([held, pose.apply(ball[0])]), np.append(radii, ball[1])
+        apart = np.linalg.norm(array.positions - held[-1], axis=1)
+        if apart.min() <= ball[1] + array.element.reach:
+            check_placement(scene, array.seen_from(pose), foci)
+    heights = held @ array.normals.T - np.sum(array.positions * array.normals, axis=1)
+    if array.element.directional and not (heights > radii[:, None]).all():
+        check_placement(scene, array.seen_from(pose), foci)
+
+
+def _nearest_bodies(scene: Scene, foci: Real[np.ndarray, "foci 3"]) -> Int64[np.ndarray, "foci"]:
+    """Return the body that each focus is nearest to, 0 in open air."""
+    if len(scene.obstacles) < 2:
+        return np.zeros(len(foci), dtype=np.int64)
+    return np.argmax([one.surface.depth(foci) for one in scene.obstacles], axis=0)
+
+
+def _groups(bodies: Int64[np.ndarray, "foci"], by_themselves: bool, along_skin: bool) -> Groups:
+    """Find the foci that move together: those of a body; each by itself on a single body, as on bones of a hand."""
+    if not (by_themselves or along_skin):
+        return (np.arange(len(bodies)),)
+    if along_skin or len(np.unique(bodies)) == 1:
+        return tuple(np.arange(len(bodies))[:, None])
+    return tuple(np.flatnonzero(bodies == body) for body in np.unique(bodies))
+
+
+def _boards(array: PhasedArray) -> tuple[PhasedArray, ...]:
+    """Take an array of boards apart."""
+    found: Sequence[Pose] = (kind_of_array(array.positions, array.normals) or (None, ()))[1]
+    parts = (array.positions, array.normals, array.tangents, array.gains)
+    pieces = zip(*(np.split(part, len(found)) for part in parts), strict=True)
+    return tuple(
+        PhasedArray(positions, normals, array.element, tangents, gains)
+        for positions, normals, tangents, gains in pieces
+    )
