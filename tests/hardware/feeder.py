@@ -161,11 +161,12 @@ WAYS = {
 
 def main() -> None:
     name, folder, trials, *ways = sys.argv[1:]
-    for way in ways:
-        for trial in range(int(trials)):
+    for trial in range(int(trials)):
+        for way in ways:
             process = os.fork()
             if process == 0:
                 os.setsid()
+                signal.signal(signal.SIGHUP, signal.SIG_DFL)  # a run of the tests may outlive its terminal
                 made = (ODD if way.startswith("silence") else PLAIN)[name]
                 link = Interrupted() if way.startswith("silence") and name == "recording" and trial % 2 else made()
                 resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

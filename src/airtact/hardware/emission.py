@@ -184,7 +184,8 @@ class Emission:
         Parameters
         ----------
         drive : what every element emits.
-        wait : whether to return when the ramp is over; otherwise the newest drive rises meanwhile.
+        wait : whether to return when the ramp is over and the boards have the frame. Otherwise the newest drive rises
+            meanwhile, and what fails on the way is raised by the next call.
 
         Returns
         -------
@@ -199,7 +200,7 @@ class Emission:
         """
         check_drive(drive, "what is emitted")
         self.link.check_elements(len(drive))
-        frame, left = self._ask("send", drive.amplitudes)
+        frame, left = self._ask("send", drive.amplitudes, wait)
         self.link.last = frame
         if wait:
             self._outlast(left)

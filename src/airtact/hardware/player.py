@@ -90,7 +90,7 @@ class Player:
         self._swing: Swing | None = None
         self._next_frame = 0.0
         self._repeated: Repeated | None = None
-        self._emitting = False
+        self._emitting = self._waiting = False
         self._fed = self._looked = time.monotonic()
 
     # --- commands -----------------------------------------------------------------------------------------------
@@ -109,8 +109,11 @@ class Player:
         self._write("opened")
         self._fed = time.monotonic()
 
-    def send(self, amplitudes: Complex128[np.ndarray, "elements"]) -> tuple[Frame, float]:
-        """Play a drive from now on; return its frame at full amplitude, and how long the ramp still takes [s]."""
+    def send(self, amplitudes: Complex128[np.ndarray, "elements"], wait: bool = True) -> tuple[Frame, float]:
+        """Play a drive from now on; return its frame at full amplitude, and how long the ramp still takes [s].
+
+        Without waiting, the frame is on its way after the answer, and a fault is raised by the next command.
+        """
         self._feed()
         self._repeated = None
         self._drive = amplitudes
@@ -123,8 +126,9 @@ class Player:
             self._gain = self._slope = 0.0
         elif self._gain == 0.0 or self._slope < 0.0:
             self._rise()
-        if full.silent or not self._paced:
-            self._transmit(full if self._gain in (0.0, 1.0) else self._now())
+        self._waiting = full.silent or not self._paced
+        if wait:
+            self._catch_up()
         self._fed = time.monotonic()
         return full, self.left()
 
@@ -142,7 +146,7 @@ class Player:
         rows = np.arange(len(factors)) % len(drives)
         frames = [frame_at(drives[row], link.levels, self._share * f) for row, f in zip(rows, factors, strict=True)]
         repeated = Repeated(frames, rate, seconds)
-        self._repeated = repeated
+        self._repeated, self._waiting = repeated, False
         if not link.real_time:
             link.play([frames[index % len(frames)] for index in range(repeated.total)], rate)
             repeated.begun, repeated.sent, repeated.index = -np.inf, repeated.total, repeated.total
@@ -181,7 +185,7 @@ class Player:
     def silence(self, fade: float) -> float:
         """Let the sound fade; the next drive rises over the ramp. Return how long that takes [s]."""
         self._feed()
-        self._repeated = None
+        self._repeated, self._waiting = None, False
         if self._emitting:
             self._slope_over(fade, -1.0)
             self._fade_step()
@@ -238,6 +242,8 @@ class Player:
 
     def wait(self) -> float:
         """Return how long nothing is due [s]."""
+        if self._waiting:
+            return 0.0
         due = [AT_REST]
         now = time.monotonic()
         if self._slope != 0.0:
@@ -258,10 +264,17 @@ class Player:
         try:
             self._step(time.monotonic())
         except Exception as error:
-            self._trouble, self._repeated, self._slope = error, None, 0.0
+            self._trouble, self._repeated, self._slope, self._waiting = error, None, 0.0, False
             self._looked = time.monotonic()
 
+    def _catch_up(self) -> None:
+        """Transmit the newest drive, if it was not yet."""
+        if self._waiting:
+            self._waiting = False
+            self._transmit(self._now())
+
     def _step(self, now: float) -> None:
+        self._catch_up()
         if self._emitting and now - self._fed >= self._set.patience:
             self.finish(f"no call came for {self._set.patience:g} s")
             return
@@ -376,6 +389,7 @@ class Player:
 
     def _silence_for_good(self) -> None:
         self._repeated = self._swing = None
+        self._waiting = False
         self._slope = self._gain = 0.0
         self._silence()
 
