@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 
 import pytest
 from pythonosc.osc_message import OscMessage
@@ -14,7 +15,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from airtact.tracking.messages import to_json, to_osc
-from airtact.tracking.receivers import LARGEST_MESSAGE, OscReceiver, WebSocketReceiver
+from airtact.tracking.receivers import LARGEST_MESSAGE, MOST_CONNECTIONS, OscReceiver, WebSocketReceiver
 from airtact.tracking.stream import HandStream
 from faults import raises_code
 from tracking.motions import still
@@ -91,6 +92,24 @@ def test_pages_of_other_sites_may_not_send():
         with connect(address, origin="http://localhost:8000") as page:
             page.send(to_json(still(0)))
             assert receiver.stream.wait(PATIENCE).sequence == 0
+
+
+def test_of_two_hundred_connections_those_beyond_the_limit_are_turned_away():
+    with WebSocketReceiver(HandStream(silence=PATIENCE)) as receiver, ExitStack() as all_of_them:
+        address = f"ws://127.0.0.1:{receiver.port}"
+        held = [all_of_them.enter_context(connect(address)) for _ in range(MOST_CONNECTIONS)]
+        for _ in range(200 - MOST_CONNECTIONS):
+            with connect(address) as late, pytest.raises(ConnectionClosed) as caught:
+                late.recv(timeout=PATIENCE)
+            assert caught.value.rcvd.code == 1013
+        for index, tracker in enumerate(held):
+            tracker.send(to_json(still(index)))
+            until(lambda count=index + 1: receiver.stream.health.used == count)
+        held[0].close()
+        until(lambda: len(receiver._connections) < MOST_CONNECTIONS)
+        with connect(address) as heir:
+            heir.send(to_json(still(1000)))
+            until(lambda: receiver.stream.latest("left").sequence == 1000)
 
 
 SENDER = """

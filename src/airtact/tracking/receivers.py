@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 LARGEST_MESSAGE = 2**22
 """Longest message that is taken from a websocket [bytes]; a cloud of 50,000 points needs 2 million."""
 
+MOST_CONNECTIONS = 64
+"""Trackers that may be connected at a time; others are turned away with the code 1013, "try again later"."""
+
 LARGEST_PACKET = 2**16
 """Longest packet of UDP [bytes]."""
 
@@ -68,7 +71,7 @@ class _Receiver(ABC):
 
 
 class WebSocketReceiver(_Receiver):
-    """Listens for websockets that send frames in JSON, as many at a time as like.
+    """Listens for websockets that send frames in JSON, up to 64 at a time; a message has 4 MiB at most.
 
     Use it in a ``with`` block; it listens from its making to the end of the block.
 
@@ -111,7 +114,12 @@ class WebSocketReceiver(_Receiver):
         with self._lock:
             if self._closed:
                 return
-            self._connections.add(connection)
+            full = len(self._connections) >= MOST_CONNECTIONS
+            if not full:
+                self._connections.add(connection)
+        if full:
+            connection.close(1013, f"{MOST_CONNECTIONS} trackers are connected already")
+            return
         try:
             for message in connection:
                 self.stream.feed_json(message)
