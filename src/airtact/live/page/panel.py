@@ -89,7 +89,7 @@ class Panel:
         gui.main_panel.set_width(WIDTH)
         panel = gui.add_panel()
         with panel.add_tab("What the loop does"):
-            self._status = gui.add_html("")
+            self._status = gui.add_html('<div class="live">starting</div>')
             gui.add_html(f'<div class="live"><small>Curves of the last {SECONDS:g} s, time in s:</small></div>')
             self._curves = [self._add_curve(*named) for named in CURVES]
         panel.dock_left()
