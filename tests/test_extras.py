@@ -1,5 +1,7 @@
 """What is not part of a plain installation is named, with how to install it, by the sentence that asks for it."""
 
+import os
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -61,3 +63,15 @@ def test_all_is_every_extra_for_users() -> None:
         name for requirement in extras["all"] for name in requirement.partition("[")[2].partition("]")[0].split(",")
     }
     assert named == set(extras) - {"all", "docs", "test"}
+
+
+def test_a_source_install_without_a_compiler_says_so_in_one_line(tmp_path) -> None:
+    cmake = shutil.which("cmake")
+    if cmake is None:
+        pytest.skip("cmake is not installed here; pip brings its own to build from the sources.")
+    without = {**os.environ, "CXX": str(tmp_path / "no-compiler")}
+    done = subprocess.run([cmake, "-S", ROOT, "-B", tmp_path], capture_output=True, text=True, env=without, timeout=60)
+    assert done.returncode != 0
+    (line,) = [line for line in done.stderr.splitlines() if "C++17" in line]
+    assert "No C++17 compiler was found: install one" in line
+    assert "wheel" in line

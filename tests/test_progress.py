@@ -65,6 +65,17 @@ def test_evaluations_report_their_steps(do, after) -> None:
     assert first_words(steps) == [*SOLVE, "estimating", *after]
 
 
+def test_a_file_a_fit_and_an_expansion_report_their_steps() -> None:
+    steps: list[str] = []
+    at.load_surface(at.example("generic-hand-right.glb"), progress=steps.append)
+    landmarks = at.hands.load_landmarks(at.example("seen_hand.json"))
+    fitted = at.fit_hand(at.hands.load_cloud(at.example("seen_hand.ply")), *landmarks, progress=steps.append)
+    field = SOLVER.radiate(SCENE, TARGET.beacons())
+    at.multipole_expansion(field, progress=steps.append)
+    assert first_words(steps) == ["reading", "repairing", "curving", "looking", *["fitting"] * 2, "expanding", "comparing"]
+    assert f"{len(fitted.points)} points" in steps[5]
+
+
 def test_closed_forms_have_no_steps() -> None:
     assert at.FreeField().reporting(print) == at.FreeField()
     assert SOLVER.reporting(None) is SOLVER

@@ -1,19 +1,55 @@
 """The solver that verifies a drive is the next more accurate one that fits."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from airtact.scene.sources import Monopoles
+from airtact.scene.target import Target
 from airtact.scene_file.building import read_scene
-from airtact.solvers.bem.solver import BoundaryElement
+from airtact.solvers.bem.solver import BoundaryElement, _warnings
 from airtact.solvers.fem.solver import FiniteElement
 from airtact.solvers.free_field import FreeField
-from airtact.steps import FINEST, MOST_UNKNOWNS, REFINEMENT, verification_solver
+from airtact.solvers.problem import Solver
+from airtact.solvers.spherical.sphere_series import SphereSeries
+from airtact.steps import FINEST, MOST_UNKNOWNS, REFINEMENT, reach_cautions, solve_foci, verification_solver
+from airtact.synthesis.motion import Motion
+from airtact.timing import Clock
 from paths import EXAMPLES, SCENES
 
 PINCH = read_scene(EXAMPLES / "pinch.toml")
+
+
+def test_paths_that_leave_their_fingers_are_named() -> None:
+    for size, named in ((3e-3, 0), (15e-3, 2)):
+        moving = replace(PINCH, modulation=Motion("stm", "circle", size=size))
+        assert [words for words in reach_cautions(moving) if "leaves the body" in words] == list(reach_cautions(moving))
+        assert len(reach_cautions(moving)) == named
+    assert "16 of 16" in reach_cautions(moving)[0]
+
+
+def test_foci_that_no_method_separates_are_named() -> None:
+    (point, *_) = PINCH.target.points
+    near = replace(PINCH, target=Target(np.stack([point, point + [0.0, 0.5e-3, 0.0]])))
+    (words,) = reach_cautions(near)
+    assert words.startswith("thumb.pad and finger.pad are 0.5 mm apart")
+    assert reach_cautions(PINCH) == ()
+
+
+@dataclass(frozen=True)
+class Warned(Solver):
+    """A closed form that warns as boundary elements do where their direct solution is 5 % off."""
+
+    def radiate(self, scene, sources):
+        field = SphereSeries().radiate(scene, sources)
+        return replace(field, report=replace(field.report, warnings=(*_warnings(0.05, 0.01), "coarse triangles")))
+
+
+def test_what_a_matrix_is_made_from_carries_no_warning_of_the_direct_solution() -> None:
+    setup = replace(read_scene(SCENES / "ball.toml"), solver=Warned())
+    assert len(setup.solver.radiate(setup.scene, setup.target.beacons()).report.warnings) == 2
+    assert solve_foci(setup, Clock())[1].warnings == ("coarse triangles",)
 
 
 def first_accuracy_that_refines(setup) -> float:

@@ -2,7 +2,7 @@
 
 import re
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -15,7 +15,7 @@ from airtact.evaluation.windows import Window, plane_of_scene
 from airtact.scene.sources import Monopoles
 from airtact.scene.target import Target
 from airtact.scene_file.building import Setup
-from airtact.solvers.bem.solver import BoundaryElement
+from airtact.solvers.bem.solver import OF_THE_DIRECT, BoundaryElement
 from airtact.solvers.fem.solver import FiniteElement
 from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import Solver, SolveReport
@@ -23,6 +23,8 @@ from airtact.store.stored import Stored
 from airtact.surfaces.surface import Surface
 from airtact.synthesis.best import method_for
 from airtact.synthesis.max_min import Stalled
+from airtact.synthesis.motion import Motion
+from airtact.synthesis.reach import NEAREST, nearest_foci
 from airtact.timing import Clock
 from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transducers.reach import open_air_bound, strongest_open_air
@@ -85,7 +87,9 @@ def _verification_accuracy(setup: Setup) -> float:
 
 
 def reach_cautions(setup: Setup) -> tuple[str, ...]:
-    """Name the foci that the array can hardly reach, and pressures beyond its full scale, before anything is solved.
+    """Name foci that are hard to reach or to separate, pressures beyond full scale, and paths that leave the bodies.
+
+    Nothing is solved for that.
 
     A focus is out of reach where all elements in phase bring less than ``LEAST_REACH`` of their strongest pressure to
     it in open air. A hard surface doubles the pressure of a plane wave, so a pressure beyond twice the open-air bound
@@ -95,7 +99,14 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
     bounds = open_air_bound(setup.array, target.points, wavenumber)
     strongest, most = strongest_open_air(setup.array, wavenumber), 2.0 if setup.bodies else 1.0
     asked = np.zeros(len(bounds)) if target.pressures is None else np.abs(target.pressures)
-    found = []
+    found = list(_path_cautions(setup))
+    if len(target.points) > 1:
+        one, other, apart = nearest_foci(target.points)
+        if apart < NEAREST * setup.scene.wavelength:
+            found.append(
+                f"{setup.foci[one]} and {setup.foci[other]} are {1e3 * apart:.2g} mm apart, under a tenth of the "
+                "wavelength: most methods cannot separate them and make no drive; leave one out."
+            )
     for name, bound, pressure in zip(setup.foci, bounds, asked, strict=True):
         if bound < LEAST_REACH * strongest:
             found.append(
@@ -110,6 +121,22 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
                 f"open air{words}: ask for less, or take more boards."
             )
     return tuple(found)
+
+
+def _path_cautions(setup: Setup) -> Iterator[str]:
+    """Name the foci whose paths leave the bodies."""
+    motion = setup.modulation
+    if not isinstance(motion, Motion) or motion.through_points(len(setup.foci)):
+        return
+    strayed = motion.strayed(setup.scene, setup.target, setup.array.positions.mean(axis=0))
+    for name, off in zip(setup.foci, strayed, strict=True):
+        count = int((off > setup.scene.wavelength / 2.0).sum())
+        if count:
+            yield (
+                f"the path around {name} leaves the body: {count} of {len(off)} positions lie up to "
+                f"{1e3 * off.max():.2g} mm farther from it than the focus, over half a wavelength; give a smaller "
+                "radius or length."
+            )
 
 
 def stored(solver: Solver, store: Path | None) -> Solver:
@@ -128,7 +155,9 @@ def solve_foci(setup: Setup, clock: Clock, store: Path | None = None) -> tuple[T
         beacons = stored(setup.solver, store).radiate(setup.scene, target.beacons(suppression=True))
     transducers = counted(len(setup.array), "transducer", "transducers")
     with clock.step("transfer", f"evaluating the beacons at {transducers}"):
-        return transfer_matrix(beacons, setup.array), beacons.report
+        # The matrix is evaluated by the transposed solution alone.
+        warned = tuple(one for one in beacons.report.warnings if not one.startswith(OF_THE_DIRECT))
+        return transfer_matrix(beacons, setup.array), replace(beacons.report, warnings=warned)
 
 
 def synthesise(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from airtact.evaluation.comparison import compare
-from airtact.evaluation.headline import body_word, headline, pascals, shortfalls
+from airtact.evaluation.headline import beyond_linear, body_word, headline, pascals, shortfalls
 from airtact.scene.medium import Medium
 from airtact.scene.scene import Scene
 from airtact.scene.target import Target
@@ -69,6 +69,13 @@ def test_what_was_asked_and_not_reached_is_listed() -> None:
     )
     assert shortfalls(target, ["a", "b"], np.array([200e3, 500.0]), 0.5) == ()
     assert shortfalls(Target(POINTS), ["a", "b"], np.array([1.0, 1.0]), 1.0) == ()
+
+
+def test_sound_too_strong_for_the_linear_model_is_warned_of() -> None:
+    assert beyond_linear(np.array([100.0, 4.9e3])) == ()
+    (words,) = beyond_linear(np.array([100.0, 12.3e3]))
+    assert "5.00 kPa" in words
+    assert "12.3 kPa" in words
 
 
 def test_pressures_have_three_digits() -> None:

@@ -14,9 +14,10 @@ from airtact.experiments.dummies import dummies
 from airtact.experiments.measurement import peak_ratios, readings
 from airtact.experiments.mesh_run import Combination, Ran, run_apart
 from airtact.experiments.mesh_sizes import how_many, study
-from airtact.experiments.part import carried, write_columns
+from airtact.experiments.part import write_columns
 from airtact.experiments.rigid_motion import Nodes, nodes_beside, random_poses
 from airtact.experiments.settings import FULL
+from airtact.figures.field_figure import past_the_surface
 from airtact.timing import Clock
 from faults import raises_code
 
@@ -168,7 +169,7 @@ def test_readings_keep_the_blanks_and_ratios_ignore_them() -> None:
 def test_values_are_carried_two_points_past_the_skin() -> None:
     window = Window(np.zeros(3), AXES["x"], AXES["z"], 9e-3, 1e-3, 1e-3)
     values = np.tile([1.0, 2, 3, 4, *[np.nan] * 6], 2)
-    assert np.array_equal(carried(window, values)[:7], [1, 2, 3, 4, 4, 4, np.nan], equal_nan=True)
+    assert np.array_equal(past_the_surface(window, values, 2)[:7], [1, 2, 3, 4, 4, 4, np.nan], equal_nan=True)
 
 
 def test_columns_of_unequal_length_raise(tmp_path) -> None:

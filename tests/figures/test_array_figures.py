@@ -73,14 +73,15 @@ def test_discs_have_the_colour_of_phase_and_amplitude():
         for axes in figure.axes
         if axes.collections and isinstance(axes.collections[0], EllipseCollection)
     ]
-    assert len(drawn) == 8
-    for index, face in enumerate(unfold(array.positions, array.normals)):
-        expected = colormaps["twilight"]((np.angle(drive[face.elements]) + np.pi) / (2 * np.pi))
-        np.testing.assert_array_equal(drawn[index].get_facecolor(), expected)
-        np.testing.assert_array_equal(
-            drawn[4 + index].get_facecolor(), colormaps["viridis"](np.abs(drive[face.elements]) / np.abs(drive).max())
-        )
-        np.testing.assert_allclose(drawn[index].get_offsets(), 1e3 * face.seen)
+    faces = unfold(array.positions, array.normals)
+    order = np.concatenate([face.elements for face in faces])
+    phases, amplitudes = drawn
+    expected = colormaps["twilight"]((np.angle(drive[order]) + np.pi) / (2 * np.pi))
+    np.testing.assert_array_equal(phases.get_facecolor(), expected)
+    shares = np.abs(drive[order]) / np.abs(drive).max()
+    np.testing.assert_array_equal(amplitudes.get_facecolor(), colormaps["viridis"](shares))
+    for face, placed in zip(faces, np.split(np.asarray(phases.get_offsets()), 4), strict=True):
+        np.testing.assert_allclose(placed - placed[0], 1e3 * (face.seen - face.seen[0]), atol=1e-9)
 
 
 def test_spacing_is_the_pitch():

@@ -1,5 +1,6 @@
 """The scene of a page turns, shows values and fetches nothing, in a real browser."""
 
+import json
 import re
 import shutil
 
@@ -185,6 +186,19 @@ def test_three_js_is_found_whole_with_its_licence(rendered):
     values = viewer_values(rendered[1].view, "ball")
     assert "Three.js Authors" in values["notice"]
     assert "249 transducers" in values["alternative"]
+
+
+def test_the_first_slice_hides_no_focus(rendered):
+    """It goes through the focus farthest from the viewer, to half a step."""
+    view = rendered[1].view
+    facts = json.loads(viewer_values(view, "ball")["facts"])
+    azimuth, elevation = facts["seen"]
+    towards = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
+    normal, corner = np.array(facts["slices"]["axes"][2]), facts["slices"]["corner"][2]
+    height = corner + facts["slices"]["start"][2] * facts["slices"]["steps"][2]
+    before = (1e3 * view.points @ normal - height) * np.sign(normal @ towards)
+    assert np.ptp(before) > 0.0
+    assert before.min() == pytest.approx(0.0, abs=0.5 * facts["slices"]["steps"][2])
 
 
 def test_pages_stay_small(rendered):

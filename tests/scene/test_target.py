@@ -53,6 +53,7 @@ def test_arrays_are_locked():
             "target pressures hold 1 NaN or infinite value, the first at index [1]",
         ),
         (POINTS, np.ones(3), "wrong_shape", "target pressures have shape (3,), but the target has 2 foci"),
+        ((POINTS[1], np.array([0.0, -0.6, 0.8])), None, "normal_as_focus", "the second of 2 target points is 1 m from"),
         (POINTS, np.zeros(0), "wrong_shape", "target pressures have shape (0,), but the target has 2 foci"),
     ],
 )

@@ -99,6 +99,17 @@ def test_two_points_take_turns_in_frames_of_whole_periods() -> None:
     np.testing.assert_array_equal(sequence.drives[0], sequence.drives[1])
 
 
+def test_a_path_that_leaves_its_body_strays_by_the_height_of_its_plane() -> None:
+    """In the plane that touches a sphere of radius a, a circle of radius r lies √(a² + r²) − a off it."""
+    ball = Scene(AIR, [sound_hard(sphere(0.02, edge=2e-3))])
+    touching, away = np.array([[0.0, 0.0, 0.02]]), np.array([[0.0, 0.0, 0.05]])
+    for radius in (3e-3, 15e-3):
+        off = Motion("stm", "circle", size=radius, frames=8).strayed(ball, Target(touching), MIDDLE)
+        np.testing.assert_allclose(off, np.full((1, 8), np.hypot(0.02, radius) - 0.02), rtol=1e-3)
+    assert not Motion("lm").strayed(ball, Target(away), MIDDLE).any()  # a focus in the air
+    assert not Motion("lm").strayed(OPEN, Target(touching), MIDDLE).any()
+
+
 def test_suppression_points_stay_suppressed() -> None:
     """With a method that suppresses, every frame has the point in its target."""
     target = Target(ALONE.points, suppression_points=np.array([[0.1, 0.07, 0.15]]))
@@ -129,7 +140,7 @@ def test_suppression_points_stay_suppressed() -> None:
         (lambda: AmplitudeModulation(20e3), "out_of_range", "20000 Hz"),
         (lambda: Motion("lm", frames=3), "frame_count", "4 to 1024 frames, not 3"),
         (lambda: Motion("lm", along="skin").paths(OPEN, ALONE, MIDDLE), "skin_too_far", "20 mm"),
-        (lambda: moving_foci(matrix_of(ALONE), ALONE, 2, 50.0), "sizes_differ", "1 points"),
+        (lambda: moving_foci(matrix_of(ALONE), ALONE, 2, 50.0), "sizes_differ", "1 point is"),
         (lambda: moving_foci(matrix_of(ALONE), ALONE, 1, 20e3), "rate_not_possible", "1e+04 Hz"),
     ],
 )

@@ -36,6 +36,13 @@ def test_every_method_and_the_control_are_there(compared):
     assert written == sorted(name.replace(" ", "_") for name in names)
 
 
+def test_the_default_is_marked(compared):
+    folder, contest = compared
+    labels = [contest.label(one) for one in contest.contenders]
+    assert [label for label in labels if label.endswith(" (default)")] == ["max min (default)"]
+    assert "max min (default)" in (folder / FILES[1]).read_text(encoding="utf-8")
+
+
 def test_the_series_agrees_with_the_verification(compared):
     contest, setup = compared[1], read_scene(BALL)
     sources = drive_sources(setup.array, [one.emitted for one in contest.contenders])

@@ -257,6 +257,8 @@ def test_moving_foci_are_written_as_a_sequence_and_an_older_one_goes(tmp_path):
     assert "spatiotemporal" in run.sensation[1]
     field = SphereSeries().radiate(run.scene, drive_sources(run.array, [sequence.drive(i) for i in range(4)]))
     foci = stored.foci.reshape(4, len(run.foci), 3)
+    np.testing.assert_array_equal(run.view.paths, foci.swapaxes(0, 1))
+    assert "Foci run along the dashed lines" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     np.testing.assert_allclose(np.linalg.norm(foci - run.target.points, axis=2), 1e-3, rtol=0.1)
     for frame in range(4):
         got = np.abs(field.at(foci[frame])[:, frame])

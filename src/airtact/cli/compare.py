@@ -55,7 +55,8 @@ def _record(contest: "Ranked") -> dict[str, Any]:
         for one in sorted(contest.contenders, key=contest.of_the_bound, reverse=True)
     ]
     error = contest.report.estimated_error
-    return {"foci": list(contest.foci), "methods": methods, "bound": contest.bound, "estimated_error": error}
+    facts = {"foci": list(contest.foci), "default": contest.default, "methods": methods}
+    return {**facts, "bound": contest.bound, "estimated_error": error}
 
 
 def _table(contest: "Ranked") -> "Table":
@@ -68,5 +69,5 @@ def _table(contest: "Ranked") -> "Table":
         share = contest.of_the_bound(one)
         level = [f"{one.suppression_level:+.1f} dB"] if suppressed else []
         time = f"{1e3 * one.seconds:,.3g} ms" if one.seconds < 1.0 else f"{one.seconds:.1f} s"
-        table.add_row(one.name, f"{worst:,.0f} Pa", f"{share:.0%}", f"{mean:,.0f} Pa", time, *level)
+        table.add_row(contest.label(one), f"{worst:,.0f} Pa", f"{share:.0%}", f"{mean:,.0f} Pa", time, *level)
     return table

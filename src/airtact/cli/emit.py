@@ -59,7 +59,7 @@ def emit(
     if way.real_time:
         unanswered = link == "serial" and board == "sonicsurface"
         confirmed = "written to the port (a SonicSurface never answers)" if unanswered else "and confirmed"
-        show(lines=[f"{way.sent} frames were sent; the last was silence, {confirmed}."])
+        show(lines=[f"{counted(way.sent, 'frame was', 'frames were')} sent; the last was silence, {confirmed}."])
     else:
         show(lines=[f"{counted(way.sent, 'frame was', 'frames were')} written."])
     if played is not None:

@@ -17,6 +17,9 @@ MET = 0.98
 LEAST_DIFFERENCE = 0.01
 """Smaller differences between two drives are never called one."""
 
+NONLINEAR = 5e3
+"""Peak pressure from which a run warns that air is no longer linear [Pa]: a Mach number above 3 %."""
+
 HANDS = ("hand", "finger", "thumb", "palm")
 """Bodies with one of these in their name are a hand; others are objects."""
 
@@ -71,6 +74,17 @@ def shortfalls(
         return ()
     full = ": the transducers are at full scale" if peak >= FULL else ""
     return (f"Asked and not reached: {', '.join(short)}{full}.",)
+
+
+def beyond_linear(reached: Float64[np.ndarray, "foci"]) -> tuple[str, ...]:
+    """Warn of the strongest of some foci [Pa] where its sound is too strong for the linear model."""
+    most = float(reached.max())
+    if most <= NONLINEAR:
+        return ()
+    return (
+        f"the computation is linear: above some {pascals(NONLINEAR)} real air steepens the wave, and a real focus is "
+        f"weaker than the {pascals(most)} computed.",
+    )
 
 
 def pascals(pressure: float) -> str:

@@ -8,7 +8,6 @@ from jaxtyping import Complex128, Float64, Inexact, Int64, Real
 
 from airtact.evaluation.windows import Window
 from airtact.printing import in_short
-from airtact.scene.scene import Scene
 from airtact.solvers.problem import RadiatedField
 
 MOST_POINTS = 36_000
@@ -132,7 +131,7 @@ def _pressure(
     field: RadiatedField, points: Float64[np.ndarray, "points 3"], depth: Float64[np.ndarray, "points"]
 ) -> Complex128[np.ndarray, "points sounds"]:
     """Complex pressure at points, by the parabola near hard walls; NaN deep inside bodies."""
-    if not _all_hard(field.scene):
+    if any(one.boundary != "sound_hard" for one in field.scene.obstacles):
         return field.at(points)
     surface, rim = field.on_surface, WALL * field.scene.wavelength
     near, away = np.abs(depth) < rim, depth <= -rim
@@ -166,10 +165,6 @@ def _carried_inside(
         return np.nan_to_num(pressure)
     nearest = distance_transform_edt(unknown, return_distances=False, return_indices=True)
     return pressure[tuple(np.asarray(nearest))]
-
-
-def _all_hard(scene: Scene) -> bool:
-    return all(obstacle.boundary == "sound_hard" for obstacle in scene.obstacles)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from airtact.timing import Progress, no_progress
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import EIGHT_BITS, Levels
 from airtact.transfer import Drive, TransferMatrix, transfer_matrix
-from airtact.validation import in_mm, of_kind, points_of
+from airtact.validation import counted, in_mm, of_kind, points_of
 
 FOCUS_RADIUS = 1.0
 """Sound within this many wavelengths of a focus belongs to the focus, farther away to side lobes."""
@@ -125,9 +125,8 @@ class Verification:
     def __repr__(self) -> str:
         alone = f"{_range(100 * self.attained, '.0f')} % of what a focus gets alone"
         head = f"at most {self.head.max():.0f} dB SPL at the head" if len(self.head) else ""
-        return one_line(
-            self, f"weakest of {len(self.attained)} foci {self.evaluation.magnitudes.min():.0f} Pa", alone, head
-        )
+        foci = counted(len(self.attained), "focus", "foci")
+        return one_line(self, f"weakest of {foci} {self.evaluation.magnitudes.min():.0f} Pa", alone, head)
 
     @property
     def attained(self) -> Float64[np.ndarray, "foci"]:
@@ -206,7 +205,7 @@ class Verification:
             forces, areas = np.array([pad.force for pad in pads]), np.array([pad.area for pad in pads])
             lines.append(
                 f"sound presses with {_range(1e3 * forces, '.3g')} mN on the {_range(1e4 * areas, '.2f')} cm² of skin "
-                f"round {len(pads)} of {len(self.evaluation.target.points)} foci"
+                f"round {len(pads)} of {counted(len(self.evaluation.target.points), 'focus', 'foci')}"
             )
         lines.append(self.over_thresholds())
         if len(self.head):

@@ -8,11 +8,11 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from airtact.evaluation.windows import AXES, Window
-from airtact.experiments.part import Part, carried, coordinates, corners, draw_planes, write_columns
+from airtact.experiments.part import Part, coordinates, corners, draw_planes, write_columns
 from airtact.experiments.settings import Settings
 from airtact.experiments.solved import CONSIDERED, Solved
 from airtact.figures.array_figures import draw_phases
-from airtact.figures.field_figure import cut_bodies
+from airtact.figures.field_figure import cut_bodies, past_the_surface
 from airtact.figures.surface_figure import draw_panels
 from airtact.mesh.quadratic_triangles import QuadraticTriangles
 from airtact.pages.page import paragraph, picture
@@ -39,7 +39,8 @@ def beacons(made: Solved, settings: Settings, folder: Path, clock: Clock) -> Par
     write_columns(folder, "beacon_field", coordinates(window.points) | columns)
     _write_transducers(made, drive, folder)
     _write_mesh(system, made.scene.wavelength, folder)
-    outlines, shown = cut_bodies(window, made.dummies.surfaces), {"phase of the beacons' field": carried(window, phase)}
+    outlines = cut_bodies(window, made.dummies.surfaces)
+    shown = {"phase of the beacons' field": past_the_surface(window, phase, 2)}
     scale = ("twilight", -np.pi, np.pi, "phase of the beacons' field [rad]")
     pieces = (
         paragraph(_how_meshed(report)),

@@ -10,15 +10,10 @@ from jaxtyping import Float64, Int64, Real
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import PathPatch
-from matplotlib.path import Path as Outline
 
 from airtact.evaluation.windows import Window
-from airtact.figures.field_figure import BODY
+from airtact.figures.field_figure import draw_values
 from airtact.file_access.atomic import whole_file
-
-BLANK = "0.9"
-"""Grey of points without a value."""
 
 Column = Float64[np.ndarray, "rows"] | Int64[np.ndarray, "rows"] | Sequence[str | float]
 """Numbers or words, one for each row."""
@@ -59,15 +54,6 @@ def corners(points: Float64[np.ndarray, "rows corners 3"]) -> dict[str, tuple[st
     return {f"{axis}{n}": ("m", points[:, n, index]) for n in every for index, axis in enumerate("xyz")}
 
 
-def carried(window: Window, values: Float64[np.ndarray, "points"]) -> Float64[np.ndarray, "points"]:
-    """Extend values (P,), NaN inside bodies, by two points into them, so that no gap shows at the outline."""
-    from scipy.ndimage import distance_transform_edt
-
-    grid = values.reshape(window.shape)
-    distance, (row, column) = distance_transform_edt(np.isnan(grid), return_indices=True)  # pyright: ignore
-    return np.where(distance <= 2, grid[row, column], np.nan).ravel()
-
-
 def draw_planes(
     window: Window,
     values: Mapping[str, Real[np.ndarray, "points"]],
@@ -86,26 +72,13 @@ def draw_planes(
     wide, tall = (right - left) * size, (top - bottom) * size
     figure = Figure(figsize=(len(values) * (wide + 0.3) + 1.6, tall + 1.0), layout="constrained")
     axes = figure.subplots(1, len(values), squeeze=False, sharex=True, sharey=True)[0]
-    rows, columns = window.shape
-    half = (right - left) / (columns - 1) / 2, (top - bottom) / (rows - 1) / 2
+    shades = ScalarMappable(Normalize(lowest, highest), colours)
     for one, (title, shown) in zip(axes, values.items(), strict=True):
-        one.imshow(
-            np.ma.masked_invalid(np.asarray(shown, dtype=np.float64).reshape(rows, columns)),
-            origin="lower",
-            extent=(left - half[0], right + half[0], bottom - half[1], top + half[1]),
-            cmap=colours,
-            norm=Normalize(lowest, highest),
-            interpolation="nearest",
-        )
-        one.set_facecolor(BLANK)
-        for loop in outlines:
-            outline = Outline(window.seen(np.concatenate([loop, loop[:1]])), closed=True)
-            one.add_patch(PathPatch(outline, facecolor=BODY, edgecolor="0.25", linewidth=0.8))
+        draw_values(one, window, shown, shades, outlines)
         for colour, width in (("black", 2.6), ("white", 1.3)):
             one.plot(*window.seen(marks).T, "o", markersize=8, mfc="none", markeredgecolor=colour, mew=width)
         one.set_title(title, fontsize=11)
-        one.set(xlim=(left, right), ylim=(bottom, top), xlabel=window.labels[0])
+        one.set_xlabel(window.labels[0])
     axes[0].set_ylabel(window.labels[1])
-    shades = ScalarMappable(Normalize(lowest, highest), colours)
     figure.colorbar(shades, ax=list(axes), label=label, pad=0.015, aspect=28)
     return figure

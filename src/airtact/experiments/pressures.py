@@ -7,9 +7,9 @@ from jaxtyping import Float64
 
 from airtact.evaluation.comparison import HELD_EQUAL
 from airtact.evaluation.windows import plane_through
-from airtact.experiments.part import Part, carried, coordinates, draw_planes, write_columns
+from airtact.experiments.part import Part, coordinates, draw_planes, write_columns
 from airtact.experiments.solved import CONSIDERED, IGNORED, Solved
-from airtact.figures.field_figure import COLOURS, cut_bodies
+from airtact.figures.field_figure import COLOURS, cut_bodies, past_the_surface
 from airtact.pages.page import paragraph, picture, table
 from airtact.timing import Clock
 
@@ -36,7 +36,7 @@ def pressures(made: Solved, folder: Path, clock: Clock) -> Part:
         magnitudes = np.abs(np.stack([at_peak[CONSIDERED], at_peak[IGNORED]], axis=1) * equal_energy_factors(made)[:2])
     strongest = float(np.nanmax(magnitudes))
     normalised: dict[str, np.ndarray] = dict(zip((CONSIDERED, IGNORED), (magnitudes / strongest).T, strict=True))
-    drawn = {name: carried(window, values) for name, values in normalised.items()}
+    drawn = {name: past_the_surface(window, values, 2) for name, values in normalised.items()}
     columns = {"considered": ("Pa", magnitudes[:, 0]), "ignored": ("Pa", magnitudes[:, 1])}
     write_columns(folder, "pressures", coordinates(window.points) | columns)
     scale = (COLOURS, 0.0, 1.0, f"pressure over the largest of both, {HELD}")

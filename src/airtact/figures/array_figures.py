@@ -83,37 +83,14 @@ def draw_phases(
     amplitudes: Complex[np.ndarray, "elements"],
 ) -> Figure:
     """Draw phase and amplitude of every transducer as discs at their true positions [m]."""
-    faces = unfold(positions, normals)
-    spans = np.array([np.ptp(face.seen, axis=0) + 0.02 for face in faces])
-    beside = len(faces) == 1
-    widths = [*spans[:, 0]] * (2 if beside else 1)
-    heights = [spans[:, 1].max()] * (1 if beside else 2)
-    inches = min(9.4 / sum(widths), (4.6 if beside else 6.6) / sum(heights))
-    size = sum(widths) * inches + (3.0 if beside else 2.0), sum(heights) * inches + 1.2
+    spans = np.array([np.ptp(face.seen, axis=0) + 0.03 for face in unfold(positions, normals)])
+    width, height, beside = spans[:, 0].sum(), spans[:, 1].max(), len(spans) == 1
+    rows, columns = (1, 2) if beside else (2, 1)
+    inches = min(9.4 / (columns * width), (4.6 if beside else 6.6) / (rows * height))
+    size = columns * (width * inches + 1.5), rows * (height * inches + 1.2)
     figure = Figure(figsize=size, layout="constrained")
-    axes = figure.subplots(len(heights), len(widths), squeeze=False, sharex="col", sharey="row", width_ratios=widths)
-    rows = axes.T if beside else axes
-    diameter = min(spacing(positions[face.elements]) for face in faces) * 0.94
-    magnitudes = np.abs(amplitudes)
-    emitted = (
-        (np.angle(amplitudes), _phase_colours(), "phase [rad]"),
-        (magnitudes, ScalarMappable(Normalize(0, magnitudes.max()), "viridis"), "amplitude"),
-    )
-    for row, (values, scale, label) in zip(rows, emitted, strict=True):
-        for panel, face in zip(row, faces, strict=True):
-            _draw_discs(panel, 1e3 * face.seen, scale.to_rgba(values[face.elements]), 1e3 * diameter)
-        bar = figure.colorbar(scale, ax=list(row), pad=0.02, aspect=25)
-        bar.ax.set_title(
-            label, fontsize=9, loc="left"
-        )  # beside the bar it would read as the label of the next picture's axis
-        if label.startswith("phase"):
-            _tick_phases(bar)
-    for panel, face in zip(axes[0], faces * (2 if beside else 1), strict=True):
-        panel.set_title(_where(face, positions), fontsize=10)
-    for panel, face in zip(axes[-1], faces * (2 if beside else 1), strict=True):
-        _name(panel.xaxis, face.sides[0], "along the face [mm]")
-    for panel in axes[:, 0]:
-        _name(panel.yaxis, faces[0].sides[1], "up [mm]")
+    for axes, show in zip(figure.subplots(rows, columns), ("phase", "amplitude"), strict=True):
+        draw_faces(axes, positions, normals, amplitudes, show)
     return figure
 
 
@@ -136,8 +113,9 @@ def draw_faces(
     show: Literal["phase", "amplitude"],
 ) -> None:
     """Draw phase or amplitude of every transducer into axes, the faces of the array side by side, with a bar."""
-    scale = _phase_colours() if show == "phase" else ScalarMappable(Normalize(0, 1), "viridis")
-    colours = scale.to_rgba(np.angle(amplitudes) if show == "phase" else np.abs(amplitudes))
+    magnitudes = np.abs(amplitudes)
+    scale = _phase_colours() if show == "phase" else ScalarMappable(Normalize(0, magnitudes.max()), "viridis")
+    colours = scale.to_rgba(np.angle(amplitudes) if show == "phase" else magnitudes)
     faces = unfold(positions, normals)
     size = 1e3 * min(spacing(positions[face.elements]) for face in faces) * 0.94
     left, top = 0.0, max(1e3 * face.seen[:, 1].max() for face in faces) + size

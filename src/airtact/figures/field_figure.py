@@ -201,34 +201,51 @@ def _draw_cut(
     centred: bool = False,
 ) -> None:
     """Draw values as opaque as their ``strength``, with coordinates from the window's middle if ``centred``."""
-    window = cut.window
+    carried = past_the_surface(cut.window, values, 3)
+    draw_values(axes, cut.window, carried, scale, cut.outlines, "bilinear", strength, centred)
+
+
+def draw_values(
+    axes: Axes,
+    window: Window,
+    values: Real[np.ndarray, "points"],
+    scale: ScalarMappable,
+    outlines: Sequence[Float64[np.ndarray, "_ 3"]],
+    interpolation: str = "nearest",
+    strength: Float64[np.ndarray, "points"] | None = None,
+    centred: bool = False,
+) -> None:
+    """Draw values at the points of a window, NaN left blank, and the outlines of bodies filled."""
     left, right, bottom, top = window.extent
     shift = np.array([left + right, bottom + top]) / 2 if centred else np.zeros(2)
     (left, right), (bottom, top) = (left, right) - shift[0], (bottom, top) - shift[1]
     rows, columns = window.shape
     half = (right - left) / (columns - 1) / 2, (top - bottom) / (rows - 1) / 2
     edges = (left - half[0], right + half[0], bottom - half[1], top + half[1])
-    drawn = _past_the_surface(values.reshape(rows, columns))
-    colours = {"cmap": scale.get_cmap(), "norm": scale.norm, "interpolation": "bilinear"}
+    drawn = np.ma.masked_invalid(np.asarray(values, dtype=np.float64).reshape(rows, columns))
+    colours = {"cmap": scale.get_cmap(), "norm": scale.norm, "interpolation": interpolation}
     opaque = None if strength is None else strength.reshape(rows, columns)
     axes.imshow(drawn, origin="lower", extent=edges, alpha=opaque, **colours)
     axes.set_facecolor(FAINT_GREY)
-    loops = [Path(window.seen(np.concatenate([loop, loop[:1]])) - shift, closed=True) for loop in cut.outlines]
+    loops = [Path(window.seen(np.concatenate([loop, loop[:1]])) - shift, closed=True) for loop in outlines]
     if loops:
         bodies = Path.make_compound_path(*loops)
         axes.add_patch(PathPatch(bodies, facecolor=BODY, edgecolor="0.25", linewidth=0.8))
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
 
 
-def _past_the_surface(values: Float64[np.ndarray, "rows columns"]) -> np.ma.MaskedArray:
-    """Carry values three points into the bodies, where their grey covers them, so that no gap shows at the surface."""
+def past_the_surface(
+    window: Window, values: Float64[np.ndarray, "points"], points: int
+) -> Float64[np.ndarray, "points"]:
+    """Carry values, NaN inside bodies, some points into them, where their grey covers them, so that no gap shows."""
     from scipy.ndimage import distance_transform_edt
 
-    inside = np.isnan(values)
+    grid = values.reshape(window.shape)
+    inside = np.isnan(grid)
     if not inside.any() or inside.all():
-        return np.ma.masked_invalid(values)
+        return values
     distance, (row, column) = distance_transform_edt(inside, return_indices=True)  # pyright: ignore
-    return np.ma.masked_where(distance > 3, values[row, column])
+    return np.where(distance <= points, grid[row, column], np.nan).ravel()
 
 
 def _mark_foci(axes: Axes, window: Window, foci: Real[np.ndarray, "foci 3"], names: Sequence[str]) -> None:

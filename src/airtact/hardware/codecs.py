@@ -52,6 +52,13 @@ class Codec(ABC):
             If the message has another length or other marks than ``encode`` makes.
         """
 
+    def fastest_frames(self, boards: int = 1) -> float:
+        """Return how many frames a second the serial line of so many boards carries; infinite where it has none."""
+        if self.baud is None:
+            return np.inf
+        zeros = np.zeros(boards * len(self.board), dtype=np.uint8)
+        return self.baud / 10.0 / len(self.encode(Frame(zeros, zeros, self.levels)))  # 10 bits a byte
+
     def _parts(self, levels: UInt8[np.ndarray, "elements"]) -> Sequence[UInt8[np.ndarray, "positions"]]:
         """Bring one number per element to its position in each board's message."""
         parts = []

@@ -102,9 +102,7 @@ class Link(ABC):
     @property
     def fastest_frames(self) -> float:
         """Frames a second that the boards take: what the link carries, and their own serial line."""
-        if self.codec.baud is None:
-            return self.fastest
-        return min(self.fastest, self.codec.baud / 10.0 / len(self.codec.encode(self.zero())))  # 10 bits a byte
+        return min(self.fastest, self.codec.fastest_frames(self.boards))
 
     @property
     def devices(self) -> str:

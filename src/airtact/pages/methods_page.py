@@ -65,8 +65,9 @@ class Ranked:
     target : the foci.
     foci : a name for each.
     bodies : a name for each body.
+    default : the method that a drive is made by where the scene names none.
     contenders : the methods that made a drive, and the control last.
-    notes : warnings of methods that made no drive or stalled.
+    notes : warnings of the scene, of methods that made no drive or stalled, and of the verification solve.
     transfer : what the drives were made from.
     bound : no drive of amplitudes up to 1 gives every focus more than this times its weight [Pa].
     report : how the verification solve came to the pressures.
@@ -78,6 +79,7 @@ class Ranked:
     target: Target
     foci: Sequence[str]
     bodies: Sequence[str]
+    default: str
     contenders: Sequence[Contender]
     notes: Sequence[str]
     transfer: TransferMatrix
@@ -93,6 +95,10 @@ class Ranked:
     def of_the_bound(self, one: Contender) -> float:
         """Divide what a method's worst focus would get at full scale by the bound."""
         return self.worst(one) / float(np.abs(one.emitted.amplitudes).max()) / self.bound
+
+    def label(self, one: Contender) -> str:
+        """Name a method, and mark the default."""
+        return f"{one.name} (default)" if one.name == self.default else one.name
 
     @property
     def best(self) -> Contender:
@@ -136,7 +142,7 @@ def _summary(contest: Contest) -> dict[str, Any]:
             (f"{contest.of_the_bound(best):.0%}", "of a bound that no drive exceeds, at full scale"),
             (f"{1e3 * best.seconds:.3g} ms", "to make that drive"),
         ],
-        "warnings": [*contest.notes, *contest.report.warnings],
+        "warnings": contest.notes,
         "not_modelled": NOT_MODELLED,
         "steps": [[name, f"{seconds:.2f} s"] for name, seconds in contest.seconds.items()],
     }
@@ -162,7 +168,7 @@ def _tables(contest: Contest) -> dict[str, Any]:
         )
         rows.append(
             [
-                one.name,
+                contest.label(one),
                 _digits(contest.worst(one)),
                 f"{contest.of_the_bound(one):.0%}",
                 f"{one.pressures.mean():,.0f}",

@@ -29,8 +29,6 @@ CITATION = (
     "S. Inoue, Y. Makino, H. Shinoda, Producing Airborne Ultrasonic 3D Tactile Image by Time Reversal Field Rendering, "
     "SICE Annual Conference 2014, 1360"
 )
-NONLINEAR = 5e3
-"""Peak pressure from which the page warns that air is no longer linear [Pa]: a Mach number above 3 %."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,12 +104,6 @@ def write_page(path: Path, run: Run) -> None:
 
 def _summary(run: Run) -> dict[str, Any]:
     solve = sum(run.seconds[step] for step in ("beacons", "transfer", "drive"))
-    warnings = list(run.notes)
-    if run.reached.max() > NONLINEAR:
-        warnings.append(
-            f"The computation is linear; at {_rounded(run.reached.max())} Pa real air steepens the wave, and a real "
-            "focus is weaker."
-        )
     scatter = "scatters" if len(run.bodies) == 1 else "scatter"
     return {
         "transducers": _transducers(run),
@@ -124,7 +116,7 @@ def _summary(run: Run) -> dict[str, Any]:
             (f"{solve:.2f} s", "to solve and make the drive"),
             (_percent(run.comparison.report.estimated_error), "estimated error of these pressures"),
         ],
-        "warnings": list(dict.fromkeys(warnings)),
+        "warnings": list(dict.fromkeys(run.notes)),
     }
 
 
@@ -143,7 +135,6 @@ def _pictures(run: Run) -> dict[str, Any]:
         "at most.",
         f"Phases and amplitudes of all {_transducers(run)}, face by face",
     )
-    bodies = [obstacle.surface for obstacle in run.scene.obstacles]
     bodies = [obstacle.surface for obstacle in run.scene.obstacles]
     still = picture(
         draw_scene(run.array.positions, run.array.normals, run.drive.amplitudes, bodies, run.target.points),

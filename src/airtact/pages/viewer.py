@@ -52,6 +52,7 @@ class SceneView:
     surfaces : the bodies; None in open air.
     slices : the pressure of each drive in parallel planes.
     held_equal : what is held equal between the drives, in words.
+    paths : (P, N, 3) closed paths that foci run along [m]; none where all stand still.
     """
 
     drives: Mapping[str, Complex[np.ndarray, "elements"]]
@@ -64,6 +65,7 @@ class SceneView:
     surfaces: SurfacePressure | None
     slices: Slices
     held_equal: str
+    paths: Float64[np.ndarray, "paths frames 3"]
 
     @property
     def most(self) -> float:
@@ -112,6 +114,7 @@ def _caption(view: SceneView) -> str:
     held = f" Drives are shown at {view.held_equal}."
     words = [f"One colour scale for the slice and the surfaces of all drives, to {view.most:,.0f} Pa."]
     words += [held] if len(view.drives) > 1 else []
+    words += [" Foci run along the dashed lines; the field is that of the foci at rest."] if len(view.paths) else []
     return "".join([*words, near] if view.surfaces else words)
 
 
@@ -153,6 +156,7 @@ def _facts(view: SceneView, title: str) -> tuple[dict[str, Any], bytes]:
             {"name": name, "position": _rounded(1e3 * point), "asked": asked, "got": _rounded(got)}
             for name, point, asked, got in zip(view.foci, view.points, view.asked, view.reached, strict=True)
         ],
+        "paths": [[_rounded(1e3 * point) for point in path] for path in view.paths],
         "slices": _planes(view),
         **_views(view),
     }, bytes(data)
@@ -195,6 +199,11 @@ def _planes(view: SceneView) -> dict[str, Any]:
     slices = view.slices
     counts = slices.depth.shape[::-1]
     focus = (view.points.mean(axis=0) - slices.corner) @ slices.axes.T / slices.steps
+    # The slice goes through the focus farthest from the viewer, or it would hide others behind it.
+    azimuth, elevation = _side(slices.axes[2], view.normals)
+    seen = [np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)]
+    heights = ((view.points - slices.corner) @ slices.axes[2]) / slices.steps[2]
+    focus[2] = heights.min() if slices.axes[2] @ seen > 0.0 else heights.max()
     start = [int(np.clip(round(at), 0, count - 1)) for at, count in zip(focus, counts, strict=True)]
     corner = 1e3 * slices.axes @ slices.corner
     return {

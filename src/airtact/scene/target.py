@@ -108,8 +108,10 @@ class Target:
         ------
         InvalidInput
             No points, NaN or infinity, a point over 2 m from the origin, a negative number, none above zero, not one
-            per focus, pressures together with shares, or a suppression point nearer than 1 µm to a focus.
+            per focus, pressures together with shares, or a suppression point nearer than 1 µm to a focus; or the points
+            are a position and a normal, as ``hand.place`` gives them.
         """
+        _check_no_normal(points)
         object.__setattr__(self, "points", _near_enough(points_of(points, "target points"), "focus"))
         none = np.empty((0, 3)) if suppression_points is None else suppression_points
         suppressed = _near_enough(points_of(none, "suppression points", least=0), "suppression point")
@@ -179,6 +181,19 @@ class Target:
         """
         points = np.concatenate([self.points, self.suppression_points]) if suppression else self.points
         return Beacons(points, np.eye(len(points), dtype=np.complex128), foci=len(self.points))
+
+
+def _check_no_normal(points: Real[np.ndarray, "foci 3"]) -> None:
+    """Raise where a pair of a position and its unit normal was given as two foci."""
+    if not (isinstance(points, tuple) and len(points) == 2 and np.shape(points[0]) == np.shape(points[1]) == (3,)):
+        return
+    length = np.linalg.norm(points[1])
+    if abs(length - 1.0) < 1e-6:
+        raise InvalidInput(
+            f"the second of 2 target points is {length:.3g} m from the origin: a position and its unit normal, as "
+            "hand.place gives them. Give the position, or a focus before it: point + 0.5e-3 * normal.",
+            code="normal_as_focus",
+        )
 
 
 def _mm(point: Float64[np.ndarray, "3"]) -> list[str]:

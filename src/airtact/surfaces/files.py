@@ -19,14 +19,20 @@ from airtact.surfaces.file_limits import OwnFolder, check_counts, check_triangle
 from airtact.surfaces.mesh_shape import MeshShape
 from airtact.surfaces.quadratic_mesh import QuadraticMesh
 from airtact.surfaces.surface import Surface
-from airtact.validation import fixed, of_kind, positive
+from airtact.timing import Progress, no_progress
+from airtact.validation import counted, fixed, of_kind, positive
 
 SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".gltf")
 """File name endings that are read."""
 
 
 def load_surface(
-    path: str | Path, scale: float = 1.0, largest_hole: float = 2e-3, sharp_degrees: float = SHARP_DEGREES
+    path: str | Path,
+    scale: float = 1.0,
+    largest_hole: float = 2e-3,
+    sharp_degrees: float = SHARP_DEGREES,
+    *,
+    progress: Progress | None = None,
 ) -> Surface:
     """Read a closed surface from a file, and repair what is damaged.
 
@@ -42,6 +48,7 @@ def load_surface(
     scale : metres per unit of the file: 1e-3 for a file in millimetres.
     largest_hole : widest hole that is filled [m], 0 for none.
     sharp_degrees : edges whose triangles turn by more than this stay sharp; the rest of the surface is curved.
+    progress : called with the words of each step as it begins.
 
     Raises
     ------
@@ -51,14 +58,19 @@ def load_surface(
     """
     of_kind(path, str | Path, "the path of a surface", "the name of a file")
     path, scale = Path(path), positive(scale, "scale", "m per unit of the file")
+    report_step = progress or no_progress
+    report_step(f"reading {path.name}")
     vertices, triangles = bare_mesh(path)
     with about(path.name):
+        report_step(f"repairing {counted(len(triangles), 'triangle', 'triangles')}")
         with np.errstate(over="ignore"):  # infinite vertices are named below
             scaled = vertices * scale
         whole = repaired(scaled, triangles, largest_hole)
+        report_step("curving the surface")
         mesh = QuadraticMesh(fixed(whole.vertices), whole.triangles, sharp_degrees=sharp_degrees)
         shape = MeshShape(mesh, Pose.identity())
         surface = Surface(mesh.vertices, mesh.triangles, None, None, sharp_degrees, whole.notes, _known_shape=shape)
+        report_step("looking for crossings")
         check_not_crossed(surface)
         return surface
 

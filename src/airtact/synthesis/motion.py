@@ -19,7 +19,7 @@ from airtact.scene.target_points import MAX_OFFSET, frame_of, onto_surface, outw
 from airtact.synthesis.best import best
 from airtact.synthesis.sequence import FEWEST, Make, Sequence, led
 from airtact.transfer import TransferMatrix
-from airtact.validation import of_kind, positive
+from airtact.validation import counted, of_kind, positive
 
 LATERAL_FREQUENCY = 50.0
 """Rounds a second of lateral modulation: about the middle, in octaves, of the 10 to 200 Hz of Takahashi and others."""
@@ -137,6 +137,24 @@ class Motion:
         InvalidInput
             If a path cannot lie along the surface: it runs into a crevice or before another part of the body.
         """
+        return np.stack([self._laid(scene, focus, array_middle)[0] for focus in target.points])
+
+    def strayed(
+        self, scene: Scene, target: Target, array_middle: Real[np.ndarray, "3"]
+    ) -> Float64[np.ndarray, "foci frames"]:
+        """Return how much farther from the nearest body than its focus each position is before it is laid on the skin.
+
+        Parameters are those of ``paths``; (F, N) [m], 0 where a focus is in the air.
+        """
+        off = np.zeros((len(target.points), self.frames or FRAMES))
+        if scene.obstacles:
+            for index, (focus, depth) in enumerate(zip(target.points, scene.depth(target.points), strict=True)):
+                if -depth <= MAX_OFFSET:
+                    off[index] = depth - scene.depth(self._laid(scene, focus, array_middle)[1])
+        return off
+
+    def _drawn(self) -> Float64[np.ndarray, "frames 2"]:
+        """Return the path in a plane, around the origin [m]."""
         count = self.frames or FRAMES
         radius = self.size or (LATERAL_RADIUS if self.kind == "lm" else DRAWING_RADIUS)
         angles = 2.0 * np.pi * np.arange(count) / count
@@ -144,17 +162,13 @@ class Motion:
         if self.path == "line":
             radius = radius / 2.0 if self.size else radius
             right, upward = 2.0 / np.pi * np.arcsin(np.sin(angles)), np.zeros(count)
-        plane = radius * np.stack([right, upward], axis=1)
-        return np.stack([self._path(scene, focus, plane, array_middle) for focus in target.points])
+        return radius * np.stack([right, upward], axis=1)
 
-    def _path(
-        self,
-        scene: Scene,
-        focus: Float64[np.ndarray, "3"],
-        plane: Float64[np.ndarray, "frames 2"],
-        array_middle: Real[np.ndarray, "3"],
-    ) -> Float64[np.ndarray, "frames 3"]:
-        """Lay a path that is drawn in a plane around a focus."""
+    def _laid(
+        self, scene: Scene, focus: Float64[np.ndarray, "3"], array_middle: Real[np.ndarray, "3"]
+    ) -> tuple[Float64[np.ndarray, "frames 3"], Float64[np.ndarray, "frames 3"]]:
+        """Lay the path around a focus; return it, and before it was brought to a surface."""
+        plane = self._drawn()
         surfaces = [obstacle.surface for obstacle in scene.obstacles]
         away = [-float(surface.depth(focus[None])[0]) for surface in surfaces]
         nearest = int(np.argmin(away)) if away else -1
@@ -169,11 +183,12 @@ class Motion:
         if self.along == "array" or not away or away[nearest] > MAX_OFFSET:
             towards = np.asarray(array_middle) - focus
             normal = towards if np.linalg.norm(towards) > 1e-3 else np.array([0.0, 0.0, 1.0])
-            return focus + plane @ np.stack(frame_of(tuple(normal))[:2])
+            flat = focus + plane @ np.stack(frame_of(tuple(normal))[:2])
+            return flat, flat
         surface = surfaces[nearest]
         (normal,) = outward(surface.depth, focus[None])
         flat = focus + plane @ np.stack(frame_of(tuple(normal))[:2])
-        return onto_surface(flat, surface, away[nearest])
+        return onto_surface(flat, surface, away[nearest]), flat
 
     def turns(self, paths: Paths) -> float:
         """Return how often a second the paths are run: the frequency, or that of the drawing speed [Hz]."""
@@ -237,7 +252,8 @@ def moving_foci(
     of_kind(target, Target, "the target", "moving_target(target, paths)")
     count, rest = divmod(len(target.points), foci)
     if rest or not count:
-        raise InvalidInput(f"{len(target.points)} points are no whole frames of {foci} foci.", code="sizes_differ")
+        points = counted(len(target.points), "point is", "points are")
+        raise InvalidInput(f"{points} no whole frames of {counted(foci, 'focus', 'foci')}.", code="sizes_differ")
     repeat = -(-FEWEST // count)
     places = np.repeat(np.arange(len(target.points)).reshape(count, foci), repeat, axis=0)
     turns = positive(turns, "the frequency of the modulation", "Hz")

@@ -2,6 +2,7 @@
 
 import numpy as np
 from jaxtyping import Complex, Complex128, Float64
+from scipy.spatial import KDTree
 
 from airtact.conventions import InvalidInput
 from airtact.scene.target import Target
@@ -91,6 +92,14 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> None:
         target.points[index],
         code="focus_shadowed",
     )
+
+
+def nearest_foci(points: Float64[np.ndarray, "foci 3"]) -> tuple[int, int, float]:
+    """Return the two of at least two foci that are nearest to each other, and their distance [m]."""
+    distances, others = map(np.asarray, KDTree(points).query(points, k=2))
+    one = int(distances[:, 1].argmin())
+    other = int(next(index for index in others[one] if index != one))
+    return min(one, other), max(one, other), float(distances[one, 1])
 
 
 def _check_near_foci(transfer: TransferMatrix, target: Target, rows: Complex128[np.ndarray, "foci elements"]) -> None:

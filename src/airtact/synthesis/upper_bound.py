@@ -10,7 +10,7 @@ from airtact.scene.target import Target
 from airtact.synthesis.reach import asked_rows
 from airtact.synthesis.relaxation import Relaxed, iterated, starting_point
 from airtact.transfer import Drive, TransferMatrix
-from airtact.validation import positive
+from airtact.validation import counted, positive
 
 MOST_ITERATIONS = 1000
 BETWEEN_CHECKS = 10
@@ -40,7 +40,10 @@ class UpperBound:
 
     def __repr__(self) -> str:
         return one_line(
-            self, f"worst focus {self.worst:.4g}", f"{len(self.multipliers)} foci", f"{len(self.elements)} elements"
+            self,
+            f"worst focus {self.worst:.4g}",
+            counted(len(self.multipliers), "focus", "foci"),
+            f"{len(self.elements)} elements",
         )
 
     def eigenvalue(self, transfer: TransferMatrix, target: Target) -> float:

@@ -45,7 +45,6 @@ def check(
     InvalidInput
         "options_clash": settings of a surface are given for a scene file; or the file or the folder is at fault.
     """
-    report_step(f"reading {path.name}")
     if path.suffix.lower() in SUFFIXES:
         return _check_surface_file(path, folder, report_step, **settings)
     if settings:
@@ -54,6 +53,7 @@ def check(
             f"{key} = {value:g} stands in a scene file, beside its surface, not on the command line.",
             code="options_clash",
         )
+    report_step(f"reading {path.name}")
     with _pictured(folder, lambda: drawable_bodies(path), report_step):
         setup = read_scene(path)
     _draw(folder, setup.scene, setup.bodies, setup.target.points, report_step)
@@ -68,7 +68,7 @@ def _check_surface_file(path: Path, folder: Path | None, report_step: Progress, 
         return [] if bare is None else [bare]
 
     with _pictured(folder, triangles, report_step):
-        surface = load_surface(path, **settings)
+        surface = load_surface(path, **settings, progress=report_step)
         with about(path.name):
             scene = Scene(air(), [sound_hard(surface)])
     _draw(folder, scene, [path.name], None, report_step)

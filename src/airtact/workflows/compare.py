@@ -14,7 +14,9 @@ from airtact.scene_file.building import Setup, read_scene
 from airtact.solvers.problem import RadiatedField
 from airtact.steps import (
     drive_names,
+    named,
     plane_of_foci,
+    reach_cautions,
     save_drives,
     solve_foci,
     stored,
@@ -22,7 +24,7 @@ from airtact.steps import (
     verification_solver,
     with_control,
 )
-from airtact.synthesis.best import best
+from airtact.synthesis.best import best, method_for
 from airtact.synthesis.methods import METHODS
 from airtact.synthesis.quantise import quantise
 from airtact.synthesis.upper_bound import upper_bound
@@ -85,8 +87,9 @@ def compare(
         target=setup.target,
         foci=setup.foci,
         bodies=setup.bodies,
+        default=method_for(setup.target).__name__.replace("_", " "),
         contenders=contenders,
-        notes=notes,
+        notes=[*reach_cautions(setup), *notes, *named(field.report.warnings, setup.bodies)],
         transfer=transfer,
         bound=bound,
         report=field.report,

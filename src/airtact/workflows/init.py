@@ -2,6 +2,7 @@
 
 import os
 import shutil
+from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 from string import Template
@@ -14,8 +15,9 @@ from airtact.examples import example
 from airtact.file_access.atomic import whole_file, writable_folder
 from airtact.hand.files import load_hand
 from airtact.hand.hand import Hand
-from airtact.hardware.file_link import FileLink
+from airtact.hardware.codecs import codec_of
 from airtact.pose import Pose
+from airtact.scene_file.targets import DEFAULT_OFFSET
 from airtact.transducers.boards import Board, board_named
 from airtact.transducers.modulation import FREQUENCY
 from airtact.validation import counted
@@ -24,10 +26,10 @@ SCENE, HAND, LICENCE = "scene.toml", "hand.json", "hand-LICENSE.txt"
 """What is written into a folder; the last two only where no hand is given."""
 
 PLACES = ("index.pad", "middle.pad", "palm")
-"""What the hand feels."""
+"""What faces the board."""
 
 SMALL = 100
-"""Elements below which a board is small, so that the hand is nearer."""
+"""Elements below which a board is small, so that the hand is nearer and only ``PLACES`` are felt; else all places."""
 
 
 def init(place: Path, board: str = "autd3", hand: Path | None = None) -> tuple[Path, ...]:
@@ -80,7 +82,8 @@ def _text(name: str, board: Board, hand: Hand, file: str) -> str:
     """Fill the template: the board around the origin, the hand above it with its palm down."""
     middle = -(board.positions.min(axis=0) + board.positions.max(axis=0)) / 2.0
     height = 0.15 if len(board) >= SMALL else 0.06
-    axis, degrees, translation = _over_board(hand, height)
+    places = _felt(hand, board)
+    axis, degrees, translation = _over_board(hand, height, places)
     template = resources.files("airtact.scene_file").joinpath("first_scene.toml").read_text("utf-8")
     return Template(template).substitute(
         title=board.title,
@@ -92,15 +95,27 @@ def _text(name: str, board: Board, hand: Hand, file: str) -> str:
         axis=_listed(axis),
         degrees=f"{degrees:.1f}",
         translation=_listed(translation),
+        foci="\n\n".join(f'[[foci]]\nat = "{place}"' for place in places),
         amplitudes=board.amplitudes,
         phases=board.phases,
-        frequency=min(FREQUENCY, float(np.floor(FileLink("frames.npz", board.name).fastest_frames / 2.0))),
+        frequency=min(FREQUENCY, float(np.floor(codec_of(board).fastest_frames() / 2.0))),
     )
 
 
-def _over_board(hand: Hand, height: float) -> tuple[Float64[np.ndarray, "3"], float, Float64[np.ndarray, "3"]]:
-    """Find the axis, the degrees and the translation [m] that turn a palm down, its lowest focus at a height [m]."""
-    points, normals = (np.array([hand.places[place][part] for place in PLACES]) for part in (0, 1))
+def _felt(hand: Hand, board: Board) -> Sequence[str]:
+    """Choose the places that are felt: those with air before them."""
+    places = list(hand.places) if len(board) >= SMALL else PLACES
+    points, normals = (np.array([hand.places[place][part] for place in places]) for part in (0, 1))
+    inside = hand.shape.depth(points + DEFAULT_OFFSET * normals) > 0.0
+    return [place for place, is_inside in zip(places, inside, strict=True) if not is_inside]
+
+
+def _over_board(
+    hand: Hand, height: float, places: Sequence[str]
+) -> tuple[Float64[np.ndarray, "3"], float, Float64[np.ndarray, "3"]]:
+    """Find the axis, the degrees and the translation [m] that turn a palm down, its lowest place at a height [m]."""
+    points = np.array([hand.places[place][0] for place in places])
+    normals = np.array([hand.places[place][1] for place in PLACES])
     facing, down = normals.mean(axis=0) / np.linalg.norm(normals.mean(axis=0)), np.array([0.0, 0.0, -1.0])
     across = np.cross(facing, down)
     axis = across / np.linalg.norm(across) if np.linalg.norm(across) > 1e-6 else np.array([1.0, 0.0, 0.0])

@@ -10,7 +10,10 @@ from airtact.tracking.frame import HandFrame
 from airtact.tracking.receivers import OscReceiver, WebSocketReceiver
 from airtact.tracking.recordings import ENDINGS, save_recording
 from airtact.tracking.stream import HandStream, StreamHealth
-from airtact.validation import positive
+from airtact.validation import within
+
+LONGEST = 86_400.0
+"""Longest time to listen [s], a day."""
 
 
 def listen(
@@ -25,7 +28,7 @@ def listen(
     InvalidInput
         The time or the file's ending is at fault, a port is taken, or no frame came.
     """
-    positive(seconds, "the time to listen", "s")
+    within(seconds, 1e-3, LONGEST, "the time to listen", "s", "Ctrl-C ends it early.")
     if file.suffix not in ENDINGS:
         raise InvalidInput(
             f"the ending {file.suffix!r} is not 1 of those of recordings: {', '.join(ENDINGS)}.", code="unknown_ending"

@@ -107,13 +107,12 @@ def mesh(
     InvalidInput
         The surface or a number is at fault, or the panels cannot be written there.
     """
-    report_step(f"reading {path.name}")
     check_ending(file)
     if path.resolve() == file.resolve():
         raise InvalidInput(
             f"the panels would overwrite {path.name}, the 1 file that they are made from.", code="would_overwrite"
         )
-    surface = load_surface(path, **settings)
+    surface = load_surface(path, **settings, progress=report_step)
     with about(path.name):
         check_surface(surface)
     edge = usual_edge() if edge is None else _checked_edge(edge, surface)

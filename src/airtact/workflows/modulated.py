@@ -30,13 +30,10 @@ def write_sequence(
     motion = setup.modulation
     if not isinstance(motion, Motion):
         return None, ()
-    target, together = setup.target, 1
-    middle = setup.array.positions.mean(axis=0)
-    if motion.through_points(len(target.points)):
-        turns = motion.turns(target.points[None])
-    else:
-        paths, together = motion.paths(setup.scene, target, middle), len(target.points)
-        turns, target = motion.turns(paths), moving_target(target, paths)
+    target, together, paths = setup.target, 1, paths_of(setup)
+    turns = motion.turns(paths)
+    if not motion.through_points(len(target.points)):
+        together, target = len(target.points), moving_target(target, paths)
         transfer, _ = solve_foci(replace(setup, target=target), clock, store)
     notes: list[str] = []
 
@@ -49,6 +46,16 @@ def write_sequence(
         sequence = moving_foci(transfer, target, together, turns, method, clock=setup.frequency)
         sequence.save(path, setup.array, setup.scene, transfer, target, setup.levels, {"scene": setup.text})
     return _weakest(sequence, transfer, len(target.points), together), tuple(dict.fromkeys(notes))
+
+
+def paths_of(setup: Setup) -> Float64[np.ndarray, "paths frames 3"]:
+    """Return the paths that the foci of a scene run along [m]; none where they stand still."""
+    motion, foci = setup.modulation, setup.target.points
+    if not isinstance(motion, Motion):
+        return np.empty((0, 0, 3))
+    if motion.through_points(len(foci)):
+        return foci[None]
+    return motion.paths(setup.scene, setup.target, setup.array.positions.mean(axis=0))
 
 
 def _weakest(sequence: Sequence, transfer: TransferMatrix, points: int, together: int) -> Float64[np.ndarray, "frames"]:

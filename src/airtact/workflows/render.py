@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.evaluation.comparison import Comparison, compare
-from airtact.evaluation.headline import FULL, body_word, headline, shortfalls
+from airtact.evaluation.headline import FULL, beyond_linear, body_word, headline, shortfalls
 from airtact.evaluation.windows import Window, box_around, close_up
 from airtact.figures.field_figure import Cut, cut_bodies
 from airtact.file_access.atomic import writable_folder
@@ -163,6 +163,7 @@ def _sentences(
         "remarks": (*missing, _share_of_bound(setup, transfer, drive)),
         "notes": (
             *notes,
+            *beyond_linear(reached),
             *_doubts(setup, transfer, drive, reached),
             *named(comparison.report.warnings, setup.bodies),
         ),

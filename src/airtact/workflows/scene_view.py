@@ -12,6 +12,7 @@ from airtact.pages.viewer import SceneView
 from airtact.scene_file.building import Setup
 from airtact.solvers.problem import RadiatedField
 from airtact.transfer import Drive
+from airtact.workflows.modulated import paths_of
 
 
 def scene_view(
@@ -48,4 +49,5 @@ def scene_view(
         surfaces=surfaces and replace(surfaces, pressures=surfaces.pressures * scales),
         slices=replace(slices, pressures=slices.pressures * scales),
         held_equal=held_equal,
+        paths=paths_of(setup),
     )

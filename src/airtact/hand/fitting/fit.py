@@ -23,7 +23,8 @@ from airtact.hand.kinematics import evenly_bent
 from airtact.pose import nearest_motion
 from airtact.printing import in_short
 from airtact.surfaces.surface import Surface
-from airtact.validation import check_finite, fixed, in_mm, of_kind, real_numbers
+from airtact.timing import Progress, no_progress
+from airtact.validation import check_finite, counted, fixed, in_mm, of_kind, real_numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +93,8 @@ def fit_hand(
     camera: Real[np.ndarray, "3"] | None = None,
     before: FittedHand | None = None,
     anatomy: HandAnatomy | None = None,
+    *,
+    progress: Progress | None = None,
 ) -> FittedHand:
     """Fit a hand to a cloud of points of its skin, seen from one side or many.
 
@@ -109,6 +112,7 @@ def fit_hand(
         it, and the hand stays within the silhouette that it saw.
     before : the fit of the previous frame, whose pose is the start; its anatomy is used unless ``anatomy`` is given.
     anatomy : sizes of the person from an earlier fit; those of the population if neither this nor ``before`` is given.
+    progress : called with the words of each step as it begins.
 
     Raises
     ------
@@ -133,12 +137,16 @@ def fit_hand(
     seen = Observation(cell_means(cloud), joints, spread, side, known, eye, silhouette)
     start = _carried(before, joints) if before is not None and before.hand.side == side else None
     sizes = known.mean if person is None else person.mean
+    report_step = progress or no_progress
     with _threads().limit(limits=1, user_api="blas"):  # they wait for each other, the matrices being small
         if start is None:
+            report_step("fitting a hand to the landmarks")
             bent = evenly_bent(joints, np.exp(known.mean[: len(BONES)]), side)
             starts = (best_hand(nothing, (bent,), known.mean, hold=known.settled).joints, joints)
+            report_step(f"fitting it to {counted(len(seen.points), 'point', 'points')}")
             found = best_hand(seen, starts, sizes, hold=known.settled)
         else:
+            report_step(f"moving the hand of the frame before to {counted(len(seen.points), 'point', 'points')}")
             found = next_hand(seen, start, sizes, hold=known.settled)
         fitted = _fitted(seen, found, before, person or known)
         _check_explained(seen, fitted, cloud)

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float64, Real
 from airtact.conventions import InvalidInput
 from airtact.hand.joints import BONES, CHAINS, unit
 from airtact.hand.sphere_mesh import Hulls
-from airtact.validation import in_mm, points_of
+from airtact.validation import counted, in_mm, points_of
 
 FEWEST = 200
 """Points that the fit of a hand takes at least."""
@@ -47,7 +47,9 @@ def checked_cloud(
     cloud = points_of(points, "points of a cloud", least=0)
     if len(cloud) < FEWEST:
         raise InvalidInput(
-            f"the cloud has {len(cloud)} points, but a hand takes at least {FEWEST}: give more of it.", code="too_few"
+            f"the cloud has {counted(len(cloud), 'point', 'points')}, but a hand takes at least {FEWEST}: give more of "
+            "it.",
+            code="too_few",
         )
     widest = int(np.abs(cloud).max(axis=1).argmax())
     if np.abs(cloud[widest]).max() > LARGEST:

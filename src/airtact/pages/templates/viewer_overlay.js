@@ -48,6 +48,7 @@ class Overlay {
     this.ink = style.getPropertyValue("--ink").trim();
     this.paper = style.getPropertyValue("--paper").trim();
     this.svg.replaceChildren();
+    this.drawPaths();
     this.ringFoci();
     const length = Math.min(230, this.width / 2 - 36);
     const titles = {
@@ -63,6 +64,15 @@ class Overlay {
     const ends = [[0, "0"], [1, grouped(largest, 2)]];
     if (array === "amplitude") this.scale(right, length, array, ends, "transducers: amplitude");
     this.axes(turning);
+  }
+
+  drawPaths() {
+    for (const path of this.facts.paths) {
+      const points = path.map((point) => this.seen(new THREE.Vector3(...point)).join()).join(" ");
+      this.add("polygon", { points, fill: "none", stroke: this.paper, "stroke-width": 3 });
+      const line = { points, fill: "none", stroke: "#e8590c", "stroke-width": 1.4, "stroke-dasharray": "4 3" };
+      this.add("polygon", { ...line, class: "path" });
+    }
   }
 
   ringFoci() {

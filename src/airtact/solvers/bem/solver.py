@@ -51,6 +51,9 @@ SKELETON_SOURCE = "P. G. Martinsson, V. Rokhlin, Journal of Computational Physic
 REACH = 0.7
 """Wavelengths from a factorised body from which on its skeletons serve."""
 
+OF_THE_DIRECT = "the direct solution"
+"""How the sentence begins that warns of the direct solution, which no drive is made from."""
+
 SKELETON_ERROR = 0.5
 """Error of the skeletons over the accuracy; far from the bodies it is less."""
 
@@ -318,7 +321,7 @@ def _check_bodies(scene: Scene) -> None:
 def _warnings(estimate: float, accuracy: float) -> Iterator[str]:
     if estimate > 1.5 * accuracy:
         yield (
-            f"the direct solution is estimated to be {100 * estimate:.1f} % off, and {100 * accuracy:.1f} % was asked: "
+            f"{OF_THE_DIRECT} is estimated to be {100 * estimate:.1f} % off, and {100 * accuracy:.1f} % was asked: "
             "uneven triangles, a narrow gap, or a source on the surface (the transposed solution is more accurate then)"
         )
 

@@ -24,7 +24,7 @@ from airtact.solvers.chebyshev import chebyshev_weights
 from airtact.solvers.memory import available_memory
 from airtact.solvers.problem import RadiatedField, SolveReport, SurfaceField, receivers
 from airtact.solvers.spherical.radial_functions import outgoing_shapes
-from airtact.timing import Clock
+from airtact.timing import Clock, Progress
 from airtact.validation import of_kind, points_of
 
 MARGIN = 1.0
@@ -153,7 +153,7 @@ class MultipoleField(RadiatedField):
         return np.sqrt(np.einsum("pd,pd->p", offsets, offsets))
 
 
-def multipole_expansion(field: RadiatedField) -> RadiatedField:
+def multipole_expansion(field: RadiatedField, *, progress: Progress | None = None) -> RadiatedField:
     """Expand the scattered part of a field in outgoing spherical waves, for a hand that moves rigidly.
 
     Evaluation then takes the same short time whatever the number of unknowns: a transfer matrix of 996 elements after a
@@ -162,6 +162,7 @@ def multipole_expansion(field: RadiatedField) -> RadiatedField:
     Parameters
     ----------
     field : field of any solver, in a scene with bodies.
+    progress : called with the words of each step as it begins.
 
     Returns
     -------
@@ -187,12 +188,13 @@ def multipole_expansion(field: RadiatedField) -> RadiatedField:
         raise InvalidInput(
             "the scene of the field has 0 obstacles, so nothing is scattered; evaluate it as it is.", code="no_bodies"
         )
-    clock = Clock()
-    with clock.step("expansion"):
+    clock = Clock(progress)
+    with clock.step("expansion", "expanding the field in outgoing waves"):
         centre, radius = ball_of(field.scene)
         spheres = interpolation_spheres(
             field, centre, radius + MARGIN * field.scene.wavelength, *_enough(radius * field.scene.wavenumber.real)
         )
+    with clock.step("expansion", f"comparing it with the field at {CHECKED} points"):
         points = _around(spheres)
         expanded = MultipoleField(
             field.scene, field.sources, field, spheres, field.report, np.zeros(field.sources.strengths.shape[1])
