@@ -223,12 +223,13 @@ def _views(view: SceneView) -> dict[str, Any]:
     middle = slices.corner + (sides / 2.0) @ slices.axes
     everything = view.positions if view.surfaces is None else np.concatenate([view.positions, view.surfaces.vertices])
     lowest, highest = everything.min(axis=0), everything.max(axis=0)
+    away = [1.2 * np.linalg.norm(path - middle, axis=1).max() for path in view.paths]
     azimuth, elevation = _side(slices.axes[2], view.normals)
     return {
         "middle": _rounded(1e3 * (lowest + highest) / 2.0),
         "reach": 0.55e3 * float(np.linalg.norm(highest - lowest)),
         "focus": _rounded(1e3 * middle),
-        "close": 0.54e3 * float(np.linalg.norm(sides[:2])),
+        "close": 1e3 * float(max([0.54 * np.linalg.norm(sides[:2]), *away])),
         "seen": [azimuth, elevation],
     }
 
@@ -236,8 +237,9 @@ def _views(view: SceneView) -> dict[str, Any]:
 def _side(normal: Float64[np.ndarray, "3"], radiated: Real[np.ndarray, "elements 3"]) -> tuple[float, float]:
     """Azimuth and elevation from which the slice is seen first [rad], from where the sound comes if from one side."""
     towards = -radiated.mean(axis=0)
+    below = towards[2] < -0.3
     if abs(normal[2]) > 0.9:
-        return -1.1, 0.8 if towards[2] > -0.3 else -0.5
+        return -1.1, -0.5 if below else 0.8
     way = normal @ towards if abs(normal @ towards) > 0.3 else normal @ [0.3, -1.0, 0.0]
     seen = normal * np.sign(way)
-    return float(np.arctan2(seen[1], seen[0])) + 0.5, 0.35
+    return float(np.arctan2(seen[1], seen[0])) + 0.5, -0.6 if below else 0.35

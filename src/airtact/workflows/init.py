@@ -82,8 +82,7 @@ def _text(name: str, board: Board, hand: Hand, file: str) -> str:
     """Fill the template: the board around the origin, the hand above it with its palm down."""
     middle = -(board.positions.min(axis=0) + board.positions.max(axis=0)) / 2.0
     height = 0.15 if len(board) >= SMALL else 0.06
-    places = _felt(hand, board)
-    axis, degrees, translation = _over_board(hand, height, places)
+    axis, degrees, translation = _over_board(hand, height)
     template = resources.files("airtact.scene_file").joinpath("first_scene.toml").read_text("utf-8")
     return Template(template).substitute(
         title=board.title,
@@ -95,7 +94,7 @@ def _text(name: str, board: Board, hand: Hand, file: str) -> str:
         axis=_listed(axis),
         degrees=f"{degrees:.1f}",
         translation=_listed(translation),
-        foci="\n\n".join(f'[[foci]]\nat = "{place}"' for place in places),
+        foci="\n\n".join(f'[[foci]]\nat = "{place}"' for place in _felt(hand, board)),
         amplitudes=board.amplitudes,
         phases=board.phases,
         frequency=min(FREQUENCY, float(np.floor(codec_of(board).fastest_frames() / 2.0))),
@@ -110,12 +109,9 @@ def _felt(hand: Hand, board: Board) -> Sequence[str]:
     return [place for place, is_inside in zip(places, inside, strict=True) if not is_inside]
 
 
-def _over_board(
-    hand: Hand, height: float, places: Sequence[str]
-) -> tuple[Float64[np.ndarray, "3"], float, Float64[np.ndarray, "3"]]:
-    """Find the axis, the degrees and the translation [m] that turn a palm down, its lowest place at a height [m]."""
-    points = np.array([hand.places[place][0] for place in places])
-    normals = np.array([hand.places[place][1] for place in PLACES])
+def _over_board(hand: Hand, height: float) -> tuple[Float64[np.ndarray, "3"], float, Float64[np.ndarray, "3"]]:
+    """Find the axis, the degrees and the translation [m] that turn ``PLACES`` down, the lowest at a height [m]."""
+    points, normals = (np.array([hand.places[place][part] for place in PLACES]) for part in (0, 1))
     facing, down = normals.mean(axis=0) / np.linalg.norm(normals.mean(axis=0)), np.array([0.0, 0.0, -1.0])
     across = np.cross(facing, down)
     axis = across / np.linalg.norm(across) if np.linalg.norm(across) > 1e-6 else np.array([1.0, 0.0, 0.0])
