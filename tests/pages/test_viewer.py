@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -190,14 +191,15 @@ def test_three_js_is_found_whole_with_its_licence(rendered):
 
 def test_the_first_slice_hides_no_focus(rendered):
     """It goes through the focus farthest from the viewer, to half a step."""
-    view = rendered[1].view
+    whole = rendered[1].view
+    view = replace(whole, points=whole.points + np.outer([0.0, 4e-3], whole.slices.axes[2]))
     facts = json.loads(viewer_values(view, "ball")["facts"])
     azimuth, elevation = facts["seen"]
     towards = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
     normal, corner = np.array(facts["slices"]["axes"][2]), facts["slices"]["corner"][2]
     height = corner + facts["slices"]["start"][2] * facts["slices"]["steps"][2]
     before = (1e3 * view.points @ normal - height) * np.sign(normal @ towards)
-    assert np.ptp(before) > 0.0
+    assert np.ptp(before) == pytest.approx(4.0)
     assert before.min() == pytest.approx(0.0, abs=0.5 * facts["slices"]["steps"][2])
 
 

@@ -266,7 +266,7 @@ def test_a_camera_among_the_points_is_rejected(cloud: np.ndarray, landmarks: np.
 
 
 def test_a_camera_that_stands_elsewhere_is_rejected(cloud: np.ndarray, landmarks: np.ndarray) -> None:
-    with raises_code("cloud_not_explained", "59 % to 6 mm", "does the camera stand elsewhere"):
+    with raises_code("cloud_not_explained", "% to 6 mm", "does the camera stand elsewhere"):
         fit_hand(cloud, landmarks, "right", np.array([0.0, 0.0, 1.0]))
 
 
