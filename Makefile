@@ -1,6 +1,6 @@
 # `make run` shows the main job, `make test` proves it. Everything is installed into .venv.
 .DEFAULT_GOAL := help
-.PHONY: help run test slow check format docs bench wheels clean
+.PHONY: help run live test slow check format docs bench wheels clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -8,6 +8,7 @@ KERNELS := CMakeLists.txt pyproject.toml constraints.txt $(wildcard src/kernels/
 
 help:
 	@echo "make run    install into .venv and render the examples pinch and open_hand into out/"
+	@echo "make live   let the sound follow a motion, and print the address of the page that shows it"
 	@echo "make test   all checks and tests (under 12 minutes on 2 cores)"
 	@echo "make slow   the tests that take longer"
 	@echo "make check  linters, types and the rooms' contract only"
@@ -29,6 +30,13 @@ run: $(VENV)/installed
 	$(BIN)/airtact render pinch --out out/pinch
 	$(BIN)/airtact render open_hand --out out/open_hand
 	@echo "Look at out/pinch/report.html and out/open_hand/report.html; the drives are drive.csv and drive.h5 beside them."
+
+$(VENV)/installed-for-live: $(VENV)/installed
+	PIP_CONSTRAINT=constraints.txt $(BIN)/pip install --quiet --editable '.[live,mesh]'
+	@touch $@
+
+live: $(VENV)/installed-for-live
+	$(BIN)/airtact live live_pinch --out out/live
 
 check: $(VENV)/installed-for-tests
 	$(BIN)/ruff check .

@@ -1,14 +1,12 @@
 """``airtact emit``: a drive or a sequence on boards."""
 
-import sys
 from pathlib import Path
 from typing import Any
 
 import click
 
-import airtact as at
 from airtact.cli.console import facts_table, progress, show
-from airtact.cli.options import FILE, Names, board_address, drive_settings, level_of, modulation_of, quiet
+from airtact.cli.options import FILE, Names, agreed, board_address, drive_settings, level_of, modulation_of, quiet
 
 
 @click.command(
@@ -53,7 +51,7 @@ def emit(
     way = workflow.link_for(plan, link, **where)
     show(facts_table(plan.facts(link)), lines=[NO_SAFETY_ASSESSMENT, *plan.notes()])
     if not yes:
-        _ask(f"Emit for {seconds:g} s through {link} to {way.devices}?")
+        agreed(f"Emit for {seconds:g} s through {link} to {way.devices}?")
     with progress() as report_step:
         played = workflow.emit(plan, way, seconds, report_step, log)
     if way.real_time:
@@ -66,12 +64,3 @@ def emit(
         what = "sequence" if plan.modulation is None else "modulated drive"
         rate = f"The {what} was played at {played.rate:.4g} frames/s"
         show(lines=[f"{rate}, {played.frames} frames, {played.dropped} dropped."])
-
-
-def _ask(question: str) -> None:
-    """Ask before anything is emitted; without a terminal there is no answer, and nothing is emitted."""
-    if not sys.stdin.isatty():
-        sentence = "this is not a terminal, so no confirmation is possible, and 0 frames were sent"
-        raise at.InvalidInput(f"{sentence}: give --yes to emit without asking.", code="not_confirmed")
-    if not click.confirm(question, default=False):
-        raise at.InvalidInput("0 frames were sent, as you answered no.", code="not_confirmed")

@@ -2,6 +2,7 @@
 
 import difflib
 import pkgutil
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
@@ -180,3 +181,12 @@ def modulation_of(words: str | None) -> "at.synthesis.AmplitudeModulation | None
             code="unknown_name",
         )
     return at.synthesis.AmplitudeModulation(*given)
+
+
+def agreed(question: str) -> None:
+    """Ask before anything is emitted; without a terminal there is no answer, and nothing is emitted."""
+    if not sys.stdin.isatty():
+        sentence = "this is not a terminal, so no confirmation is possible, and 0 frames were sent"
+        raise at.InvalidInput(f"{sentence}: give --yes to emit without asking.", code="not_confirmed")
+    if not click.confirm(question, default=False):
+        raise at.InvalidInput("0 frames were sent, as you answered no.", code="not_confirmed")

@@ -11,7 +11,8 @@ from airtact.live.output import Boards, Nowhere, Output
 from airtact.live.parts import Controls, DriveMaker, LiveScene, Moment
 from airtact.live.scene import live_scene
 from airtact.live.session import Session, SessionWriter, read_session
-from airtact.live.sources import HandSource, ReceivedHands, RecordedHands
+from airtact.live.sources import HandSource, PageHands, ReceivedHands, RecordedHands
+from airtact.live.verification import VerifiedSession, verify_session
 
 __all__ = [
     "Boards",
@@ -25,12 +26,15 @@ __all__ = [
     "Moment",
     "Nowhere",
     "Output",
+    "PageHands",
     "ReceivedHands",
     "RecordedHands",
     "Session",
     "SessionWriter",
     "Status",
+    "VerifiedSession",
     "follow",
     "live_scene",
     "read_session",
+    "verify_session",
 ]

@@ -3,15 +3,19 @@
 import time
 from collections.abc import Callable
 
-from airtact.conventions import InvalidInput
 from airtact.tracking.stream import DRIFT
-from airtact.validation import number
+from airtact.validation import between
 
 OWN_CLOCKS = (time.monotonic, time.time)
 """Clocks of this computer that trackers on it use."""
 
 LATEST = 0.5
 """A frame whose time is at most so long before now, by a clock of this computer, was taken by that clock [s]."""
+
+
+def checked_latency(latency: float) -> float:
+    """Return the latency of a tracker [s]; raise "out_of_range" unless it is from 0 to 0.5 s."""
+    return between(latency, 0.0, LATEST, "the latency of the tracker", "s", "is it in milliseconds?")
 
 
 class FrameClock:
@@ -33,13 +37,7 @@ class FrameClock:
     """
 
     def __init__(self, latency: float = 0.0, now: Callable[[], float] = time.monotonic) -> None:
-        self._latency = number(latency, "the latency of the tracker", "s")
-        if not 0.0 <= self._latency <= LATEST:
-            raise InvalidInput(
-                f"the latency of the tracker is {latency:g} s, but it must be 0 to {LATEST:g} s: is it in "
-                "milliseconds?",
-                code="out_of_range",
-            )
+        self._latency = checked_latency(latency)
         self._now = now
         self._least: tuple[float, float] | None = None
         self._shared: Callable[[], float] | None = None

@@ -3,16 +3,18 @@
 import time
 from collections import deque
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, fields, replace
-from typing import Any
 
 import numpy as np
 
 from airtact.conventions import InvalidInput
+from airtact.frames.amplitudes import check_cap
+from airtact.hardware.link import LinkFailed
 from airtact.live.clock import FrameClock
 from airtact.live.distances import foci_on
 from airtact.live.output import Nowhere, Output
+from airtact.live.page.process import PageProcess
 from airtact.live.parts import Controls, DriveMaker, LiveScene, Moment
 from airtact.live.safety import STALE, Gain, Workspace, hand_of
 from airtact.live.session import SessionWriter
@@ -76,11 +78,13 @@ class Followed:
     drives : drives that reached the link, silence included.
     rate : drives a second while there was sound; 0 without sound.
     age, oldest : from the time of the newest frame to the sound in the air, median and 95 of 100 [s]; NaN without.
+    delay : from a frame's arrival to the first drive made with it at the link, 95 of 100 [s]; NaN without.
     kept : expected share of the attainable pressure, median; NaN where it is not known.
     faded : times that the sound faded to silence, by the reason.
     dropped : rows that the session lacks because the disk was too slow.
     health : of the stream of frames.
     stopped : whether the emergency stop was pressed.
+    state : what the loop did at the end, and why where it was silent.
     """
 
     seconds: float
@@ -89,27 +93,32 @@ class Followed:
     rate: float
     age: float
     oldest: float
+    delay: float
     kept: float
     faded: dict[str, int]
     dropped: int
     health: StreamHealth
     stopped: bool = False
+    state: str = "playing"
 
     def facts(self) -> list[tuple[str, str]]:
         """Put what was done into words, each fact by its name."""
         facts = [("time", f"{self.seconds:.1f} s, {self.frames} frames of the hand"), ("messages", str(self.health))]
         facts.append(("drives", f"{self.drives:,}, {self.rate:.0f}/s while there was sound"))
         if np.isfinite(self.age):
+            facts.append(("frame to drive", f"95 of 100 within {1e3 * self.delay:.1f} ms"))
             facts.append(("age in the air", f"{1e3 * self.age:.1f} ms, 95 of 100 under {1e3 * self.oldest:.1f} ms"))
         if np.isfinite(self.kept):
             facts.append(("pressure expected", f"{self.kept:.0%} of the attainable"))
         if self.faded:
             facts.append(("faded", ", ".join(f"{count} x {why}" for why, count in self.faded.items())))
+        if self.state != "playing":
+            facts.append(("at the end", self.state))
         if self.dropped:
             facts.append(("not recorded", f"{self.dropped} rows: the disk was too slow"))
         return facts
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> dict[str, float | str | dict[str, int] | None]:
         """Return all numbers by their names, for JSON; None where one is not known."""
         numbers = {one.name: getattr(self, one.name) for one in fields(self)}
         numbers["health"] = asdict(self.health)
@@ -126,6 +135,8 @@ def follow(
     session: SessionWriter | None = None,
     latency: float = 0.0,
     cap: float = 1.0,
+    controls: Controls | None = None,
+    page: PageProcess | None = None,
     report: Callable[[Status], None] = lambda status: None,
 ) -> Followed:
     """Let the sound follow a hand until the time is over, the frames end, or Ctrl-C.
@@ -140,6 +151,8 @@ def follow(
     session : records what is done.
     latency : least time from the picture to the frame's arrival, of trackers with a clock of their own [s].
     cap : largest amplitude of an element, a share of full scale.
+    controls : what is set from the start; what is set on the page takes its place.
+    page : shows every moment, and sets the controls.
     report : called twice a second with how it does.
 
     Returns
@@ -153,30 +166,15 @@ def follow(
     LinkFailed
         If the boards fail; those that answer are silent.
     """
-    end = checked_seconds(seconds)
+    end, cap, clock = checked_seconds(seconds), check_cap(cap), FrameClock(latency)
     with ExitStack() as closing:
         closing.callback(maker.close)
         if session is not None:
             closing.callback(session.close)
         closing.callback(hands.close)
-        loop = _Loop(scene, maker, closing.enter_context(output or Nowhere()), FrameClock(latency), session, cap)
-        begun = time.monotonic()
-        stream = hands.begin(loop.arrived)
-        reported = begun
-        try:
-            while (now := time.monotonic()) < begun + end:
-                if hands.ended and loop.silent:
-                    break
-                frame = stream.wait(loop.patience(min(now + IDLE, begun + end)))
-                loop.go_on(frame)
-                if time.monotonic() - reported >= REPORTED:
-                    reported = time.monotonic()
-                    report(loop.status())
-        except KeyboardInterrupt:
-            pass
-        seconds = time.monotonic() - begun
-        loop.fade_out()
-    return loop.followed(seconds, stream.health)
+        output = closing.enter_context(output or Nowhere())
+        loop = _Loop(scene, maker, output, clock, session, cap, controls or Controls(), page)
+        return loop.run(hands, end, report)
 
 
 class _Loop:
@@ -190,10 +188,15 @@ class _Loop:
         clock: FrameClock,
         session: SessionWriter | None,
         cap: float,
+        controls: Controls,
+        page: PageProcess | None,
     ) -> None:
         self._scene, self._maker, self._output, self._clock = scene, maker, output, clock
-        self._session, self._cap = session, cap
-        self._workspace, self._gain, self.controls = Workspace(scene), Gain(), Controls()
+        self._session, self._cap, self._controls, self._page = session, cap, controls, page
+        self._workspace, self._gain = Workspace(scene), Gain()
+        self._modulated = False
+        self._arrivals: deque[tuple[float, float]] = deque(maxlen=16)
+        self._answered = -np.inf
         self._fault: str | None = "waiting for a hand"
         self._good = -np.inf
         self._begun = 0.0
@@ -202,6 +205,7 @@ class _Loop:
         self._recent: deque[tuple[float, float, float]] = deque(maxlen=REMEMBERED)
         self._kept: deque[float] = deque(maxlen=REMEMBERED)
         self._ages: deque[float] = deque(maxlen=REMEMBERED)
+        self._delays: deque[float] = deque(maxlen=REMEMBERED)
         self._frames = self._drives = 0
         self._faded: dict[str, int] = {}
 
@@ -210,11 +214,27 @@ class _Loop:
         """Whether nothing is emitted."""
         return self._gain.share == 0.0
 
+    def run(self, hands: HandSource, lasts: float, report: Callable[[Status], None]) -> Followed:
+        """Go on for some time [s], until the frames end, or Ctrl-C; return what was done."""
+        begun = reported = time.monotonic()
+        stream = hands.begin(self.arrived)
+        with suppress(KeyboardInterrupt):
+            while (now := time.monotonic()) < begun + lasts and not (hands.ended and self.silent):
+                self.go_on(stream.wait(self.patience(min(now + IDLE, begun + lasts))))
+                if time.monotonic() - reported >= REPORTED:
+                    reported = time.monotonic()
+                    report(self.status())
+        done, status = (time.monotonic() - begun, stream.health), self.status()
+        report(status)
+        self.fade_out()
+        return self.followed(*done, status.state)
+
     def arrived(self, frame: HandFrame, now: float) -> None:
         """Note a frame as it comes, in the thread that received it."""
         if frame.side != self._scene.side:
             return
         self._clock.saw(frame.time, now)
+        self._arrivals.append((frame.time, now))
         if self._session is not None:
             self._session.frame(frame)
 
@@ -230,19 +250,36 @@ class _Loop:
         """Take what came, and emit what is right now."""
         if frame is not None:
             self._take(frame)
+        if self._output.stopped:
+            self._end_for_good()
+            return
+        if self._page is not None:
+            self._controls = self._page.controls
         now = time.monotonic()
         if self._fault is None and now - self._good >= STALE:
             self._fault = f"stale: no good frame for {1e3 * STALE:.0f} ms"
-        on = self._fault is None and self.controls.playing
+        on = self._fault is None and self._controls.playing
         if not on and self.silent:
             self._output.beat()
             return
-        self._emit(now, on)
+        try:
+            self._emit(now, on)
+        except LinkFailed:
+            if not self._output.stopped:  # the emergency stop came between
+                raise
+
+    def _end_for_good(self) -> None:
+        """Note that the emergency stop was pressed; the output is silent already."""
+        before, self._gain = self._gain.share, Gain()
+        self._fault = "stopped: the emergency stop was pressed"
+        if self._moment is not None and before > 0.0:
+            silence = replace(self._moment, amplitudes=0.0 * self._moment.amplitudes, state="stopped")
+            self._note(silence, time.monotonic(), before)
 
     def fade_out(self) -> None:
         """Fade to silence."""
         self._fault = self._fault or "ended"
-        while not self.silent:
+        while not self.silent and not self._output.stopped:
             time.sleep(OFTEN)
             self._emit(time.monotonic(), False)
 
@@ -266,7 +303,7 @@ class _Loop:
     def _emit(self, now: float, on: bool) -> None:
         self._begun = now
         if on:
-            moment = self._maker.make(self._clock.time(now) + self._lasts, self.controls)
+            moment = self._maker.make(self._clock.time(now) + self._lasts, self._controls)
             if moment.joints is None:
                 on, self._fault = False, "lost"
             else:
@@ -276,9 +313,12 @@ class _Loop:
         if self._moment is None:
             return
         largest = float(np.abs(self._moment.amplitudes).max(initial=1e-12))
-        scale = share * min(1.0, min(self._cap, self.controls.cap) / largest)
+        scale = share * min(1.0, min(self._cap, self._controls.cap) / largest)
         state = "playing" if on else "silent" if share == 0.0 else "fading"
         moment = replace(self._moment, amplitudes=scale * self._moment.amplitudes, state=state)
+        if self._modulated != self._controls.modulated:
+            self._modulated = self._controls.modulated
+            self._output.modulate(self._scene.modulation if self._modulated else None)
         self._output.send(moment.amplitudes)
         sent = time.monotonic()
         self._note(moment, sent, before)
@@ -291,11 +331,17 @@ class _Loop:
         self._drives += 1
         if self._session is not None:
             self._session.drive(moment, in_air)
-        if moment.state == "silent" and before > 0.0:
+        if self._page is not None:
+            self._page.show(moment)
+        if moment.state in ("silent", "stopped") and before > 0.0:
             reason = (self._fault or "paused").partition(":")[0]
             self._faded[reason] = self._faded.get(reason, 0) + 1
         if moment.state == "playing":
             age = in_air - moment.frame_time
+            if moment.frame_time > self._answered:
+                self._answered = moment.frame_time
+                came = next((now for taken, now in reversed(self._arrivals) if taken == moment.frame_time), None)
+                self._delays.extend([] if came is None else [sent - came])
             self._recent.append((sent, age, np.nan if moment.kept is None else moment.kept))
             self._ages.append(age)
             if moment.kept is not None:
@@ -314,7 +360,7 @@ class _Loop:
             state, len(recent) / span, float(np.median(recent[:, 1])), float(np.median(known)) if len(known) else np.nan
         )
 
-    def followed(self, seconds: float, health: StreamHealth) -> Followed:
+    def followed(self, seconds: float, health: StreamHealth, state: str) -> Followed:
         """Return what was done."""
         ages = np.array(self._ages) if self._ages else np.array([np.nan])
         median, oldest = np.percentile(ages, [50, 95])
@@ -327,8 +373,11 @@ class _Loop:
             rate=rate,
             age=float(median),
             oldest=float(oldest),
+            delay=float(np.percentile(self._delays, 95)) if self._delays else np.nan,
             kept=float(np.median(self._kept)) if self._kept else np.nan,
             faded=dict(self._faded),
             dropped=0 if self._session is None else self._session.dropped,
             health=health,
+            stopped=self._output.stopped,
+            state=state,
         )

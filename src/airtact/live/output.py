@@ -1,6 +1,7 @@
 """Where the drives of the live loop go: to boards through an emission, or nowhere."""
 
 from abc import ABC, abstractmethod
+from pathlib import Path
 from types import TracebackType
 
 import numpy as np
@@ -8,6 +9,7 @@ from jaxtyping import Complex128
 
 from airtact.hardware.emission import Emission
 from airtact.hardware.link import Link
+from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transfer import Drive
 
 
@@ -17,9 +19,11 @@ class Output(ABC):
     Attributes
     ----------
     words : where drives go, in words.
+    stopped : whether the emergency stop was pressed, after which nothing is emitted.
     """
 
     words: str = "no boards"
+    stopped: bool = False
 
     def __enter__(self) -> "Output":
         return self
@@ -38,6 +42,13 @@ class Output(ABC):
     def beat(self) -> None:
         """Keep what is emitted, or the silence."""
 
+    def modulate(self, modulation: AmplitudeModulation | None) -> None:  # noqa: B027 (without boards, nothing does)
+        """Vary the amplitude of all that is sent from now on."""
+
+    def stop(self) -> None:
+        """Silence at once and for good: the emergency stop, which any thread may call."""
+        self.stopped = True
+
 
 class Nowhere(Output):
     """Drives are made, and recorded where a session is, but not emitted."""
@@ -55,10 +66,11 @@ class Boards(Output):
     Parameters
     ----------
     link : the way to them.
+    log : file for one line on each event at the link, as that of ``Emission``.
     """
 
-    def __init__(self, link: Link) -> None:
-        self._emission = Emission(link, ramp=0.0)  # the loop's own gain rises and falls
+    def __init__(self, link: Link, log: Path | None = None) -> None:
+        self._emission = Emission(link, ramp=0.0, log=log)  # the loop's own gain rises and falls
         self.words = f"{link.devices} through {link.name}"
 
     def __enter__(self) -> "Boards":
@@ -78,3 +90,12 @@ class Boards(Output):
     def beat(self) -> None:
         """Feed the watchdog; raises ``LinkFailed``."""
         self._emission.beat()
+
+    def modulate(self, modulation: AmplitudeModulation | None) -> None:
+        """Let the boards vary the amplitude at their own rate; raises ``LinkFailed``."""
+        self._emission.set_modulation(modulation)
+
+    def stop(self) -> None:
+        """Send the zero frame now; raises ``LinkFailed`` where that fails."""
+        self.stopped = True
+        self._emission.stop()

@@ -6,7 +6,7 @@ from scipy.spatial import KDTree
 
 from airtact.conventions import InvalidInput
 from airtact.hand.hand import Hand
-from airtact.hand.joints import BONES
+from airtact.hand.joints import BONES, check_finger_order, joints_of, radii_of
 from airtact.live.parts import LiveScene
 from airtact.tracking.frame import HandFrame
 from airtact.transducers.placement import check_reach
@@ -59,7 +59,9 @@ def hand_of(frame: HandFrame, scene: LiveScene) -> Hand | str:
     if frame.lost or frame.landmarks is None:
         return "lost" if frame.lost else "no landmarks"
     try:
-        return frame.hand(scene.radii)
+        joints = joints_of(frame.landmarks)
+        check_finger_order(joints)
+        return Hand(joints, radii_of(scene.radii, None, joints), frame.side)  # the frame checked its side
     except InvalidInput as fault:
         return f"not a hand: {fault}"
 

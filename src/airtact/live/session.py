@@ -102,7 +102,7 @@ class SessionWriter:
         self._rows: deque[tuple[str, dict[str, Any]]] = deque()
         self._done = Event()
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "airtact.live.session_writer", str(path.resolve())],
+            [sys.executable, "-m", "airtact.file_access.appending", str(path.resolve())],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,

@@ -67,6 +67,7 @@ class RecordedHands(HandSource):
             raise InvalidInput("1 frame cannot be played in a loop: give 2 or more.", code="too_few")
         self.words: str = f"{len(self.frames)} recorded frames{', again and again' if loop else ''}"
         self._closed = Event()
+        self._thread: Thread | None = None
 
     def begin(self, on_frame: Callable[[HandFrame, float], None]) -> HandStream:
         """Begin with the first frame at once."""
@@ -78,7 +79,8 @@ class RecordedHands(HandSource):
     def close(self) -> None:
         """Stop between two frames."""
         self._closed.set()
-        self._thread.join()
+        if self._thread is not None:
+            self._thread.join()
 
     def _play(self, stream: HandStream) -> None:
         began = time.monotonic()
@@ -134,6 +136,29 @@ class ReceivedHands(HandSource):
     def close(self) -> None:
         """Stop listening."""
         self._receiver.close()
+
+
+class PageHands(HandSource):
+    """The hand that is dragged on the page.
+
+    Attributes
+    ----------
+    stream : what the page feeds.
+    """
+
+    words: str = "the hand on the page"
+
+    def __init__(self) -> None:
+        self._on_frame: Callable[[HandFrame, float], None] = lambda frame, arrived: None
+        self.stream: HandStream = _stream(lambda frame, arrived: self._on_frame(frame, arrived))
+
+    def begin(self, on_frame: Callable[[HandFrame, float], None]) -> HandStream:
+        """Hand frames on from now."""
+        self._on_frame = on_frame
+        return self.stream
+
+    def close(self) -> None:
+        """End nothing: the page ends by itself."""
 
 
 class _MovedStream(HandStream):

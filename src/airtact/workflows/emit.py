@@ -190,6 +190,17 @@ def _check_emits(peak: float, share: float, stored: DriveFile) -> None:
         )
 
 
+def safe_cap(stored: DriveFile, board: str) -> tuple[float, float]:
+    """Return the largest cap on a drive that keeps a head under the limit, and the peak level at full scale [dB].
+
+    Raise "level_too_high" for boards that cannot be turned down so far.
+    """
+    kind = board_named(board)
+    head = _Head(stored, codec_of(kind), stored.modulation, 2 * np.pi * FREQUENCY / _sound_speed(stored))
+    full, *_ = head.levels(FULL)
+    return head.cap_under_limit(full, kind) if full > OCCUPATIONAL_LIMIT else FULL, full
+
+
 @dataclass(frozen=True, eq=False)
 class _Head:
     """The level that frames make around an array, by the cap on their amplitudes."""

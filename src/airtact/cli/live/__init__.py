@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from airtact.cli.console import facts_table, progress, show, status_line
-from airtact.cli.options import Names, as_json, board_address, level_of, quiet, results, scene
+from airtact.cli.options import Names, agreed, as_json, board_address, level_of, quiet, results, scene
 
 
 @click.command(
@@ -24,12 +24,16 @@ from airtact.cli.options import Names, as_json, board_address, level_of, quiet, 
 )
 @click.option("--seconds", type=float, help="How long; until Ctrl-C, or the end of the recording, by default.")
 @click.option("--latency", type=float, default=0.0, help="Least time from picture to frame in seconds; 0 by default.")
+@click.option("--ignore-hand", is_flag=True, help="Make drives from distances alone.")
 @click.option("--full-scale", is_flag=True, help="Emit at full scale: --cap 1.")
 @click.option("--cap", type=float, help="Largest amplitude of an element, a share of full scale: 0.5 is half.")
 @click.option("--board", type=Names("airtact.transducers.boards:BOARDS"), help="Kind of board; none by default.")
 @click.option("--link", type=Names("airtact.hardware.links:LINKS"), help="Way to the boards.")
+@click.option("--yes", is_flag=True, help="Emit without asking.")
 @board_address
 @click.option("--no-page", "page", is_flag=True, flag_value=False, default=True, help="Do not serve the page.")
+@click.option("--page-port", type=int, default=8940, show_default=True, help="Port of the page; 0 takes a free one.")
+@click.option("--host", default="127.0.0.1", show_default=True, help="Address that the page is served at.")
 @as_json
 @quiet
 def live(
@@ -37,15 +41,20 @@ def live(
     folder: Path,
     seconds: float | None,
     latency: float,
+    ignore_hand: bool,
     cap: float | None,
     full_scale: bool,
+    yes: bool,
     page: bool,
+    page_port: int,
+    host: str,
     **settings: Any,
 ) -> None:
     """Let the sound follow the hand of SCENE, frame by frame, and record what is done in session.h5.
 
     Foci of the scene must ride on a hand (at = "thumb.pad"). A hand that is lost, leaves the workspace or is not seen
-    for 150 ms fades to silence. Ctrl-C ends it in silence.
+    for 150 ms fades to silence. Without --cap and --full-scale the level half a metre off the array is kept to 110 dB.
+    Ctrl-C ends it in silence.
     """
     from airtact.validation import positive
 
@@ -54,12 +63,17 @@ def live(
         positive(seconds, "how long to go on", "s")
     with progress() as report_step:
         report_step("starting")
+        from airtact.evaluation.thresholds import NO_SAFETY_ASSESSMENT
         from airtact.workflows import live as workflow
 
-        made = workflow.prepare(scene, folder, report_step=report_step, **settings)
-        report_step(f"following {made.hands.words}; sound to {made.output.words}")
+        made = workflow.prepare(scene, folder, cap=share, report_step=report_step, **settings)
+    if made.board is not None:
+        show(lines=[NO_SAFETY_ASSESSMENT, *made.notes()])
+        if not yes:
+            agreed(f"Let the sound follow {made.hands.words}, {made.output.words}?")
     with status_line() as report:
-        done = workflow.live(made, seconds, latency, 1.0 if share is None else share, report)
+        at_page = (page_port, host) if page else None
+        done = workflow.live(made, seconds, latency, ignore_hand, at_page, report, report)
     show(
         facts_table(done.facts()),
         lines=[f"Session: {made.session}"],

@@ -1,8 +1,8 @@
-"""Writes a session to its file in a process of its own, so that neither a slow disk nor a killed loop harms it.
+"""Appends rows to an HDF5 file in a process of its own, so that neither a slow disk nor a killed program harms it.
 
-``python -m airtact.live.session_writer FILE`` reads messages from its standard input: 8 bytes of length, then a pickled
-mapping from the names of datasets to rows that are appended (or, in the first message, to whole datasets and
-attributes). It closes the file when the input ends, however that happens.
+``python -m airtact.file_access.appending FILE`` reads messages from its standard input: 8 bytes of length, then a
+pickled mapping from names to values. ``"attributes"`` are those of the file, a name that begins with ``+`` is a dataset
+that rows are appended to, any other a whole dataset. It closes the file when the input ends, however that happens.
 """
 
 import math
@@ -33,12 +33,12 @@ def main(path: str, messages: BinaryIO) -> None:
 
     with h5py.File(path, "w") as file:
         flushed = 0.0
-        while (message := received(messages)) is not None:
+        while (message := _received(messages)) is not None:
             for name, value in message.items():
                 if name == "attributes":
                     file.attrs.update(value)
                 elif name.startswith("+"):
-                    append(file, name[1:], value)
+                    _append(file, name[1:], value)
                 else:
                     file[name] = value
             if time.monotonic() - flushed > EVERY:
@@ -46,7 +46,7 @@ def main(path: str, messages: BinaryIO) -> None:
                 flushed = time.monotonic()
 
 
-def append(file: Any, name: str, rows: Any) -> None:
+def _append(file: Any, name: str, rows: Any) -> None:
     """Append rows to a dataset, which begins with the first."""
     if name not in file:
         row = rows.itemsize * math.prod(rows.shape[1:])
@@ -59,7 +59,7 @@ def append(file: Any, name: str, rows: Any) -> None:
     dataset[before:] = rows
 
 
-def received(messages: BinaryIO) -> dict[str, Any] | None:
+def _received(messages: BinaryIO) -> dict[str, Any] | None:
     """Read one message; None where the input ends, within a message too."""
     head = messages.read(8)
     if len(head) < 8:

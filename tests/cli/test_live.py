@@ -1,0 +1,251 @@
+"""The command live: real processes, real sockets, boards' own model; and what it says of bad input."""
+
+import json
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+
+import numpy as np
+import pytest
+from websockets.sync.client import connect
+
+import airtact as at
+from airtact.live.session import read_session
+from airtact.tracking import save_recording, to_json
+from hardware.receivers import Nano16, wired
+from paths import EXAMPLES
+from tracking.motions import reaching_recording, still
+
+COMMAND = [sys.executable, "-m", "airtact", "live"]
+QUICK = ["live_pinch", "--no-page"]
+AUDIT = ["--board", "autd3", "--link", "audit", "--yes", "--cap", "0.5"]
+
+
+def done(*arguments, seconds: float | None = 1.0) -> tuple[int, dict, str]:
+    """Run the command to its end: its exit code, its JSON, and what it wrote beside."""
+    lasting = [] if seconds is None else ["--seconds", str(seconds)]
+    words = [*COMMAND, *map(str, arguments), *lasting, "--json"]
+    ran = subprocess.run(words, capture_output=True, text=True, timeout=120)
+    return ran.returncode, json.loads(ran.stdout or "{}"), ran.stderr
+
+
+class Running:
+    """A command that runs; ``said`` waits until it wrote words on its standard error."""
+
+    def __init__(self, *arguments) -> None:
+        words = [*COMMAND, *map(str, arguments)]
+        self.process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self.lines: list[str] = []
+
+    def __enter__(self) -> "Running":
+        return self
+
+    def __exit__(self, *fault) -> None:
+        self.process.kill()
+        self.process.communicate()
+
+    def said(self, words: str) -> str:
+        assert self.process.stderr is not None
+        for line in self.process.stderr:
+            self.lines.append(line)
+            if re.search(words, line):
+                return line
+        raise AssertionError(f"{words!r} is not in {self.lines}")
+
+    def ended(self) -> tuple[int, str]:
+        out, rest = self.process.communicate(timeout=60)
+        return self.process.returncode, "".join(self.lines) + rest + out
+
+
+def test_it_runs_at_once_with_what_comes_along(tmp_path):
+    code, found, _ = done(*QUICK, "--out", tmp_path, seconds=1.5)
+    assert code == 0
+    assert found["frames"] > 3
+    session = read_session(tmp_path)
+    assert len(session.time_in_air) == found["drives"] > 3
+    assert not session.amplitudes[-1].any()
+    assert session.text == at.example("live_pinch").read_text()
+
+
+def test_boards_get_the_drives_and_end_in_silence(tmp_path):
+    code, found, said = done(*QUICK, *AUDIT, "--out", tmp_path, seconds=1.5)
+    assert code == 0, said
+    assert found["drives"] > 3
+    session = read_session(tmp_path)
+    assert np.abs(session.amplitudes).max() == pytest.approx(0.5, abs=1e-6)
+
+
+def test_trackers_by_websocket_are_followed_and_nonsense_is_counted(tmp_path):
+    with Running(*QUICK, "--from", "websocket:0", "--out", tmp_path) as running:
+        address = re.search(r"ws://[\d.:]+", running.said("following"))
+        assert address
+        with connect(address[0]) as tracker:
+            for frame in reaching_recording()[:60]:
+                tracker.send(to_json(frame))
+                tracker.send("nonsense")
+                time.sleep(1 / 60)
+            time.sleep(1.0)  # for the last message to be read
+        running.process.send_signal(signal.SIGINT)
+        code, said = running.ended()
+    assert code == 0
+    assert "120 received, 60 used" in said
+    assert "60 unreadable" in said
+    assert len(read_session(tmp_path).frame_time) == 60
+
+
+def test_without_a_tracker_it_waits_and_is_silent(tmp_path):
+    for source in ("websocket:0", "osc:0"):
+        code, found, said = done(*QUICK, "--from", source, "--out", tmp_path, seconds=1.2)
+        assert code == 0
+        assert found["drives"] == 0
+        assert found["state"] == "waiting for a hand"
+        assert "waiting for a hand" in said
+
+
+def test_frames_of_the_other_hand_are_named(tmp_path):
+    mirrored = still(0).landmarks * np.array([1.0, 1.0, -1.0])
+    file = tmp_path / "right.jsonl"
+    save_recording(file, [still(index, index / 60, side="right", landmarks=mirrored) for index in range(60)])
+    code, found, said = done(*QUICK, "--from", file, "--out", tmp_path)
+    assert code == 0
+    assert found["drives"] == 0
+    assert "waiting for the left hand: these are frames of the right one" in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (["pinch"], "foci_not_on_hand"),
+        (["open_hand"], "foci_not_on_hand"),
+        ([*QUICK, "--from", "nothing.jsonl"], "unknown_example"),
+        ([*QUICK, "--from", "relaxed.json"], "unknown_ending"),
+        ([*QUICK, "--from", "websocket:x"], "not_a_number"),
+        ([*QUICK, "--board", "autd3"], "setting_missing"),
+        ([*QUICK, "--board", "nano16", "--link", "serial", "--port", "/dev/null"], "wrong_board"),
+        ([*QUICK, "--address", "127.0.0.1:1"], "setting_missing"),
+        ([*QUICK, "--cap", "2"], "out_of_range"),
+        ([*QUICK, "--latency", "20"], "out_of_range"),
+        ([*QUICK, "--seconds", "-1"], "not_positive"),
+        ([*QUICK, "--board", "autd3", "--link", "audit"], "not_confirmed"),
+    ],
+)
+def test_bad_input_is_one_sentence(capsys, tmp_path, arguments, code):
+    from airtact.cli import main
+
+    lasting = [] if "--seconds" in arguments else ["--seconds", "0.5"]
+    assert main(["live", *arguments, *lasting, "--out", str(tmp_path)]) == 2
+    said = capsys.readouterr().err
+    assert said.endswith(f" [{code}]\n")
+    assert not (tmp_path / "session.h5").exists()
+
+
+def test_a_port_in_use_is_named(capsys, tmp_path):
+    from airtact.cli import main
+
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        code = main(["live", *QUICK, "--from", f"websocket:{port}", "--seconds", "1", "--out", str(tmp_path)])
+        said = capsys.readouterr().err
+        assert code == 2
+        assert str(port) in said
+        assert said.endswith(" [port_taken]\n")
+
+
+def test_a_killed_loop_leaves_a_session_that_can_be_read(tmp_path):
+    with Running(*QUICK, "--out", tmp_path) as running:
+        running.said("playing")
+        time.sleep(1.0)
+        running.process.send_signal(signal.SIGKILL)
+        running.process.wait()
+    session = None
+    end = time.monotonic() + 60.0
+    while session is None and time.monotonic() < end:  # the writer ends when it has written all
+        try:
+            session = read_session(tmp_path)
+        except at.InvalidInput:
+            time.sleep(0.1)
+    assert session is not None
+    assert len(session.time_in_air) > 10
+    assert np.isfinite(session.amplitudes).all()
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_ctrl_c_ends_in_silence(tmp_path, times):
+    with Running(*QUICK, *AUDIT, "--out", tmp_path) as running:
+        running.said("playing")
+        for _ in range(times):
+            running.process.send_signal(signal.SIGINT)
+            time.sleep(0.02)
+        code, said = running.ended()
+    assert code in (0, 130), said
+    session = read_session(tmp_path)
+    assert len(session.time_in_air) > 1
+
+
+def test_a_hand_through_the_array_gets_no_sound(tmp_path):
+    file = tmp_path / "through.jsonl"
+    frames = [
+        still(index, index / 60, landmarks=still(0).landmarks + np.array([0.19, 0.0, 0.0])) for index in range(60)
+    ]
+    save_recording(file, frames)
+    code, found, said = done(*QUICK, "--from", file, "--out", tmp_path)
+    assert code == 0
+    assert found["drives"] == 0
+    assert "through the array's face" in said
+
+
+def test_a_scene_with_the_tracker_elsewhere_moves_its_frames(tmp_path):
+    text = (EXAMPLES / "live_pinch.toml").read_text().replace("hands/pinch.json", str(EXAMPLES / "hands/pinch.json"))
+    scene = tmp_path / "scene.toml"
+    scene.write_text(text + "\n[tracker]\ntranslation = [0.01, 0.0, 0.0]\n")
+    file = tmp_path / "still.jsonl"
+    save_recording(file, [still(index, index / 60) for index in range(20)])
+    code, _, _ = done(scene, "--no-page", "--from", file, "--out", tmp_path, seconds=None)
+    assert code == 0
+    moved = read_session(tmp_path).landmarks
+    np.testing.assert_allclose(moved[0], still(0).landmarks + np.array([0.01, 0.0, 0.0]), atol=2e-6)
+
+
+def test_boards_that_fail_in_the_middle_end_it_with_a_session(tmp_path):
+    board = "[[array.poses]]\naxis = [0.0, 1.0, 0.0]\ndegrees = -90.0\ntranslation = [0.1, -0.02, 0.0]\n"
+    text = (EXAMPLES / "live_pinch.toml").read_text().replace("hands/pinch.json", str(EXAMPLES / "hands/pinch.json"))
+    before, after = text.split("[array]")[0], text[text.index("# This pose is the hand") :]
+    scene = tmp_path / "scene.toml"
+    after = after.split("[drive.modulation]")[0]  # this board is too slow for a modulation
+    scene.write_text(f'{before}[array]\nlayout = "boards"\nboard = "nano16"\n{board}\n{after}')
+    with wired(Nano16(), cut_after=4000) as wire:
+        port = ["--board", "nano16", "--link", "serial", "--port", wire.port, "--full-scale", "--yes"]
+        with Running(scene, "--no-page", *port, "--out", tmp_path) as running:
+            code, said = running.ended()
+    assert code == 1, said
+    assert "[link_failed]" in said or "[silence_failed]" in said
+    assert len(read_session(tmp_path).time_in_air) > 1
+
+
+def test_the_page_is_served_and_a_port_in_use_is_named(tmp_path):
+    with Running("live_pinch", "--page-port", 0, "--out", tmp_path) as running:
+        address = re.search(r"page: (http://\S+)", running.said("page: http"))
+        assert address
+        with urllib.request.urlopen(address[1], timeout=30) as page:
+            assert page.status == 200
+        port = address[1].rstrip("/").rpartition(":")[2]
+        code, _, said = done("live_pinch", "--page-port", port, "--out", tmp_path / "other")
+        assert code == 2
+        assert "[port_taken]" in said
+        running.process.send_signal(signal.SIGINT)
+        assert running.ended()[0] == 0
+
+
+def test_without_viser_it_says_what_to_install(tmp_path, monkeypatch):
+    (tmp_path / "viser.py").write_text("raise ImportError('No module named viser')")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    code, _, said = done("live_pinch", "--page-port", 0, "--out", tmp_path)
+    assert code == 2
+    assert "airtact[live]" in said
+    assert "[extra_not_installed]" in said
