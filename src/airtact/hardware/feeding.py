@@ -144,8 +144,9 @@ class LinkProcess:
 
     def _lost_error(self) -> LinkFailed:
         who = "thread" if self._child is None else f"process {self._child.pid}"
+        then = "it was not open yet" if self._watcher is None else "another one silences the boards"
         return LinkFailed(
-            f"the link's {who} {self._lost}, after {self._link.sent} frames; another one silences the boards.",
+            f"the link's {who} {self._lost}, after {self._link.sent} frames; {then}.",
             self._link.last,
             self._link.sent,
             code="link_process_lost",
@@ -220,9 +221,12 @@ def _start(end: socket.socket) -> "tuple[subprocess.Popen[bytes], int]":
             pass_fds=(end.fileno(), theirs),
             start_new_session=True,
         )
-    except BaseException:
+    except OSError as error:
         os.close(life)
-        raise
+        raise LinkFailed(
+            f"no process for the link could be started (error {error.errno}): {error.strerror}.",
+            code="link_process_lost",
+        ) from None
     finally:
         os.close(theirs)
     return child, life
