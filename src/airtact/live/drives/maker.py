@@ -5,13 +5,13 @@ from collections.abc import Sequence
 from itertools import chain
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Complex128, Float64
 
 from airtact.conventions import InvalidInput
 from airtact.hand.joints import joints_of
-from airtact.live.drives.factors import OpenAir
+from airtact.live.drives.factors import HandFactors, OpenAir
 from airtact.live.drives.library import KEPT, PARTS, Library
-from airtact.live.drives.riding import ride
+from airtact.live.drives.riding import Riding, ride
 from airtact.live.drives.solver_process import NICE, Asked, ShapeSolver, SolverProcess
 from airtact.live.parts import Controls, DriveMaker, LiveScene, Moment
 from airtact.scene.target import Target
@@ -38,7 +38,7 @@ class HandAware(DriveMaker):
     scene : what stays the same.
     noise : standard deviation of each coordinate of the tracker's landmarks [m].
     agility : how suddenly joints change their velocity, see ``Predictor`` [m²/s³].
-    solvers : what solves hands; two processes unless given, one for the fingers of the foci, one for the whole hand.
+    solvers : what solves hands; two processes unless given, one for the phalanges of the foci, one for the whole hand.
 
     Attributes
     ----------
@@ -114,20 +114,23 @@ class HandAware(DriveMaker):
 
     def _drive(self, time: float, joints: Float64[np.ndarray, "25 3"], controls: Controls) -> Moment:
         riding = ride(self._scene, joints, controls.offset)
-        rows, rule, age, kept = self._open_air.rows(riding.foci), "distances", None, KEPT["distances"]
+        kept, solution = KEPT["distances"], None
         if not controls.ignore_hand:
             noise = self._predictor.spread(time)
             chances = [library.best(riding, noise) for library in self._libraries]
-            share, solution = max(chances, key=lambda chance: chance[0])
-            if solution is not None and share > kept:
-                rows = rows * solution.factors
-                rule, age, kept = solution.part, time - solution.time, share
+            kept, solution = max([(kept, solution), *chances], key=lambda chance: chance[0])
+        rows = self._rows(riding, solution)
         transfer, target = TransferMatrix(rows, float("nan")), Target(riding.foci)
-        drive = self._method(controls.method or self._scene.method, transfer, target)
-        assert self._newest is not None
-        pressures = np.abs(rows @ drive.amplitudes)
-        moment = (time, self._newest.time, joints, riding.foci, drive.amplitudes, pressures)
+        amplitudes = self._method(controls.method or self._scene.method, transfer, target).amplitudes
+        rule, age = ("distances", None) if solution is None else (solution.part, time - solution.time)
+        frame_time = time if self._newest is None else self._newest.time
+        moment = (time, frame_time, joints, riding.foci, amplitudes, np.abs(rows @ amplitudes))
         return Moment(*moment, rule=rule, shape_age=age, kept=kept)
+
+    def _rows(self, riding: Riding, solution: HandFactors | None) -> Complex128[np.ndarray, "foci elements"]:
+        """Pressure at the foci per unit drive of each element [Pa]."""
+        rows = self._open_air.rows(riding.foci)
+        return rows if solution is None else rows * solution.factors
 
     def _method(self, name: str, transfer: TransferMatrix, target: Target) -> Drive:
         if name == "best":

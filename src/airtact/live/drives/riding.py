@@ -27,12 +27,14 @@ class Riding:
     ----------
     hand : in the scene's frame.
     foci : (F, 3) [m].
+    frames : (F, 3, 3) axes of the bone of each focus, one a row.
     distances : (K,) between the foci and both ends of their bones, each with each [m].
     directions : (F, S, 3) unit vectors from each focus to elements spread over the array, in the frame of its bone.
     """
 
     hand: Hand
     foci: Float64[np.ndarray, "foci 3"]
+    frames: Float64[np.ndarray, "foci 3 3"]
     distances: Float64[np.ndarray, "pairs"]
     directions: Float64[np.ndarray, "foci samples 3"]
 
@@ -66,18 +68,19 @@ def ride(scene: LiveScene, joints: Float64[np.ndarray, "25 3"], offset: float | 
     """
     hand = hand_from_joints(joints, scene.radii, side=scene.side)
     some = scene.array.positions[:: max(1, len(scene.array) // SAMPLES)]
-    foci, ends, directions = foci_on(hand, scene, offset), [], []
+    foci, frames, ends, directions = foci_on(hand, scene, offset), [], [], []
     for place, focus in zip(scene.places, foci, strict=True):
         start, end = hand.joints[list(bone_of(place))]
         along, across = unit(end - start), unit(np.cross(end - start, focus - start))
         frame = np.stack([along, across, np.cross(along, across)])
+        frames.append(frame)
         seen = some - focus
         directions.append(seen @ frame.T / np.linalg.norm(seen, axis=1, keepdims=True))
         ends += [focus, start, end]
     points = np.array(ends)
     one, other = np.triu_indices(len(points), 1)
     distances = np.linalg.norm(points[one] - points[other], axis=1)
-    return Riding(hand, foci, distances, np.array(directions))
+    return Riding(hand, foci, np.array(frames), distances, np.array(directions))
 
 
 def gap_change(

@@ -21,13 +21,13 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput, NotConverged
-from airtact.live.drives.factors import HandFactors, solved
+from airtact.live.drives.factors import HandFactors, PartSolver
 from airtact.live.drives.library import expected_kept
 from airtact.live.drives.riding import gap_change, ride
 from airtact.live.parts import LiveScene, Rule
 from airtact.printing import in_short
 
-NICE: dict[tuple[Rule, ...], int] = {("phalanges", "fingers"): 5, ("hand",): 15}
+NICE: dict[tuple[Rule, ...], int] = {("phalanges",): 5, ("hand",): 15}
 """The parts of a hand that a process solves, one or the other, and how much lower its priority is."""
 
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -38,7 +38,7 @@ AHEAD = 1.5
 SMOOTHING = 0.3
 """Weight of the newest solving time in the usual one."""
 
-FIRST_SECONDS: dict[Rule, float] = {"phalanges": 0.03, "fingers": 0.06, "hand": 0.5}
+FIRST_SECONDS: dict[Rule, float] = {"phalanges": 0.015, "fingers": 0.06, "hand": 0.5}
 """Solving times that are assumed before any was measured [s]."""
 
 MOST_FOUND = 64
@@ -203,13 +203,14 @@ class _Newest:
 
 def _solve(scene: LiveScene, parts: tuple[Rule, ...], newest: _Newest, to: BinaryIO) -> None:
     """Solve hands until there are no more."""
-    plan = Plan(parts)
+    plan, solver = Plan(parts), PartSolver(scene)
     while (asked := newest.take(PATIENCE)) is not None:
         begun = time.monotonic()
         try:
             part, ahead = plan.next(scene, asked)
             ahead = min(ahead + begun - asked.sent, FARTHEST)
-            answer = solved(scene, asked.joints + ahead * asked.velocities, part, asked.time + ahead)
+            joints, then = asked.joints + ahead * asked.velocities, asked.time + ahead
+            answer = solver.solved(joints, part, then)
             plan.took(part, time.monotonic() - begun)
         except (InvalidInput, NotConverged) as fault:
             answer = str(fault)
