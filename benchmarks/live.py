@@ -221,7 +221,7 @@ class Emulated(ShapeSolver):
         try:
             part, ahead = self._plan.next(self._scene, asked)
             ahead = min(ahead + now - then, 0.06)
-            joints, then = asked.joints + ahead * asked.velocities, asked.time + ahead
+            joints, then = asked.after(ahead), asked.time + ahead
             return self._solver.solved(joints, part, then)
         except (at.InvalidInput, at.NotConverged) as fault:
             return str(fault)

@@ -23,6 +23,9 @@ GAP, TURN = 1.0e-3, 0.2
 """Change of the gaps between the foci's bones [m], and turn of the hand [rad], from which on most of the difference is
 lost."""
 
+GAP_NOISE, FOCUS_NOISE = 1.5, 3.3e-3
+"""Noise of the gaps over that of a tracker's coordinates, and the noise that takes most pressure from any drive [m]."""
+
 CAPACITY = 400
 """Solutions of each part that are kept."""
 
@@ -31,23 +34,25 @@ SAME_GAP, SAME_TURN = 0.25e-3, 0.02
 
 
 def expected_kept(
-    part: Rule, gap: Float64[np.ndarray, "poses"], turned: Float64[np.ndarray, "poses"]
+    part: Rule, gap: Float64[np.ndarray, "poses"], turned: Float64[np.ndarray, "poses"], noise: float = 0.0
 ) -> Float64[np.ndarray, "poses"]:
     """Share of the attainable pressure that is expected at the weakest focus of a drive.
 
     The numbers are medians over 1,700 pairs of poses, one solved and one played, of a thumb and an index finger that
     open and close 200 mm before 2 x 2 flat boards while the hand moves by 150 mm (``tests/tracking/motions.py``), by
     solutions of the whole hand. The share falls within a millimetre, an eighth of the wavelength, because the sound
-    between both fingers goes to and fro; the whole hand is lost as fast as the phalanges.
+    between both fingers goes to and fro; the whole hand is lost as fast as the phalanges. What noise takes is fitted to
+    drives for the same motion seen with 0 and 1 mm of it (``benchmarks/live.py``).
 
     Parameters
     ----------
-    part : that was solved.
-    gap : ``gap_change`` from the pose that was solved to that of now [m], with the tracker's noise in it.
+    part : that was solved; for distances the poses do not matter.
+    gap : ``gap_change`` from the pose that was solved to that of now [m].
     turned : ``turn`` from the one to the other [rad].
+    noise : standard deviation of each coordinate of the tracker's landmarks [m].
     """
-    alike = np.exp(-((gap / GAP) ** 2) - (turned / TURN) ** 2)
-    return LEAST[part] + (KEPT[part] - LEAST[part]) * alike
+    alike = np.exp(-(gap**2 + (GAP_NOISE * noise) ** 2) / GAP**2 - (turned / TURN) ** 2)
+    return np.exp(-((noise / FOCUS_NOISE) ** 2)) * (LEAST[part] + (KEPT[part] - LEAST[part]) * alike)
 
 
 class Library:
@@ -86,12 +91,12 @@ class Library:
         Parameters
         ----------
         riding : the hand now.
-        noise : standard deviation of the gaps between the bones as predicted [m].
+        noise : standard deviation of each coordinate of the tracker's landmarks [m].
         """
         if not self._found:
             return 0.0, None
         gap, turned = self._changes(riding.distances, riding.directions)
-        kept = expected_kept(self.part, np.hypot(gap, noise), turned)
+        kept = expected_kept(self.part, gap, turned, noise)
         index = int(kept.argmax())
         return float(kept[index]), self._found[index]
 

@@ -10,7 +10,7 @@ from jaxtyping import Complex128, Float64
 from airtact.conventions import InvalidInput
 from airtact.hand.joints import joints_of
 from airtact.live.drives.factors import HandFactors, OpenAir
-from airtact.live.drives.library import KEPT, PARTS, Library
+from airtact.live.drives.library import PARTS, Library, expected_kept
 from airtact.live.drives.riding import Riding, ride
 from airtact.live.drives.solver_process import NICE, Asked, ShapeSolver, SolverProcess
 from airtact.live.parts import Controls, DriveMaker, LiveScene, Moment
@@ -53,7 +53,7 @@ class HandAware(DriveMaker):
         agility: float = AGILITY,
         solvers: Sequence[ShapeSolver] | None = None,
     ) -> None:
-        self._scene = scene
+        self._scene, self._noise = scene, noise
         self._predictor = Predictor(0.0, noise, agility)
         self._open_air = OpenAir(scene)
         self._libraries = [Library(part) for part in PARTS]
@@ -114,10 +114,9 @@ class HandAware(DriveMaker):
 
     def _drive(self, time: float, joints: Float64[np.ndarray, "25 3"], controls: Controls) -> Moment:
         riding = ride(self._scene, joints, controls.offset)
-        kept, solution = KEPT["distances"], None
+        kept, solution = float(expected_kept("distances", np.zeros(1), np.zeros(1), self._noise)[0]), None
         if not controls.ignore_hand:
-            noise = self._predictor.spread(time)
-            chances = [library.best(riding, noise) for library in self._libraries]
+            chances = [library.best(riding, self._noise) for library in self._libraries]
             kept, solution = max([(kept, solution), *chances], key=lambda chance: chance[0])
         rows = self._rows(riding, solution)
         transfer, target = TransferMatrix(rows, float("nan")), Target(riding.foci)

@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput, NotConverged
+from airtact.hand.joints import joints_of
 from airtact.live.drives.factors import HandFactors, PartSolver
 from airtact.live.drives.library import expected_kept
 from airtact.live.drives.riding import gap_change, ride
@@ -73,6 +74,14 @@ class Asked:
 
     __repr__ = in_short
 
+    def after(self, ahead: float) -> Float64[np.ndarray, "25 3"]:
+        """Carry the joints on for a time [s]; where that is no hand, they stay as they are."""
+        carried = self.joints + ahead * self.velocities
+        try:
+            return joints_of(carried)
+        except InvalidInput:
+            return self.joints
+
 
 class Plan:
     """Which part of a hand to solve next, and for when: the part that is expected to keep most while it is in use."""
@@ -84,7 +93,7 @@ class Plan:
     def next(self, scene: LiveScene, asked: Asked) -> tuple[Rule, float]:
         """Return the part to solve, and how far ahead [s]; raises ``InvalidInput`` where the joints are no hand's."""
         step = 0.01
-        now, soon = (ride(scene, asked.joints + ahead * asked.velocities) for ahead in (0.0, step))
+        now, soon = (ride(scene, asked.after(ahead)) for ahead in (0.0, step))
         speed = float(gap_change(now.distances, soon.distances)) / step
         still = np.zeros(1)
         usual = {part: expected_kept(part, 0.5 * speed * self.seconds[part] + still, still)[0] for part in self._parts}
@@ -209,7 +218,7 @@ def _solve(scene: LiveScene, parts: tuple[Rule, ...], newest: _Newest, to: Binar
         try:
             part, ahead = plan.next(scene, asked)
             ahead = min(ahead + begun - asked.sent, FARTHEST)
-            joints, then = asked.joints + ahead * asked.velocities, asked.time + ahead
+            joints, then = asked.after(ahead), asked.time + ahead
             answer = solver.solved(joints, part, then)
             plan.took(part, time.monotonic() - begun)
         except (InvalidInput, NotConverged) as fault:
