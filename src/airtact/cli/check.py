@@ -97,6 +97,7 @@ def _physics_record(found: "SelfCheck") -> dict[str, Any]:
 def _scene_record(setup: "Setup") -> dict[str, Any]:
     """List what is in a scene, for ``--json``."""
     from airtact.solvers.bem.solver import BoundaryElement
+    from airtact.workflows.check import unknowns_of
 
     target, solver = setup.target, setup.solver
     asked = [None] * len(setup.foci) if target.pressures is None else target.pressures.tolist()
@@ -115,7 +116,7 @@ def _scene_record(setup: "Setup") -> dict[str, Any]:
         "wavelength": setup.scene.wavelength,
         "method": setup.method,
         "accuracy": setup.accuracy,
-        "unknowns": solver.unknowns(setup.scene, target.beacons()) if boundary_elements else None,
+        "unknowns": unknowns_of(solver, setup.scene, target.points) if boundary_elements else None,
     }
 
 
@@ -135,6 +136,7 @@ def _size(surface: "at.Surface") -> dict[str, Any]:
 def _scene_tables(setup: "Setup") -> "Iterator[Table]":
     """Tabulate the bodies, the foci, and what solving takes."""
     from airtact.solvers.bem.solver import BoundaryElement
+    from airtact.workflows.check import unknowns_of
 
     wavelength = setup.scene.wavelength
     bodies = plain_table("bodies", "boundary", "triangles", "area")
@@ -158,7 +160,7 @@ def _scene_tables(setup: "Setup") -> "Iterator[Table]":
     facts.add_row("wavelength", f"{1e3 * wavelength:.2f} mm at {setup.scene.frequency / 1e3:g} kHz")
     facts.add_row("drive", f"{setup.method.replace('_', ' ')}, accuracy {setup.accuracy:g}")
     if isinstance(setup.solver, BoundaryElement):
-        unknowns = setup.solver.unknowns(setup.scene, setup.target.beacons())
+        unknowns = unknowns_of(setup.solver, setup.scene, setup.target.points)
         facts.add_row("unknowns", f"{unknowns:,}, about {_memory(unknowns, setup.accuracy)} to solve")
     yield facts
 

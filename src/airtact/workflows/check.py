@@ -28,6 +28,9 @@ BODIES, FAULT = "bodies.png", "fault.png"
 PROCESS = 1.2e8
 """Memory of the process before a solve, the bodies included [bytes]."""
 
+MOST_COUNTED = 50_000
+"""Unknowns above which a check estimates them and makes no panels."""
+
 LOW_RANK, GROWTH = 193.0, 1.434
 """Bytes of a solve over the unknowns to this power, with the matrix in bfloat16; 1.9 times that in single."""
 
@@ -96,11 +99,24 @@ def memory_of_a_solve(unknowns: float, accuracy: float) -> float:
     return PROCESS + (LOW_RANK if accuracy >= ROUNDED else 1.9 * LOW_RANK) * unknowns**GROWTH
 
 
+def unknowns_of(solver: BoundaryElement, scene: Scene, points: Float64[np.ndarray, "points 3"]) -> int:
+    """Count the unknowns of a solve for sources at points (P, 3) [m], or estimate them where there are many.
+
+    Above ``MOST_COUNTED`` the estimate from the area of the bodies is returned: making the panels would take longer
+    and more memory than a check should.
+    """
+    area = sum(one.surface.area for one in scene.obstacles)
+    estimate = round(solver.nodes_per_square_wavelength * area / scene.wavelength**2)
+    if estimate > MOST_COUNTED:
+        return estimate
+    return solver.unknowns(scene, Monopoles(points, np.ones(len(points))))
+
+
 def unknowns_by_accuracy(scene: Scene) -> dict[float, int]:
     """Count the unknowns that solving a scene takes with no focus near its bodies, at 1 % and at 3 %."""
     lowest = np.min([obstacle.surface.vertices.min(axis=0) for obstacle in scene.obstacles], axis=0)
-    far = Monopoles((lowest - 1.0)[None], np.ones(1))
-    return {accuracy: BoundaryElement(accuracy=accuracy).unknowns(scene, far) for accuracy in (0.01, 0.03)}
+    far = np.asarray(lowest - 1.0)[None]
+    return {accuracy: unknowns_of(BoundaryElement(accuracy=accuracy), scene, far) for accuracy in (0.01, 0.03)}
 
 
 @contextmanager
