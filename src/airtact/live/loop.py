@@ -340,7 +340,7 @@ class _Loop:
             age = in_air - moment.frame_time
             if moment.frame_time > self._answered:
                 self._answered = moment.frame_time
-                came = next((now for taken, now in reversed(self._arrivals) if taken == moment.frame_time), None)
+                came = next((now for taken, now in reversed(self._arrivals.copy()) if taken == moment.frame_time), None)
                 self._delays.extend([] if came is None else [sent - came])
             self._recent.append((sent, age, np.nan if moment.kept is None else moment.kept))
             self._ages.append(age)
