@@ -42,9 +42,10 @@ BYTES = (
 )
 
 
-def seeds(fast: int, slow: int) -> list:
-    """List the seeds of a fuzz test: the first ones for every run, the others marked as slow."""
-    return [*range(fast), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(fast, slow))]
+def seeds(fast: int, slow: int, *found: int) -> list:
+    """List the seeds of a fuzz test: the first ones and those that found a fault, and others marked as slow."""
+    others = (seed for seed in range(fast, slow) if seed not in found)
+    return [*range(fast), *found, *(pytest.param(seed, marks=pytest.mark.slow) for seed in others)]
 
 
 def damaged(raw: bytes, draw: random.Random) -> bytes:

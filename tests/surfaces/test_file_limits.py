@@ -94,6 +94,8 @@ HURTFUL = {
     "a wide face.obj": (VERTEX_LINES.encode() + b"f" + b" 1 2 3" * MOST_FILE_TRIANGLES, "too_many_triangles"),
     "nought.obj": ((VERTEX_LINES + "f 0 1 2\n").encode(), "file_unreadable"),
     "from the end.obj": ((VERTEX_LINES + "f -4 -2 -3\nv 0 0 0\n").encode(), "file_unreadable"),
+    "digits.obj": ((VERTEX_LINES + "f 1 2 " + "9" * 5000 + "\n").encode(), "file_unreadable"),
+    "flat.obj": ((VERTEX_LINES.replace("0.0\n", "\n") + "f 1 2 3\n").encode(), "file_unreadable"),
     "words.obj": ((VERTEX_LINES + "f 1 2 x\n").encode(), "file_unreadable"),
     "number cut.obj": (("v 0 0 a\n" + VERTEX_LINES + FACE_LINES).encode(), "file_unreadable"),
     "lines.ply": (PLY + b"\n" * (MOST_MESH_LINES + 1), "too_many_lines"),
@@ -170,7 +172,7 @@ def whole_files(tmp_path_factory) -> list[tuple[str, bytes]]:
     return [(path.suffix, path.read_bytes()) for path in sorted(folder.iterdir())]
 
 
-@pytest.mark.parametrize("seed", seeds(200, 5000))
+@pytest.mark.parametrize("seed", seeds(200, 5000, 294, 1498, 2104))
 def test_a_damaged_file_is_read_or_rejected_in_one_short_sentence(seed, whole_files, tmp_path):
     draw = random.Random(seed)
     suffix, raw = draw.choice(whole_files)

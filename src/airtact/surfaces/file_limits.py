@@ -36,7 +36,7 @@ BREAKS = b"\n\r\x0b\x0c\x1c\x1d\x1e"
 """Bytes at which Python begins a new line of text."""
 
 OBJ_LINE = re.compile(rb"^[ \t]*([vf])[ \t]+([^\n]*)$", re.MULTILINE)
-FACE_CORNER = re.compile(rb"([-+]?\d+)(?:/[-+/\d]*)?(?:\s|$)")
+FACE_CORNER = re.compile(rb"([-+]?\d{1,18})(?:/[-+/\d]*)?(?:\s|$)")
 
 
 class OwnFolder:

@@ -1,6 +1,7 @@
 """Surfaces from files: STL, PLY, OBJ and GLB, read by trimesh after what they hold was counted."""
 
 import io
+import logging
 import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -103,13 +104,17 @@ def bare_mesh(path: Path) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.n
         )
     with about(path.name):
         check_triangles(len(mesh.faces))
+        if mesh.vertices.shape[1:] != (3,):
+            sentence = f"its vertices have {mesh.vertices.shape[1]} coordinates, not 3."
+            raise InvalidInput(sentence, code="file_unreadable")
     return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
 
 
 def bare_vertices(path: Path) -> Float64[np.ndarray, "vertices 3"]:
     """Read the vertices of a file or the points of a cloud in PLY, in units of the file; errors as of ``bare_mesh``."""
-    found = _read(path, lambda: [np.asarray(one.vertices) for one in _scene(path).geometry.values()])
-    return np.concatenate([np.empty((0, 3)), *found]).astype(np.float64)
+    scene = _scene(path)
+    parts = [np.empty((0, 3))]
+    return _read(path, lambda: np.concatenate([*parts, *(one.vertices for one in scene.geometry.values())]))
 
 
 def _scene(path: Path) -> Any:
@@ -126,6 +131,7 @@ def _scene(path: Path) -> Any:
         raw = check_counts(suffix, raw)
     import trimesh  # takes as long to import as all the rest of airtact
 
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # or it would print tracebacks of its own
     settings = {"file_type": suffix[1:], "resolver": OwnFolder(path), "process": False}
     if suffix != ".stl":
         settings["skip_materials"] = True
