@@ -90,7 +90,7 @@ def test_phases_of_one_board_stand_where_its_transducers_do() -> None:
     (discs,) = axes.collections
     np.testing.assert_allclose(np.ptp(discs.get_offsets(), axis=0), 1e3 * np.ptp(board.positions, axis=0)[:2])
     bar = bar_of(axes)
-    assert bar.get_ylabel() == "phase [rad]"
+    assert bar.get_title(loc="right") == "phase [rad]"
     colour = matplotlib.colormaps["twilight"]((np.angle(amplitudes) + np.pi) / (2 * np.pi))
     assert {tuple(row) for row in np.round(discs.get_facecolor(), 6)} == {tuple(row) for row in np.round(colour, 6)}
 

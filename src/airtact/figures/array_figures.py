@@ -87,7 +87,7 @@ def draw_phases(
     width, height, beside = spans[:, 0].sum(), spans[:, 1].max(), len(spans) == 1
     rows, columns = (1, 2) if beside else (2, 1)
     inches = min(9.4 / (columns * width), (4.6 if beside else 6.6) / (rows * height))
-    size = columns * (width * inches + 1.5), rows * (height * inches + 1.2)
+    size = columns * (width * inches + 1.5), rows * (height * inches + 1.2) - 0.6 * beside
     figure = Figure(figsize=size, layout="constrained")
     for axes, show in zip(figure.subplots(rows, columns), ("phase", "amplitude"), strict=True):
         draw_faces(axes, positions, normals, amplitudes, show)
@@ -137,8 +137,11 @@ def draw_faces(
     else:
         axes.set_xlabel("along the faces, side by side [mm]")
     label = "phase [rad]" if show == "phase" else "amplitude [of full scale]"
-    side: Literal["right", "bottom"] = "right" if len(faces) == 1 else "bottom"
-    bar = axes.figure.colorbar(scale, ax=axes, label=label, location=side, pad=0.02, aspect=25)
+    if len(faces) == 1:
+        bar = axes.figure.colorbar(scale, ax=axes, pad=0.02, aspect=25)
+        bar.ax.set_title(label, fontsize=9, loc="right")  # beside the bar it would read as that of the next axes
+    else:
+        bar = axes.figure.colorbar(scale, ax=axes, label=label, location="bottom", pad=0.02, aspect=60)
     if show == "phase":
         _tick_phases(bar)
 
