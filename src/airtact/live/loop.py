@@ -15,7 +15,7 @@ from airtact.live.clock import FrameClock
 from airtact.live.distances import foci_on
 from airtact.live.output import Nowhere, Output
 from airtact.live.page.process import PageProcess
-from airtact.live.parts import Controls, DriveMaker, LiveScene, Moment
+from airtact.live.parts import Controls, DriveMaker, LiveScene, Moment, State
 from airtact.live.safety import STALE, Gain, Workspace, hand_of
 from airtact.live.session import SessionWriter
 from airtact.live.sources import HandSource, checked_seconds
@@ -226,7 +226,7 @@ class _Loop:
                     report(self.status())
         done, status = (time.monotonic() - begun, stream.health), self.status()
         report(status)
-        self.fade_out()
+        self._fade_out()
         return self.followed(*done, status.state)
 
     def arrived(self, frame: HandFrame, now: float) -> None:
@@ -251,7 +251,7 @@ class _Loop:
         if frame is not None:
             self._take(frame)
         if self._output.stopped:
-            self._end_for_good()
+            self._end_for_good("stopped", "stopped: the emergency stop was pressed")
             return
         if self._page is not None:
             self._controls = self._page.controls
@@ -268,20 +268,24 @@ class _Loop:
             if not self._output.stopped:  # the emergency stop came between
                 raise
 
-    def _end_for_good(self) -> None:
-        """Note that the emergency stop was pressed; the output is silent already."""
-        before, self._gain = self._gain.share, Gain()
-        self._fault = "stopped: the emergency stop was pressed"
+    def _end_for_good(self, state: State, why: str) -> None:
+        """Note that the output is silent already, by the emergency stop or by Ctrl-C."""
+        before, self._gain, self._fault = self._gain.share, Gain(), why
         if self._moment is not None and before > 0.0:
-            silence = replace(self._moment, amplitudes=0.0 * self._moment.amplitudes, state="stopped")
+            silence = replace(self._moment, amplitudes=0.0 * self._moment.amplitudes, state=state)
             self._note(silence, time.monotonic(), before)
 
-    def fade_out(self) -> None:
-        """Fade to silence."""
+    def _fade_out(self) -> None:
+        """Fade to silence, unless the boards are silent because of a signal."""
         self._fault = self._fault or "ended"
-        while not self.silent and not self._output.stopped:
-            time.sleep(OFTEN)
-            self._emit(time.monotonic(), False)
+        try:
+            while not self.silent and not self._output.stopped:
+                time.sleep(OFTEN)
+                self._emit(time.monotonic(), False)
+        except LinkFailed as failed:
+            if failed.code != "emission_over":
+                raise
+            self._end_for_good("silent", "ended")
 
     def _take(self, frame: HandFrame) -> None:
         if frame.side != self._scene.side:
