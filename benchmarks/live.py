@@ -14,11 +14,13 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 import airtact as at
@@ -33,7 +35,7 @@ from airtact.synthesis.gerchberg_saxton import weighted_gerchberg_saxton
 from airtact.tracking.frame import HandFrame
 from airtact.tracking.messages import to_json
 from hand.hand_poses import example
-from tracking.motions import Pinching
+from tracking.motions import Pinching, reached
 
 LATENCY = 0.015
 """From the picture to the frame's arrival [s]."""
@@ -46,6 +48,12 @@ SECONDS: dict[Rule, float] = {"phalanges": 0.015, "hand": 0.5}
 
 MAKING, OFTEN = 0.006, 1.0 / 66.0
 """How long a drive takes from its beginning to the air, and between two of them, where the clock is virtual [s]."""
+
+BOX_SIZE, BOX_AXIS = 0.8, (0.954, 0.373, -0.933)
+"""Size of the hand in the box and its rotation vector [rad], of 40,000 the one farthest from the walls."""
+
+LONGEST_START = 60.0
+"""Time for which the processes are waited for at most [s]."""
 
 WARMING = 1.0
 """Time before the first drive that is judged [s]."""
@@ -83,30 +91,23 @@ def pinch() -> Setting:
 
 
 def box() -> Setting:
-    """Put the pinch into the box of the paper, fingers up; it sways by 10 mm every 2 s."""
+    """Put the pinch into the box of the paper, where it sways by 4 mm, as a hand of 0.8 of the size, which fits."""
     motion = Pinching(9)
-    rest = hand_from_joints(motion.joints[4], motion.radii, side="left")
-    up = rest.pads[:2].mean(axis=0) - rest.joints[0]
-    axis, angle = np.cross(up, (0.0, 0.0, 1.0)), float(np.arccos(up[2] / np.linalg.norm(up)))
-    upright = at.Pose.turn(tuple(axis), angle)
-    middle = upright.apply(rest.pads[:2].mean(axis=0)[None])[0]
+    middle = hand_from_joints(motion.joints[4], motion.radii, side="left").pads[:2].mean(axis=0)
+    upright = at.Pose.turn(BOX_AXIS, float(np.linalg.norm(BOX_AXIS)))
 
     def joints(then: float) -> np.ndarray:
-        gap = 0.025 - 0.02 * np.cos(2 * np.pi * then)
-        place = np.interp(gap, motion.gaps, np.arange(len(motion.gaps)))
-        low = min(int(place), len(motion.gaps) - 2)
-        pose = motion.joints[low] + (place - low) * (motion.joints[low + 1] - motion.joints[low])
-        sway = 0.01 * np.array([np.sin(np.pi * then), np.sin(1.3 * np.pi * then), np.sin(0.7 * np.pi * then)])
-        return upright.apply(pose) - middle + sway
+        pose = motion.at(then) - np.array([reached(then), 0.0, 0.0])
+        sway = 0.004 * np.array([np.sin(np.pi * then), np.sin(1.3 * np.pi * then), np.sin(0.7 * np.pi * then)])
+        return BOX_SIZE * upright.apply(pose - middle) + sway
 
-    places, offsets = ("thumb.pad", "index.pad"), np.full(2, 1e-3)
-    scene = LiveScene(at.air(celsius=22), 40e3, at.surrounding_box(), "left", motion.radii, places, offsets)
-    return Setting(scene, joints)
+    places, offsets, radii = ("thumb.pad", "index.pad"), np.full(2, 1e-3), BOX_SIZE * motion.radii
+    return Setting(LiveScene(at.air(celsius=22), 40e3, at.surrounding_box(), "left", radii, places, offsets), joints)
 
 
 def open_hand() -> Setting:
     """Hold an open hand before the boards, foci at the palm and all fingertips, and wave the fingers once a second."""
-    rest, radii = example("open")
+    rest, radii = example("relaxed")
     hand = hand_from_joints(rest, radii)
     side = hand.side
     places = tuple(hand.places)
@@ -159,13 +160,27 @@ def maker_of(which: str, setting: Setting, noise: float, virtual: bool) -> HandA
 # --- the real loop --------------------------------------------------------------------------------------------------
 
 
+def warm(maker: HandAware, frame: HandFrame) -> None:
+    """Wait for the first solutions, as the processes take seconds to start."""
+    until = time.monotonic() + LONGEST_START
+    wanted = 20 if maker._solvers else 0
+    for count in range(10**6):
+        if maker.solutions >= wanted or time.monotonic() > until:
+            return
+        maker.take(replace(frame, time=frame.time - 2.0 * LONGEST_START + 0.02 * count))
+        maker.make(frame.time - 2.0 * LONGEST_START + 0.02 * count, Controls())
+        time.sleep(0.02)
+
+
 def real(setting: Setting, maker: HandAware, frames: Sequence[HandFrame], seconds: float) -> list[Played]:
     """Send frames to the real loop by a web socket, and read its session."""
+    warm(maker, frames[0])
+    begun = maker.solutions
     hands = at.live.ReceivedHands("websocket", 0)
     address = hands.words
 
     def send() -> None:
-        with connect(address) as connection:
+        with suppress(ConnectionClosed), connect(address) as connection:
             begun = time.monotonic()
             for frame in frames:
                 time.sleep(max(begun + frame.time + LATENCY - time.monotonic(), 0.0))
@@ -182,7 +197,7 @@ def real(setting: Setting, maker: HandAware, frames: Sequence[HandFrame], second
     print(
         f"  {done.rate:.0f} drives/s; age of the frame in the air {1e3 * (done.age - LATENCY):.1f} ms without the "
         f"camera, 95 of 100 under {1e3 * (done.oldest - LATENCY):.1f} ms; "
-        f"{getattr(maker, 'solutions', 0) / seconds:.1f} solutions/s"
+        f"{(maker.solutions - begun) / seconds:.1f} solutions/s"
     )
     rows = zip(found.time_in_air, found.amplitudes, found.rules, found.states, found.kept, strict=True)
     return [
@@ -288,14 +303,14 @@ def weakest(matrix: np.ndarray, amplitudes: np.ndarray) -> float:
 
 
 def measure(
-    name: str, rate: float, noise: float, seconds: float, virtual: bool, judge: Judge, setting: Setting
+    name: str, rate: float, noise: float, seconds: float, virtual: bool, judge: Judge, setting: Setting, every: int
 ) -> None:
     frames = frames_of(setting, rate, seconds, noise)
     print(f"{name}, {rate:.0f} frames/s, noise {1e3 * noise:g} mm" + ", virtual clock" * virtual, flush=True)
     for which in ("airtact", "distances", "not re-posed"):
         maker = maker_of(which, setting, noise, virtual)
         played = emulated(maker, frames, seconds) if virtual else real(setting, maker, frames, seconds)
-        some = [one for one in played if one.time > WARMING][::JUDGED]
+        some = [one for one in played if one.time > WARMING][::every]
         kept = np.array([judge.kept(one) for one in some])
         rules = ", ".join(f"{rule} {count}" for rule, count in Counter(one.rule for one in some).most_common())
         off = np.median([abs(one.kept - got) for one, got in zip(some, kept, strict=True)])
@@ -313,6 +328,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=6.0)
     parser.add_argument("--rates", type=float, nargs="+", default=[60.0, 120.0])
     parser.add_argument("--noises", type=float, nargs="+", default=[0.0, 1e-3], help="of the tracker [m]")
+    parser.add_argument("--every", type=int, default=JUDGED, help="so many drives, one is judged")
     parser.add_argument("--emulated", action="store_true", help="use a virtual clock")
     given = parser.parse_args()
     for name in SETTINGS if given.setting == "all" else [given.setting]:
@@ -320,7 +336,7 @@ def main() -> None:
         judge = Judge(setting)
         for rate in given.rates:
             for noise in given.noises:
-                measure(name, rate, noise, given.seconds, given.emulated, judge, setting)
+                measure(name, rate, noise, given.seconds, given.emulated, judge, setting, given.every)
 
 
 if __name__ == "__main__":

@@ -108,10 +108,10 @@ def solved(scene: LiveScene, joints: Float64[np.ndarray, "25 3"], part: Rule, ti
 
 
 class RigidParts:
-    """The last phalanges, and the palm, of the foci of a scene, each a rigid body that was factorised once.
+    """The last phalanges of the foci of a scene, each a rigid body that was factorised once.
 
     Solving them anew for another pose takes about a fifth of the time that ``solved`` takes. A tracker's bones change
-    their lengths from frame to frame, these bodies do not.
+    their lengths from frame to frame, these bodies do not. The palm, too large for this, is a hard plane.
 
     Parameters
     ----------
@@ -126,7 +126,9 @@ class RigidParts:
 
     def __init__(self, scene: LiveScene, joints: Float64[np.ndarray, "25 3"]) -> None:
         self._scene, self._made = scene, ride(scene, joints)
-        self._surfaces = [_rigid_part(self._made.hand, place) for place in scene.places]
+        self._pads = np.array([place != "palm" for place in scene.places])
+        pads = np.array(scene.places)[self._pads].tolist()
+        self._surfaces = [_rigid_part(self._made.hand, place) for place in pads]
         self._lengths = _lengths(scene, joints)
         air = self._air([Pose.identity()] * len(self._surfaces))
         solver = BoundaryElement(accuracy=ACCURACY, estimate=False)
@@ -138,9 +140,12 @@ class RigidParts:
         self._lengths += SLOWLY * (_lengths(self._scene, joints) - self._lengths)
         turns = np.swapaxes(riding.frames, 1, 2) @ self._made.frames
         shifts = riding.foci - np.einsum("fij,fj->fi", turns, self._made.foci)
-        air = self._air([Pose(*motion) for motion in zip(turns, shifts, strict=True)])
+        air = self._air([Pose(*motion) for motion in zip(turns[self._pads], shifts[self._pads], strict=True)])
         field = self._solver.radiate(air, Target(riding.foci).beacons())
-        return factors_of(self._scene, riding, "phalanges", time, field.at(self._scene.array.positions))
+        found = factors_of(self._scene, riding, "phalanges", time, field.at(self._scene.array.positions))
+        for palm in np.flatnonzero(~self._pads):
+            found.factors[palm] += _mirrored(self._scene, riding, int(palm))
+        return found
 
     @property
     def outgrown(self) -> bool:
@@ -183,6 +188,16 @@ def _rigid_part(hand: Hand, place: str) -> Surface:
     tables = (np.ascontiguousarray(table[np.ix_(some, some)]) for table in (whole.blend, whole.apart))
     hulls = Hulls(whole.balls[balls[missing:]], parts.reshape(-1, 3).astype(np.int64) - missing, *tables)
     return _surface(hulls)
+
+
+def _mirrored(scene: LiveScene, riding: Riding, focus: int) -> Complex64[np.ndarray, "elements"]:
+    """Pressure by way of a hard plane beside a focus, over the direct one: e^{2ikd cos θ}, d from the plane."""
+    point, normal = riding.hand.position(scene.places[focus])
+    away = scene.array.positions - riding.foci[focus]
+    slant = away @ normal / np.linalg.norm(away, axis=1)
+    path = 2.0 * float((riding.foci[focus] - point) @ normal) * slant
+    wavenumber = scene.medium.wavenumber(scene.frequency).real
+    return np.where(slant > 0.0, np.exp(1j * wavenumber * path), 0.0).astype(np.complex64)
 
 
 def _lengths(scene: LiveScene, joints: Float64[np.ndarray, "25 3"]) -> Float64[np.ndarray, "foci"]:
