@@ -160,3 +160,9 @@ def test_a_session_is_verified_against_the_hand_that_was_there(scene, tmp_path):
 
 def scene_rest():
     return at.load_hand(at.example("pinch.json"), 0.012).joints
+
+
+def test_the_emergency_stop_counts_before_the_link_is_open():
+    boards = at.live.Boards(at.emission.RecordingLink())
+    boards.stop()
+    assert boards.stopped

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Complex128
 
 from airtact.hardware.emission import Emission
-from airtact.hardware.link import Link
+from airtact.hardware.link import Link, LinkFailed
 from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transfer import Drive
 
@@ -97,5 +97,9 @@ class Boards(Output):
 
     def stop(self) -> None:
         """Send the zero frame now; raises ``LinkFailed`` where that fails."""
-        self.stopped = True
-        self._emission.stop()
+        self.stopped = True  # from now on nothing is sent, also where the link is not open yet
+        try:
+            self._emission.stop()
+        except LinkFailed as failed:
+            if failed.code != "emission_over":
+                raise
