@@ -12,7 +12,12 @@ import pytest
 
 from paths import ROOT
 
-PAGES = [*sorted((ROOT / "docs").glob("how-to-*.md")), ROOT / "docs/tutorial.md", ROOT / "CONTRIBUTING.md"]
+PAGES = [
+    *sorted((ROOT / "docs").glob("how-to-*.md")),
+    ROOT / "docs/how-good-must-the-tracking-be.md",
+    ROOT / "docs/tutorial.md",
+    ROOT / "CONTRIBUTING.md",
+]
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 BESIDE = os.pathsep.join([sysconfig.get_path("scripts"), os.environ.get("PATH", "")])
 

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from airtact.synthesis.gerchberg_saxton import weighted_gerchberg_saxton
     from airtact.synthesis.max_min import max_min
     from airtact.synthesis.quantise import quantise
+    from airtact.synthesis.samples.robust import robust
     from airtact.synthesis.time_reversal import time_reversal
     from airtact.synthesis.upper_bound import upper_bound
     from airtact.transducers.element import monopole, piston
@@ -129,6 +130,7 @@ __all__ = [
     "plot",
     "quantise",
     "read_scene",
+    "robust",
     "scene",
     "scene_file",
     "solvers",
@@ -180,6 +182,7 @@ _HOMES = {
     "synthesis.gerchberg_saxton": "weighted_gerchberg_saxton",
     "synthesis.max_min": "max_min",
     "synthesis.quantise": "quantise",
+    "synthesis.samples.robust": "robust",
     "synthesis.time_reversal": "time_reversal",
     "synthesis.upper_bound": "upper_bound",
     "transducers.element": "monopole piston",

@@ -11,14 +11,17 @@ import msgspec
 import numpy as np
 
 from airtact.evaluation.headline import body_word
+from airtact.evaluation.held_out import SAMPLES
 from airtact.evaluation.windows import Window, plane_of_scene
+from airtact.sampling.ensemble import ensemble
 from airtact.scene.sources import Monopoles
 from airtact.scene.target import Target
 from airtact.scene_file.building import Setup
 from airtact.solvers.bem.solver import OF_THE_DIRECT, BoundaryElement
 from airtact.solvers.fem.solver import FiniteElement
 from airtact.solvers.free_field import FreeField
-from airtact.solvers.problem import Solver, SolveReport
+from airtact.solvers.problem import RadiatedField, Solver, SolveReport
+from airtact.solvers.spherical.multipole_field import multipole_expansion
 from airtact.store.stored import Stored
 from airtact.surfaces.surface import Surface
 from airtact.synthesis.best import method_for
@@ -145,19 +148,36 @@ def stored(solver: Solver, store: Path | None) -> Solver:
 
 
 def solve_foci(setup: Setup, clock: Clock, store: Path | None = None) -> tuple[TransferMatrix, SolveReport]:
-    """Solve for a beacon in each focus and suppression point, and evaluate the fields at the transducers."""
+    """Solve for a beacon in each focus and suppression point, and evaluate the fields at the transducers.
+
+    Where something is in doubt the matrix is an ensemble, with the samples that drives are made for, and others of the
+    next seed that they are tried on.
+    """
+    beacons = solve_beacons(setup, clock, store)
+    transducers = counted(len(setup.array), "transducer", "transducers")
+    with clock.step("transfer", f"evaluating the beacons at {transducers}"):
+        transfer = transfer_matrix(beacons, setup.array)
+        # The matrix is evaluated by the transposed solution alone.
+        warned = tuple(one for one in beacons.report.warnings if not one.startswith(OF_THE_DIRECT))
+        report = replace(beacons.report, warnings=warned)
+    if setup.uncertainty is None:
+        return transfer, report
+    with clock.step("samples", f"evaluating them at {setup.samples} + {SAMPLES} samples of what is in doubt"):
+        known = beacons if not setup.bodies else multipole_expansion(beacons)
+        given = known, setup.array, setup.uncertainty
+        made_for = ensemble(*given, setup.samples, setup.seed)
+        return replace(made_for, held_out=ensemble(*given, SAMPLES, setup.seed + 1)), report
+
+
+def solve_beacons(setup: Setup, clock: Clock, store: Path | None = None) -> RadiatedField:
+    """Solve for a beacon in each focus and suppression point."""
     target = setup.target
     foci = f"focus ({len(target.points)})"
     if len(target.suppression_points):
         foci += f" and {counted(len(target.suppression_points), 'suppression point', 'suppression points')}"
     words = f"solving for a beacon in each {foci} around {', '.join(setup.bodies) or 'nothing'}"
     with clock.step("beacons", words):
-        beacons = stored(setup.solver, store).radiate(setup.scene, target.beacons(suppression=True))
-    transducers = counted(len(setup.array), "transducer", "transducers")
-    with clock.step("transfer", f"evaluating the beacons at {transducers}"):
-        # The matrix is evaluated by the transposed solution alone.
-        warned = tuple(one for one in beacons.report.warnings if not one.startswith(OF_THE_DIRECT))
-        return transfer_matrix(beacons, setup.array), replace(beacons.report, warnings=warned)
+        return stored(setup.solver, store).radiate(setup.scene, target.beacons(suppression=True))
 
 
 def synthesise(

@@ -31,7 +31,7 @@ def test_one_focus_with_every_method(name):
     np.testing.assert_allclose(np.angle(drive.amplitudes * row * np.vdot(drive.amplitudes, row.conj())), 0.0, atol=1e-5)
     pressure = worst(transfer, drive)
     assert np.abs(drive.amplitudes).max() == pytest.approx(1.0)
-    if name in ("time_reversal", "iterated_time_reversal", "inverse_filter"):
+    if name in ("time_reversal", "iterated_time_reversal", "inverse_filter", "robust"):
         energy = np.linalg.norm(drive.amplitudes)
         assert pressure == pytest.approx(energy * np.linalg.norm(row), rel=1e-6)
     elif name != "eigenvector":
@@ -224,7 +224,7 @@ HEEDING = [name for name, method in METHODS.items() if method.heeds_suppression_
 
 
 def test_each_method_has_a_name_and_a_description():
-    assert HEEDING == ["best", "inverse_filter", "gradient"]
+    assert HEEDING == ["best", "inverse_filter", "gradient", "robust", "robust_phase_only"]
     assert len(METHODS) == len({method.description for method in METHODS.values()})
     assert all(method.name == name and method.description for name, method in METHODS.items())
 

@@ -154,3 +154,16 @@ def test_what_cannot_be_is_rejected():
         predictor.take(still(4, 0.9))
     with raises_code("other_hand", "frame 5"):
         predictor.take(still(5, 1.1, side="right", landmarks=JOINTS * [-1, 1, 1]))
+
+
+def test_what_a_prediction_leaves_in_doubt() -> None:
+    """A turn by as much as the landmarks are off, about their middle."""
+    predictor = Predictor(latency=0.02, noise=1e-3)
+    for sequence in range(30):
+        predictor.take(gliding(sequence, sequence / 60))
+    doubt = predictor.uncertainty(29 / 60)
+    assert doubt.position == predictor.spread(29 / 60)
+    landmarks = predictor.at(29 / 60).landmarks
+    assert landmarks is not None
+    lever = np.sqrt(((landmarks - landmarks.mean(axis=0)) ** 2).sum(axis=1).mean())
+    assert doubt.rotation == pytest.approx(np.degrees(doubt.position / lever), rel=0.01)

@@ -46,6 +46,26 @@ def draw_bars(names: Sequence[str], heights: Float64[np.ndarray, "names"], bound
     return figure
 
 
+def draw_shares(pressures: Mapping[str, Float64[np.ndarray, "samples"]], expected: Mapping[str, float]) -> Figure:
+    """Draw for several drives the share of samples in which a pressure [Pa] is not reached, and what is expected."""
+    figure = Figure(figsize=(8.0, 4.0), layout="constrained")
+    axes = figure.subplots()
+    for colour, (name, given) in zip(APART, pressures.items(), strict=False):
+        ordered = np.sort(given)
+        axes.step(ordered, (np.arange(len(ordered)) + 1.0) / len(ordered), where="post", color=colour, label=name)
+        axes.plot(expected[name], 1.0, "o", color=colour, clip_on=False)
+    axes.axhline(0.1, color=BOUND, linewidth=1, linestyle="--", label="one of ten")
+    axes.set(
+        xlabel="peak pressure of the weakest focus [Pa]",
+        ylabel="share of the samples",
+        xlim=(0.0, None),
+        ylim=(0.0, 1.0),
+    )
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(loc="lower right", frameon=False)
+    return figure
+
+
 def draw_foci(
     axes: Axes, pressures: Mapping[str, Float64[np.ndarray, "foci"]], asked: Float64[np.ndarray, "foci"] | None
 ) -> None:

@@ -11,9 +11,11 @@ from markupsafe import Markup
 
 from airtact.evaluation.comparison import HELD_EQUAL, Comparison
 from airtact.evaluation.headline import pascals
+from airtact.evaluation.held_out import HeldOut
 from airtact.evaluation.metrics import NOT_MODELLED
 from airtact.figures.array_figures import draw_phases, draw_scene
 from airtact.figures.field_figure import FAINT, Cut, draw_close_ups, draw_difference, draw_field
+from airtact.figures.plots import draw_shares
 from airtact.file_access.atomic import whole_file
 from airtact.frames.frame import Frame
 from airtact.pages.page import page_from, picture
@@ -56,6 +58,7 @@ class Rendered:
     notes : warnings.
     sensation : how far the foci are above the threshold of detection, with its source.
     seconds : wall time by step of the run [s].
+    doubt : what the drive keeps where hand, air and transducers are not as expected; None where nothing is in doubt.
     """
 
     title: str
@@ -77,6 +80,7 @@ class Rendered:
     notes: Sequence[str]
     sensation: Sequence[str]
     seconds: Mapping[str, float]
+    doubt: HeldOut | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +146,24 @@ def _pictures(run: Run) -> dict[str, Any]:
         "faint rings.",
         viewer_alternative(run.view),
     )
-    return {"fields": _fields(run), "phases": phases, "still": still}
+    return {"fields": _fields(run), "phases": phases, "still": still, "doubt": _doubt(run.doubt)}
+
+
+def _doubt(doubt: HeldOut | None) -> Markup | None:
+    if doubt is None:
+        return None
+    count = counted(doubt.pressures.shape[1], "sample", "samples")
+    return picture(
+        draw_shares(
+            dict(zip(doubt.names, doubt.pressures, strict=True)), dict(zip(doubt.names, doubt.expected, strict=True))
+        ),
+        f"Share of {count} of what is in doubt in which the weakest focus gets less than a pressure; no drive was made "
+        "for them. Dots: what is expected with nothing in doubt. All at equal energy.",
+        "; ".join(
+            f"{name}: at least {low:.0f} Pa 9 of 10 times"
+            for name, low in zip(doubt.names, doubt.lowest_tenth, strict=True)
+        ),
+    )
 
 
 def _fields(run: Run) -> list[Markup]:

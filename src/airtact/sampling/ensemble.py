@@ -50,6 +50,7 @@ class TransferEnsemble(TransferMatrix):
     uncertainty : what the samples were drawn from.
     seed : of the samples.
     left_out : number of samples that cannot be, such as hands that a transducer would reach into.
+    held_out : other samples, on which drives are tried that were made for these; None unless set.
 
     Raises
     ------
@@ -62,6 +63,7 @@ class TransferEnsemble(TransferMatrix):
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     seed: int = 0
     left_out: int = 0
+    held_out: "TransferEnsemble | None" = None
 
     def __repr__(self) -> str:
         foci, elements = self.matrix.shape
@@ -152,7 +154,7 @@ def ensemble(
     TransferEnsemble(16 samples, 1 focus, 996 elements)
     """
     of_kind(uncertainty, Uncertainty, "the uncertainty", "Uncertainty(position=1e-3, rotation=2.0)")
-    _check_counts(samples, seed)
+    check_counts(samples, seed)
     nominal = transfer_matrix(beacons, array)
     _check_doubts(uncertainty, beacons.scene, array)
     sampled = Sampled.of(beacons, array, nominal.matrix, uncertainty, solver)
@@ -189,7 +191,8 @@ def matrices_at(
     return np.stack(found)
 
 
-def _check_counts(samples: int, seed: int) -> None:
+def check_counts(samples: int, seed: int) -> None:
+    """Raise "out_of_range" for a number of samples or a seed that cannot be."""
     _check_count(samples, 1, MOST_SAMPLES, "the number of samples")
     _check_count(seed, 0, 2**32, "the seed")
 

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,9 +13,11 @@ from airtact.file_access.bounded import text_of
 from airtact.file_access.text_table import read_text_table
 from airtact.hand.hand import Hand
 from airtact.pose import Pose
+from airtact.sampling.ensemble import check_counts
 from airtact.scene.medium import Medium, air
 from airtact.scene.scene import Scene, check_outside
 from airtact.scene.target import Target
+from airtact.scene.uncertainty import Uncertainty
 from airtact.scene_file import tables
 from airtact.scene_file.bodies import bodies_of, built, pose_of
 from airtact.scene_file.limits import not_finite
@@ -24,7 +27,7 @@ from airtact.solvers.bem.solver import BoundaryElement
 from airtact.solvers.fem.solver import FiniteElement
 from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import Solver
-from airtact.synthesis.methods import METHODS
+from airtact.synthesis.methods import FOR_SAMPLES, METHODS
 from airtact.synthesis.motion import ALONG, PATHS, Motion
 from airtact.transducers.boards import MURATA_RADIUS, board_named, poses_of_boards
 from airtact.transducers.calibration import load_calibration
@@ -68,6 +71,8 @@ class Setup:
     synthesise : that method.
     levels : what the drive is rounded to.
     modulation : what makes the drive perceptible; None for a constant one.
+    uncertainty : what is in doubt, or None.
+    samples, seed : number of samples of it, and their seed.
     hands : those that bodies are made of or that name points on them, in the obstacles' frame.
     riding : for each focus the named point that it is before and its distance from the surface [m], or None.
     tracker : where the tracker of a live hand stands, from its frame to the obstacles'.
@@ -91,6 +96,9 @@ class Setup:
     hands: tuple[Hand, ...]
     riding: tuple[tuple[str, float] | None, ...]
     tracker: Pose
+    uncertainty: Uncertainty | None = None
+    samples: int = 64
+    seed: int = 0
 
     @property
     def frequency(self) -> float:
@@ -161,9 +169,7 @@ def _set_up(path: Path, text: str, file: tables.SceneFile) -> Setup:
     with about("tracker"):
         tracker = Pose.identity() if file.tracker is None else pose_of(file.tracker)
     with about("drive"):
-        method = file.drive.method
-        if method not in METHODS:
-            raise InvalidInput(f'"{method}" is not a method here; {nearest(method, METHODS)}', code="unknown_name")
+        method = check_method(file.drive.method, file.uncertainty is not None)
         count = file.drive.levels
         levels = Levels.even(count, count) if isinstance(count, int) else Levels.even(count.amplitude, count.phase)
         with about("modulation"):
@@ -187,7 +193,31 @@ def _set_up(path: Path, text: str, file: tables.SceneFile) -> Setup:
         hands=tuple(hands),
         riding=riding_of(file.foci, len(foci)),
         tracker=tracker,
+        **_uncertainty(file.uncertainty),
     )
+
+
+def check_method(method: str, uncertain: bool) -> str:
+    """Return the name of a method; raise "unknown_name", or "uncertainty_missing" for one that needs samples."""
+    if method not in METHODS:
+        raise InvalidInput(f'"{method}" is not a method here; {nearest(method, METHODS)}', code="unknown_name")
+    if method in FOR_SAMPLES and not uncertain:
+        raise InvalidInput(
+            f'method = "{method}" is for what is in doubt, and there are 0 tables [uncertainty]: add one, such as '
+            "position = 1e-3 and rotation = 2.0.",
+            code="uncertainty_missing",
+        )
+    return method
+
+
+def _uncertainty(table: tables.UncertaintyTable | None) -> dict[str, Any]:
+    """Return what is in doubt, and how many samples of it are drawn from which seed."""
+    if table is None:
+        return {}
+    with about("uncertainty"):
+        check_counts(table.samples, table.seed)
+        given = {name: getattr(table, name) for name in table.__struct_fields__ if name not in ("samples", "seed")}
+        return {"uncertainty": Uncertainty(**given), "samples": table.samples, "seed": table.seed}
 
 
 def _modulation(table: tables.ModulationTable, foci: int) -> AmplitudeModulation | Motion:

@@ -367,6 +367,30 @@ class DriveTable(Table, frozen=True):
     modulation: ModulationTable | None = None
 
 
+class UncertaintyTable(Table, frozen=True):
+    """How sure one is of hand, air and transducers: standard deviations, as of ``airtact.Uncertainty``.
+
+    Drives are made for so many ``samples`` of them, from a ``seed``.
+    """
+
+    position: float = 0.0
+    rotation: float = 0.0
+    own_position: float = 0.0
+    own_rotation: float = 0.0
+    along_skin: float = 0.0
+    age: float = 0.0
+    velocity: Triple = (0.0, 0.0, 0.0)
+    temperature: float = 0.0
+    humidity: float = 0.0
+    gain: float = 0.0
+    phase: float = 0.0
+    dead: float = 0.0
+    board_position: float = 0.0
+    board_rotation: float = 0.0
+    samples: int = 64
+    seed: int = 0
+
+
 class SceneFile(Table, frozen=True):
     """The whole file; ``merge_bodies`` makes one of sound-hard bodies that overlap or are nearer than 0.3 mm.
 
@@ -384,6 +408,7 @@ class SceneFile(Table, frozen=True):
     most_points: int = MOST_POINTS
     solver: SolverTable = SolverTable()
     drive: DriveTable = DriveTable()
+    uncertainty: UncertaintyTable | None = None
     tracker: PoseTable | None = None
 
 

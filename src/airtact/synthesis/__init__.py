@@ -17,6 +17,8 @@ from airtact.synthesis.methods import METHODS
 from airtact.synthesis.motion import Motion, moving_foci, moving_target
 from airtact.synthesis.quantise import quantise, rounding_error
 from airtact.synthesis.reach import achieved_fraction
+from airtact.synthesis.samples.bound import RobustBound, robust_upper_bound
+from airtact.synthesis.samples.robust import goal_value, robust, robust_phase_only
 from airtact.synthesis.sequence import (
     Sequence,
     amplitude_modulation,
@@ -37,6 +39,7 @@ __all__ = [
     "Frame",
     "Levels",
     "Motion",
+    "RobustBound",
     "Sequence",
     "Stalled",
     "UpperBound",
@@ -48,6 +51,7 @@ __all__ = [
     "focus_by_distance",
     "focus_by_distance_phase_only",
     "gerchberg_saxton",
+    "goal_value",
     "gradient",
     "gs_pat",
     "inverse_filter",
@@ -59,6 +63,9 @@ __all__ = [
     "moving_target",
     "phase_conjugate",
     "quantise",
+    "robust",
+    "robust_phase_only",
+    "robust_upper_bound",
     "rounding_error",
     "spatiotemporal_modulation",
     "time_reversal",

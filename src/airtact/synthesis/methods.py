@@ -10,6 +10,7 @@ from airtact.synthesis.gradient import gradient
 from airtact.synthesis.least_peak import least_peak
 from airtact.synthesis.least_squares import eigenvector, inverse_filter, iterated_time_reversal
 from airtact.synthesis.max_min import max_min
+from airtact.synthesis.samples.robust import robust, robust_phase_only
 from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
 from airtact.transfer import Drive, TransferMatrix
 
@@ -55,7 +56,12 @@ _ALL = (
     Method(gs_pat, "alternating projections between the foci alone"),
     Method(max_min, "the strongest worst focus, from a semidefinite relaxation"),
     Method(gradient, "max_min improved along the gradient, suppression points silenced", heeds_suppression_points=True),
+    Method(robust, "the best for hands that may be elsewhere, at equal energy", heeds_suppression_points=True),
+    Method(robust_phase_only, "the same with every element at full scale", heeds_suppression_points=True),
 )
+
+FOR_SAMPLES = ("robust", "robust_phase_only")
+"""Methods whose drives are for all samples of an ensemble; on a matrix without samples nothing is in doubt."""
 
 METHODS: dict[str, Method] = {method.name: method for method in _ALL}
 """All methods by name, the default first."""

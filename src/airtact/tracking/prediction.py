@@ -19,6 +19,7 @@ from jaxtyping import Float64, Real
 
 from airtact.conventions import InvalidInput
 from airtact.hand.joints import CHAINS
+from airtact.scene.uncertainty import SMALLEST_ANGLE, Uncertainty
 from airtact.tracking.frame import FaultyFrame, HandFrame
 from airtact.validation import number, positive
 
@@ -31,6 +32,9 @@ AGILITY = 0.3
 
 TRACKED_CHAINS = tuple(tuple(range(start, start + 4)) for start in (1, 5, 9, 13, 17))
 """Landmarks of each finger, from the wrist to the tip, where there are 21."""
+
+MOST_IN_DOUBT = 0.1
+"""Largest deviation of a position that an uncertainty takes [m]."""
 
 LONGEST_LATENCY = 1.0
 """Longest latency over which a prediction makes sense [s]."""
@@ -198,6 +202,17 @@ class Predictor:
     def velocities(self) -> Float64[np.ndarray, "landmarks 3"]:
         """Return the velocities of the landmarks at the time of the newest frame [m/s]; raises as ``at``."""
         return self._newest()[1].velocities
+
+    def uncertainty(self, time: float) -> Uncertainty:
+        """Return what is in doubt about the hand a latency after a time [s]; raises as ``at``.
+
+        The position is that of ``spread``, at most 0.1 m, and the rotation is the turn that moves the landmarks as far
+        (root mean square about their middle).
+        """
+        off, positions = min(self.spread(time), MOST_IN_DOUBT), self._newest()[1].positions
+        lever = float(np.sqrt(np.mean(np.sum((positions - positions.mean(axis=0)) ** 2, axis=1))))
+        degrees = float(np.degrees(off / lever)) if lever > 0.0 else 0.0
+        return Uncertainty(position=off, rotation=min(degrees, 90.0) if degrees >= SMALLEST_ANGLE else 0.0)
 
     def _newest(self) -> tuple[HandFrame, Motion]:
         if self._seen is None:

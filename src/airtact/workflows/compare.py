@@ -1,6 +1,7 @@
 """From a scene file to a page that compares all ways to make its drive on one transfer matrix. Prints nothing."""
 
 import csv
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,7 @@ from airtact.steps import (
     with_control,
 )
 from airtact.synthesis.best import best, method_for
-from airtact.synthesis.methods import METHODS
+from airtact.synthesis.methods import FOR_SAMPLES, METHODS
 from airtact.synthesis.quantise import quantise
 from airtact.synthesis.upper_bound import upper_bound
 from airtact.timing import Clock, Progress, no_progress
@@ -35,8 +36,8 @@ from airtact.workflows.scene_view import scene_view
 FILES = ("methods.csv", "methods.html")
 """What a comparison writes beside the drives, in this order."""
 
-WAYS = tuple(name for name in METHODS if name != "best")
-"""The methods that are compared; `best` is one of them."""
+WAYS = tuple(name for name in METHODS if name != "best" and name not in FOR_SAMPLES)
+"""The methods that are compared, and those for samples where something is in doubt; `best` is one of them."""
 
 
 def compare(
@@ -64,8 +65,9 @@ def compare(
     with clock.step("scene", f"reading {path.name}"):
         setup = _fresh_setup(path, folder)
     transfer, beacons = solve_foci(setup, clock, store)
-    with clock.step("drives", f"making the drive by {len(WAYS)} methods"):
-        drives, seconds, notes = _all_drives(setup, transfer)
+    ways = WAYS if setup.uncertainty is None else (*WAYS, *FOR_SAMPLES)
+    with clock.step("drives", f"making the drive by {len(ways)} methods"):
+        drives, seconds, notes = _all_drives(setup, transfer, ways)
         bound = upper_bound(transfer, setup.target).worst
     files = {folder / "drives" / f"{name.replace(' ', '_')}.h5": drive for name, drive in drives.items()}
     save_drives(files, setup, transfer, beacons)
@@ -122,10 +124,12 @@ def _fresh_setup(path: Path, folder: Path) -> Setup:
     return setup
 
 
-def _all_drives(setup: Setup, transfer: TransferMatrix) -> tuple[dict[str, Drive], dict[str, float], list[str]]:
+def _all_drives(
+    setup: Setup, transfer: TransferMatrix, ways: Sequence[str]
+) -> tuple[dict[str, Drive], dict[str, float], list[str]]:
     """Make a drive by each method: drives, seconds, and warnings of those that raised or stalled."""
     drives, all_notes, clock = {}, [], Clock()
-    for name in WAYS:
+    for name in ways:
         words = name.replace("_", " ")
         try:
             with clock.step(words):
@@ -134,7 +138,7 @@ def _all_drives(setup: Setup, transfer: TransferMatrix) -> tuple[dict[str, Drive
             notes = (f"{words} made no drive: {fault}",)
         all_notes += notes
     if not drives:
-        raise InvalidInput(f"0 of {len(WAYS)} methods make a drive; {all_notes[0]}", code="no_drive")
+        raise InvalidInput(f"0 of {len(ways)} methods make a drive; {all_notes[0]}", code="no_drive")
     with clock.step(drive_names(setup.bodies)[-1]):
         drives |= with_control(setup, best)
     return drives, clock.seconds, all_notes

@@ -10,14 +10,16 @@ from jaxtyping import Float64
 
 from airtact.evaluation.comparison import Comparison, compare
 from airtact.evaluation.headline import FULL, beyond_linear, body_word, headline, shortfalls
+from airtact.evaluation.held_out import HeldOut, held_out
 from airtact.evaluation.windows import Window, box_around, close_up
 from airtact.figures.field_figure import Cut, cut_bodies
 from airtact.file_access.atomic import writable_folder
 from airtact.files.vtkhdf import write_field
 from airtact.pages.run_page import Rendered, Run, write_page
+from airtact.sampling.ensemble import TransferEnsemble
 from airtact.scene.target import Target
 from airtact.scene.target_points import outward
-from airtact.scene_file.building import Setup, read_scene
+from airtact.scene_file.building import Setup, check_method, read_scene
 from airtact.steps import (
     method_words,
     named,
@@ -33,6 +35,7 @@ from airtact.steps import (
 from airtact.synthesis.methods import METHODS
 from airtact.synthesis.quantise import quantise
 from airtact.synthesis.reach import fraction
+from airtact.synthesis.time_reversal import time_reversal
 from airtact.synthesis.upper_bound import upper_bound
 from airtact.timing import Clock, Progress, no_progress
 from airtact.transducers.drive_file import SEQUENCE_FILE
@@ -71,8 +74,7 @@ def render(
     clock = Clock(report_step)
     with clock.step("scene", f"reading {path.name}"):
         setup = read_scene(path)
-        if method is not None:
-            setup = replace(setup, method=method, synthesise=METHODS[method])
+        setup = setup if method is None else _by_method(setup, method)
         writable_folder(folder)
     transfer, beacons = solve_foci(setup, clock, store)
     with clock.step("drive", f"making the drive by {method_words(setup)}"):
@@ -101,6 +103,7 @@ def render(
         beacons=beacons,
         reached=reached,
         comparison=comparison,
+        doubt=_doubt(setup, transfer, drive),
         **_sentences(setup, transfer, drive, comparison, (*reach_cautions(setup), *notes, *noted)),
         sensation=sensations(setup, reached, moving),
         seconds=clock.seconds,
@@ -160,7 +163,11 @@ def _sentences(
     missing = shortfalls(setup.target, setup.foci, reached, peak)
     return {
         "headline": headline(comparison, peak, body_word(setup.bodies)),
-        "remarks": (*missing, _share_of_bound(setup, transfer, drive)),
+        "remarks": (
+            *missing,
+            *(() if (doubt := _doubt(setup, transfer, drive)) is None else (doubt.sentence(),)),
+            _share_of_bound(setup, transfer, drive),
+        ),
         "notes": (
             *notes,
             *beyond_linear(reached),
@@ -168,6 +175,21 @@ def _sentences(
             *named(comparison.report.warnings, setup.bodies),
         ),
     }
+
+
+def _by_method(setup: Setup, method: str) -> Setup:
+    check_method(method, setup.uncertainty is not None)
+    return replace(setup, method=method, synthesise=METHODS[method])
+
+
+def _doubt(setup: Setup, transfer: TransferMatrix, drive: Drive) -> HeldOut | None:
+    """Try the drive on samples that it was not made for, beside time reversal of the matrix without doubt."""
+    if not isinstance(transfer, TransferEnsemble) or transfer.held_out is None:
+        return None
+    drives = {setup.method.replace("_", " "): drive}
+    if setup.method != "time_reversal":
+        drives["time reversal"] = time_reversal(transfer, setup.target)
+    return held_out(transfer.held_out, setup.target, drives)
 
 
 def _share_of_bound(setup: Setup, transfer: TransferMatrix, drive: Drive) -> str:

@@ -76,6 +76,7 @@ def test_both_skins_are_near_each_other_and_the_uncertainty_is_honest(pose: str,
         assert 0.2 < np.sqrt(np.mean(off**2)) / fitted.part_errors[name] < 2.0
     joints = np.linalg.norm(fitted.hand.joints - true.joints, axis=1)
     assert 0.3 < np.sqrt(np.mean(joints**2) / np.mean(fitted.joint_errors**2)) < 3.0
+    assert fitted.uncertainty.own_position == pytest.approx(np.sqrt(np.mean(fitted.joint_errors**2) / 3.0))
 
 
 def test_later_frames_are_as_good_and_keep_the_sizes() -> None:

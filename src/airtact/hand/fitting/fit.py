@@ -22,6 +22,7 @@ from airtact.hand.joints import BONES, FINGERS, NAMES, Side, check_finger_order,
 from airtact.hand.kinematics import evenly_bent
 from airtact.pose import nearest_motion
 from airtact.printing import in_short
+from airtact.scene.uncertainty import Uncertainty
 from airtact.surfaces.surface import Surface
 from airtact.timing import Progress, no_progress
 from airtact.validation import check_finite, counted, fixed, in_mm, of_kind, real_numbers
@@ -53,6 +54,11 @@ class FittedHand:
     misfit: float
 
     __repr__ = in_short
+
+    @property
+    def uncertainty(self) -> Uncertainty:
+        """What is in doubt after the fit: each bone by itself, by the root mean square of the joints' errors."""
+        return Uncertainty(own_position=float(np.sqrt(np.mean(self.joint_errors**2) / 3.0)))
 
     @cached_property
     def surface(self) -> Surface:

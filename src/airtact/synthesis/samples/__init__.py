@@ -1,0 +1,1 @@
+"""Drives for many sampled transfer matrices at once, and what no drive exceeds over them."""

@@ -1,0 +1,358 @@
+"""Drives for hands whose place is not known exactly: the best for many sampled transfer matrices at once.
+
+Each sample has a value, the pressure of its weakest focus over what it asks; a goal is a statistic of these values. All
+goals are power means of some exponent: 1 is the mean, an exponent far below zero the worst. The lowest tenth is no
+smooth function of the drive; the power mean of exponent −2 serves in its place. It raises the lowest tenth of other
+samples as much as a smoothed quantile does, without fitting the few samples at the quantile.
+
+At equal energy Σ|d|² the best drive is a sum of conjugated rows, so that the search needs the products of the rows
+alone, however many elements there are.
+"""
+
+from collections.abc import Callable
+from typing import Literal, get_args
+
+import numpy as np
+from jaxtyping import Complex128, Float64
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+
+from airtact.conventions import InvalidInput
+from airtact.sampling.ensemble import TransferEnsemble
+from airtact.scene.target import Target
+from airtact.synthesis.max_min import strongest_sources
+from airtact.synthesis.reach import asked_rows, suppression_rows
+from airtact.transfer import Drive, TransferMatrix
+
+Goal = Literal["lowest tenth", "mean", "worst"]
+"""The statistic of the weakest focus over the samples."""
+
+Limit = Literal["energy", "amplitude", "phases"]
+"""What drives have in common: their energy Σ|d|², the full scale of each element, or full scale everywhere."""
+
+EXPONENTS = {"mean": (1.0,), "lowest tenth": (-2.0,), "worst": (-2.0, -8.0, -32.0)}
+"""Exponents of the power mean of each goal, one descent after another."""
+
+SHARPNESS = 8.0
+"""Minus the exponent of the power mean over the foci of a sample, which stands for the weakest of them."""
+
+ITERATIONS = 60
+"""Largest number of steps of one descent."""
+
+ALIKE = 1e-9
+"""Samples that differ from the nominal matrix by less than this share of its largest entry are the same."""
+
+BALANCED = 2000
+"""Steps that balance the foci of one matrix; they take microseconds."""
+
+LOSS = 0.15
+"""Largest share of the goal that suppression points may cost."""
+
+PENALTIES = tuple(float(10.0 ** (power / 2)) for power in range(-5, 7))
+"""Weights of the energy at suppression points over that of the elements, tried in turn."""
+
+RIDGE = 1e-10
+"""Share of the mean eigenvalue that is added to products of rows, which may depend on each other."""
+
+Rows = Complex128[np.ndarray, "rows elements"]
+Suppressed = Complex128[np.ndarray, "suppressed elements"]
+
+
+def robust(ensemble: TransferMatrix, target: Target, goal: Goal = "lowest tenth", *, limit: Limit = "energy") -> Drive:
+    """Make the drive that is best over all samples of an ensemble, for a hand whose place is not known exactly.
+
+    The gains of single elements are left to chance: they are as likely for one drive as for another, and a drive that
+    fitted those of the samples would be worse for others. Phases at the foci are chosen by the method.
+
+    Parameters
+    ----------
+    ensemble : the samples, from ``ensemble``; a matrix without samples has nothing in doubt.
+    target : the foci and what is asked there. Suppression points may cost 15 % of the goal.
+    goal : "lowest tenth", what the weakest focus gets 9 of 10 times; its "mean"; or its "worst" sample.
+    limit : what is held equal. "energy": the goal is best for the energy Σ|d|² that the drive emits. "amplitude": it is
+        best with no element over full scale. "phases": with every element at full scale.
+
+    Returns
+    -------
+    The drive. Its largest amplitude is 1, or less where the goal then reaches what the foci ask for. With nothing in
+    doubt it is the drive of the strongest worst focus at that limit, and for one focus that of ``time_reversal``
+    (``phase_conjugate`` for "amplitude" and "phases").
+
+    Raises
+    ------
+    InvalidInput
+        As ``gerchberg_saxton``; "unknown_name": there is no such goal or limit; "suppression_rows_missing".
+
+    Examples
+    --------
+    >>> import airtact as at
+    >>> target = at.Target(np.zeros((1, 3)))
+    >>> beacons = at.FreeField().radiate(at.Scene(at.air(), [], frequency=40e3), target.beacons())
+    >>> samples = at.ensemble(beacons, at.surrounding_box(), at.Uncertainty(position=2e-3))
+    >>> lowest = goal_value(samples, target, robust(samples, target))
+    >>> bool(lowest > goal_value(samples, target, at.time_reversal(samples, target)))
+    True
+    """
+    for word, known in ((goal, get_args(Goal)), (limit, get_args(Limit))):
+        if word not in known:
+            raise InvalidInput(f'"{word}" is not known here; there is {", ".join(known)}.', code="unknown_name")
+    nominal, wanted = asked_rows(ensemble, target)
+    nominal = nominal / wanted[:, None]
+    samples = sampled_rows(ensemble, target)
+    suppressed = _suppressed(ensemble, target)
+    found = _best(nominal, samples, suppressed, goal, limit)
+    return _scaled(ensemble, target, found, goal)
+
+
+def robust_phase_only(ensemble: TransferMatrix, target: Target, goal: Goal = "lowest tenth") -> Drive:
+    """Make the drive of ``robust`` with every element at full scale; parameters and errors as there."""
+    return robust(ensemble, target, goal, limit="phases")
+
+
+def goal_value(ensemble: TransferMatrix, target: Target, drive: Drive, goal: Goal = "lowest tenth") -> float:
+    """Return what a drive reaches of a goal over the samples: a pressure [Pa], or a share of what the foci ask for.
+
+    Parameters
+    ----------
+    ensemble, target : as for ``robust``.
+    drive : of the elements of the ensemble.
+    goal : the statistic of the weakest focus.
+
+    Raises
+    ------
+    InvalidInput
+        If the elements or the foci do not match.
+    """
+    return _statistic(weakest(ensemble, target, drive), goal)
+
+
+def weakest(ensemble: TransferMatrix, target: Target, drive: Drive) -> Float64[np.ndarray, "samples"]:
+    """Return the pressure of the weakest focus in each sample (S,), over what it asks where pressures are asked [Pa].
+
+    Raises
+    ------
+    InvalidInput
+        If the elements or the foci do not match.
+    """
+    _, wanted = asked_rows(ensemble, target)
+    asked = np.flatnonzero(target.weights > 0.0)
+    pressures = ensemble.pressures(drive) if isinstance(ensemble, TransferEnsemble) else ensemble.pressure(drive)[None]
+    return (np.abs(pressures[:, asked]) / wanted).min(axis=1)
+
+
+def sampled_rows(ensemble: TransferMatrix, target: Target) -> Complex128[np.ndarray, "samples asked elements"]:
+    """Return the rows of each sample at the foci, over what they ask; one sample where all are alike."""
+    nominal, wanted = asked_rows(ensemble, target)
+    if not isinstance(ensemble, TransferEnsemble):
+        return (nominal / wanted[:, None])[None]
+    rows = ensemble.geometry[:, np.flatnonzero(target.weights > 0.0)]
+    if np.abs(rows - nominal).max() <= ALIKE * np.abs(nominal).max():
+        rows = nominal[None]
+    return rows / wanted[:, None]
+
+
+def _suppressed(ensemble: TransferMatrix, target: Target) -> Suppressed:
+    nominal = suppression_rows(ensemble, target)
+    if not len(nominal) or not isinstance(ensemble, TransferEnsemble):
+        return nominal
+    rows = ensemble.geometry[:, len(target.points) :]
+    return rows.reshape(-1, rows.shape[2]) / np.sqrt(len(rows))
+
+
+def _statistic(values: Float64[np.ndarray, "samples"], goal: str) -> float:
+    if goal == "mean":
+        return float(values.mean())
+    return float(values.min() if goal == "worst" else np.quantile(values, 0.1))
+
+
+def _scaled(
+    ensemble: TransferMatrix, target: Target, amplitudes: Complex128[np.ndarray, "elements"], goal: Goal
+) -> Drive:
+    full = Drive(amplitudes / np.abs(amplitudes).max())
+    if target.pressures is None:
+        return full
+    return Drive(full.amplitudes / max(goal_value(ensemble, target, full, goal), 1.0))
+
+
+def _best(
+    nominal: Complex128[np.ndarray, "foci elements"],
+    samples: Complex128[np.ndarray, "samples foci elements"],
+    suppressed: Suppressed,
+    goal: Goal,
+    limit: Limit,
+) -> Complex128[np.ndarray, "elements"]:
+    """Find the amplitudes; with suppression points, by growing penalties until the goal has lost ``LOSS``."""
+    rows = samples.reshape(-1, samples.shape[2])
+    start = balanced(nominal, phases=limit != "energy")
+    if len(samples) == 1 and not len(suppressed):
+        return start
+    search = _by_energy if limit == "energy" else _by_element
+
+    def value(amplitudes: Complex128[np.ndarray, "elements"]) -> float:
+        scale = np.linalg.norm(amplitudes) if limit == "energy" else np.abs(amplitudes).max()
+        return _statistic(np.abs(samples @ amplitudes).min(axis=1), goal) / float(scale)
+
+    none = suppressed[:0]
+    if len(samples) == 1:
+        best = start
+    else:
+        tried = [start, search(rows, samples.shape[:2], none, 0.0, start, goal, limit)]
+        best = max(tried, key=value)
+    least = (1.0 - LOSS) * value(best)
+    for penalty in PENALTIES if len(suppressed) else ():
+        weight = penalty * suppressed.shape[1] / np.sum(np.abs(suppressed) ** 2)
+        found = search(rows, samples.shape[:2], suppressed, weight, best, goal, limit)
+        if value(found) < least:
+            break
+        best = found
+    return best
+
+
+def balanced(matrix: Complex128[np.ndarray, "foci elements"], phases: bool) -> Complex128[np.ndarray, "elements"]:
+    """Make the weakest focus of one matrix strongest, by alternating projections that give weak foci more weight.
+
+    With ``phases`` every element is at full scale, else the energy is what is limited; ``matrix`` has rows over what
+    each focus asks.
+    """
+    if phases:
+        sent = matrix.conj().T @ strongest_sources(matrix, 300)
+        return sent / np.maximum(np.abs(sent), np.finfo(float).tiny)
+    products = matrix @ matrix.conj().T
+    starts = [np.ones(len(matrix), dtype=np.complex128)]
+    starts += [np.exp(2j * np.pi * turn * np.arange(len(matrix)) / 4) for turn in (1, 2, 3)] if len(matrix) > 1 else []
+    ends = [_balanced_sources(products, start) for start in starts]
+    strengths = [np.abs(products @ end).min() / np.sqrt(np.vdot(end, products @ end).real) for end in ends]
+    return matrix.conj().T @ ends[int(np.argmax(np.round(strengths / max(strengths), 9)))]
+
+
+def _balanced_sources(
+    products: Complex128[np.ndarray, "foci foci"], start: Complex128[np.ndarray, "foci"]
+) -> Complex128[np.ndarray, "foci"]:
+    weights, sources = np.ones(len(start)), start
+    for _ in range(BALANCED):
+        received = products @ sources
+        size = np.maximum(np.abs(received), np.finfo(float).tiny)
+        change = size.mean() / size
+        weights = weights * np.sqrt(change)
+        weights = weights / weights.mean()
+        sources = weights * received / size
+        if np.abs(change - 1.0).max() < 1e-12:
+            break
+    return sources
+
+
+# --- descents -------------------------------------------------------------------------------------------------------
+
+
+def _by_energy(
+    rows: Rows,
+    shape: tuple[int, int],
+    suppressed: Suppressed,
+    weight: float,
+    start: Complex128[np.ndarray, "elements"],
+    goal: Goal,
+    limit: Limit,
+) -> Complex128[np.ndarray, "elements"]:
+    """Find the best drive of unit energy, that at suppression points included: d = M⁻¹ Aᴴ s, M = 1 + weight Rᴴ R."""
+    back = rows.conj().T
+    if len(suppressed):
+        energy = np.eye(rows.shape[1]) + weight * suppressed.conj().T @ suppressed
+        back = cho_solve((cholesky(energy, lower=True), True), back)
+    products = rows @ back
+    products = 0.5 * (products + products.conj().T)
+    ridge = RIDGE * np.trace(products).real / len(products)
+    lower = cholesky(products + ridge * np.eye(len(products)), lower=True)
+
+    def received(
+        numbers: Complex128[np.ndarray, "rows"],
+    ) -> tuple[Complex128[np.ndarray, "rows"], Callable]:
+        norm = np.linalg.norm(numbers)
+        unit = numbers / norm
+
+        def pull(by_pressure: Complex128[np.ndarray, "rows"]) -> Complex128[np.ndarray, "rows"]:
+            by_unit = lower.conj().T @ by_pressure
+            return (by_unit - unit * np.vdot(unit, by_unit).real) / norm
+
+        return lower @ unit, pull
+
+    numbers = solve_triangular(lower, rows @ start, lower=True)
+    for exponent in EXPONENTS[goal]:
+        numbers = _climbed(numbers, received, shape, exponent)
+    return back @ solve_triangular(lower.conj().T, numbers / np.linalg.norm(numbers), lower=False)
+
+
+def _by_element(
+    rows: Rows,
+    shape: tuple[int, int],
+    suppressed: Suppressed,
+    weight: float,
+    start: Complex128[np.ndarray, "elements"],
+    goal: Goal,
+    limit: Limit,
+) -> Complex128[np.ndarray, "elements"]:
+    """Find the best drive with each element at most, or exactly, at full scale.
+
+    Amplitudes are sines of angles, which keeps them within full scale without bounds.
+    """
+    full = limit == "phases"
+    count, back = len(start), rows.conj().T
+
+    def drive_of(numbers: Float64[np.ndarray, "numbers"]) -> Complex128[np.ndarray, "elements"]:
+        size = np.ones(count) if full else np.sin(numbers[count:])
+        return size * np.exp(1j * numbers[:count])
+
+    def value(numbers: Float64[np.ndarray, "numbers"], exponent: float) -> tuple[float, Float64[np.ndarray, "numbers"]]:
+        amplitudes = drive_of(numbers)
+        reached, by_pressure = _power_mean(rows @ amplitudes, shape, exponent)
+        slope = back @ by_pressure
+        if len(suppressed):
+            there = suppressed @ amplitudes
+            energy = count + weight * float(np.vdot(there, there).real)
+            reached -= 0.5 * np.log(energy)
+            slope = slope - weight * suppressed.conj().T @ there / energy
+        by_phase = np.real(np.conj(slope) * 1j * amplitudes)
+        if full:
+            return -reached, -by_phase
+        by_angle = np.real(np.conj(slope) * np.exp(1j * numbers[:count])) * np.cos(numbers[count:])
+        return -reached, -np.concatenate([by_phase, by_angle])
+
+    from scipy.optimize import minimize
+
+    numbers = np.angle(start) if full else np.concatenate([np.angle(start), np.full(count, 0.45 * np.pi)])
+    for exponent in EXPONENTS[goal]:
+        numbers = minimize(value, numbers, (exponent,), jac=True, method="L-BFGS-B", options={"maxiter": ITERATIONS}).x
+    return drive_of(numbers)
+
+
+def _climbed(
+    start: Complex128[np.ndarray, "rows"], received: Callable, shape: tuple[int, int], exponent: float
+) -> Complex128[np.ndarray, "rows"]:
+    """Raise the power mean by L-BFGS (Liu and Nocedal, Math. Program. 45, 503 (1989)) over complex numbers."""
+    from scipy.optimize import minimize
+
+    count = len(start)
+
+    def value(numbers: Float64[np.ndarray, "numbers"]) -> tuple[float, Float64[np.ndarray, "numbers"]]:
+        pressures, pull = received(numbers[:count] + 1j * numbers[count:])
+        reached, by_pressure = _power_mean(pressures, shape, exponent)
+        slope = pull(by_pressure)
+        return -reached, -np.concatenate([np.real(slope), np.imag(slope)])
+
+    numbers = np.concatenate([np.real(start), np.imag(start)]) / np.linalg.norm(start)
+    options = {"maxiter": ITERATIONS, "ftol": 1e-5}
+    found = minimize(value, numbers, jac=True, method="L-BFGS-B", options=options).x
+    return found[:count] + 1j * found[count:]
+
+
+def _power_mean(
+    pressures: Complex128[np.ndarray, "rows"], shape: tuple[int, int], exponent: float
+) -> tuple[float, Complex128[np.ndarray, "rows"]]:
+    """Logarithm of the power mean over the samples of the weakest focus, and its gradient by the pressures."""
+    logs = np.log(np.maximum(np.abs(pressures), np.finfo(float).tiny)).reshape(shape)
+    low = logs.min(axis=1, keepdims=True)
+    foci = np.exp(SHARPNESS * (low - logs))
+    values = low[:, 0] - np.log(foci.mean(axis=1)) / SHARPNESS
+    peak = (exponent * values).max()
+    samples = np.exp(exponent * values - peak)
+    mean = (peak + np.log(samples.mean())) / exponent
+    shares = (samples / samples.sum())[:, None] * foci / foci.sum(axis=1, keepdims=True)
+    return float(mean), (shares / np.exp(2.0 * logs)).reshape(-1) * pressures
