@@ -3,6 +3,7 @@
 import os
 import pty
 import threading
+import time
 import tty
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -161,6 +162,13 @@ class Wire:
                 return
             waiter.wait(0.002)
         raise AssertionError(f"{self.heard} of {count} bytes were heard")
+
+    def silent(self, seconds: float = 20.0) -> bool:
+        """Wait until what was written has made the board silent."""
+        end = time.monotonic() + seconds
+        while self.board.pulses().any() and time.monotonic() < end:
+            time.sleep(0.02)
+        return not self.board.pulses().any()
 
     def close(self) -> None:
         os.close(self.slave)

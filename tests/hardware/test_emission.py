@@ -154,8 +154,7 @@ def test_a_signal_during_a_sequence_ends_in_silence_on_serial_boards(name, model
     with wired(model()) as wire:
         with pytest.raises(SystemExit):
             playing(SerialLink(wire.port, name), work)
-        time.sleep(0.05)
-        assert not wire.board.pulses().any()
+        assert wire.silent()
 
 
 # --- links that fail ------------------------------------------------------------------------------------------------
