@@ -12,6 +12,7 @@ from airtact.live.drives.maker import HandAware
 from airtact.live.drives.riding import gap_change, ride, turn
 from airtact.live.drives.solver_process import Asked, ShapeSolver, SolverProcess
 from airtact.live.parts import Controls
+from hand.hand_poses import example
 from live.live_scenes import one_board
 from tracking.motions import pinch_pose, still
 
@@ -123,6 +124,23 @@ def test_rigid_phalanges_are_solved_wherever_they_are(scene, joints, phalanges):
         if rigid.outgrown:
             return
     raise AssertionError("bodies of a smaller hand were kept")
+
+
+def test_a_palm_is_a_plane_beside_rigid_phalanges():
+    joints, radii = example("relaxed")
+    hand = at.hand_from_joints(joints, radii)
+    array = at.flat_boards(1, 2).facing(tuple(joints.mean(axis=0)), tuple(hand.position("palm")[1]), 0.2)
+    places, offsets = ("palm", "index.pad"), np.full(2, 2e-3)
+    scene = at.live.LiveScene(at.air(), 40e3, array, hand.side, radii, places, offsets)
+    open_air = OpenAir(scene).rows(ride(scene, joints).foci)
+    whole = open_air * solved(scene, joints, "hand", 0.0).factors
+    rigid = open_air * RigidParts(scene, joints).solved(joints, 0.0).factors
+
+    def alike(one, other):
+        return [abs(np.vdot(a, b)) / np.linalg.norm(a) / np.linalg.norm(b) for a, b in zip(one, other, strict=True)]
+
+    assert min(alike(rigid, whole)) > 0.78
+    assert alike(rigid, whole)[0] > alike(open_air, whole)[0] + 0.03
 
 
 def test_distances_are_played_where_nothing_is_solved_or_wanted(scene, joints, phalanges):
