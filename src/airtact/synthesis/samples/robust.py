@@ -42,7 +42,10 @@ ALIKE = 1e-9
 """Samples that differ from the nominal matrix by less than this share of its largest entry are the same."""
 
 BALANCED = 2000
-"""Steps that balance the foci of one matrix; they take microseconds."""
+"""Steps that balance the foci of one matrix where that is the result."""
+
+STARTED = 30
+"""Steps that balance them where samples go on from there."""
 
 LOSS = 0.15
 """Largest share of the goal that suppression points may cost."""
@@ -182,8 +185,9 @@ def _best(
 ) -> Complex128[np.ndarray, "elements"]:
     """Find the amplitudes; with suppression points, by growing penalties until the goal has lost ``LOSS``."""
     rows = samples.reshape(-1, samples.shape[2])
-    start = balanced(nominal, phases=limit != "energy")
-    if len(samples) == 1 and not len(suppressed):
+    alone = len(samples) == 1 and not len(suppressed)
+    start = balanced(nominal, limit != "energy", BALANCED if alone else STARTED)
+    if alone:
         return start
     search = _by_energy if limit == "energy" else _by_element
 
@@ -207,7 +211,9 @@ def _best(
     return best
 
 
-def balanced(matrix: Complex128[np.ndarray, "foci elements"], phases: bool) -> Complex128[np.ndarray, "elements"]:
+def balanced(
+    matrix: Complex128[np.ndarray, "foci elements"], phases: bool, steps: int = BALANCED
+) -> Complex128[np.ndarray, "elements"]:
     """Make the weakest focus of one matrix strongest, by alternating projections that give weak foci more weight.
 
     With ``phases`` every element is at full scale, else the energy is what is limited; ``matrix`` has rows over what
@@ -216,19 +222,21 @@ def balanced(matrix: Complex128[np.ndarray, "foci elements"], phases: bool) -> C
     if phases:
         sent = matrix.conj().T @ strongest_sources(matrix, 300)
         return sent / np.maximum(np.abs(sent), np.finfo(float).tiny)
+    if len(matrix) == 1:
+        return matrix[0].conj()
     products = matrix @ matrix.conj().T
     starts = [np.ones(len(matrix), dtype=np.complex128)]
-    starts += [np.exp(2j * np.pi * turn * np.arange(len(matrix)) / 4) for turn in (1, 2, 3)] if len(matrix) > 1 else []
-    ends = [_balanced_sources(products, start) for start in starts]
+    starts += [np.exp(2j * np.pi * turn * np.arange(len(matrix)) / 4) for turn in (1, 2, 3)]
+    ends = [_balanced_sources(products, start, steps) for start in starts]
     strengths = [np.abs(products @ end).min() / np.sqrt(np.vdot(end, products @ end).real) for end in ends]
     return matrix.conj().T @ ends[int(np.argmax(np.round(strengths / max(strengths), 9)))]
 
 
 def _balanced_sources(
-    products: Complex128[np.ndarray, "foci foci"], start: Complex128[np.ndarray, "foci"]
+    products: Complex128[np.ndarray, "foci foci"], start: Complex128[np.ndarray, "foci"], steps: int
 ) -> Complex128[np.ndarray, "foci"]:
     weights, sources = np.ones(len(start)), start
-    for _ in range(BALANCED):
+    for _ in range(steps):
         received = products @ sources
         size = np.maximum(np.abs(received), np.finfo(float).tiny)
         change = size.mean() / size
