@@ -70,6 +70,7 @@ bench: $(VENV)/installed-for-tests
 	PYTHONPATH=.:tests $(BIN)/python benchmarks/finite_element.py
 	PYTHONPATH=.:tests $(BIN)/python benchmarks/synthesis.py
 	PYTHONPATH=.:tests $(BIN)/python benchmarks/frames.py
+	PYTHONPATH=.:tests $(BIN)/python benchmarks/emission.py
 	PYTHONPATH=.:tests $(BIN)/python benchmarks/hand_meshing.py
 	PYTHONPATH=.:tests $(BIN)/python benchmarks/hand_tracking.py
 

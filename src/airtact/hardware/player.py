@@ -85,6 +85,7 @@ class Player:
         self._trouble: Exception | None = None
         self._log: TextIO | None = None
         self._drive: Drives | None = None
+        self._full: Frame | None = None
         self._share = 1.0
         self._gain, self._slope, self._pause, self._next_step = 0.0, 0.0, 0.0, 0.0
         self._swing: Swing | None = None
@@ -118,7 +119,7 @@ class Player:
         self._repeated = None
         self._drive = amplitudes
         self._share = share_under_cap(amplitudes[None], self.link.levels, self._set.cap)
-        full = frame_at(amplitudes, self.link.levels, self._share)
+        self._full = full = frame_at(amplitudes, self.link.levels, self._share)
         if not self.link.real_time:
             self._transmit(full)
             return full, 0.0
@@ -151,7 +152,7 @@ class Player:
             link.play([frames[index % len(frames)] for index in range(repeated.total)], rate)
             repeated.begun, repeated.sent, repeated.index = -np.inf, repeated.total, repeated.total
             return 0.0
-        self._drive = drives[np.linalg.norm(drives, axis=1).argmax()]
+        self._drive, self._full = drives[np.linalg.norm(drives, axis=1).argmax()], None
         if not self._emitting:
             self._rise()
         if self._gain == 1.0:
@@ -360,6 +361,8 @@ class Player:
         """Return the newest drive at the gain and the modulation of now."""
         assert self._drive is not None
         factor = 1.0 if self._swing is None or self._repeated is not None else self._swing.factor(time.monotonic())
+        if self._full is not None and self._gain * factor == 1.0:
+            return self._full
         return frame_at(self._drive, self.link.levels, self._share * self._gain * factor)
 
     # --- the link -----------------------------------------------------------------------------------------------
