@@ -1,5 +1,6 @@
 """Every shape in a signature is checked while the tests run."""
 
+import signal
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
@@ -15,6 +16,8 @@ from jaxtyping import install_import_hook
 from paths import GENERIC_HAND
 
 mpl.use("Agg")
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs of a shell ignore it
 install_import_hook("airtact", "checked_types.check")
 settings.register_profile("airtact", deadline=None, derandomize=True, max_examples=40)
 settings.load_profile("airtact")

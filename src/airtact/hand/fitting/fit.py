@@ -1,7 +1,7 @@
 """Fit a hand to the points that a depth camera saw and to the rough landmarks of a tracker."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
@@ -138,25 +138,34 @@ def fit_hand(
     spread = np.full(25, ROUGH)
     if len(landmarks) == 21:
         spread[[5, 10, 15, 20]] = BASE
-    nothing = Observation(np.zeros((0, 3)), joints, spread, side, known, None, None)
     silhouette = None if eye is None else silhouette_of(cloud, eye)
     seen = Observation(cell_means(cloud), joints, spread, side, known, eye, silhouette)
     start = _carried(before, joints) if before is not None and before.hand.side == side else None
     sizes = known.mean if person is None else person.mean
-    report_step = progress or no_progress
     with _threads().limit(limits=1, user_api="blas"):  # they wait for each other, the matrices being small
-        if start is None:
-            report_step("fitting a hand to the landmarks")
-            bent = evenly_bent(joints, np.exp(known.mean[: len(BONES)]), side)
-            starts = (best_hand(nothing, (bent,), known.mean, hold=known.settled).joints, joints)
-            report_step(f"fitting it to {counted(len(seen.points), 'point', 'points')}")
-            found = best_hand(seen, starts, sizes, hold=known.settled)
-        else:
-            report_step(f"moving the hand of the frame before to {counted(len(seen.points), 'point', 'points')}")
-            found = next_hand(seen, start, sizes, hold=known.settled)
+        found = _found(seen, start, sizes, progress or no_progress)
         fitted = _fitted(seen, found, before, person or known)
         _check_explained(seen, fitted, cloud)
         return fitted
+
+
+def _found(
+    seen: Observation,
+    start: Float64[np.ndarray, "25 3"] | None,
+    sizes: Float64[np.ndarray, "62"],
+    report_step: Progress,
+) -> HandEstimate:
+    """Find the hand of a cloud from the frame before, or, where that gives no start, from the landmarks alone."""
+    known, cloud = seen.anatomy, counted(len(seen.points), "point", "points")
+    if start is not None:
+        report_step(f"moving the hand of the frame before to {cloud}")
+        return next_hand(seen, start, sizes, hold=known.settled)
+    report_step("fitting a hand to the landmarks")
+    nothing = replace(seen, points=np.zeros((0, 3)), camera=None, silhouette=None)
+    bent = evenly_bent(seen.landmarks, np.exp(known.mean[: len(BONES)]), seen.side)
+    starts = (best_hand(nothing, (bent,), known.mean, hold=known.settled).joints, seen.landmarks)
+    report_step(f"fitting it to {cloud}")
+    return best_hand(seen, starts, sizes, hold=known.settled)
 
 
 @cache
