@@ -7,8 +7,8 @@ import pytest
 import trimesh
 
 from airtact.hand.files import load_hand
-from airtact.hand.hand import hand_from_joints
-from airtact.hand.scans import PLACES, load_rigged_hand, places_on
+from airtact.hand.hand import PLACES, hand_from_joints
+from airtact.hand.scans import load_rigged_hand, places_on
 from airtact.pose import Pose
 from airtact.surfaces.files import load_surface
 from faults import raises_code

@@ -176,7 +176,7 @@ def busy() -> None:
             "link_not_opened",
             "/dev/no-such-port cannot be opened (error 2)",
         ),
-        (busy, "link_in_use", f"process {os.getpid()}"),
+        pytest.param(busy, "link_in_use", f"process {os.getpid()}", id="busy"),
         (lambda: SerialLink(None), "wrong_kind", "a str"),
         (lambda: SerialLink("x", boards=1.5), "board_count", "1 to 2 sonicsurface boards, not 1.5"),
         (lambda: SerialLink("x", "openmpd"), "unknown_link", "0 baud"),
