@@ -450,7 +450,7 @@ def test_a_file_that_cannot_be_read_is_rejected(tmp_path):
 
 @pytest.mark.parametrize("name", METHODS)
 def test_a_file_can_name_every_method(read, name):
-    setup = read(MEDIUM, ARRAY, FOCUS, f'[drive]\nmethod = "{name}"')
+    setup = read(MEDIUM, ARRAY, FOCUS, f'[drive]\nmethod = "{name}"\n[uncertainty]\nposition = 1e-3\n')
     assert setup.synthesise is METHODS[name]
 
 
