@@ -43,9 +43,20 @@ BYTES = (
 
 
 def seeds(fast: int, slow: int, *found: int) -> list:
-    """List the seeds of a fuzz test: the first ones and those that found a fault, and others marked as slow."""
-    others = (seed for seed in range(fast, slow) if seed not in found)
-    return [*range(fast), *found, *(pytest.param(seed, marks=pytest.mark.slow) for seed in others)]
+    """List the seeds of a fuzz test, ten in a test: the first ones and those that found a fault; others are slow."""
+    first, others = [*range(fast), *found], [seed for seed in range(fast, slow) if seed not in found]
+    return [
+        *(pytest.param(batch, id=_id(batch)) for batch in batched(first, 10)),
+        *(pytest.param(batch, id=_id(batch), marks=pytest.mark.slow) for batch in batched(others, 100)),
+    ]
+
+
+def batched(seeds: list[int], size: int) -> list[list[int]]:
+    return [seeds[start : start + size] for start in range(0, len(seeds), size)]
+
+
+def _id(batch: list[int]) -> str:
+    return f"{batch[0]}-{batch[-1]}"
 
 
 def damaged(raw: bytes, draw: random.Random) -> bytes:
