@@ -70,7 +70,7 @@ def test_what_cannot_be_shown_is_rejected(capsys, recording, tmp_path):
         ([recording, "--leave-out", "--frame", 7777], "frame 7777", "0 to 9", "unknown_frame"),
         ([recording, "--gap", 0.01], "0.01 m", "options_clash"),
         ([pose, "--frame", 3], "pinch.json is 1 pose", "options_clash"),
-        ([tmp_path / "none.jsonl"], "none.jsonl", "file_unreadable"),
+        ([tmp_path / "none.jsonl"], "none.jsonl", "file_missing"),
     ):
         code, _, said = output(capsys, "hand", *arguments, "--out", out)
         assert code == 2

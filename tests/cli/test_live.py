@@ -234,6 +234,7 @@ def test_the_page_is_served_beside_the_loop(tmp_path):
         assert address
         with urllib.request.urlopen(address[1], timeout=30) as page:
             assert page.status == 200
+        running.said("playing")
         running.process.send_signal(signal.SIGINT)
         assert running.ended()[0] == 0
 

@@ -98,6 +98,7 @@ def test_of_two_hundred_connections_those_beyond_the_limit_are_turned_away():
     with WebSocketReceiver(HandStream(silence=PATIENCE)) as receiver, ExitStack() as all_of_them:
         address = f"ws://127.0.0.1:{receiver.port}"
         held = [all_of_them.enter_context(connect(address)) for _ in range(MOST_CONNECTIONS)]
+        until(lambda: len(receiver._connections) == MOST_CONNECTIONS)
         for _ in range(200 - MOST_CONNECTIONS):
             with connect(address) as late, pytest.raises(ConnectionClosed) as caught:
                 late.recv(timeout=PATIENCE)

@@ -36,8 +36,8 @@ def render(scene: Path, folder: Path, method: str | None, store: Path | None, pi
     """Compute the drive and the field for SCENE and write drive.csv, drive.h5, field.vtkhdf and report.html.
 
     SCENE is scene.toml by default, which airtact init writes; or one of the examples that come with airtact:
-    air_letters, open_hand, palm_circle, pinch, pinch_pose, suppressed_pinch. With --no-pictures only the drive is
-    written. Foci that move, by [drive.modulation] in the scene, are in sequence.h5.
+    air_letters, live_pinch, open_hand, palm_circle, pinch, pinch_pose, suppressed_pinch. With --no-pictures only the
+    drive is written. Foci that move, by [drive.modulation] in the scene, are in sequence.h5.
     """
     with progress() as report_step:
         report_step("starting")
