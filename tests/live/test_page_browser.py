@@ -96,6 +96,7 @@ def test_escape_is_the_emergency_stop(browser) -> None:
         page.close()
 
 
+@pytest.mark.slow
 def test_a_hand_is_dragged_only_while_the_page_is_open(browser) -> None:
     with Loop(dragged=True) as loop:
         time.sleep(0.5)

@@ -125,6 +125,7 @@ def browser_like(address: str) -> ClientConnection:
     return page
 
 
+@pytest.mark.slow
 def test_a_page_that_reads_nothing_leaves_the_others_in_time() -> None:
     with Loop() as loop:
         pages = [browser_like(loop.page.address) for _ in range(3)]

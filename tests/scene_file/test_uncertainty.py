@@ -48,6 +48,7 @@ def test_a_drive_for_samples_needs_what_is_in_doubt(read) -> None:
         read('[drive]\nmethod = "robust"\n')
 
 
+@pytest.mark.slow
 def test_a_run_says_what_is_kept_nine_of_ten_times(read, tmp_path) -> None:
     from airtact.workflows.compare import compare
     from airtact.workflows.render import render
