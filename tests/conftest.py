@@ -1,5 +1,6 @@
 """Every shape in a signature is checked while the tests run."""
 
+import shutil
 import signal
 from collections.abc import Callable
 from importlib import import_module
@@ -21,6 +22,9 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 install_import_hook("airtact", "checked_types.check")
 settings.register_profile("airtact", deadline=None, derandomize=True, max_examples=40)
 settings.load_profile("airtact")
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+SOFTWARE = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
 
 _kernels = import_module("airtact._kernels")  # after the hook
 
@@ -56,3 +60,15 @@ def hand_file() -> Path:
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(20140624)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    if CHROMIUM is None:
+        pytest.skip("no Chromium is installed, so no page is opened.")
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        opened = playwright.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE)
+        yield opened
+        opened.close()

@@ -1,7 +1,6 @@
 """The page in a real browser: what is set there reaches the loop, and what the loop does is to be seen."""
 
 import io
-import shutil
 import time
 
 import numpy as np
@@ -11,22 +10,8 @@ from PIL import Image
 from live.live_scenes import Loop
 from tracking.motions import pinch_pose
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-SOFTWARE = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
 PATIENCE = 120.0
 """The pictures are drawn by the processor, which others may be using [s]."""
-
-
-@pytest.fixture(scope="module")
-def browser():
-    if CHROMIUM is None:
-        pytest.skip("no Chromium is installed, so no page is opened.")
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE)
-        yield opened
-        opened.close()
 
 
 def opened_page(browser, address):

@@ -39,7 +39,7 @@ def serve(channel: Channel, gone: Callable[[], bool] = lambda: False, here: Link
                     return
             if player is not None:
                 player.step()
-    except (EOFError, OSError):
+    except (EOFError, OSError):  # the feeder is gone: what follows silences the boards
         pass
     finally:
         if player is not None:
