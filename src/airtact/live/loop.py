@@ -48,14 +48,12 @@ class Status:
     rate : drives a second.
     age : from the time of the newest frame to the sound in the air, median [s]; NaN without drives.
     kept : expected share of the attainable pressure, median; NaN where it is not known.
-    late : what is late, in words; empty where nothing is.
     """
 
     state: str
     rate: float
     age: float
     kept: float
-    late: str = ""
 
     def __str__(self) -> str:
         """Write it on one line."""
@@ -64,7 +62,7 @@ class Status:
             parts += [f"{self.rate:.0f} drives/s", f"age {1e3 * self.age:.0f} ms"]
         if np.isfinite(self.kept):
             parts.append(f"{self.kept:.0%} of the attainable pressure expected")
-        return ", ".join([*parts, *([f"late: {self.late}"] if self.late else [])])
+        return ", ".join(parts)
 
 
 @dataclass(frozen=True)
