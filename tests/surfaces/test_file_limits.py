@@ -100,6 +100,7 @@ HURTFUL = {
     "number cut.obj": (("v 0 0 a\n" + VERTEX_LINES + FACE_LINES).encode(), "file_unreadable"),
     "lines.ply": (PLY + b"\n" * (MOST_MESH_LINES + 1), "too_many_lines"),
     "faces.ply": (PLY.replace(b"face 1", b"face 9999999"), "too_many_triangles"),
+    "corners.ply": (PLY.replace(b"vertex 3", b"vertex 9999999"), "too_many_triangles"),
     "properties.ply": (PLY.replace(b"end", b"property float y\n" * 20_000 + b"end"), "too_many_nodes"),
     "no text.stl": (b"\xff\xfe" * 500, "file_unreadable"),
     "solids.stl": (b"solid a\nendsolid a\n" * 3000, "too_many_nodes"),
