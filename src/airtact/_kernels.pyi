@@ -8,6 +8,7 @@ def use_variant(name: str) -> None: ...
 
 lanes: int
 sharing: int
+word_of_element: int
 
 def dual_blocks_bfloat16(
     points: np.ndarray,

@@ -422,6 +422,19 @@ static void even(Write<double, -1, 3> vertices, Write<double, -1> sizes, Write<s
                       share);
 }
 
+// A pointer of this type is what pyautd3's library calls once for each element: context, geometry, board, element, and
+// where the drive goes, phase in the low byte. The context is a table of words, elements_of_a_board a board.
+struct Words {
+    const std::uint16_t *words;
+    std::int64_t elements_of_a_board;
+};
+
+static void word_of_element(const Words *table, const void *, std::uint16_t board, std::uint8_t element,
+                            std::uint8_t *drive) {
+    const std::uint16_t word = table->words[board * table->elements_of_a_board + element];
+    drive[0] = word & 0xFF, drive[1] = word >> 8;
+}
+
 NB_MODULE(_kernels, m) {
     m.doc() = "The compiled loops; kernels.hpp documents each.";
     m.def("variants", [] {
@@ -433,6 +446,7 @@ NB_MODULE(_kernels, m) {
     m.def("use_variant", &use);
     m.attr("lanes") = lanes;
     m.attr("sharing") = sharing;
+    m.attr("word_of_element") = reinterpret_cast<std::uintptr_t>(&word_of_element);
     m.def("dual_blocks_bfloat16", &dual_blocks<std::uint32_t>);
     m.def("dual_low_rank_bfloat16", &dual_low_rank<std::uint32_t>);
     m.def("dual_blocks_float32", &dual_blocks<float>);
