@@ -3,8 +3,8 @@
 The way through: a ``Scene`` (what is in the air) and a ``Target`` (what a person feels); one solve with beacons, the
 virtual sources at the foci; the transfer matrix to a ``PhasedArray`` by reciprocity; a ``Drive``; its evaluation with
 another solver. The main path is at the top; the rest is in the public modules ``synthesis``, ``targets``, ``plot``,
-``boards``, ``emission``, ``live``, ``tracking``, ``hands``, ``evaluation``, ``solvers``, ``scene``, ``scene_file`` and
-``surfaces``.
+``boards``, ``emission``, ``live``, ``tracking``, ``sensing``, ``hands``, ``evaluation``, ``solvers``, ``scene``,
+``scene_file`` and ``surfaces``.
 """
 
 import importlib
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from airtact.scene.target import Target
     from airtact.scene.uncertainty import Uncertainty
     from airtact.scene_file.building import read_scene
+    from airtact.sensing.echoes import Echoes
     from airtact.solvers.bem.solver import BoundaryElement
     from airtact.solvers.fem.solver import FiniteElement
     from airtact.solvers.free_field import FreeField
@@ -63,6 +64,7 @@ if TYPE_CHECKING:
         plot,
         scene,
         scene_file,
+        sensing,
         solvers,
         surfaces,
         synthesis,
@@ -80,6 +82,7 @@ __all__ = [
     "AUTD3Link",
     "BoundaryElement",
     "Drive",
+    "Echoes",
     "Emission",
     "FiniteElement",
     "FreeField",
@@ -133,6 +136,7 @@ __all__ = [
     "robust",
     "scene",
     "scene_file",
+    "sensing",
     "solvers",
     "sound_hard",
     "sphere",
@@ -168,6 +172,7 @@ _HOMES = {
     "scene.target": "Target",
     "scene.uncertainty": "Uncertainty",
     "scene_file.building": "read_scene",
+    "sensing.echoes": "Echoes",
     "solvers.bem.solver": "BoundaryElement",
     "solvers.fem.solver": "FiniteElement",
     "solvers.free_field": "FreeField",

@@ -1,0 +1,78 @@
+"""Codes: what the elements of an array emit in each transmission, so that echoes can be told apart."""
+
+import numpy as np
+from jaxtyping import Complex128
+from scipy.linalg import hadamard
+
+from airtact.conventions import InvalidInput
+
+MOST_CODES = 4096
+"""Largest number of elements or transmissions of a code."""
+
+
+def single_codes(elements: int) -> Complex128[np.ndarray, "elements transmissions"]:
+    """One element alone in each of E transmissions, (E, E): the identity.
+
+    Raises
+    ------
+    InvalidInput
+        "out_of_range": of elements.
+    """
+    return np.eye(_checked(elements, "elements"), dtype=np.complex128)
+
+
+def hadamard_codes(elements: int, transmissions: int | None = None) -> Complex128[np.ndarray, "elements transmissions"]:
+    """Signs from the rows of a Hadamard matrix by Sylvester's construction: all elements emit in every transmission.
+
+    Parameters
+    ----------
+    elements : E.
+    transmissions : M, from 1 to the next power of 2 at or above E, which is taken unless given; with that many, each
+        element's part can be separated, at the noise of E transmissions of it alone.
+
+    Returns
+    -------
+    (E, M) codes of 1 and −1.
+
+    Raises
+    ------
+    InvalidInput
+        "out_of_range": of elements or transmissions.
+    """
+    size = 1 << (_checked(elements, "elements") - 1).bit_length()
+    count = size if transmissions is None else _checked(transmissions, "transmissions", size)
+    return hadamard(size)[:elements, :count].astype(np.complex128)
+
+
+def random_codes(elements: int, transmissions: int, seed: int = 0) -> Complex128[np.ndarray, "elements transmissions"]:
+    """All elements at full scale with random phases, the same for the same seed: a field of speckles everywhere.
+
+    Parameters
+    ----------
+    elements, transmissions : E and M.
+    seed : of the random numbers, 0 or more.
+
+    Returns
+    -------
+    (E, M) codes of magnitude 1.
+
+    Raises
+    ------
+    InvalidInput
+        "out_of_range": of elements, transmissions or seed.
+
+    Examples
+    --------
+    >>> random_codes(996, 16).shape
+    (996, 16)
+    """
+    shape = _checked(elements, "elements"), _checked(transmissions, "transmissions")
+    if not isinstance(seed, int | np.integer) or seed < 0:
+        raise InvalidInput(f"a seed is a whole number of 0 or more, not {seed!r}.", code="out_of_range")
+    return np.exp(2j * np.pi * np.random.default_rng(seed).random(shape))
+
+
+def _checked(count: int, what: str, most: int = MOST_CODES) -> int:
+    if not isinstance(count, int | np.integer) or not 1 <= count <= most:
+        raise InvalidInput(f"codes need a whole number of {what} from 1 to {most}, not {count!r}.", code="out_of_range")
+    return int(count)

@@ -1,0 +1,246 @@
+"""What the elements of an array receive of each other's coded transmissions, and its file.
+
+Version 1 of the file is HDF5 with these datasets, those in brackets only where they are known:
+
+- ``format_version``: 1.
+- ``frequency`` [Hz].
+- ``codes_real``, ``codes_imaginary``: (E, M), what each of E elements emits in each of M transmissions, as a share of
+  full scale; the element emits Re[c e^{−iωt}].
+- ``pressures_real``, ``pressures_imaginary``: (R, M), what each of R receivers gets of each transmission [Pa, peak],
+  in the same phasor.
+- (``receivers``: (R,) the numbers of the elements that receive, from 0; all E in their order where it is missing.)
+- (``noise``: rms magnitude of the complex noise of one pressure [Pa], measured without a transmission.)
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Complex128, Int64, Integer, Num
+
+from airtact.conventions import InvalidInput, about
+from airtact.file_access.atomic import whole_file
+from airtact.file_access.bounded import datasets_of
+from airtact.printing import one_line
+from airtact.transducers.levels import FULL_SCALE
+from airtact.validation import check_finite, check_frequency, complex_numbers, counted, of_kind, positive, real_numbers
+
+VERSION = 1
+"""Version of the file that is written and read."""
+
+_NUMBERS = "codes_real", "codes_imaginary", "pressures_real", "pressures_imaginary"
+
+
+@dataclass(frozen=True, eq=False)
+class Echoes:
+    """Coded transmissions of an array and what its elements receive of them, at one frequency.
+
+    For ``locate`` the pressures are the echoes alone: what is received less what the empty array receives.
+
+    Attributes
+    ----------
+    codes : (E, M) what each of E elements emits in each of M transmissions, |c| = 1 at full scale.
+    pressures : (R, M) mean pressure over the face of each of R receivers in each transmission, times the receiver's
+        gain [Pa]; the phasor is Re[p e^{−iωt}].
+    receivers : (R,) numbers of the elements that receive; None for all E in their order. Stored as numbers.
+    frequency : of the sound [Hz].
+    noise : rms magnitude of the complex noise in one pressure [Pa], measured without a transmission; None if unknown.
+
+    Raises
+    ------
+    InvalidInput
+        "wrong_shape", "empty", "sizes_differ": shapes that do not fit each other; "not_finite": leave dead receivers
+        out of ``receivers``; "over_full_scale"; "out_of_range", "given_twice": of receivers; "silent": a transmission
+        of no element; "not_positive": noise.
+
+    Examples
+    --------
+    >>> Echoes(codes=np.eye(4), pressures=np.ones((2, 4)), receivers=np.array([0, 3]))
+    Echoes(4 elements, 4 transmissions, 2 receivers, 40000 Hz)
+    """
+
+    codes: Num[np.ndarray, "elements transmissions"]
+    pressures: Num[np.ndarray, "receivers transmissions"]
+    receivers: Integer[np.ndarray, "receivers"] | None = None
+    frequency: float = 40e3
+    noise: float | None = None
+
+    def __repr__(self) -> str:
+        elements, transmissions = self.codes.shape
+        return one_line(
+            self,
+            counted(elements, "element", "elements"),
+            counted(transmissions, "transmission", "transmissions"),
+            counted(len(self.pressures), "receiver", "receivers"),
+            f"{self.frequency:g} Hz",
+        )
+
+    def __post_init__(self) -> None:
+        codes, pressures = _table(self.codes, "codes"), _table(self.pressures, "pressures")
+        if codes.shape[1] != pressures.shape[1]:
+            raise InvalidInput(
+                f"{codes.shape[1]} codes have {pressures.shape[1]} columns of pressures; give one for each.",
+                code="sizes_differ",
+            )
+        _check_codes(codes)
+        receivers = _receivers(self.receivers, len(codes), len(pressures))
+        noise = None if self.noise is None else positive(self.noise, "the noise of echoes", "Pa")
+        for name, value in (("codes", codes), ("pressures", pressures), ("receivers", receivers), ("noise", noise)):
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "frequency", check_frequency(self.frequency))
+
+    @property
+    def receiving(self) -> Int64[np.ndarray, "receivers"]:
+        """(R,) numbers of the elements that receive."""
+        assert self.receivers is not None  # the constructor stores them
+        return np.asarray(self.receivers, dtype=np.int64)
+
+    def save(self, path: str | Path) -> None:
+        """Write an HDF5 file, which ``load_echoes`` reads; it appears once it is whole.
+
+        Raises
+        ------
+        InvalidInput
+            "unknown_ending" for another one than .h5, "file_not_writable".
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> echoes = Echoes(np.eye(2), 1j * np.ones((2, 2)))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     echoes.save(f"{folder}/echoes.h5")
+        ...     back = load_echoes(f"{folder}/echoes.h5")
+        >>> bool(np.array_equal(back.pressures, echoes.pressures))
+        True
+        """
+        import h5py
+
+        path = _checked_path(path)
+        columns = {
+            "format_version": VERSION,
+            "frequency": self.frequency,
+            "codes_real": np.real(self.codes),
+            "codes_imaginary": np.imag(self.codes),
+            "pressures_real": np.real(self.pressures),
+            "pressures_imaginary": np.imag(self.pressures),
+            "receivers": self.receiving,
+            "noise": self.noise,
+        }
+        try:
+            with whole_file(path) as partial, h5py.File(partial, "w") as file:
+                for name, values in columns.items():
+                    if values is not None:
+                        file[name] = values
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise InvalidInput(
+                f"cannot write {path}: {reason} (error {error.errno}).", code="file_not_writable"
+            ) from None
+
+
+def load_echoes(path: str | Path) -> Echoes:
+    """Read echoes from an HDF5 file in the layout that the top of ``airtact.sensing.echoes`` lists.
+
+    Raises
+    ------
+    InvalidInput
+        "file_missing", "file_unreadable", "unknown_ending", "unknown_version", "dataset_missing", or as ``Echoes``.
+    """
+    path = _checked_path(path)
+    raw = datasets_of(path)
+    with about(path.name):
+        version = raw.get("format_version")
+        if not isinstance(version, int | np.integer) or version != VERSION:
+            raise InvalidInput(
+                f"its format_version is {version}, but version {VERSION} of echoes is read: write it as "
+                "Echoes.save does.",
+                code="unknown_version",
+            )
+        if missing := [name for name in ("frequency", *_NUMBERS) if name not in raw]:
+            raise InvalidInput(
+                f"{len(missing)} of the 5 datasets of echoes are missing: {', '.join(missing)}.", code="dataset_missing"
+            )
+        parts = [real_numbers(np.asarray(raw[name]), name) for name in _NUMBERS]
+        for one, other, name in ((*parts[:2], "codes"), (*parts[2:], "pressures")):
+            if one.shape != other.shape:
+                raise InvalidInput(
+                    f"real and imaginary parts of the {name} have shapes {one.shape} and {other.shape}.",
+                    code="sizes_differ",
+                )
+        receivers = np.asarray(raw["receivers"]) if "receivers" in raw else None
+        return Echoes(
+            parts[0] + 1j * parts[1],
+            parts[2] + 1j * parts[3],
+            receivers,
+            float(real_numbers(np.asarray(raw["frequency"]), "the frequency").reshape(-1)[0]),
+            float(real_numbers(np.asarray(raw["noise"]), "the noise").reshape(-1)[0]) if "noise" in raw else None,
+        )
+
+
+def _checked_path(path: str | Path) -> Path:
+    path = Path(of_kind(path, str | Path, "the file of echoes", 'its path, such as "echoes.h5"'))
+    if path.suffix.lower() != ".h5":
+        raise InvalidInput(f"{path.name} is no file of echoes: its ending must be .h5.", code="unknown_ending")
+    return path
+
+
+def _table(given: Num[np.ndarray, "rows columns"], what: str) -> Complex128[np.ndarray, "rows columns"]:
+    """Return finite numbers (rows, transmissions)."""
+    table = complex_numbers(given, what)
+    if table.ndim != 2:
+        raise InvalidInput(
+            f"{what} have shape {table.shape}, but they are a table with a column for each transmission.",
+            code="wrong_shape",
+        )
+    if table.size == 0:
+        raise InvalidInput(f"{what} of shape {table.shape} hold 0 numbers; give at least one.", code="empty")
+    check_finite(table, what)
+    return table
+
+
+def _check_codes(codes: Complex128[np.ndarray, "elements transmissions"]) -> None:
+    magnitude = np.abs(codes)
+    if magnitude.max() > FULL_SCALE:
+        element, column = (int(index) for index in np.unravel_index(magnitude.argmax(), codes.shape))
+        raise InvalidInput(
+            f"codes are shares of full scale, but element {element} has {magnitude[element, column]:.4g} in "
+            f"transmission {column}; divide them by that.",
+            code="over_full_scale",
+        )
+    silent = np.flatnonzero(~codes.any(axis=0))
+    if len(silent):
+        raise InvalidInput(
+            f"{counted(len(silent), 'transmission is', 'transmissions are')} of no element, first transmission "
+            f"{silent[0]}; leave them out.",
+            code="silent",
+        )
+
+
+def _receivers(
+    given: Integer[np.ndarray, "receivers"] | None, elements: int, rows: int
+) -> Int64[np.ndarray, "receivers"]:
+    """Return the number of the element of each row of pressures."""
+    numbers = np.arange(elements) if given is None else np.asarray(given)
+    if numbers.ndim != 1 or numbers.dtype.kind not in "iu":
+        raise InvalidInput(
+            f"receivers are {numbers.dtype} of shape {numbers.shape}, but they are whole numbers (R,).",
+            code="wrong_shape" if numbers.ndim != 1 else "not_integers",
+        )
+    if len(numbers) != rows:
+        raise InvalidInput(
+            f"{counted(len(numbers), 'receiver has', 'receivers have')} {rows} rows of pressures; give one for each.",
+            code="sizes_differ",
+        )
+    wrong = numbers[(numbers < 0) | (numbers >= elements)]
+    if len(wrong):
+        raise InvalidInput(
+            f"receiver {wrong[0]} is none of {elements} elements, which are 0 to {elements - 1}.", code="out_of_range"
+        )
+    values, counts = np.unique(numbers, return_counts=True)
+    if counts.max() > 1:
+        raise InvalidInput(
+            f"element {values[counts.argmax()]} stands {counts.max()} times among the receivers.", code="given_twice"
+        )
+    return numbers.astype(np.int64)

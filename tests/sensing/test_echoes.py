@@ -1,0 +1,91 @@
+"""Echoes and codes: what they hold, what they reject, and their file."""
+
+import h5py
+import numpy as np
+import pytest
+
+import airtact as at
+from airtact.sensing import hadamard_codes, load_echoes, random_codes, single_codes
+from faults import raises_code
+
+CODES = random_codes(6, 3, seed=1)
+PRESSURES = np.arange(6).reshape(2, 3) * (1 + 2j)
+
+
+def test_a_file_holds_all_that_was_measured(tmp_path) -> None:
+    echoes = at.Echoes(CODES, PRESSURES, np.array([4, 1]), 25e3, noise=0.3)
+    echoes.save(tmp_path / "echoes.h5")
+    back = load_echoes(tmp_path / "echoes.h5")
+    assert np.array_equal(back.codes, CODES)
+    assert np.array_equal(back.pressures, PRESSURES)
+    assert back.receiving.tolist() == [4, 1]
+    assert (back.frequency, back.noise) == (25e3, 0.3)
+    assert not back.pressures.flags.writeable
+
+
+def test_a_file_by_others_may_leave_out_receivers_and_noise(tmp_path) -> None:
+    with h5py.File(tmp_path / "lab.h5", "w") as file:
+        file["format_version"], file["frequency"] = 1, 40e3
+        for name, values in (("codes", np.eye(2)), ("pressures", np.ones((2, 2)))):
+            file[f"{name}_real"], file[f"{name}_imaginary"] = values, 0 * values
+    assert load_echoes(tmp_path / "lab.h5").receiving.tolist() == [0, 1]
+
+
+@pytest.mark.parametrize(
+    ("given", "code", "number"),
+    [
+        ({"codes": 1.5 * CODES}, "over_full_scale", "1.5"),
+        ({"codes": CODES[:, :2]}, "sizes_differ", "2"),
+        ({"codes": CODES * [1, 0, 1]}, "silent", "transmission 1"),
+        ({"codes": np.ones(6)}, "wrong_shape", "(6,)"),
+        ({"pressures": PRESSURES * [1, np.nan, 1]}, "not_finite", "2"),
+        ({"pressures": np.ones((0, 3))}, "empty", "(0, 3)"),
+        ({"receivers": np.array([1, 6])}, "out_of_range", "6"),
+        ({"receivers": np.array([1, 1])}, "given_twice", "1"),
+        ({"receivers": np.array([1, 2, 3])}, "sizes_differ", "3"),
+        ({"receivers": np.array([1.0, 2.0])}, "not_integers", "float64"),
+        ({"receivers": None}, "sizes_differ", "6"),
+        ({"frequency": 40.0}, "out_of_range", "40"),
+        ({"noise": 0.0}, "not_positive", "0"),
+    ],
+)
+@pytest.mark.usefixtures("as_outside_the_tests")
+def test_echoes_that_cannot_be_are_rejected(given, code, number) -> None:
+    right = {"codes": CODES, "pressures": PRESSURES, "receivers": np.array([0, 5])}
+    with raises_code(code, number):
+        at.Echoes(**{**right, **given})
+
+
+def test_files_that_are_none_are_rejected(tmp_path) -> None:
+    path = tmp_path / "echoes.h5"
+    with raises_code("file_missing"):
+        load_echoes(path)
+    with h5py.File(path, "w") as file:
+        file["format_version"] = 1
+        file["frequency"] = 40e3
+    with raises_code("dataset_missing", "4 of the 5"):
+        load_echoes(path)
+    with h5py.File(path, "w") as file:
+        file["format_version"] = 7
+    with raises_code("unknown_version", "7"):
+        load_echoes(path)
+    path.write_bytes(b"no file")
+    with raises_code("file_unreadable"):
+        load_echoes(path)
+    with raises_code("unknown_ending"):
+        at.Echoes(np.eye(2), np.ones((2, 2))).save(tmp_path / "echoes.csv")
+    with raises_code("file_not_writable"):
+        at.Echoes(np.eye(2), np.ones((2, 2))).save(tmp_path / "none" / "echoes.h5")
+
+
+def test_codes_are_at_full_scale_and_independent() -> None:
+    assert np.array_equal(single_codes(3), np.eye(3))
+    whole = hadamard_codes(5)
+    assert whole.shape == (5, 8)
+    assert np.array_equal(whole @ whole.T, 8 * np.eye(5))
+    assert np.allclose(np.abs(random_codes(5, 4)), 1, rtol=0, atol=1e-15)
+    assert np.array_equal(random_codes(5, 4, seed=2), random_codes(5, 4, seed=2))
+    assert not np.array_equal(random_codes(5, 4, seed=2), random_codes(5, 4, seed=3))
+    for wrong in (lambda: hadamard_codes(5, 9), lambda: random_codes(0, 4), lambda: random_codes(5, 4, seed=-1)):
+        with raises_code("out_of_range"):
+            wrong()
