@@ -287,7 +287,7 @@ class Judge:
         hand = hand_from_joints(self._setting.motion(then), scene.radii, side=scene.side)
         air = at.Scene(scene.medium, [at.sound_hard(hand.surface)], frequency=scene.frequency)
         target = at.Target(foci_on(hand, scene))
-        field = at.BoundaryElement(accuracy=ACCURACY, estimate=False).radiate(air, target.beacons())
+        field = at.BoundaryElement(accuracy=ACCURACY).radiate(air, target.beacons())  # exact beside the walls of a box
         transfer = at.transfer_matrix(field, scene.array)
         best = weighted_gerchberg_saxton(transfer, target).amplitudes
         return transfer.matrix, weakest(transfer.matrix, best)

@@ -106,7 +106,7 @@ def verify_session(
         If no chosen drive has a hand at its time.
     """
     scene = session.scene
-    solver = BoundaryElement(accuracy=accuracy, estimate=False)
+    solver = BoundaryElement(accuracy=accuracy)  # elements may stand near the skin
     playing = [
         index for index, state in enumerate(session.states) if state == "playing" and session.amplitudes[index].any()
     ]

@@ -34,6 +34,9 @@ ACCURACY = 0.06
 SLOWLY, OUTGROWN = 0.02, 1.5e-3
 """Weight of the newest lengths of the bones in the usual ones, and how much these may differ from the bodies' [m]."""
 
+BESIDE = 12e-3
+"""Near an element so close to the skin the pressure needs both equations [m]."""
+
 EDGE = 10e-3
 """Edge of the triangles of a part's surface [m]; the solver makes its own panels."""
 
@@ -102,8 +105,10 @@ def solved(scene: LiveScene, joints: Float64[np.ndarray, "25 3"], part: Rule, ti
         The iteration did not settle.
     """
     riding = ride(scene, joints)
-    air = Scene(scene.medium, [sound_hard(part_of(riding.hand, part, scene.places))], frequency=scene.frequency)
-    field = BoundaryElement(accuracy=ACCURACY, estimate=False).radiate(air, Target(riding.foci).beacons())
+    surface = part_of(riding.hand, part, scene.places)
+    air = Scene(scene.medium, [sound_hard(surface)], frequency=scene.frequency)
+    beside = bool((surface.depth(scene.array.positions) > -BESIDE).any())
+    field = BoundaryElement(accuracy=ACCURACY, estimate=beside).radiate(air, Target(riding.foci).beacons())
     return factors_of(scene, riding, part, time, field.at(scene.array.positions))
 
 
