@@ -79,6 +79,25 @@ def test_boards_get_the_drives_and_end_in_silence(tmp_path):
     assert np.abs(session.amplitudes).max() == pytest.approx(0.5, abs=1e-6)
 
 
+def test_after_a_stall_the_sound_rises_again(tmp_path):
+    with Running(*QUICK, *AUDIT, "--out", tmp_path, "--seconds", "60") as running:
+        running.said("playing")
+        running.process.send_signal(signal.SIGSTOP)
+        log, until = tmp_path / "link.log", time.monotonic() + 30.0
+        while "no call came" not in log.read_text() and time.monotonic() < until:
+            time.sleep(0.05)
+        running.process.send_signal(signal.SIGCONT)
+        time.sleep(1.0)
+        running.process.send_signal(signal.SIGINT)
+        code, said = running.ended()
+    assert code == 0, said
+    _, _, after = log.read_text().partition("no call came")
+    assert "silence confirmed" in after.splitlines()[1]
+    loudest = [float(line.split()[-1]) for line in after.splitlines() if "loudest" in line]
+    assert max(loudest) > 0.3
+    assert loudest[0] < 0.1
+
+
 def test_trackers_by_websocket_are_followed_and_nonsense_is_counted(tmp_path):
     with Running(*QUICK, "--from", "websocket:0", "--out", tmp_path) as running:
         address = re.search(r"ws://[\d.:]+", running.said("following"))
@@ -143,14 +162,16 @@ def test_bad_input_is_one_sentence(capsys, tmp_path, arguments, code):
     assert not (tmp_path / "session.h5").exists()
 
 
-def test_a_port_in_use_is_named(capsys, tmp_path):
+@pytest.mark.parametrize("where", [["--no-page", "--from", "websocket:{}"], ["--page-port", "{}"]])
+def test_a_port_in_use_is_named(capsys, tmp_path, where):
     from airtact.cli import main
 
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        code = main(["live", *QUICK, "--from", f"websocket:{port}", "--seconds", "1", "--out", str(tmp_path)])
+        words = [word.format(port) for word in where]
+        code = main(["live", *words, "--seconds", "1", "--out", str(tmp_path)])
         said = capsys.readouterr().err
         assert code == 2
         assert str(port) in said

@@ -89,6 +89,22 @@ def test_starving_ends_in_silence() -> None:
     starve(1, patience=0.5)
 
 
+def test_one_that_resumes_is_silent_while_no_call_comes() -> None:
+    link = RecordingLink()
+    with Emission(link, ramp=0.0, patience=0.2, resumes=True) as emission:
+        emission.send(tone())
+        until = time.monotonic() + 30.0
+        while not link.frames[-1].silent and time.monotonic() < until:
+            time.sleep(0.02)
+        assert link.frames[-1].silent
+        emission.send(tone())
+        assert not link.frames[-1].silent
+        emission.stop()
+        with pytest.raises(LinkFailed, match="it was stopped"):
+            emission.send(tone())
+    assert ended(link)
+
+
 def test_two_signals_in_a_row_end_in_silence() -> None:
     for _ in range(FEW):
         link = RecordingLink()

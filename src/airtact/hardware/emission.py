@@ -64,8 +64,9 @@ class Emission:
     Use it as ``with Emission(link) as emission:``. The link is opened in a process of its own, which raises the sound
     over a ramp and sends a frame of zeros, which the link sees confirmed, when the block is left, and by itself when
     this process is gone, whatever ended it, or when for half a second no ``send``, ``hold``, ``play``,
-    ``modulate``, ``set_modulation``, ``silence`` or ``beat`` is called. Nothing can be sent after that. SIGINT,
-    SIGTERM and SIGHUP in the main thread leave the block by ``KeyboardInterrupt`` or ``SystemExit``.
+    ``modulate``, ``set_modulation``, ``silence`` or ``beat`` is called. Nothing can be sent after that, unless calls
+    that came too late are the reason and it ``resumes``. SIGINT, SIGTERM and SIGHUP in the main thread leave the block
+    by ``KeyboardInterrupt`` or ``SystemExit``.
 
     If the link process itself is killed, the next call raises ``LinkFailed``, and another process opens the link and
     silences the boards. A link whose class is defined in the script itself, or on a system without POSIX, is open in
@@ -79,6 +80,7 @@ class Emission:
     patience : how long boards emit without a call [s].
     log : file for one line on each event, written by the link process: when, in seconds of the system's monotonic
         clock (``time.monotonic``), and what.
+    resumes : whether boards that were silenced because no call came take the next drive, over the ramp.
 
     Attributes
     ----------
@@ -100,6 +102,7 @@ class Emission:
         ramp: float = RAMP,
         patience: float = PATIENCE,
         log: str | Path | None = None,
+        resumes: bool = False,
     ) -> None:
         of_kind(link, Link, "the link", "one such as AUTD3Link(poses)")
         if not 0.0 <= number(ramp, "the ramp", "s") < np.inf:
@@ -107,7 +110,7 @@ class Emission:
         self.link = link
         file = None if log is None else Path(of_kind(log, str | Path, "the log", "a path")).absolute()
         patience = positive(patience, "the patience of the watchdog", "s")
-        self._settings = Settings(check_cap(cap), float(ramp), patience, file)
+        self._settings = Settings(check_cap(cap), float(ramp), patience, file, resumes)
         self._inside = 0
         self._signal: int | None = None
         self._over = NOT_BEGUN

@@ -32,12 +32,13 @@ Drives = Complex128[np.ndarray, "elements"]
 
 @dataclass(frozen=True)
 class Settings:
-    """How a link is played: a cap, a ramp [s], the patience of the watchdog [s], and the file of the log."""
+    """How a link is played: a cap, a ramp [s], the watchdog's patience [s], the log, whether it resumes."""
 
     cap: float
     ramp: float
     patience: float
     log: Path | None
+    resumes: bool = False
 
 
 @dataclass
@@ -277,7 +278,7 @@ class Player:
     def _step(self, now: float) -> None:
         self._catch_up()
         if self._emitting and now - self._fed >= self._set.patience:
-            self.finish(f"no call came for {self._set.patience:g} s")
+            self._starved(f"no call came for {self._set.patience:g} s")
             return
         if self._slope != 0.0 and now >= self._next_step:
             self._ramp_step()
@@ -291,6 +292,16 @@ class Player:
         if self._emitting and self._trouble is None and now - self._looked > LOOK:
             self._looked = now
             self.link.probe()
+
+    def _starved(self, why: str) -> None:
+        """Silence the boards because no call came: for good, or until the next drive."""
+        if not self._set.resumes:
+            self.finish(why)
+            return
+        self._write(why)
+        self._repeated, self._waiting = None, False
+        self._slope = self._gain = 0.0
+        self._silence()
 
     @property
     def _paced(self) -> bool:

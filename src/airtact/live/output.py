@@ -70,7 +70,7 @@ class Boards(Output):
     """
 
     def __init__(self, link: Link, log: Path | None = None) -> None:
-        self._emission = Emission(link, ramp=0.0, log=log)  # the loop's own gain rises and falls
+        self._emission = Emission(link, ramp=0.0, log=log, resumes=True)  # the loop's own gain rises and falls
         self.words = f"{link.devices} through {link.name}"
 
     def __enter__(self) -> "Boards":

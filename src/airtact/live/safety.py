@@ -20,6 +20,12 @@ FADE = 0.085
 RAMP = 0.2
 """How long the sound takes from silence to full amplitude [s]."""
 
+LONGEST_STEP = 0.03
+"""The sound rises no farther in a pass of the loop than in this time [s]."""
+
+STALLED = 0.4
+"""After a pass that came so late the sound rises anew, as boards fall silent by themselves after 0.5 s [s]."""
+
 FARTHEST = 0.6
 """Largest distance of a focus from the nearest element: beyond, the hand has left the workspace [m]."""
 
@@ -67,7 +73,7 @@ def hand_of(frame: HandFrame, scene: LiveScene) -> Hand | str:
 
 
 class Gain:
-    """The share of the amplitude that is emitted: rises over ``RAMP``, falls over ``FADE``."""
+    """The share of the amplitude that is emitted: rises over ``RAMP``, falls over ``FADE``, begins anew ``STALLED``."""
 
     def __init__(self) -> None:
         self.share: float = 0.0
@@ -77,6 +83,8 @@ class Gain:
         """Go on to a time [s], up or down, and return the share."""
         step = 0.0 if self._then is None else max(now - self._then, 0.0)
         self._then = now
-        change = step / RAMP if on else -step / FADE
+        if step >= STALLED:
+            self.share = 0.0
+        change = min(step, LONGEST_STEP) / RAMP if on else -step / FADE
         self.share = float(np.clip(self.share + change, 0.0, 1.0))
         return self.share

@@ -6,14 +6,17 @@ from typing import Any
 import click
 
 from airtact.cli.console import facts_table, progress, show, status_line
-from airtact.cli.options import Names, agreed, as_json, board_address, level_of, quiet, results, scene
+from airtact.cli.options import INPUT, Names, agreed, as_json, board_address, level_of, quiet, results
+
+EXAMPLE = "live_pinch"
+"""The scene that is followed unless one is named."""
 
 
 @click.command(
     short_help="Let the sound follow a hand that moves.",
     epilog="Example: airtact live live_pinch --seconds 5 --no-page --out out/live",
 )
-@scene
+@click.argument("scene", type=INPUT, default=EXAMPLE)
 @results
 @click.option(
     "--from",
@@ -52,9 +55,9 @@ def live(
 ) -> None:
     """Let the sound follow the hand of SCENE, frame by frame, and record what is done in session.h5.
 
-    Foci of the scene must ride on a hand (at = "thumb.pad"). A hand that is lost, leaves the workspace or is not seen
-    for 150 ms fades to silence. Without --cap and --full-scale the level half a metre off the array is kept to 110 dB.
-    Ctrl-C ends it in silence.
+    SCENE is the example live_pinch by default. Its foci must ride on a hand (at = "thumb.pad"). A hand that is lost,
+    leaves the workspace or is not seen for 150 ms fades to silence. Without --cap and --full-scale the level half a
+    metre off the array is kept to 110 dB. Ctrl-C ends it in silence.
     """
     from airtact.validation import positive
 
