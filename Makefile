@@ -44,12 +44,15 @@ check: $(VENV)/installed-for-tests
 	$(BIN)/basedpyright
 	$(BIN)/lint-imports
 
-# Two workers with a thread each: threads of both on two cores would wait for each other in every loop.
+# Workers with a thread each: threads of several on two cores would wait for each other in every loop. More workers than
+# cores: half of the time a test waits, for processes, boards and browsers.
+PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q --dist worksteal
+
 test: check
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q -n 2
+	$(PYTEST) -n 4
 
 slow: $(VENV)/installed-for-tests
-	$(BIN)/pytest -q -m slow
+	$(PYTEST) -n 2 -m slow
 
 format: $(VENV)/installed-for-tests
 	$(BIN)/ruff check --fix .
