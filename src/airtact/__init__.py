@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from airtact.surfaces.files import load_surface
     from airtact.surfaces.primitives import capsule, sphere
     from airtact.surfaces.surface import Surface
+    from airtact.sweeping.sweep import sweep
     from airtact.synthesis.best import best
     from airtact.synthesis.gerchberg_saxton import weighted_gerchberg_saxton
     from airtact.synthesis.max_min import max_min
@@ -142,6 +143,7 @@ __all__ = [
     "sphere",
     "surfaces",
     "surrounding_box",
+    "sweep",
     "synthesis",
     "targets",
     "time_reversal",
@@ -183,6 +185,7 @@ _HOMES = {
     "surfaces.files": "load_surface",
     "surfaces.primitives": "capsule sphere",
     "surfaces.surface": "Surface",
+    "sweeping.sweep": "sweep",
     "synthesis.best": "best",
     "synthesis.gerchberg_saxton": "weighted_gerchberg_saxton",
     "synthesis.max_min": "max_min",

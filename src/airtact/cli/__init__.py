@@ -27,6 +27,7 @@ from airtact.cli import (
     mesh,
     render,
     reproduce,
+    sweep,
 )
 
 
@@ -84,6 +85,6 @@ def commands() -> None:
 
 for _command in (
     *(bench.bench, boards.boards, check.check, compare.compare, compare_scan.compare_scan, emit.emit, export.export),
-    *(hand.hand, init.init, listen.listen, live.live, mesh.mesh, render.render, reproduce.reproduce),
+    *(hand.hand, init.init, listen.listen, live.live, mesh.mesh, render.render, reproduce.reproduce, sweep.sweep),
 ):
     commands.add_command(_command)

@@ -207,3 +207,21 @@ def _step(along: Float64[np.ndarray, "points"]) -> float:
     gaps = np.diff(np.sort(along))
     gaps = gaps[gaps > 1e-3 * span]
     return float(max(np.median(gaps), span / np.sqrt(len(along)) / 2.0)) if len(gaps) else span
+
+
+def draw_varied(
+    axes: Mapping[str, Float64[np.ndarray, "points"]], values: Float64[np.ndarray, "points"], label: str
+) -> Figure:
+    """Draw values against each of the columns that were varied, with the median of points that share a value there."""
+    figure = Figure(figsize=(min(4.6 * len(axes), 16.0), 3.6), layout="constrained")
+    panels = np.atleast_1d(figure.subplots(1, len(axes), sharey=True))
+    for panel, (name, varied) in zip(panels, axes.items(), strict=True):
+        known = np.isfinite(varied) & np.isfinite(values)
+        different = np.unique(varied[known])
+        panel.plot(varied[known], values[known], ".", color=BAR, alpha=0.35, markersize=5)
+        if len(different) < len(varied[known]) or len(axes) == 1:
+            panel.plot(different, [np.median(values[known & (varied == one)]) for one in different], color=BOUND)
+        panel.set(xlabel=name, ylim=(0.0, 1.08 * np.nanmax(values)))
+        panel.spines[["top", "right"]].set_visible(False)
+    panels[0].set_ylabel(label, wrap=True)
+    return figure

@@ -1,6 +1,6 @@
 """From a scene file to the scene, the array, the target and the way to make the drive."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -20,6 +20,7 @@ from airtact.scene.target import Target
 from airtact.scene.uncertainty import Uncertainty
 from airtact.scene_file import tables
 from airtact.scene_file.bodies import bodies_of, built, pose_of
+from airtact.scene_file.changes import Value, with_changes
 from airtact.scene_file.limits import not_finite
 from airtact.scene_file.parsing import nearest, parse_scene
 from airtact.scene_file.targets import riding_of, target_of
@@ -111,18 +112,20 @@ class Setup:
         return self.scene.medium
 
 
-def read_scene(path: str | Path) -> Setup:
+def read_scene(path: str | Path, changes: Mapping[str, Value] | None = None) -> Setup:
     """Read a scene file and build what it describes.
 
     Parameters
     ----------
     path : the TOML file; surfaces, hands, drawings and array files that it names are found beside it.
+    changes : values that take the place of the file's, by the paths of their keys, such as ``{"foci[0].offset": 1e-3,
+        "hand.gap": 0.01}``; None takes a key away. ``hand`` is the only obstacle of that kind.
 
     Raises
     ------
     InvalidInput
         The file cannot be read, has a wrong key or value, or describes an impossible scene; the message begins with the
-        file's name and the table at fault.
+        file's name and the table at fault. "unknown_path": a path of ``changes`` leads nowhere.
     """
     path = Path(path)
     if path.suffix.lower() == ".json":
@@ -133,7 +136,7 @@ def read_scene(path: str | Path) -> Setup:
         )
     text = text_of(path, LARGEST_SCENE_FILE)
     with about(path.name):
-        file = parse_scene(text)
+        file = parse_scene(text, partial(with_changes, changes=changes) if changes else None)
         fault = not_finite(file)
         if fault is None:
             return _set_up(path, text, file)

@@ -3,7 +3,8 @@
 import difflib
 import re
 import typing
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from datetime import date, time
 from functools import cache
 from typing import Any
 
@@ -14,14 +15,22 @@ from airtact.scene_file.limits import check_data, check_text
 from airtact.scene_file.tables import RENAMED, Choice, SceneFile, Table
 from airtact.transducers.boards import BOARDS
 
+Item = str | float | date | time | Sequence | Mapping
+"""What decoded TOML holds."""
+
 LONGEST_WORD = 50
 """A longer word is cut before it is compared with those that are known."""
 
 AnyTable = typing.TypeVar("AnyTable", bound=Table)
 
 
-def parse_scene(text: str) -> SceneFile:
+def parse_scene(text: str, change: Callable[[dict[str, Item]], dict[str, Item]] | None = None) -> SceneFile:
     r"""Turn the text of a scene file into its tables.
+
+    Parameters
+    ----------
+    text : TOML.
+    change : is applied to the decoded TOML before it is checked.
 
     Raises
     ------
@@ -43,6 +52,7 @@ def parse_scene(text: str) -> SceneFile:
         data = msgspec.toml.decode(text.encode())
     except msgspec.DecodeError as error:
         raise InvalidInput(f"this is not TOML: {str(error)[:1].lower()}{str(error)[1:]}.", code="not_toml") from None
+    data = data if change is None else change(data)
     check_data(data)
     return _table(data, SceneFile, "")
 

@@ -5,11 +5,12 @@ import hashlib
 import re
 import struct
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -21,6 +22,9 @@ from airtact.solvers.problem import Solver
 
 PACKAGE = Path(conventions.__file__).parent
 KERNELS = Path(str(_kernels.__file__))
+
+Part = TypeVar("Part")
+"""Dataclasses, arrays, numbers, text, and lists and tables of them."""
 
 STATEMENT = re.compile(r"^[ \t]*((?:from|import)[ \t][^\n(]*\bairtact\b[^\n(]*(?:\([^)]*\))?)", re.MULTILINE)
 """A statement that may import a module of airtact; reading only these takes a tenth of the time of whole files."""
@@ -39,10 +43,15 @@ def fingerprint(solver: Solver, scene: Scene, sources: Monopoles, made_by: str |
     InvalidInput
         Something has no known bytes, such as a shape or a solver that is no dataclass; or a file of code is missing.
     """
-    digest, modules = hashlib.blake2b(digest_size=20), {type(solver).__module__}
-    for part in (solver, scene, sources):
-        _feed(digest.update, part, modules)
-    digest.update((made_by or program(frozenset(modules))).encode())
+    return name_of((solver, scene, sources), {type(solver).__module__}, made_by)
+
+
+def name_of(parts: Sequence[Part], modules: Iterable[str] = (), made_by: str | None = None) -> str:
+    """Name some values and the code of the modules that define them, or that are given, as ``fingerprint`` does."""
+    digest, found = hashlib.blake2b(digest_size=20), set(modules)
+    for part in parts:
+        _feed(digest.update, part, found)
+    digest.update((made_by or program(frozenset(found))).encode())
     return digest.hexdigest()
 
 

@@ -1,0 +1,74 @@
+"""Results of a sweep on disk, one file a point, named by all that the result follows from."""
+
+import functools
+import hashlib
+import json
+import types
+from collections.abc import Iterable
+from dataclasses import is_dataclass
+from pathlib import Path
+from typing import Any
+
+from airtact.conventions import InvalidInput
+from airtact.store.entry import save
+from airtact.store.fingerprint import name_of
+from airtact.sweeping.rows import Function, Row
+
+SUFFIX = ".point.json"
+
+
+def names_of(function: Function, points: Iterable[Row]) -> list[str]:
+    """Name points by their values, the function and the code that it runs; 40 hexadecimal digits each.
+
+    A function counts by its module's file, what that imports of airtact, and its name; a ``functools.partial`` also by
+    its arguments; an object of a dataclass by its fields, except those that take no part in comparisons.
+    """
+    modules: set[str] = set()
+    whole = name_of(_parts(function, modules), modules)
+    return [_short(whole, point) for point in points]
+
+
+def _short(whole: str, point: Row) -> str:
+    text = json.dumps([whole, sorted(point.items())], ensure_ascii=True)
+    return hashlib.blake2b(text.encode(), digest_size=20).hexdigest()
+
+
+def _parts(function: Any, modules: set[str]) -> list[Any]:
+    """List what a function is, beside the code of its module."""
+    if isinstance(function, functools.partial):
+        return [*_parts(function.func, modules), list(function.args), dict(function.keywords)]
+    if isinstance(function, types.FunctionType):
+        if function.__closure__:
+            raise InvalidInput(
+                f"{function.__qualname__} holds {len(function.__closure__)} values of what surrounds it, which do not "
+                "show in its name: make it a function of a module, and give them by functools.partial.",
+                code="not_comparable",
+            )
+        modules.add(function.__module__)
+        return [function.__module__, function.__qualname__]
+    if not is_dataclass(function) or isinstance(function, type):
+        raise InvalidInput(
+            f"a {type(function).__name__} cannot be compared with another one, so that its results cannot be kept: "
+            "give a function of a module, or an object of a dataclass.",
+            code="not_comparable",
+        )
+    modules.add(type(function).__module__)
+    return [function]
+
+
+def load(store: Path, names: Iterable[str]) -> dict[str, Row]:
+    """Read what is kept of some points; a damaged file counts as none."""
+    found = {}
+    for name in names:
+        try:
+            whole = json.loads((store / (name + SUFFIX)).read_bytes())
+        except (OSError, ValueError):
+            continue
+        if isinstance(whole, dict) and whole.get("name") == name and isinstance(whole.get("row"), dict):
+            found[name] = whole["row"]
+    return found
+
+
+def keep(store: Path, name: str, row: Row) -> None:
+    """Write the result of a point; its file appears whole or not at all."""
+    save(store / (name + SUFFIX), json.dumps({"name": name, "row": row}).encode())

@@ -1,0 +1,1 @@
+"""A scene file at many points of its keys."""
