@@ -5,10 +5,18 @@ import pytest
 import trimesh
 
 import airtact as at
-from airtact.mesh.quadratic_triangles import cut, enclosed_volume, longest_edges, panel_areas, smallest_angles
+from airtact.mesh.quadratic_triangles import (
+    cut,
+    enclosed_volume,
+    longest_edges,
+    panel_areas,
+    points_at,
+    smallest_angles,
+)
 from airtact.surfaces.panels import panels_of
 from faults import raises_code
 from mesh.meshes import box_mesh
+from references import axisymmetric
 
 NOWHERE = np.empty((0, 3))
 
@@ -172,3 +180,22 @@ def test_triangles_and_panels_apart_are_measured():
     assert panels.farthest[0] == pytest.approx(sagitta, rel=0.1)
     assert 0.2 * sagitta < panels.mean_distance[0] < 0.8 * sagitta
     assert at.sphere(0.01, 0.004).panelled(3e-3).farthest[0] == 0
+
+
+def test_panels_of_a_smooth_mesh_lie_as_near_as_asked():
+    ring, tube = 8e-3, 2e-3
+    shape = axisymmetric.surface(axisymmetric.torus(ring, tube), 1e-3).shape
+
+    def off(away: float) -> float:
+        panels = panels_of([shape], 4e-3, NOWHERE, 2e-3, away=away).quadratic_triangles
+        points = np.concatenate(
+            [
+                points_at(panels, np.full((len(panels), 2), place))[0]
+                for place in ((1 / 3, 1 / 3), (0.6, 0.2), (0.2, 0.2))
+            ]
+        )
+        from_tube = np.hypot(np.hypot(points[:, 0], points[:, 1]) - ring, points[:, 2]) - tube
+        return float(np.sqrt(np.mean(from_tube**2)))
+
+    assert off(3e-6) < 2e-6
+    assert off(np.inf) > 3e-6

@@ -53,10 +53,18 @@ def check(scene: Path | None, physics: bool, folder: Path | None, **settings: fl
 
         checked = workflow.check(scene, folder, report_step, **given(**settings))
         report_step("counting unknowns")
-        tables = _surface_tables(scene.name, checked) if isinstance(checked, Scene) else _scene_tables(checked)
-        tables = list(tables)
-        record = _surface_record(checked) if isinstance(checked, Scene) else _scene_record(checked)
-        cautions = () if isinstance(checked, Scene) else workflow.reach_cautions(checked)
+        if isinstance(checked, Scene):
+            counts = workflow.unknowns_by_accuracy(checked)
+            tables, record, cautions = (
+                list(_surface_tables(scene.name, checked, counts)),
+                _surface_record(checked, counts),
+                (),
+            )
+        else:
+            count = workflow.unknowns_of_scene(checked)
+            tables, record = list(_scene_tables(checked, count)), _scene_record(checked, count)
+            report_step(f"looking which foci the array reaches, {len(checked.target.points):,} of them")
+            cautions = workflow.reach_cautions(checked)
     show(*tables, warnings=cautions, record=record)
 
 
@@ -94,16 +102,12 @@ def _physics_record(found: "SelfCheck") -> dict[str, Any]:
     return {"instructions": found.instructions, "threads": found.threads, "asked": found.asked, "fields": fields}
 
 
-def _scene_record(setup: "Setup") -> dict[str, Any]:
+def _scene_record(setup: "Setup", unknowns: int | None) -> dict[str, Any]:
     """List what is in a scene, for ``--json``."""
-    from airtact.solvers.bem.solver import BoundaryElement
-    from airtact.workflows.check import unknowns_of
-
-    target, solver = setup.target, setup.solver
+    target = setup.target
     asked = [None] * len(setup.foci) if target.pressures is None else target.pressures.tolist()
     rows = zip(setup.foci, target.points.tolist(), asked, (-setup.scene.depth(target.points)).tolist(), strict=True)
     keys = ("name", "position", "asked", "off_the_surface")
-    boundary_elements = isinstance(solver, BoundaryElement)
     return {
         "bodies": [
             {"name": name, "boundary": one.boundary, **_size(one.surface)}
@@ -116,16 +120,14 @@ def _scene_record(setup: "Setup") -> dict[str, Any]:
         "wavelength": setup.scene.wavelength,
         "method": setup.method,
         "accuracy": setup.accuracy,
-        "unknowns": unknowns_of(solver, setup.scene, target.points) if boundary_elements else None,
+        "unknowns": unknowns,
     }
 
 
-def _surface_record(scene: "Scene") -> dict[str, Any]:
+def _surface_record(scene: "Scene", unknowns: dict[float, int]) -> dict[str, Any]:
     """List what is in a surface, for ``--json``."""
-    from airtact.workflows.check import unknowns_by_accuracy
-
-    unknowns = {f"{accuracy:g}": count for accuracy, count in unknowns_by_accuracy(scene).items()}
-    return {"surface": _size(scene.obstacles[0].surface), "unknowns": unknowns}
+    counts = {f"{accuracy:g}": count for accuracy, count in unknowns.items()}
+    return {"surface": _size(scene.obstacles[0].surface), "unknowns": counts}
 
 
 def _size(surface: "at.Surface") -> dict[str, Any]:
@@ -133,11 +135,8 @@ def _size(surface: "at.Surface") -> dict[str, Any]:
     return {**facts, "repairs": list(surface.repairs)}
 
 
-def _scene_tables(setup: "Setup") -> "Iterator[Table]":
+def _scene_tables(setup: "Setup", unknowns: int | None) -> "Iterator[Table]":
     """Tabulate the bodies, the foci, and what solving takes."""
-    from airtact.solvers.bem.solver import BoundaryElement
-    from airtact.workflows.check import unknowns_of
-
     wavelength = setup.scene.wavelength
     bodies = plain_table("bodies", "boundary", "triangles", "area")
     surfaces = {name: one.surface for name, one in zip(setup.bodies, setup.scene.obstacles, strict=True)}
@@ -159,8 +158,7 @@ def _scene_tables(setup: "Setup") -> "Iterator[Table]":
         facts.add_row("suppression points", f"{len(setup.target.suppression_points)}")
     facts.add_row("wavelength", f"{1e3 * wavelength:.2f} mm at {setup.scene.frequency / 1e3:g} kHz")
     facts.add_row("drive", f"{setup.method.replace('_', ' ')}, accuracy {setup.accuracy:g}")
-    if isinstance(setup.solver, BoundaryElement):
-        unknowns = unknowns_of(setup.solver, setup.scene, setup.target.points)
+    if unknowns is not None:
         facts.add_row("unknowns", f"{unknowns:,}, about {_memory(unknowns, setup.accuracy)} to solve")
     yield facts
 
@@ -176,12 +174,11 @@ def _foci_table(setup: "Setup") -> "Table":
     return table
 
 
-def _surface_tables(name: str, scene: "Scene") -> "Iterator[Table]":
+def _surface_tables(name: str, scene: "Scene", counts: dict[float, int]) -> "Iterator[Table]":
     """Tabulate what is in a surface, what was repaired, and what solving it takes."""
     import numpy as np
 
     from airtact.mesh.topology import shells
-    from airtact.workflows.check import unknowns_by_accuracy
 
     surface = scene.obstacles[0].surface
     pieces = int(shells(surface.triangles).max()) + 1
@@ -193,7 +190,7 @@ def _surface_tables(name: str, scene: "Scene") -> "Iterator[Table]":
     facts.add_row("area", f"{1e4 * surface.area:.4g} cm² = {surface.area / scene.wavelength**2:.3g} λ² at 40 kHz")
     facts.add_row("volume", f"{1e6 * surface.volume:.4g} cm³")
     facts.add_row("sharp edges", sharp_edges_in_words(surface))
-    for accuracy, unknowns in unknowns_by_accuracy(scene).items():
+    for accuracy, unknowns in counts.items():
         facts.add_row(f"accuracy {accuracy:g}", f"{unknowns:,} unknowns, about {_memory(unknowns, accuracy)} to solve")
     yield facts
     yield repairs_table(surface)

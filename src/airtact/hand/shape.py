@@ -1,5 +1,6 @@
 """The shape of a hand for solvers: exact distance, curved panels, and meshes that follow the pose."""
 
+import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -94,7 +95,7 @@ class HandShape(Shape):
         """Project points (P, 3) [m] near the skin onto it."""
         return self.pose.apply(self.hulls.project(self.pose.inverse().apply(points)))
 
-    def panels(self, edge: float, bend: float = BEND) -> QuadraticTriangles:
+    def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
         """Cover it with curved panels about as large as equilateral triangles of an edge [m]."""
         return self.pose.apply(curved_panels(self.hulls, self.skin(edge)))
 

@@ -1,5 +1,6 @@
 """The shape of a mesh, wherever it was moved, and new panels on it."""
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,11 +17,11 @@ from airtact.surfaces.shape import BEND, Shape
 
 @dataclass(frozen=True, eq=False)
 class MeshShape(Shape):
-    """A mesh of quadratic triangles that stands at a pose; its panels at rest are ``cached`` by their edge."""
+    """A mesh of quadratic triangles that stands at a pose; its panels at rest are ``cached`` by edge and distance."""
 
     mesh: QuadraticMesh
     pose: Pose
-    cached: dict[float, QuadraticTriangles] = field(default_factory=dict, compare=False)
+    cached: dict[tuple[float, float], QuadraticTriangles] = field(default_factory=dict, compare=False)
 
     __repr__ = in_short
 
@@ -86,11 +87,14 @@ class MeshShape(Shape):
         """Distance of points (P, 3) [m] from the flat triangles that it was made from [m]."""
         return self.mesh.flat_tree.closest(self.pose.inverse().apply(points))[2]
 
-    def panels(self, edge: float, bend: float = BEND) -> QuadraticTriangles:
-        """Cover it with curved panels about as large as equilateral triangles of a given edge [m]."""
-        if edge not in self.cached:
-            self.cached[edge] = np.concatenate([covered(piece, edge) for piece in self.mesh.pieces])
-        return self.pose.apply(self.cached[edge])
+    def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
+        """Cover it with curved panels about as large as equilateral triangles of a given edge [m].
+
+        Where it is smooth, they lie at most about ``away`` [m] off, in root mean square.
+        """
+        if (edge, away) not in self.cached:
+            self.cached[edge, away] = np.concatenate([covered(piece, edge, away) for piece in self.mesh.pieces])
+        return self.pose.apply(self.cached[edge, away])
 
     def extreme_points(self) -> Float64[np.ndarray, "points 3"]:
         """Nodes (P, 3) of all panels [m]."""

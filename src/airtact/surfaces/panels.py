@@ -71,13 +71,21 @@ class Panels:
     mean_distance: Float64[np.ndarray, "bodies"]
 
 
-def panels_of(shapes: Sequence[Shape], edge: float, near: Points, smallest: float, bend: float = BEND) -> Panels:
+def panels_of(
+    shapes: Sequence[Shape],
+    edge: float,
+    near: Points,
+    smallest: float,
+    bend: float = BEND,
+    away: float = np.inf,
+) -> Panels:
     """Panels of some bodies as large as equilateral triangles of an edge [m], smaller beside points, in gaps and walls.
 
     No panel is cut for a point's sake below the edge ``smallest`` [m], for a gap's or a thin wall's below
-    ``LEAST_IN_GAP`` of it. Panels of a round surface turn by ``bend`` [rad] at most.
+    ``LEAST_IN_GAP`` of it. Panels of a round surface turn by ``bend`` [rad] at most; those of a smooth mesh lie at
+    most about ``away`` [m] off it, in root mean square.
     """
-    whole = [shape.panels(edge, bend) for shape in shapes]
+    whole = [shape.panels(edge, bend, away) for shape in shapes]
     bodies = []
     for index, shape in enumerate(shapes):
         others = [np.empty((0, 3))] + [panels.reshape(-1, 3) for other, panels in enumerate(whole) if other != index]

@@ -108,7 +108,7 @@ class Capsule(Shape):
         mesh = self.mesh(float(np.sqrt(8.0 * min(away, _LARGEST_SAGITTA * self.radius) * self.radius)))
         return mesh.vertices, mesh.triangles
 
-    def panels(self, edge: float, bend: float = BEND) -> QuadraticTriangles:
+    def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
         """Cover it with curved panels about as large as equilateral triangles of a given edge [m].
 
         They turn by at most ``bend`` [rad] from edge to edge.

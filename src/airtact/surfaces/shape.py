@@ -75,10 +75,11 @@ class Shape(ABC):
         return np.zeros(len(points))
 
     @abstractmethod
-    def panels(self, edge: float, bend: float = BEND) -> QuadraticTriangles:
+    def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
         """Cover it with curved panels about as large as equilateral triangles of a given edge [m].
 
-        Panels of a round surface in closed form turn by at most about ``bend`` [rad] from edge to edge.
+        Panels of a round surface in closed form turn by at most about ``bend`` [rad] from edge to edge. Panels of a
+        mesh that lie more than ``away`` [m] off its surface, in root mean square, are smaller where that is smooth.
         """
 
     def flat_mesh(self, away: float) -> FlatMesh | None:

@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float64, Real
 
+from airtact import _kernels
 from airtact.transducers.layout import PhasedArray
 
 NEAREST = 30e-3
@@ -35,9 +36,11 @@ def open_air_bound(
     """
     element, found = array.element, np.empty(len(points))
     faces, strengths = array.face_points, element.sensitivity * np.abs(array.gains)
-    for index, point in enumerate(np.asarray(points)):
-        apart = np.linalg.norm(faces - point, axis=-1)
-        waves = np.abs((np.exp(1j * wavenumber * apart) / apart) @ element.weights)
+    targets = np.ascontiguousarray(faces.reshape(-1, 3))
+    unit, received = np.ones((1, 1), dtype=np.complex128), np.empty((len(targets), 1), dtype=np.complex128)
+    for index, point in enumerate(np.asarray(points, dtype=np.float64)):
+        _kernels.apply_monopoles_float64(targets, point[None], unit, complex(wavenumber), received)
+        waves = np.abs(received.reshape(len(array), -1) @ element.weights)
         before = np.einsum("ed,ed->e", point - array.positions, array.normals) > 0.0
         found[index] = strengths @ np.where(before | (not element.directional), waves, 0.0)
     return found

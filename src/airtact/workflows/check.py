@@ -112,6 +112,13 @@ def unknowns_of(solver: BoundaryElement, scene: Scene, points: Float64[np.ndarra
     return solver.unknowns(scene, Monopoles(points, np.ones(len(points))))
 
 
+def unknowns_of_scene(setup: Setup) -> int | None:
+    """Count or estimate the unknowns of a scene by boundary elements; None for other solvers."""
+    if not isinstance(setup.solver, BoundaryElement):
+        return None
+    return unknowns_of(setup.solver, setup.scene, setup.target.points)
+
+
 def unknowns_by_accuracy(scene: Scene) -> dict[float, int]:
     """Count the unknowns that solving a scene takes with no focus near its bodies, at 1 % and at 3 %."""
     lowest = np.min([obstacle.surface.vertices.min(axis=0) for obstacle in scene.obstacles], axis=0)

@@ -265,7 +265,8 @@ class BoundaryElement(Solver):
         smallest = self._smallest(scene)
         near = refined[scene.depth(refined) > -2 * smallest]
         shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
-        return panels_of(shapes, 2 * smallest, near, smallest, bend=self._bend())
+        away = self.accuracy / (2 * scene.wavenumber.real)  # what a surface reflects changes its phase by 2 k away
+        return panels_of(shapes, 2 * smallest, near, smallest, self._bend(), away)
 
     def _smallest(self, scene: Scene) -> float:
         """Edge below which no panel is refined for a source, half of that of the others [m]."""
