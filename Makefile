@@ -1,6 +1,6 @@
 # `make run` shows the main job, `make test` proves it. Everything is installed into .venv.
 .DEFAULT_GOAL := help
-.PHONY: help run live test slow check format docs bench wheels clean
+.PHONY: help run live test slow check format docs bench bench-compare wheels clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -16,6 +16,7 @@ help:
 	@echo "make docs   the documentation site in build/docs; a warning or a broken link fails it"
 	@echo "make wheels wheels for every Python from 3.11 on that is here, in dist/, each proven without a compiler"
 	@echo "make bench  the measured table of docs/performance.md"
+	@echo "make bench-compare  the rows of airtact bench beside the last tag's; red and failed where 20 % slower"
 
 $(VENV)/installed: $(KERNELS)
 	python3 -m venv $(VENV)
@@ -76,6 +77,9 @@ bench: $(VENV)/installed-for-tests
 	PYTHONPATH=.:tests $(BIN)/python benchmarks/emission.py
 	PYTHONPATH=.:tests $(BIN)/python benchmarks/hand_meshing.py
 	PYTHONPATH=.:tests $(BIN)/python benchmarks/hand_tracking.py
+
+bench-compare: $(VENV)/installed-for-tests
+	PYTHONPATH=. $(BIN)/python benchmarks/compare.py
 
 wheels:
 	python3 .ci/wheels.py

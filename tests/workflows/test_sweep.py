@@ -17,7 +17,6 @@ from airtact.cli import main
 from airtact.sweeping.scene_point import frames_of, scene_point
 from airtact.workflows.sweep.grid import grid_of
 from airtact.workflows.sweep.sweep import sweep
-from paths import SCENES
 
 OPEN_AIR = """
 medium = { celsius = 20.0 }
@@ -164,19 +163,19 @@ def test_a_cluster_gives_the_same_table(open_air, tmp_path) -> None:
 
 @pytest.mark.slow
 def test_a_sweep_that_is_killed_twenty_times_gives_the_same_bytes(tmp_path, rng) -> None:
-    scene = SCENES / "ball.toml"
-    command = [sys.executable, "-m", "airtact", "sweep", str(scene), "--vary", "sphere.radius=0.004:0.008:40"]
-    command += ["--no-pictures", "--out"]
-    begun = time.monotonic()
-    assert subprocess.run([*command, str(tmp_path / "whole")]).returncode == 0
-    took = time.monotonic() - begun
-    tables = []
-    for moment in range(20):
-        out = tmp_path / str(moment)
-        run = subprocess.Popen([*command, str(out)])
-        time.sleep(took * rng.uniform(0.1, 0.95))
+    (tmp_path / "fingers.toml").write_text(FINGERS, encoding="utf-8")
+    command = [sys.executable, "-m", "airtact", "sweep", str(tmp_path / "fingers.toml"), "--no-pictures"]
+    command += ["--vary", "pinch.gap=0.006:0.02:200", "--out"]
+    kept = set()
+    for _ in range(20):
+        run = subprocess.Popen([*command, str(tmp_path / "killed")], start_new_session=True)
+        time.sleep(rng.uniform(0.0, 6.0))
         run.send_signal(signal.SIGKILL)
         run.wait()
-        assert subprocess.run([*command, str(out)]).returncode == 0
-        tables.append((out / "sweep.csv").read_bytes())
-    assert set(tables) == {(tmp_path / "whole" / "sweep.csv").read_bytes()}
+        kept.add(len(list((tmp_path / "killed/points").glob("*.json"))))
+    assert len(kept - {0, 200}) > 3  # it was killed in the middle
+    for name in ("killed", "whole"):
+        assert subprocess.run([*command, str(tmp_path / name)]).returncode == 0
+    tables = [(tmp_path / name / "sweep.csv").read_bytes() for name in ("killed", "whole")]
+    assert tables[0] == tables[1]
+    assert len(tables[0].splitlines()) == 201
