@@ -18,6 +18,8 @@ PER_MOTION = 6
 OUTERMOST = 1e-9
 """Uniform numbers are kept this far from 0 and 1, where the normal distribution has no end."""
 
+STILL = Pose.identity()
+
 
 @dataclass(frozen=True, eq=False)
 class Draw:
@@ -102,7 +104,7 @@ def _uniform(dimensions: int, samples: int, seed: int) -> Float64[np.ndarray, "s
 def _motion(numbers: Real[np.ndarray, "6"], position: float, degrees: float, pivot: Real[np.ndarray, "3"]) -> Pose:
     """Make a shift, and a turn by a normal angle about an axis of any direction through a pivot."""
     if not (position or degrees):
-        return Pose.identity()
+        return STILL
     shift = position * ndtri(numbers[:3])
     height, around = 2.0 * numbers[3] - 1.0, 2.0 * np.pi * numbers[4]
     flat = np.sqrt(1.0 - height**2)

@@ -1,8 +1,10 @@
 """The transfer matrix of one sample: evaluated from one solve, or solved with its bodies where they are."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Complex128, Float64, Int64, Real
@@ -35,8 +37,13 @@ LEFT_OUT = {
 ANGLES = 400
 """Angles at which the pattern of an element is tabulated."""
 
+AT_ONCE = 16
+"""Samples that are evaluated together."""
+
 Ball = tuple[Float64[np.ndarray, "3"], float]
 """Centre and radius of a ball around all bodies [m]."""
+
+Made = TypeVar("Made")
 
 Groups = tuple[Int64[np.ndarray, "group"], ...]
 """Indices of the foci that move together."""
@@ -80,6 +87,12 @@ class Sampled:
         directions = np.stack([sines, np.zeros(ANGLES), np.sqrt(1.0 - sines**2)], axis=1)
         return sines, np.real(self.array.element.far_pattern(directions, self.field.scene.wavenumber.real))
 
+    @property
+    def together(self) -> bool:
+        """Whether all foci move as one."""
+        doubt = self.uncertainty
+        return not (doubt.own_position or doubt.own_rotation or doubt.along_skin)
+
     @classmethod
     def of(
         cls,
@@ -96,8 +109,10 @@ class Sampled:
         solved = solver if scene.obstacles and (by_themselves or uncertainty.along_skin) else None
         expand = scene.obstacles and solved is None and not isinstance(beacons, MultipoleField)
         bodies = _nearest_bodies(scene, foci)
+        field = multipole_expansion(beacons) if expand else beacons
+        ball = field.ball if isinstance(field, MultipoleField) else ball_of(scene) if scene.obstacles else None
         sampled = cls(
-            multipole_expansion(beacons) if expand else beacons,
+            field,
             array,
             _boards(array) if uncertainty.board_position or uncertainty.board_rotation else (),
             uncertainty,
@@ -105,13 +120,13 @@ class Sampled:
             _groups(bodies, by_themselves, bool(uncertainty.along_skin)),
             bodies,
             foci[:felt].mean(axis=0),
-            ball_of(scene) if scene.obstacles else None,
+            ball,
             np.zeros_like(nominal),
         )
         if solved is not None:
             return sampled
-        alone, carrier = sampled._centres(array, Pose.identity(), 1.0)
-        return replace(sampled, remainder=(nominal - alone * array.gains) / carrier)
+        alone, carrier = sampled._centres([(array, Pose.identity(), 1.0)], np.arange(len(foci)))
+        return replace(sampled, remainder=(nominal - alone[0] * array.gains) / carrier[0])
 
     def draw(self, samples: int, seed: int) -> Iterator[Draw]:
         """Draw samples; with a solver each body has a motion of its own, else each group of foci."""
@@ -133,51 +148,64 @@ class Sampled:
 
     def matrices(self, given: Iterable[Draw]) -> Iterator[Complex128[np.ndarray, "foci elements"] | None]:
         """Transfer matrix of each draw; None where it cannot be."""
-        make = self._evaluated if self.solver is None else self._solved
-        for one in given:
-            try:
-                yield make(one)
-            except InvalidInput as fault:
-                if fault.code not in LEFT_OUT:
-                    raise
-                yield None
+        if self.solver is not None:
+            for one in given:
+                yield _unless_left_out(self._solved, one)
+            return
+        rest = iter(given)
+        while some := list(islice(rest, AT_ONCE)):
+            places = [_unless_left_out(self._places, one) for one in some]
+            found = iter(self._evaluated([place for place in places if place is not None]))
+            yield from (None if place is None else next(found) for place in places)
 
     def _array(self, draw: Draw) -> PhasedArray:
         if not self.pieces:
             return self.array
         return join([piece.moved(pose) for piece, pose in zip(self.pieces, draw.boards, strict=True)])
 
-    def _evaluated(self, draw: Draw) -> Complex128[np.ndarray, "foci elements"]:
-        """Evaluate the solved field at the array from where each group of foci sees it."""
+    def _places(self, draw: Draw) -> tuple[PhasedArray, Sequence[Pose], float]:
+        """Return the array of a draw and the motion of each group of foci, which must keep them off each other."""
         array, foci = self._array(draw), self.field.sources.positions
-        shifts = along_skin(self.field.scene, foci, draw.skin) if draw.skin.any() else np.zeros_like(foci)
-        rows = np.empty((len(foci), len(array)), dtype=np.complex128)
-        for own, group in zip(draw.own, self.groups, strict=True):
-            pose = draw.hand @ Pose(own.rotation, own.translation + shifts[group[0]])
+        poses = [draw.hand] * len(self.groups)
+        if not self.together:
+            shifts = along_skin(self.field.scene, foci, draw.skin) if draw.skin.any() else np.zeros_like(foci)
+            owns = zip(draw.own, self.groups, strict=True)
+            poses = [draw.hand @ Pose(own.rotation, own.translation + shifts[group[0]]) for own, group in owns]
+        for pose, group in zip(poses, self.groups, strict=True):
             _check(self.field.scene, array, pose, foci[group], self.ball)
-            alone, carrier = self._centres(array, pose, draw.slower, group)
-            rows[group] = alone * array.gains + self.remainder[group] * carrier
+        return array, poses, draw.slower
+
+    def _evaluated(
+        self, places: Sequence[tuple[PhasedArray, Sequence[Pose], float]]
+    ) -> Complex128[np.ndarray, "samples foci elements"]:
+        """Evaluate the solved field at the array from where each group of foci sees it, for several draws at once."""
+        rows = np.empty((len(places), *self.remainder.shape), dtype=np.complex128)
+        for number, group in enumerate(self.groups if places else ()):
+            seen = [(array, poses[number], slower) for array, poses, slower in places]
+            alone, carrier = self._centres(seen, group)
+            rows[:, group] = alone * self.array.gains + self.remainder[group] * carrier
         return rows
 
     def _centres(
-        self, array: PhasedArray, pose: Pose, slower: float, group: Int64[np.ndarray, "group"] | None = None
-    ) -> tuple[Complex128[np.ndarray, "group elements"], Complex128[np.ndarray, "group elements"]]:
+        self, seen: Sequence[tuple[PhasedArray, Pose, float]], group: Int64[np.ndarray, "group"]
+    ) -> tuple[Complex128[np.ndarray, "samples group elements"], Complex128[np.ndarray, "samples group elements"]]:
         """Pressure at the centres of the elements times their directivity towards each focus; and a wave from there.
 
         That costs a twelfth of the mean over their faces. What it lacks is taken from the nominal matrix.
         """
-        element, wavenumber = array.element, self.field.scene.wavenumber
-        group = np.arange(len(self.bodies)) if group is None else group
-        points = self.middle + slower * ((array.positions - pose.translation) @ pose.rotation - self.middle)
+        element, wavenumber = self.array.element, self.field.scene.wavenumber
+        slower = np.array([[[factor]] for _, _, factor in seen])
+        turned = [(array.positions - pose.translation) @ pose.rotation for array, pose, _ in seen]
+        points = self.middle + slower * (np.stack(turned) - self.middle)
         foci = self.middle + slower * (self.field.sources.positions[group] - self.middle)
-        away = points - foci[:, None]
-        distance = np.linalg.norm(away, axis=2)
+        away = points[:, None] - foci[:, :, None]
+        distance = np.sqrt(np.einsum("sfed,sfed->sfe", away, away))
         carrier = slower * np.exp(1j * wavenumber * distance) / distance
-        received = _columns(self.field, points, group).T
+        received = _columns(self.field, points.reshape(-1, 3), group).reshape(*points.shape[:2], -1).transpose(0, 2, 1)
         if len(element.weights) > 1:
-            normals = array.normals @ pose.rotation
-            heights = foci @ normals.T - np.sum(points * normals, axis=1)
-            sines = slower * np.sqrt(np.maximum(1.0 - (heights / distance) ** 2, 0.0))
+            normals = np.stack([array.normals @ pose.rotation for array, pose, _ in seen])
+            cosines = np.einsum("sfed,sed->sfe", away, normals) / distance
+            sines = slower * np.sqrt(np.maximum(1.0 - cosines**2, 0.0))
             received = received * np.interp(sines, *self.pattern)
         return slower * element.sensitivity * received, carrier
 
@@ -202,6 +230,16 @@ class Sampled:
         received = field.at(points).reshape(*faces.shape[:2], -1)
         means = np.einsum("eqf,q->fe", received, element.weights)
         return draw.slower * element.sensitivity * means * array.gains
+
+
+def _unless_left_out(make: Callable[[Draw], Made], draw: Draw) -> Made | None:
+    """Make something of a draw; None where the draw cannot be."""
+    try:
+        return make(draw)
+    except InvalidInput as fault:
+        if fault.code not in LEFT_OUT:
+            raise
+        return None
 
 
 def along_skin(

@@ -34,6 +34,10 @@ def check_placement(scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "fo
         return
     for index, obstacle in enumerate(scene.obstacles):
         vertices = obstacle.surface.corners.reshape(-1, 3)
+        middle = vertices.mean(axis=0)
+        radius = np.sqrt(np.max(np.sum((vertices - middle) ** 2, axis=1)))
+        if _height(array, middle[None]).min() > radius:
+            continue
         hull = vertices[ConvexHull(vertices).vertices]
         _check_behind(array, -_height(array, hull).min(axis=0), f"body {index} reaches")
 

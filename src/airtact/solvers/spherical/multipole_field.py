@@ -109,6 +109,11 @@ class MultipoleField(RadiatedField):
         """Pressure on the surfaces of the bodies, as it was solved."""
         return self.solved.on_surface
 
+    @property
+    def ball(self) -> tuple[Float64[np.ndarray, "3"], float]:
+        """Centre and radius of the ball around the bodies [m]."""
+        return self.spheres.centre, self.spheres.radius - MARGIN * self.scene.wavelength
+
     def valid(self, points: Points) -> Mask:
         """Whether the field exists at points (P, 3) [m]."""
         points = points_of(points, "points", least=0)

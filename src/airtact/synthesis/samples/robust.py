@@ -10,6 +10,7 @@ alone, however many elements there are.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
@@ -29,7 +30,7 @@ Goal = Literal["lowest tenth", "mean", "worst"]
 Limit = Literal["energy", "amplitude", "phases"]
 """What drives have in common: their energy Σ|d|², the full scale of each element, or full scale everywhere."""
 
-EXPONENTS = {"mean": (1.0,), "lowest tenth": (-2.0,), "worst": (-2.0, -8.0, -32.0)}
+EXPONENTS = {"mean": (1.0,), "lowest tenth": (1.0, -2.0), "worst": (1.0, -2.0, -8.0, -32.0)}
 """Exponents of the power mean of each goal, one descent after another."""
 
 SHARPNESS = 8.0
@@ -58,6 +59,7 @@ RIDGE = 1e-10
 
 Rows = Complex128[np.ndarray, "rows elements"]
 Suppressed = Complex128[np.ndarray, "suppressed elements"]
+Amplitudes = Complex128[np.ndarray, "elements"]
 
 
 def robust(ensemble: TransferMatrix, target: Target, goal: Goal = "lowest tenth", *, limit: Limit = "energy") -> Drive:
@@ -101,9 +103,8 @@ def robust(ensemble: TransferMatrix, target: Target, goal: Goal = "lowest tenth"
     nominal, wanted = asked_rows(ensemble, target)
     nominal = nominal / wanted[:, None]
     samples = sampled_rows(ensemble, target)
-    suppressed = _suppressed(ensemble, target)
-    found = _best(nominal, samples, suppressed, goal, limit)
-    return _scaled(ensemble, target, found, goal)
+    search = _Search(samples, _suppressed(ensemble, target), goal, limit)
+    return _scaled(ensemble, target, _best(nominal, search), goal)
 
 
 def robust_phase_only(ensemble: TransferMatrix, target: Target, goal: Goal = "lowest tenth") -> Drive:
@@ -162,58 +163,61 @@ def _suppressed(ensemble: TransferMatrix, target: Target) -> Suppressed:
 
 
 def _statistic(values: Float64[np.ndarray, "samples"], goal: str) -> float:
+    """Return what a goal means: a statistic of the weakest focus over the samples."""
     if goal == "mean":
         return float(values.mean())
     return float(values.min() if goal == "worst" else np.quantile(values, 0.1))
 
 
-def _scaled(
-    ensemble: TransferMatrix, target: Target, amplitudes: Complex128[np.ndarray, "elements"], goal: Goal
-) -> Drive:
+def _scaled(ensemble: TransferMatrix, target: Target, amplitudes: Amplitudes, goal: Goal) -> Drive:
     full = Drive(amplitudes / np.abs(amplitudes).max())
     if target.pressures is None:
         return full
     return Drive(full.amplitudes / max(goal_value(ensemble, target, full, goal), 1.0))
 
 
-def _best(
-    nominal: Complex128[np.ndarray, "foci elements"],
-    samples: Complex128[np.ndarray, "samples foci elements"],
-    suppressed: Suppressed,
-    goal: Goal,
-    limit: Limit,
-) -> Complex128[np.ndarray, "elements"]:
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """What is searched for: ``samples`` are rows over what each focus asks, ``suppressed`` those of other points."""
+
+    samples: Complex128[np.ndarray, "samples foci elements"]
+    suppressed: Suppressed
+    goal: Goal
+    limit: Limit
+
+    @property
+    def rows(self) -> Rows:
+        """(S F, E) the rows of all samples."""
+        return self.samples.reshape(-1, self.samples.shape[2])
+
+    def value(self, amplitudes: Amplitudes) -> float:
+        """Return the goal where the limit is reached."""
+        scale = np.linalg.norm(amplitudes) if self.limit == "energy" else np.abs(amplitudes).max()
+        return _statistic(np.abs(self.samples @ amplitudes).min(axis=1), self.goal) / float(scale)
+
+    def found(self, start: Amplitudes, weight: float) -> Amplitudes:
+        """Search from a start; energy at the suppressed points counts by a weight."""
+        return (_by_energy if self.limit == "energy" else _by_element)(self, start, weight)
+
+
+def _best(nominal: Complex128[np.ndarray, "foci elements"], search: _Search) -> Amplitudes:
     """Find the amplitudes; with suppression points, by growing penalties until the goal has lost ``LOSS``."""
-    rows = samples.reshape(-1, samples.shape[2])
+    samples, suppressed = search.samples, search.suppressed
     alone = len(samples) == 1 and not len(suppressed)
-    start = balanced(nominal, limit != "energy", BALANCED if alone else STARTED)
+    start = balanced(nominal, search.limit != "energy", BALANCED if alone else STARTED)
     if alone:
         return start
-    search = _by_energy if limit == "energy" else _by_element
-
-    def value(amplitudes: Complex128[np.ndarray, "elements"]) -> float:
-        scale = np.linalg.norm(amplitudes) if limit == "energy" else np.abs(amplitudes).max()
-        return _statistic(np.abs(samples @ amplitudes).min(axis=1), goal) / float(scale)
-
-    none = suppressed[:0]
-    if len(samples) == 1:
-        best = start
-    else:
-        tried = [start, search(rows, samples.shape[:2], none, 0.0, start, goal, limit)]
-        best = max(tried, key=value)
-    least = (1.0 - LOSS) * value(best)
+    best = start if len(samples) == 1 else max([start, search.found(start, 0.0)], key=search.value)
+    least = (1.0 - LOSS) * search.value(best)
     for penalty in PENALTIES if len(suppressed) else ():
-        weight = penalty * suppressed.shape[1] / np.sum(np.abs(suppressed) ** 2)
-        found = search(rows, samples.shape[:2], suppressed, weight, best, goal, limit)
-        if value(found) < least:
+        found = search.found(best, penalty * suppressed.shape[1] / float(np.sum(np.abs(suppressed) ** 2)))
+        if search.value(found) < least:
             break
         best = found
     return best
 
 
-def balanced(
-    matrix: Complex128[np.ndarray, "foci elements"], phases: bool, steps: int = BALANCED
-) -> Complex128[np.ndarray, "elements"]:
+def balanced(matrix: Complex128[np.ndarray, "foci elements"], phases: bool, steps: int = BALANCED) -> Amplitudes:
     """Make the weakest focus of one matrix strongest, by alternating projections that give weak foci more weight.
 
     With ``phases`` every element is at full scale, else the energy is what is limited; ``matrix`` has rows over what
@@ -251,18 +255,11 @@ def _balanced_sources(
 # --- descents -------------------------------------------------------------------------------------------------------
 
 
-def _by_energy(
-    rows: Rows,
-    shape: tuple[int, int],
-    suppressed: Suppressed,
-    weight: float,
-    start: Complex128[np.ndarray, "elements"],
-    goal: Goal,
-    limit: Limit,
-) -> Complex128[np.ndarray, "elements"]:
+def _by_energy(search: _Search, start: Amplitudes, weight: float) -> Amplitudes:
     """Find the best drive of unit energy, that at suppression points included: d = M⁻¹ Aᴴ s, M = 1 + weight Rᴴ R."""
+    rows, suppressed, shape = search.rows, search.suppressed, search.samples.shape[:2]
     back = rows.conj().T
-    if len(suppressed):
+    if weight:
         energy = np.eye(rows.shape[1]) + weight * suppressed.conj().T @ suppressed
         back = cho_solve((cholesky(energy, lower=True), True), back)
     products = rows @ back
@@ -283,28 +280,21 @@ def _by_energy(
         return lower @ unit, pull
 
     numbers = solve_triangular(lower, rows @ start, lower=True)
-    for exponent in EXPONENTS[goal]:
+    for exponent in EXPONENTS[search.goal]:
         numbers = _climbed(numbers, received, shape, exponent)
     return back @ solve_triangular(lower.conj().T, numbers / np.linalg.norm(numbers), lower=False)
 
 
-def _by_element(
-    rows: Rows,
-    shape: tuple[int, int],
-    suppressed: Suppressed,
-    weight: float,
-    start: Complex128[np.ndarray, "elements"],
-    goal: Goal,
-    limit: Limit,
-) -> Complex128[np.ndarray, "elements"]:
+def _by_element(search: _Search, start: Amplitudes, weight: float) -> Amplitudes:
     """Find the best drive with each element at most, or exactly, at full scale.
 
     Amplitudes are sines of angles, which keeps them within full scale without bounds.
     """
-    full = limit == "phases"
+    rows, suppressed, shape = search.rows, search.suppressed, search.samples.shape[:2]
+    full = search.limit == "phases"
     count, back = len(start), rows.conj().T
 
-    def drive_of(numbers: Float64[np.ndarray, "numbers"]) -> Complex128[np.ndarray, "elements"]:
+    def drive_of(numbers: Float64[np.ndarray, "numbers"]) -> Amplitudes:
         size = np.ones(count) if full else np.sin(numbers[count:])
         return size * np.exp(1j * numbers[:count])
 
@@ -312,7 +302,7 @@ def _by_element(
         amplitudes = drive_of(numbers)
         reached, by_pressure = _power_mean(rows @ amplitudes, shape, exponent)
         slope = back @ by_pressure
-        if len(suppressed):
+        if weight:
             there = suppressed @ amplitudes
             energy = count + weight * float(np.vdot(there, there).real)
             reached -= 0.5 * np.log(energy)
@@ -326,7 +316,7 @@ def _by_element(
     from scipy.optimize import minimize
 
     numbers = np.angle(start) if full else np.concatenate([np.angle(start), np.full(count, 0.45 * np.pi)])
-    for exponent in EXPONENTS[goal]:
+    for exponent in EXPONENTS[search.goal]:
         numbers = minimize(value, numbers, (exponent,), jac=True, method="L-BFGS-B", options={"maxiter": ITERATIONS}).x
     return drive_of(numbers)
 
