@@ -11,9 +11,9 @@ import msgspec
 import numpy as np
 
 from airtact.evaluation.headline import body_word
-from airtact.evaluation.held_out import SAMPLES
 from airtact.evaluation.windows import Window, plane_of_scene
 from airtact.sampling.ensemble import ensemble
+from airtact.scene.scene import Scene
 from airtact.scene.sources import Monopoles
 from airtact.scene.target import Target
 from airtact.scene_file.building import Setup
@@ -26,6 +26,7 @@ from airtact.store.stored import Stored
 from airtact.surfaces.surface import Surface
 from airtact.synthesis.best import method_for
 from airtact.synthesis.max_min import Stalled
+from airtact.synthesis.methods import FOR_SAMPLES
 from airtact.synthesis.motion import Motion
 from airtact.synthesis.reach import NEAREST, nearest_foci
 from airtact.timing import Clock
@@ -150,10 +151,13 @@ def stored(solver: Solver, store: Path | None) -> Solver:
 def solve_foci(setup: Setup, clock: Clock, store: Path | None = None) -> tuple[TransferMatrix, SolveReport]:
     """Solve for a beacon in each focus and suppression point, and evaluate the fields at the transducers.
 
-    Where something is in doubt the matrix is an ensemble, with the samples that drives are made for, and others of the
-    next seed that they are tried on.
+    Where something is in doubt the matrix is an ensemble, with the samples that drives are made for.
     """
-    beacons = solve_beacons(setup, clock, store)
+    return seen_by_array(setup, solve_beacons(setup, clock, store), clock)
+
+
+def seen_by_array(setup: Setup, beacons: RadiatedField, clock: Clock) -> tuple[TransferMatrix, SolveReport]:
+    """Evaluate the fields of ``solve_beacons`` at the transducers, as ``solve_foci`` does."""
     transducers = counted(len(setup.array), "transducer", "transducers")
     with clock.step("transfer", f"evaluating the beacons at {transducers}"):
         transfer = transfer_matrix(beacons, setup.array)
@@ -162,22 +166,20 @@ def solve_foci(setup: Setup, clock: Clock, store: Path | None = None) -> tuple[T
         report = replace(beacons.report, warnings=warned)
     if setup.uncertainty is None:
         return transfer, report
-    with clock.step("samples", f"evaluating them at {setup.samples} + {SAMPLES} samples of what is in doubt"):
-        known = beacons if not setup.bodies else multipole_expansion(beacons)
-        given = known, setup.array, setup.uncertainty
-        made_for = ensemble(*given, setup.samples, setup.seed)
-        return replace(made_for, held_out=ensemble(*given, SAMPLES, setup.seed + 1)), report
+    with clock.step("samples", f"evaluating them at {setup.samples} samples of what is in doubt"):
+        return ensemble(beacons, setup.array, setup.uncertainty, setup.samples, setup.seed), report
 
 
 def solve_beacons(setup: Setup, clock: Clock, store: Path | None = None) -> RadiatedField:
-    """Solve for a beacon in each focus and suppression point."""
+    """Solve for a beacon in each focus and suppression point; as a multipole expansion where something is in doubt."""
     target = setup.target
     foci = f"focus ({len(target.points)})"
     if len(target.suppression_points):
         foci += f" and {counted(len(target.suppression_points), 'suppression point', 'suppression points')}"
     words = f"solving for a beacon in each {foci} around {', '.join(setup.bodies) or 'nothing'}"
     with clock.step("beacons", words):
-        return stored(setup.solver, store).radiate(setup.scene, target.beacons(suppression=True))
+        beacons = stored(setup.solver, store).radiate(setup.scene, target.beacons(suppression=True))
+        return multipole_expansion(beacons) if setup.uncertainty is not None and setup.bodies else beacons
 
 
 def synthesise(
@@ -208,11 +210,19 @@ def drive_names(bodies: Sequence[str]) -> tuple[str, ...]:
 def with_control(
     setup: Setup, method: Callable[[TransferMatrix, Target], Drive], drive: Drive | None = None
 ) -> dict[str, Drive]:
-    """Return a drive, if given, and its control by name: the same method on a matrix without the bodies."""
+    """Return a drive, if given, and its control by name: the same method on a matrix without the bodies.
+
+    A method for samples gets those of the same uncertainty in open air.
+    """
     names = drive_names(setup.bodies)
     drives = {} if drive is None else {names[0]: drive}
     if setup.bodies:
         open_air = open_air_matrix(setup.scene, setup.array, setup.target)
+        if setup.uncertainty is not None and setup.method in FOR_SAMPLES:
+            empty = Scene(setup.scene.medium, [], frequency=setup.scene.frequency)
+            beacons = FreeField().radiate(empty, setup.target.beacons(suppression=True))
+            doubt = replace(setup.uncertainty, along_skin=0.0)
+            open_air = ensemble(beacons, setup.array, doubt, setup.samples, setup.seed)
         drives[names[1]] = synthesise(method, open_air, setup.target)[0]
     return drives
 

@@ -1,11 +1,11 @@
 """The transfer matrix H from a drive d to the pressures at the foci, p = H d, and drives by distance alone."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Complex128, Float64
+from jaxtyping import Complex128, Float64, Int64
 
 from airtact.conventions import InvalidInput
 from airtact.printing import html_table, one_line
@@ -192,6 +192,10 @@ class TransferMatrix:
                 code="sizes_differ",
             )
         return self.matrix @ drive.amplitudes
+
+    def of_rows(self, chosen: Int64[np.ndarray, "rows"]) -> "TransferMatrix":
+        """Return the matrix of some of the rows, in this order."""
+        return replace(self, matrix=self.matrix[chosen], foci=None if self.foci is None else self.foci[chosen])
 
 
 def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:

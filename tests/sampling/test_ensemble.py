@@ -46,7 +46,7 @@ def test_nothing_in_doubt_gives_the_nominal_matrix() -> None:
 @pytest.mark.parametrize("array", [FLAT, at.surrounding_box()], ids=["flat", "box"])
 def test_a_hand_that_is_off_gives_the_matrix_of_that_place(array) -> None:
     poses = [at.Pose.turn((1, 2, 3), np.radians(5.0), (2e-3, -1e-3, 1e-3)), at.Pose.turn((0, 1, 0), 0.0, (0, 0, 3e-3))]
-    found = matrices_at(beacons(), array, poses)
+    found = np.stack(list(matrices_at(beacons(), array, poses)))
     exact = np.stack([at.transfer_matrix(beacons(), array.seen_from(pose)).matrix for pose in poses])
     assert off(found, exact) < 0.01
 

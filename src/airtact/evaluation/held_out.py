@@ -1,6 +1,6 @@
 """What drives keep where hand, air and transducers are not as expected: samples that no drive was made for."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,13 +8,34 @@ from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
 from airtact.evaluation.headline import pascals
+from airtact.evaluation.windows import Window
+from airtact.pose import Pose
 from airtact.printing import in_short
-from airtact.sampling.ensemble import TransferEnsemble
+from airtact.sampling.ensemble import TransferEnsemble, matrices_at
 from airtact.scene.target import Target
+from airtact.solvers.problem import RadiatedField
+from airtact.transducers.layout import PhasedArray
 from airtact.transfer import Drive
 
 SAMPLES = 256
 """Number of samples that drives are tried on."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShiftMap:
+    """The weakest focus under some drives where the hand is shifted, its foci along with it.
+
+    Attributes
+    ----------
+    shifts : a window around no shift at all; its points are shifts of the hand in the obstacles' frame [m].
+    pressures : (D, P) peak pressure of the weakest focus at each shift, at the energy of the first drive [Pa]; NaN
+        where the hand cannot be.
+    """
+
+    shifts: Window
+    pressures: Float64[np.ndarray, "drives points"]
+
+    __repr__ = in_short
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,12 +48,14 @@ class HeldOut:
     pressures : (D, S) peak pressure of the weakest focus in each sample, at the energy of the first drive [Pa].
     expected : (D,) the same with nothing in doubt [Pa].
     left_out : number of samples that cannot be.
+    maps : the same where the hand as a whole is shifted in a plane; may be none.
     """
 
     names: tuple[str, ...]
     pressures: Float64[np.ndarray, "drives samples"]
     expected: Float64[np.ndarray, "drives"]
     left_out: int
+    maps: tuple[ShiftMap, ...] = ()
 
     __repr__ = in_short
 
@@ -69,8 +92,37 @@ def held_out(samples: TransferEnsemble, target: Target, drives: Mapping[str, Dri
     if not drives:
         raise InvalidInput("there are 0 drives to try; give one or more by name.", code="empty")
     asked = np.flatnonzero(target.weights > 0.0)
-    energies = np.array([np.sum(np.abs(drive.amplitudes) ** 2) for drive in drives.values()])
-    scales = np.sqrt(energies[0] / energies)
+    scales = _scales(list(drives.values()))
     found = [np.abs(samples.pressures(drive))[:, asked].min(axis=1) for drive in drives.values()]
     nominal = [np.abs(samples.pressure(drive))[asked].min() for drive in drives.values()]
     return HeldOut(tuple(drives), scales[:, None] * np.stack(found), scales * np.array(nominal), samples.left_out)
+
+
+def shift_map(
+    beacons: RadiatedField, array: PhasedArray, target: Target, drives: Mapping[str, Drive], shifts: Window
+) -> ShiftMap:
+    """Evaluate drives, each at the energy of the first, for a hand that is shifted as a whole.
+
+    Parameters
+    ----------
+    beacons : field of unit beacons in the foci.
+    array, target, drives : as they are made for the hand where it is expected.
+    shifts : a window around no shift at all.
+    """
+    asked = np.flatnonzero(target.weights > 0.0)
+    amplitudes = np.stack([drive.amplitudes for drive in drives.values()], axis=1)
+    poses = (Pose(np.eye(3), shift) for shift in shifts.points)
+    found = np.stack(
+        [
+            np.full(len(drives), np.nan) if matrix is None else np.abs(matrix[asked] @ amplitudes).min(axis=0)
+            for matrix in matrices_at(beacons, array, poses)
+        ],
+        axis=1,
+    )
+    return ShiftMap(shifts, _scales(list(drives.values()))[:, None] * found)
+
+
+def _scales(drives: Sequence[Drive]) -> Float64[np.ndarray, "drives"]:
+    """Return factors that bring drives to the energy of the first."""
+    energies = np.array([np.sum(np.abs(drive.amplitudes) ** 2) for drive in drives])
+    return np.sqrt(energies[0] / energies)

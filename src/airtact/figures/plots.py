@@ -10,10 +10,12 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
+from airtact.evaluation.held_out import ShiftMap
 from airtact.evaluation.scan import Overlay
-from airtact.figures.field_figure import COLOURS
+from airtact.figures.field_figure import COLOURS, draw_values
 from airtact.hand.joints import FINGERS
 from airtact.tracking.recordings import PadTrack
 
@@ -63,6 +65,27 @@ def draw_shares(pressures: Mapping[str, Float64[np.ndarray, "samples"]], expecte
     )
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(loc="lower right", frameon=False)
+    return figure
+
+
+def draw_shifts(maps: Sequence[ShiftMap], names: Sequence[str], deviation: float) -> Figure:
+    """Draw the pressure of the weakest focus by the shift of the hand: a column for each drive, a row for each plane.
+
+    All have one scale. A ring shows a standard deviation [m] of the shift, where it is above zero.
+    """
+    figure = Figure(figsize=(2.6 * len(names) + 1.4, 2.5 * len(maps) + 0.5), layout="constrained")
+    axes = figure.subplots(len(maps), len(names), squeeze=False)
+    scale = ScalarMappable(Normalize(0.0, max(float(np.nanmax(one.pressures)) for one in maps)), COLOURS)
+    for row, one in zip(axes, maps, strict=True):
+        for panel, values in zip(row, one.pressures, strict=True):
+            draw_values(panel, one.shifts, values, scale, (), "bilinear")
+            panel.set_xlabel(f"shift {one.shifts.labels[0]}")
+            if deviation > 0.0:
+                panel.add_patch(Circle((0.0, 0.0), 1e3 * deviation, fill=False, edgecolor="white", linewidth=1.2))
+        row[0].set_ylabel(f"shift {one.shifts.labels[1]}")
+    for panel, name in zip(axes[0], names, strict=True):
+        panel.set_title(name, fontsize=11)
+    figure.colorbar(scale, ax=axes, label="peak pressure of the weakest focus [Pa]", aspect=30)
     return figure
 
 

@@ -15,11 +15,12 @@ from airtact.evaluation.held_out import HeldOut
 from airtact.evaluation.metrics import NOT_MODELLED
 from airtact.figures.array_figures import draw_phases, draw_scene
 from airtact.figures.field_figure import FAINT, Cut, draw_close_ups, draw_difference, draw_field
-from airtact.figures.plots import draw_shares
+from airtact.figures.plots import draw_shares, draw_shifts
 from airtact.file_access.atomic import whole_file
 from airtact.frames.frame import Frame
 from airtact.pages.page import page_from, picture
 from airtact.pages.viewer import SceneView, viewer_alternative, viewer_values
+from airtact.sampling.ensemble import TransferEnsemble
 from airtact.scene.scene import Obstacle, Scene
 from airtact.scene.target import Target
 from airtact.solvers.problem import SolveReport
@@ -146,14 +147,17 @@ def _pictures(run: Run) -> dict[str, Any]:
         "faint rings.",
         viewer_alternative(run.view),
     )
-    return {"fields": _fields(run), "phases": phases, "still": still, "doubt": _doubt(run.doubt)}
+    return {"fields": _fields(run), "phases": phases, "still": still, "doubt": _doubt(run)}
 
 
-def _doubt(doubt: HeldOut | None) -> Markup | None:
-    if doubt is None:
-        return None
+def _doubt(run: Run) -> list[Markup]:
+    """Draw what the drive keeps where the hand is not as expected: over samples, and by shifts of the hand."""
+    doubt = run.doubt
+    if doubt is None or not isinstance(run.transfer, TransferEnsemble):
+        return []
+    off = run.transfer.uncertainty.shift
     count = counted(doubt.pressures.shape[1], "sample", "samples")
-    return picture(
+    shares = picture(
         draw_shares(
             dict(zip(doubt.names, doubt.pressures, strict=True)), dict(zip(doubt.names, doubt.expected, strict=True))
         ),
@@ -164,6 +168,23 @@ def _doubt(doubt: HeldOut | None) -> Markup | None:
             for name, low in zip(doubt.names, doubt.lowest_tenth, strict=True)
         ),
     )
+    ring = f" The ring is one standard deviation, {1e3 * off:.3g} mm." * bool(off)
+    shifts = picture(
+        draw_shifts(doubt.maps, doubt.names, off),
+        "What the weakest focus gets where the hand as a whole is shifted: along the plane of the foci (above) and at "
+        f"right angles to it (below). All at equal energy.{ring}",
+        "; ".join(
+            f"{name}: {_rounded(low)} to {_rounded(high)} Pa"
+            for name, low, high in zip(
+                doubt.names,
+                np.nanmin([shift_map.pressures for shift_map in doubt.maps], axis=(0, 2)),
+                np.nanmax([shift_map.pressures for shift_map in doubt.maps], axis=(0, 2)),
+                strict=True,
+            )
+        ),
+        wide=True,
+    )
+    return [shares, shifts]
 
 
 def _fields(run: Run) -> list[Markup]:

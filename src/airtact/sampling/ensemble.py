@@ -11,11 +11,11 @@ boards, 1 % in a box.
 The points are scrambled Sobol points, the factors of the elements pseudo-random numbers; both follow from the seed.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Complex128
+from jaxtyping import Complex128, Int64
 
 from airtact.conventions import InvalidInput
 from airtact.pose import Pose
@@ -50,7 +50,6 @@ class TransferEnsemble(TransferMatrix):
     uncertainty : what the samples were drawn from.
     seed : of the samples.
     left_out : number of samples that cannot be, such as hands that a transducer would reach into.
-    held_out : other samples, on which drives are tried that were made for these; None unless set.
 
     Raises
     ------
@@ -63,7 +62,6 @@ class TransferEnsemble(TransferMatrix):
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     seed: int = 0
     left_out: int = 0
-    held_out: "TransferEnsemble | None" = None
 
     def __repr__(self) -> str:
         foci, elements = self.matrix.shape
@@ -88,6 +86,11 @@ class TransferEnsemble(TransferMatrix):
         for array in (self.geometry, self.gains):
             if array is not None:
                 array.flags.writeable = False
+
+    def of_rows(self, chosen: Int64[np.ndarray, "rows"]) -> "TransferEnsemble":
+        """Return some of the rows, of all samples."""
+        foci = None if self.foci is None else self.foci[chosen]
+        return replace(self, matrix=self.matrix[chosen], foci=foci, geometry=self.geometry[:, chosen])
 
     @property
     def matrices(self) -> Complex128[np.ndarray, "samples foci elements"]:
@@ -172,23 +175,14 @@ def ensemble(
 
 
 def matrices_at(
-    beacons: RadiatedField, array: PhasedArray, poses: Sequence[Pose]
-) -> Complex128[np.ndarray, "poses foci elements"]:
-    """Transfer matrices (P, F, E) of a hand that is moved rigidly by each pose, its foci along with it [Pa].
+    beacons: RadiatedField, array: PhasedArray, poses: Iterable[Pose]
+) -> Iterator[Complex128[np.ndarray, "foci elements"] | None]:
+    """Transfer matrix (F, E) of a hand that is moved rigidly by each pose, its foci along with it [Pa].
 
-    Raises
-    ------
-    InvalidInput
-        As ``transfer_matrix``; "all_left_out": one of them cannot be.
+    It is None where an element would reach into a body, or something is behind a face. Raises as ``transfer_matrix``.
     """
     sampled = Sampled.of(beacons, array, transfer_matrix(beacons, array).matrix, Uncertainty(), None)
-    found = [one for one in sampled.matrices(sampled.at_rest(pose) for pose in poses) if one is not None]
-    if len(found) < len(poses):
-        raise InvalidInput(
-            f"{len(poses) - len(found)} of {len(poses)} poses cannot be: an element reaches into a body.",
-            code="all_left_out",
-        )
-    return np.stack(found)
+    return sampled.matrices(sampled.at_rest(pose) for pose in poses)
 
 
 def check_counts(samples: int, seed: int) -> None:

@@ -99,6 +99,12 @@ class Uncertainty:
         object.__setattr__(self, "velocity", tuple(velocity.tolist()))
 
     @property
+    def shift(self) -> float:
+        """Standard deviation of a focus along one axis, but for rotations and its place on the skin [m]."""
+        late = self.age * np.linalg.norm(self.velocity)
+        return float(np.sqrt(self.position**2 + self.own_position**2 + late**2))
+
+    @property
     def none(self) -> bool:
         """Whether nothing is in doubt."""
         return not any(getattr(self, name) for name in _LIMITS)

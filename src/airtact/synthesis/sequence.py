@@ -6,7 +6,7 @@ or from leading it along a path (spatiotemporal modulation; W. Frier et al., Eur
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -284,8 +284,8 @@ def _frame(transfer: TransferMatrix, target: Target, chosen: Int64[np.ndarray, "
         given, share = {"shares": weights * phases}, float(weights.max() / target.shares.max())
     suppressed = transfer.matrix[len(target.points) :]
     alone = Target(target.points[chosen], **given, suppression_points=target.suppression_points[: len(suppressed)])
-    matrix = np.concatenate([transfer.matrix[chosen], suppressed])
-    return share * method(TransferMatrix(matrix, transfer.estimated_error), alone).amplitudes
+    rows = np.append(chosen, np.arange(len(target.points), len(transfer.matrix)))
+    return share * method(replace(transfer.of_rows(rows), foci=None, wavelength=None), alone).amplitudes
 
 
 def _frames(frequency: float, rate: float, least: int = FEWEST) -> int:

@@ -11,6 +11,7 @@ from airtact.evaluation.thresholds import sensation
 from airtact.scene.target import Target
 from airtact.scene_file.building import Setup
 from airtact.steps import solve_foci, synthesise
+from airtact.synthesis.methods import FOR_SAMPLES
 from airtact.synthesis.motion import Motion, moving_foci, moving_target
 from airtact.synthesis.sequence import Sequence
 from airtact.timing import Clock
@@ -34,7 +35,8 @@ def write_sequence(
     turns = motion.turns(paths)
     if not motion.through_points(len(target.points)):
         together, target = len(target.points), moving_target(target, paths)
-        transfer, _ = solve_foci(replace(setup, target=target), clock, store)
+        doubt = setup.uncertainty if setup.method in FOR_SAMPLES else None
+        transfer, _ = solve_foci(replace(setup, target=target, uncertainty=doubt), clock, store)
     notes: list[str] = []
 
     def method(rows: TransferMatrix, alone: Target) -> Drive:

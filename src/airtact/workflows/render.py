@@ -10,31 +10,34 @@ from jaxtyping import Float64
 
 from airtact.evaluation.comparison import Comparison, compare
 from airtact.evaluation.headline import FULL, beyond_linear, body_word, headline, shortfalls
-from airtact.evaluation.held_out import HeldOut, held_out
+from airtact.evaluation.held_out import SAMPLES, HeldOut, held_out, shift_map
 from airtact.evaluation.windows import Window, box_around, close_up
 from airtact.figures.field_figure import Cut, cut_bodies
 from airtact.file_access.atomic import writable_folder
 from airtact.files.vtkhdf import write_field
 from airtact.pages.run_page import Rendered, Run, write_page
-from airtact.sampling.ensemble import TransferEnsemble
+from airtact.sampling.ensemble import ensemble
 from airtact.scene.target import Target
 from airtact.scene.target_points import outward
 from airtact.scene_file.building import Setup, check_method, read_scene
+from airtact.solvers.problem import RadiatedField
 from airtact.steps import (
     method_words,
     named,
     plane_of_foci,
     reach_cautions,
     save_drives,
-    solve_foci,
+    seen_by_array,
+    solve_beacons,
     stored,
     synthesise,
     verification_solver,
     with_control,
 )
-from airtact.synthesis.methods import METHODS
+from airtact.synthesis.methods import FOR_SAMPLES, METHODS
 from airtact.synthesis.quantise import quantise
 from airtact.synthesis.reach import fraction
+from airtact.synthesis.samples.robust import robust
 from airtact.synthesis.time_reversal import time_reversal
 from airtact.synthesis.upper_bound import upper_bound
 from airtact.timing import Clock, Progress, no_progress
@@ -76,7 +79,8 @@ def render(
         setup = read_scene(path)
         setup = setup if method is None else _by_method(setup, method)
         writable_folder(folder)
-    transfer, beacons = solve_foci(setup, clock, store)
+    field = solve_beacons(setup, clock, store)
+    transfer, beacons = seen_by_array(setup, field, clock)
     with clock.step("drive", f"making the drive by {method_words(setup)}"):
         drive, notes = synthesise(setup.synthesise, transfer, setup.target)
     # An older run's field and page must not stand beside this run's drive.
@@ -88,6 +92,7 @@ def render(
     drive = _scaled(setup.target, drive, comparison)
     save_drives({folder / name: drive for name in FILES[:2]}, setup, transfer, beacons)
     reached = float(np.abs(drive.amplitudes).max()) * comparison.pressures["equal peak"][0]
+    doubt = _doubt(setup, field, transfer, drive, clock)
     rendered = Rendered(
         title=path.stem.replace("_", " "),
         text=setup.text,
@@ -103,8 +108,8 @@ def render(
         beacons=beacons,
         reached=reached,
         comparison=comparison,
-        doubt=_doubt(setup, transfer, drive),
-        **_sentences(setup, transfer, drive, comparison, (*reach_cautions(setup), *notes, *noted)),
+        doubt=doubt,
+        **_sentences(setup, transfer, drive, comparison, (*reach_cautions(setup), *notes, *noted), doubt),
         sensation=sensations(setup, reached, moving),
         seconds=clock.seconds,
     )
@@ -155,7 +160,12 @@ def _scaled(target: Target, drive: Drive, comparison: Comparison) -> Drive:
 
 
 def _sentences(
-    setup: Setup, transfer: TransferMatrix, drive: Drive, comparison: Comparison, notes: Sequence[str]
+    setup: Setup,
+    transfer: TransferMatrix,
+    drive: Drive,
+    comparison: Comparison,
+    notes: Sequence[str],
+    doubt: HeldOut | None,
 ) -> dict[str, Any]:
     """Return the headline of a run, the remarks under it, and the warnings: those there are and those of the solves."""
     peak = float(np.abs(drive.amplitudes).max())
@@ -165,7 +175,7 @@ def _sentences(
         "headline": headline(comparison, peak, body_word(setup.bodies)),
         "remarks": (
             *missing,
-            *(() if (doubt := _doubt(setup, transfer, drive)) is None else (doubt.sentence(),)),
+            *(() if doubt is None else (doubt.sentence(),)),
             _share_of_bound(setup, transfer, drive),
         ),
         "notes": (
@@ -182,14 +192,31 @@ def _by_method(setup: Setup, method: str) -> Setup:
     return replace(setup, method=method, synthesise=METHODS[method])
 
 
-def _doubt(setup: Setup, transfer: TransferMatrix, drive: Drive) -> HeldOut | None:
-    """Try the drive on samples that it was not made for, beside time reversal of the matrix without doubt."""
-    if not isinstance(transfer, TransferEnsemble) or transfer.held_out is None:
+def _doubt(
+    setup: Setup, beacons: RadiatedField, transfer: TransferMatrix, drive: Drive, clock: Clock
+) -> HeldOut | None:
+    """Try the drive where hand, air and transducers are not as expected, beside the robust one and time reversal."""
+    if setup.uncertainty is None:
         return None
-    drives = {setup.method.replace("_", " "): drive}
-    if setup.method != "time_reversal":
-        drives["time reversal"] = time_reversal(transfer, setup.target)
-    return held_out(transfer.held_out, setup.target, drives)
+    with clock.step("doubt", f"trying the drive on {SAMPLES} other samples of what is in doubt"):
+        drives = {setup.method.replace("_", " "): drive}
+        if setup.method not in FOR_SAMPLES:
+            drives["robust"] = robust(transfer, setup.target)
+        if setup.method != "time_reversal":
+            drives["time reversal"] = time_reversal(transfer, setup.target)
+        samples = ensemble(beacons, setup.array, setup.uncertainty, SAMPLES, setup.seed + 1)
+        found = held_out(samples, setup.target, drives)
+        given = beacons, setup.array, setup.target, drives
+        windows = _shifts(setup, setup.uncertainty.shift)
+        return replace(found, maps=tuple(shift_map(*given, window) for window in windows))
+
+
+def _shifts(setup: Setup, deviation: float) -> list[Window]:
+    """Return shifts in the plane of the foci and across it, up to three standard deviations of the hand's place."""
+    plane, wavelength = plane_of_foci(setup)[0], setup.scene.wavelength
+    reach = 2.0 * float(np.clip(3.0 * deviation, 0.25 * wavelength, 2.0 * wavelength))
+    across = plane.normal * np.sign(plane.normal[np.argmax(np.abs(plane.normal))])
+    return [Window(np.zeros(3), plane.right, up, reach, reach, reach / 16) for up in (plane.up, across)]
 
 
 def _share_of_bound(setup: Setup, transfer: TransferMatrix, drive: Drive) -> str:

@@ -1,6 +1,6 @@
 """What no drive exceeds over the samples of an ensemble, with a certificate that anyone can check."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
@@ -8,7 +8,6 @@ from jaxtyping import Complex128, Float64
 
 from airtact.conventions import InvalidInput
 from airtact.printing import one_line
-from airtact.sampling.ensemble import TransferEnsemble
 from airtact.scene.target import Target
 from airtact.synthesis.samples.robust import robust, sampled_rows
 from airtact.transfer import Drive, TransferMatrix
@@ -89,7 +88,7 @@ def robust_upper_bound(ensemble: TransferMatrix, target: Target, goal: BoundedGo
     flat = rows.reshape(-1, rows.shape[2])
     products = flat @ flat.conj().T
     without = Target(target.points, target.pressures, shares=target.shares)
-    drive = robust(_foci_alone(ensemble, len(target.points)), without, goal)
+    drive = robust(ensemble.of_rows(np.arange(len(target.points))), without, goal)
     size = np.abs(flat @ drive.amplitudes).reshape(shape)
     low = size.min(axis=1, keepdims=True)
     weights = np.exp(8.0 * (1.0 - size / low)) / low ** (1 if goal == "mean" else 3)
@@ -104,14 +103,6 @@ def robust_upper_bound(ensemble: TransferMatrix, target: Target, goal: BoundedGo
         best = found if best is None or found.value < best.value else best
     assert best is not None
     return best
-
-
-def _foci_alone(ensemble: TransferMatrix, count: int) -> TransferMatrix:
-    """Leave out the rows of suppression points."""
-    foci = None if ensemble.foci is None else ensemble.foci[:count]
-    if isinstance(ensemble, TransferEnsemble):
-        return replace(ensemble, matrix=ensemble.matrix[:count], foci=foci, geometry=ensemble.geometry[:, :count])
-    return replace(ensemble, matrix=ensemble.matrix[:count], foci=foci)
 
 
 def _bound(goal: str, multipliers: Float64[np.ndarray, "samples foci"], largest: float) -> float:
