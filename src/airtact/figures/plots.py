@@ -79,10 +79,10 @@ def draw_shifts(maps: Sequence[ShiftMap], names: Sequence[str], deviation: float
     for row, one in zip(axes, maps, strict=True):
         for panel, values in zip(row, one.pressures, strict=True):
             draw_values(panel, one.shifts, values, scale, (), "bilinear")
-            panel.set_xlabel(f"shift {one.shifts.labels[0]}")
+            panel.set_xlabel(f"shift: {one.shifts.labels[0]}")
             if deviation > 0.0:
                 panel.add_patch(Circle((0.0, 0.0), 1e3 * deviation, fill=False, edgecolor="white", linewidth=1.2))
-        row[0].set_ylabel(f"shift {one.shifts.labels[1]}")
+        row[0].set_ylabel(f"shift: {one.shifts.labels[1]}")
     for panel, name in zip(axes[0], names, strict=True):
         panel.set_title(name, fontsize=11)
     figure.colorbar(scale, ax=axes, label="peak pressure of the weakest focus [Pa]", aspect=30)

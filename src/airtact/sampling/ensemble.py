@@ -175,14 +175,14 @@ def ensemble(
 
 
 def matrices_at(
-    beacons: RadiatedField, array: PhasedArray, poses: Iterable[Pose]
+    beacons: RadiatedField, array: PhasedArray, poses: Iterable[Pose], slower: float = 1.0
 ) -> Iterator[Complex128[np.ndarray, "foci elements"] | None]:
     """Transfer matrix (F, E) of a hand that is moved rigidly by each pose, its foci along with it [Pa].
 
-    It is None where an element would reach into a body, or something is behind a face. Raises as ``transfer_matrix``.
+    ``slower`` scales the wavenumber, for warmer air. It is None where an element would reach into a body, or something is behind a face. Raises as ``transfer_matrix``.
     """
     sampled = Sampled.of(beacons, array, transfer_matrix(beacons, array).matrix, Uncertainty(), None)
-    return sampled.matrices(sampled.at_rest(pose) for pose in poses)
+    return sampled.matrices(sampled.at_rest(pose, slower) for pose in poses)
 
 
 def check_counts(samples: int, seed: int) -> None:

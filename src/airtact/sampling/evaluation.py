@@ -141,10 +141,10 @@ class Sampled:
         boards = [piece.positions.mean(axis=0) for piece in self.pieces]
         return draws(self.uncertainty, samples, seed, self.middle, pivots, len(foci), boards)
 
-    def at_rest(self, pose: Pose) -> Draw:
-        """Draw nothing but a motion of the whole hand."""
+    def at_rest(self, pose: Pose, slower: float) -> Draw:
+        """Draw nothing but a motion of the whole hand and a scale of the wavenumber."""
         still = (Pose.identity(),) * len(self.groups)
-        return Draw(pose, still, np.zeros((len(self.field.sources.positions), 2)), (), 1.0)
+        return Draw(pose, still, np.zeros((len(self.field.sources.positions), 2)), (), slower)
 
     def matrices(self, given: Iterable[Draw]) -> Iterator[Complex128[np.ndarray, "foci elements"] | None]:
         """Transfer matrix of each draw; None where it cannot be."""

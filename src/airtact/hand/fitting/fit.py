@@ -2,11 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float64, Real
-from threadpoolctl import ThreadpoolController
 
 from airtact.conventions import InvalidInput
 from airtact.hand.anatomy_parts import OWNER, PARTS
@@ -24,6 +23,7 @@ from airtact.pose import nearest_motion
 from airtact.printing import in_short
 from airtact.scene.uncertainty import Uncertainty
 from airtact.surfaces.surface import Surface
+from airtact.threads import one_thread
 from airtact.timing import Progress, no_progress
 from airtact.validation import check_finite, counted, fixed, in_mm, of_kind, real_numbers
 
@@ -142,7 +142,7 @@ def fit_hand(
     seen = Observation(cell_means(cloud), joints, spread, side, known, eye, silhouette)
     start = _carried(before, joints) if before is not None and before.hand.side == side else None
     sizes = known.mean if person is None else person.mean
-    with _threads().limit(limits=1, user_api="blas"):  # they wait for each other, the matrices being small
+    with one_thread():  # threads would wait for each other, the matrices being small
         found = _found(seen, start, sizes, progress or no_progress)
         fitted = _fitted(seen, found, before, person or known)
         _check_explained(seen, fitted, cloud)
@@ -166,12 +166,6 @@ def _found(
     starts = (best_hand(nothing, (bent,), known.mean, hold=known.settled).joints, seen.landmarks)
     report_step(f"fitting it to {cloud}")
     return best_hand(seen, starts, sizes, hold=known.settled)
-
-
-@cache
-def _threads() -> ThreadpoolController:
-    """Find the libraries whose threads can be limited, once: it takes milliseconds."""
-    return ThreadpoolController()
 
 
 DEEP = 1e-3

@@ -22,6 +22,7 @@ from airtact.sampling.ensemble import TransferEnsemble
 from airtact.scene.target import Target
 from airtact.synthesis.max_min import strongest_sources
 from airtact.synthesis.reach import asked_rows, suppression_rows
+from airtact.threads import one_thread
 from airtact.transfer import Drive, TransferMatrix
 
 Goal = Literal["lowest tenth", "mean", "worst"]
@@ -104,7 +105,9 @@ def robust(ensemble: TransferMatrix, target: Target, goal: Goal = "lowest tenth"
     nominal = nominal / wanted[:, None]
     samples = sampled_rows(ensemble, target)
     search = _Search(samples, _suppressed(ensemble, target), goal, limit)
-    return _scaled(ensemble, target, _best(nominal, search), goal)
+    with one_thread():  # threads would wait for each other, the products being small
+        found = _best(nominal, search)
+    return _scaled(ensemble, target, found, goal)
 
 
 def robust_phase_only(ensemble: TransferMatrix, target: Target, goal: Goal = "lowest tenth") -> Drive:
