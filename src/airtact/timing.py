@@ -1,8 +1,11 @@
-"""Wall time by step, for reports and for lines of progress."""
+"""Wall time by step, for reports and for lines of progress; and threads that would only lengthen it."""
 
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
+
+from threadpoolctl import ThreadpoolController
 
 Progress = Callable[[str], None]
 """What a long computation calls with the words of each step as it begins."""
@@ -43,3 +46,16 @@ class Clock:
             yield
         finally:
             self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begun
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Let linear algebra use one thread inside the block, where threads would wait for each other."""
+    with _threads().limit(limits=1, user_api="blas"):
+        yield
+
+
+@cache
+def _threads() -> ThreadpoolController:
+    """Find the libraries whose threads can be limited, once: it takes milliseconds."""
+    return ThreadpoolController()

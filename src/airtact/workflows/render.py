@@ -92,7 +92,6 @@ def render(
     drive = _scaled(setup.target, drive, comparison)
     save_drives({folder / name: drive for name in FILES[:2]}, setup, transfer, beacons)
     reached = float(np.abs(drive.amplitudes).max()) * comparison.pressures["equal peak"][0]
-    doubt = _doubt(setup, field, transfer, drive, clock)
     rendered = Rendered(
         title=path.stem.replace("_", " "),
         text=setup.text,
@@ -108,7 +107,7 @@ def render(
         beacons=beacons,
         reached=reached,
         comparison=comparison,
-        doubt=doubt,
+        doubt=(doubt := _doubt(setup, field, transfer, drive, clock)),
         **_sentences(setup, transfer, drive, comparison, (*reach_cautions(setup), *notes, *noted), doubt),
         sensation=sensations(setup, reached, moving),
         seconds=clock.seconds,

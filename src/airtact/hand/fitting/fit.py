@@ -23,8 +23,7 @@ from airtact.pose import nearest_motion
 from airtact.printing import in_short
 from airtact.scene.uncertainty import Uncertainty
 from airtact.surfaces.surface import Surface
-from airtact.threads import one_thread
-from airtact.timing import Progress, no_progress
+from airtact.timing import Progress, no_progress, one_thread
 from airtact.validation import check_finite, counted, fixed, in_mm, of_kind, real_numbers
 
 

@@ -22,7 +22,7 @@ from airtact.sampling.ensemble import TransferEnsemble
 from airtact.scene.target import Target
 from airtact.synthesis.max_min import strongest_sources
 from airtact.synthesis.reach import asked_rows, suppression_rows
-from airtact.threads import one_thread
+from airtact.timing import one_thread
 from airtact.transfer import Drive, TransferMatrix
 
 Goal = Literal["lowest tenth", "mean", "worst"]
@@ -31,8 +31,15 @@ Goal = Literal["lowest tenth", "mean", "worst"]
 Limit = Literal["energy", "amplitude", "phases"]
 """What drives have in common: their energy Σ|d|², the full scale of each element, or full scale everywhere."""
 
-EXPONENTS = {"mean": (1.0,), "lowest tenth": (1.0, -2.0), "worst": (1.0, -2.0, -8.0, -32.0)}
-"""Exponents of the power mean of each goal, one descent after another."""
+WAYS = {
+    "mean": ((1.0,),),
+    "lowest tenth": ((-2.0,), (1.0, -2.0)),
+    "worst": ((-2.0, -8.0, -32.0), (1.0, -2.0, -8.0, -32.0)),
+}
+"""Exponents of the power mean of each goal, one descent after another; the best of several ways there is kept.
+
+Hands that are off by much have many good drives far apart: one way ends at the better one here, another one there.
+"""
 
 SHARPNESS = 8.0
 """Minus the exponent of the power mean over the foci of a sample, which stands for the weakest of them."""
@@ -200,7 +207,9 @@ class _Search:
 
     def found(self, start: Amplitudes, weight: float) -> Amplitudes:
         """Search from a start; energy at the suppressed points counts by a weight."""
-        return (_by_energy if self.limit == "energy" else _by_element)(self, start, weight)
+        by_limit = _by_energy if self.limit == "energy" else _by_element
+        ways = WAYS[self.goal][: 1 if weight else None]
+        return max((by_limit(self, start, weight, exponents) for exponents in ways), key=self.value)
 
 
 def _best(nominal: Complex128[np.ndarray, "foci elements"], search: _Search) -> Amplitudes:
@@ -258,7 +267,7 @@ def _balanced_sources(
 # --- descents -------------------------------------------------------------------------------------------------------
 
 
-def _by_energy(search: _Search, start: Amplitudes, weight: float) -> Amplitudes:
+def _by_energy(search: _Search, start: Amplitudes, weight: float, exponents: tuple[float, ...]) -> Amplitudes:
     """Find the best drive of unit energy, that at suppression points included: d = M⁻¹ Aᴴ s, M = 1 + weight Rᴴ R."""
     rows, suppressed, shape = search.rows, search.suppressed, search.samples.shape[:2]
     back = rows.conj().T
@@ -283,12 +292,12 @@ def _by_energy(search: _Search, start: Amplitudes, weight: float) -> Amplitudes:
         return lower @ unit, pull
 
     numbers = solve_triangular(lower, rows @ start, lower=True)
-    for exponent in EXPONENTS[search.goal]:
+    for exponent in exponents:
         numbers = _climbed(numbers, received, shape, exponent)
     return back @ solve_triangular(lower.conj().T, numbers / np.linalg.norm(numbers), lower=False)
 
 
-def _by_element(search: _Search, start: Amplitudes, weight: float) -> Amplitudes:
+def _by_element(search: _Search, start: Amplitudes, weight: float, exponents: tuple[float, ...]) -> Amplitudes:
     """Find the best drive with each element at most, or exactly, at full scale.
 
     Amplitudes are sines of angles, which keeps them within full scale without bounds.
@@ -319,7 +328,7 @@ def _by_element(search: _Search, start: Amplitudes, weight: float) -> Amplitudes
     from scipy.optimize import minimize
 
     numbers = np.angle(start) if full else np.concatenate([np.angle(start), np.full(count, 0.45 * np.pi)])
-    for exponent in EXPONENTS[search.goal]:
+    for exponent in exponents:
         numbers = minimize(value, numbers, (exponent,), jac=True, method="L-BFGS-B", options={"maxiter": ITERATIONS}).x
     return drive_of(numbers)
 
