@@ -118,8 +118,8 @@ def by_error() -> None:
     rows = [("fingertip, box", *tip, box), ("two fingers, box", *fingers, box), ("six in air, box", *in_air(SIX), box)]
     rows += [("fingertip, flat boards", *tip, flat), ("two fingers, flat boards", *fingers, flat)]
     rows += [("six in air, flat boards", *in_air(SIX), flat), ("open hand, flat boards", *open_hand())]
-    for name, *scene in rows:
-        cells = [kept(*scene, at.Uncertainty(position=1e-3 * step)) for step in steps]
+    for name, beacons, target, array in rows:
+        cells = [kept(beacons, target, array, at.Uncertainty(position=1e-3 * step)) for step in steps]
         print(f"| {name} | {' | '.join(cells)} |", flush=True)
 
 

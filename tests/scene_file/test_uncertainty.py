@@ -62,6 +62,9 @@ def test_a_run_says_what_is_kept_nine_of_ten_times(read, tmp_path) -> None:
     assert doubt.lowest_tenth[0] > doubt.lowest_tenth[1]
     assert np.quantile(doubt.pressures[0], 0.1) == pytest.approx(doubt.lowest_tenth[0])
     assert doubt.sentence() in run.remarks
+    assert [one.pressures.shape for one in doubt.maps] == [(2, 17 * 17)] * 2
+    # With no shift at all, which is the middle, a drive gives what is expected.
+    np.testing.assert_allclose([one.pressures[:, 17 * 8 + 8] for one in doubt.maps], [doubt.expected] * 2, rtol=1e-6)
     assert "not as expected" in (tmp_path / "out/report.html").read_text(encoding="utf-8")
     names = [one.name for one in compare(path, tmp_path / "all", pictures=False).contenders]
     assert {"robust", "robust phase only"} <= set(names)
