@@ -94,10 +94,9 @@ class Stored(Solver):
             key = fingerprint(self.solver, scene, sources)
         except InvalidInput as unknown:
             return _with_warning(self.solver.radiate(scene, sources), f"this field is not stored: {unknown}")
-        if key in self._memory:
-            self._memory.move_to_end(key)
-            return self._memory[key]
-        field = self._from_folder(key, scene, sources)
+        field = self._memory.pop(key, None)  # and last again, in one step each: other threads use it at the same time
+        if field is None:
+            field = self._from_folder(key, scene, sources)
         if field is None:
             field = self.solver.radiate(scene, sources)
             for sentence in self._into_folder(key, field):
