@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from airtact.files.drives import load_drive
+from airtact.hardware import feeding
 from airtact.hardware.codecs import codec_of
 from airtact.hardware.emission import Emission
 from airtact.hardware.file_link import FileLink, write_frames
@@ -43,6 +44,18 @@ def test_two_thousand_frames_are_two_thousand_frames_on_a_busy_machine(tmp_path)
     levels = codec_of("nano16").levels
     asked = Sequence(frames, 1.0)
     assert all(quantise(back.drive(i), levels).same_as(quantise(asked.drive(i), levels)) for i in range(2000))
+
+
+def test_a_file_may_take_longer_to_write_than_boards_may_take_to_answer(tmp_path, monkeypatch) -> None:
+    class Slow(FileLink):
+        def _end(self) -> None:
+            time.sleep(0.3)
+            super()._end()
+
+    monkeypatch.setattr(feeding, "ANSWER", 0.05)
+    with Emission(Slow(tmp_path / "frames.npz")) as emission:
+        emission.send(tone())
+    assert (tmp_path / "frames.npz").exists()
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 """The feeder's side of a link process: start it, ask it, and have another silence the boards where it is lost."""
 
 import copy
+import math
 import os
 import pickle
 import signal
@@ -125,10 +126,13 @@ class LinkProcess:
         return value
 
     def _answer(self, seconds: float) -> Any:
-        """Wait for the answer to the newest message; older ones belong to calls that were interrupted."""
-        end = time.monotonic() + seconds
+        """Wait for the answer to the newest message; older ones belong to calls that were interrupted.
+
+        A link that emits nothing may take as long as it needs: writing a long sequence takes minutes.
+        """
+        end = time.monotonic() + (seconds if self._link.real_time else math.inf)
         while (left := end - time.monotonic()) > 0.0:
-            answer = self._channel.receive(left)
+            answer = self._channel.receive(min(left, seconds))
             if answer is not None and answer[0] == self._number:
                 return answer
         return None
