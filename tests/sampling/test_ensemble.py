@@ -153,6 +153,8 @@ def test_samples_that_cannot_be_are_left_out_and_counted() -> None:
     some = at.ensemble(beacons(), near, at.Uncertainty(position=3e-3), samples=32)
     assert 0 < some.left_out == 32 - len(some.geometry)
     assert repr(some).endswith(f"{some.left_out} left out)")
+    away = at.Uncertainty(age=1.0, velocity=(0.0, 0.0, 20.0))
+    assert at.ensemble(beacons(), FLAT, away, samples=8).left_out
     with raises_code("all_left_out", "all 1 samples"):
         at.ensemble(beacons(), at.surrounding_box(), at.Uncertainty(position=0.1), samples=1)
 

@@ -161,8 +161,10 @@ def ensemble(
     """
     of_kind(uncertainty, Uncertainty, "the uncertainty", "Uncertainty(position=1e-3, rotation=2.0)")
     check_counts(samples, seed)
+    if solver is not None:
+        of_kind(solver, Solver, "the solver", "BoundaryElement()")
     nominal = transfer_matrix(beacons, array)
-    _check_doubts(uncertainty, beacons.scene, array)
+    check_doubts(uncertainty, beacons.scene, array)
     sampled = Sampled.of(beacons, array, nominal.matrix, uncertainty, solver)
     kept = [one for one in sampled.matrices(sampled.draw(samples, seed)) if one is not None]
     if not kept:
@@ -202,8 +204,8 @@ def _check_count(value: int, least: int, most: int, what: str) -> None:
         )
 
 
-def _check_doubts(uncertainty: Uncertainty, scene: Scene, array: PhasedArray) -> None:
-    """Raise where something is in doubt that the scene or the array does not have."""
+def check_doubts(uncertainty: Uncertainty, scene: Scene, array: PhasedArray) -> None:
+    """Raise "not_air", "no_bodies" or "no_boards": something is in doubt that scene or array do not have."""
     speed = scene.medium.sound_speed
     if (uncertainty.temperature or uncertainty.humidity) and not AIR_SPEEDS[0] <= speed <= AIR_SPEEDS[1]:
         raise InvalidInput(

@@ -31,6 +31,7 @@ LEFT_OUT = {
     "focus_inside_body",
     "bodies_overlap",
     "bodies_too_near",
+    "too_far",
 }
 """Faults of a sample that cannot be; it is left out."""
 

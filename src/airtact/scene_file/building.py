@@ -13,7 +13,7 @@ from airtact.file_access.bounded import text_of
 from airtact.file_access.text_table import read_text_table
 from airtact.hand.hand import Hand
 from airtact.pose import Pose
-from airtact.sampling.ensemble import check_counts
+from airtact.sampling.ensemble import check_counts, check_doubts
 from airtact.scene.medium import Medium, air
 from airtact.scene.scene import Scene, check_outside
 from airtact.scene.target import Target
@@ -196,7 +196,7 @@ def _set_up(path: Path, text: str, file: tables.SceneFile) -> Setup:
         hands=tuple(hands),
         riding=riding_of(file.foci, len(foci)),
         tracker=tracker,
-        **_uncertainty(file.uncertainty),
+        **_uncertainty(file.uncertainty, scene, array),
     )
 
 
@@ -213,14 +213,16 @@ def check_method(method: str, uncertain: bool) -> str:
     return method
 
 
-def _uncertainty(table: tables.UncertaintyTable | None) -> dict[str, Any]:
+def _uncertainty(table: tables.UncertaintyTable | None, scene: Scene, array: PhasedArray) -> dict[str, Any]:
     """Return what is in doubt, and how many samples of it are drawn from which seed."""
     if table is None:
         return {}
     with about("uncertainty"):
         check_counts(table.samples, table.seed)
         given = {name: getattr(table, name) for name in table.__struct_fields__ if name not in ("samples", "seed")}
-        return {"uncertainty": Uncertainty(**given), "samples": table.samples, "seed": table.seed}
+        uncertainty = Uncertainty(**given)
+        check_doubts(uncertainty, scene, array)
+        return {"uncertainty": uncertainty, "samples": table.samples, "seed": table.seed}
 
 
 def _modulation(table: tables.ModulationTable, foci: int) -> AmplitudeModulation | Motion:
