@@ -67,6 +67,16 @@ def test_the_worst_focus_gets_what_it_asked_by_the_series(rendered, exact):
     np.testing.assert_allclose(run.reached, got, rtol=0.02)
 
 
+def test_the_picture_of_the_plane_says_how_far_off_its_pressures_are(rendered, exact):
+    folder, run, _ = rendered
+    found = next(iter(run.plane.pressures.values()))
+    outside = np.isfinite(found)
+    true = exact(run.plane.window.points[outside])
+    error = np.linalg.norm(found[outside] - true) / np.linalg.norm(true)
+    assert 0.3 < run.plane.error / error < 10.0
+    assert f"estimated to be {100 * run.plane.error:.1g} % off" in (folder / "report.html").read_text()
+
+
 def control_in_closed_form(run) -> Drive:
     """The control: the best drive on the matrix of baffled pistons in open air, 2 J1(x)/x with x = k a sin(angle)."""
     away = run.target.points[:, None] - run.array.positions[None]

@@ -40,12 +40,14 @@ MOST_NAMES = 8
 class Cut:
     """Pressure of several drives, by name, at the points of one window [Pa], NaN inside bodies.
 
-    ``outlines`` are the closed lines in which the surfaces of bodies without a field inside meet the plane [m].
+    ``outlines`` are the closed lines in which the surfaces of bodies without a field inside meet the plane [m];
+    ``error`` is the estimated relative error of the pressures over the window, NaN where none is known.
     """
 
     window: Window
     pressures: Mapping[str, Complex[np.ndarray, "points"]]
     outlines: Sequence[Float64[np.ndarray, "_ 3"]]
+    error: float = float("nan")
 
 
 def cut_bodies(window: Window, bodies: Sequence[Surface]) -> list[Float64[np.ndarray, "_ 3"]]:

@@ -191,12 +191,14 @@ def _fields(run: Run) -> list[Markup]:
     """Draw both drives and their difference: in the plane through the foci, or across each focus of a hand."""
     names = run.comparison.names
     most, points, got = run.view.most, run.target.points, run.view.reached
+    error = max(cut.error for cut in (run.close_ups or [run.plane]))
+    estimate = f" The pressures there are estimated to be {100 * error:.1g} % off." if error > 0.0 else ""
     if run.close_ups:
         changes = zip(run.foci, 20.0 * np.log10(got[:, 0] / got[:, 1]), strict=True)
         return [
             picture(
                 draw_close_ups(run.close_ups, run.foci, most),
-                "Across each focus, at right angles to the surface, which lies below it.",
+                f"Across each focus, at right angles to the surface, which lies below it.{estimate}",
                 f"Maps around each focus, up to {_rounded(most)} Pa; {names[0]} over {names[1]} in dB: "
                 + ", ".join(f"{name} {change:+.1f}" for name, change in changes),
                 wide=True,
@@ -209,7 +211,7 @@ def _fields(run: Run) -> list[Markup]:
     panels = [
         picture(
             draw_field(run.plane, name, most, points, run.foci),
-            f"{name.capitalize()}. {plane}",
+            f"{name.capitalize()}. {plane}{estimate}",
             f"Map of pressure, {name}: {_rounded(some.min())} to {_rounded(some.max())} Pa at the foci",
         )
         for name, some in zip(names, got.T, strict=True)

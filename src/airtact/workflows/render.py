@@ -17,6 +17,7 @@ from airtact.file_access.atomic import writable_folder
 from airtact.files.vtkhdf import write_field
 from airtact.pages.run_page import Rendered, Run, write_page
 from airtact.sampling.ensemble import ensemble
+from airtact.scene.scene import Scene
 from airtact.scene.target import Target
 from airtact.scene.target_points import outward
 from airtact.scene_file.building import Setup, check_method, read_scene
@@ -51,6 +52,9 @@ FILES = ("drive.csv", "drive.h5", "field.vtkhdf", "report.html")
 
 DOUBTFUL = 1.5
 """Difference between both solutions at a focus, over the accuracy asked, from which a run warns."""
+
+TRIED = 300
+"""About so many points of a window have the error estimated over them."""
 
 
 def render(
@@ -250,6 +254,13 @@ def _scales(comparison: Comparison, peak: float) -> Float64[np.ndarray, "drives"
     return peak * np.sqrt(energy[0] / energy)
 
 
+def _error_over(window: Window, scene: Scene, comparison: Comparison) -> float:
+    """Estimate the relative error of the pressures in a window, at some of its points outside the bodies."""
+    outside = window.points[scene.depth(window.points) < 0.0]
+    some = outside[:: max(1, len(outside) // TRIED)]
+    return float(np.max(comparison.field.error_at(some))) if len(some) else float("nan")
+
+
 def _cuts(setup: Setup, comparison: Comparison, scales: Float64[np.ndarray, "drives"]) -> tuple[Cut, list[Cut]]:
     """Cut the field through the foci, and across each of them where one plane cannot show them all."""
     scene, foci = setup.scene, setup.target.points
@@ -257,7 +268,8 @@ def _cuts(setup: Setup, comparison: Comparison, scales: Float64[np.ndarray, "dri
 
     def cut(window: Window) -> Cut:
         pressures = zip(comparison.at(window.points).items(), scales, strict=True)
-        return Cut(window, {name: p * scale for (name, p), scale in pressures}, cut_bodies(window, solid))
+        scaled = {name: p * scale for (name, p), scale in pressures}
+        return Cut(window, scaled, cut_bodies(window, solid), _error_over(window, scene, comparison))
 
     plane = cut(window)
     if len(foci) < 3 or not scene.obstacles:
