@@ -165,6 +165,11 @@ def test_wrong_numbers_of_samples_raise(samples, seed) -> None:
         at.ensemble(in_open_air(), FLAT, at.Uncertainty(), samples=samples, seed=seed)
 
 
+def test_a_solver_that_is_none_raises() -> None:
+    with raises_code("wrong_kind", "'bem'", "BoundaryElement()"):
+        at.ensemble(in_open_air(), FLAT, at.Uncertainty(), samples=1, solver="bem")
+
+
 def test_doubts_about_what_there_is_not_raise() -> None:
     water = at.Scene(at.Medium(1481.0, 1000.0), [], frequency=40e3)
     with raises_code("not_air", "1481"):

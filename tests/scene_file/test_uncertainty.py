@@ -68,8 +68,11 @@ def test_a_run_says_what_is_kept_nine_of_ten_times(read, tmp_path) -> None:
     # With no shift at all, which is the middle, a drive gives what is expected.
     np.testing.assert_allclose([one.pressures[:, 17 * 8 + 8] for one in doubt.maps], [doubt.expected] * 2, rtol=1e-6)
     assert "not as expected" in (tmp_path / "out/report.html").read_text(encoding="utf-8")
-    names = [one.name for one in compare(path, tmp_path / "all", pictures=False).contenders]
-    assert {"robust", "robust phase only"} <= set(names)
+    contenders = compare(path, tmp_path / "all", pictures=False).contenders
+    kept = {one.name: one.kept for one in contenders if one.kept is not None}
+    assert len(kept) == len(contenders)
+    assert kept["robust"] == pytest.approx(doubt.lowest_tenth[0], rel=0.02)  # but for rounding
+    assert kept["robust phase only"] == max(kept.values())
     certain = path.with_name("certain.toml")
     certain.write_text(SCENE)
     with raises_code("uncertainty_missing", "robust"):

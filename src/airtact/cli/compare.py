@@ -50,6 +50,7 @@ def _record(contest: "Ranked") -> dict[str, Any]:
             "pressures": one.pressures.tolist(),
             "of_the_bound": float(contest.of_the_bound(one)),
             "seconds": one.seconds,
+            "kept": one.kept,
             "suppression_level": one.suppression_level,
         }
         for one in sorted(contest.contenders, key=contest.of_the_bound, reverse=True)
@@ -62,12 +63,14 @@ def _record(contest: "Ranked") -> dict[str, Any]:
 def _table(contest: "Ranked") -> "Table":
     """Tabulate what the worst focus gets by each method, best first."""
     suppressed = ["suppression points"] if len(contest.target.suppression_points) else []
-    table = plain_table("method", "worst focus", "of the bound", "mean", "time", *suppressed)
+    doubted = ["9 of 10 times"] if contest.contenders[0].kept is not None else []
+    table = plain_table("method", "worst focus", *doubted, "of the bound", "mean", "time", *suppressed)
     table.title = "What the foci get; of the bound: at full scale, over what no drive exceeds"
     for one in sorted(contest.contenders, key=contest.of_the_bound, reverse=True):
         worst, mean = one.pressures.min(), one.pressures.mean()
         share = contest.of_the_bound(one)
         level = [f"{one.suppression_level:+.1f} dB"] if suppressed else []
         time = f"{1e3 * one.seconds:,.3g} ms" if one.seconds < 1.0 else f"{one.seconds:.1f} s"
-        table.add_row(contest.label(one), f"{worst:,.0f} Pa", f"{share:.0%}", f"{mean:,.0f} Pa", time, *level)
+        kept = [] if one.kept is None else [f"{one.kept:,.0f} Pa"]
+        table.add_row(contest.label(one), f"{worst:,.0f} Pa", *kept, f"{share:.0%}", f"{mean:,.0f} Pa", time, *level)
     return table

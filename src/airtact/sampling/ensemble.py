@@ -161,8 +161,6 @@ def ensemble(
     """
     of_kind(uncertainty, Uncertainty, "the uncertainty", "Uncertainty(position=1e-3, rotation=2.0)")
     check_counts(samples, seed)
-    if solver is not None:
-        of_kind(solver, Solver, "the solver", "BoundaryElement()")
     nominal = transfer_matrix(beacons, array)
     check_doubts(uncertainty, beacons.scene, array)
     sampled = Sampled.of(beacons, array, nominal.matrix, uncertainty, solver)

@@ -23,6 +23,7 @@ from airtact.solvers.spherical.multipole_field import MultipoleField, ball_of, m
 from airtact.transducers.boards import kind_of_array
 from airtact.transducers.layout import PhasedArray, join
 from airtact.transducers.placement import check_placement
+from airtact.validation import of_kind
 
 LEFT_OUT = {
     "array_inside_body",
@@ -104,6 +105,8 @@ class Sampled:
         solver: Solver | None,
     ) -> "Sampled":
         """Prepare what the samples need; ``nominal`` is the matrix with nothing in doubt."""
+        if solver is not None:
+            of_kind(solver, Solver, "the solver", "BoundaryElement()")
         scene, foci = beacons.scene, beacons.sources.positions
         felt = beacons.sources.foci if isinstance(beacons.sources, Beacons) else len(foci)
         by_themselves = bool(uncertainty.own_position or uncertainty.own_rotation)
