@@ -34,6 +34,9 @@ if TYPE_CHECKING:
     from airtact.scene.uncertainty import Uncertainty
     from airtact.scene_file.building import read_scene
     from airtact.sensing.echoes import Echoes
+    from airtact.sensing.registration import locate
+    from airtact.sensing.scattering import scattering_matrix
+    from airtact.sensing.simulation import simulate_echoes
     from airtact.solvers.bem.solver import BoundaryElement
     from airtact.solvers.fem.solver import FiniteElement
     from airtact.solvers.free_field import FreeField
@@ -125,6 +128,7 @@ __all__ = [
     "load_drive",
     "load_hand",
     "load_surface",
+    "locate",
     "max_min",
     "monopole",
     "multipole_expansion",
@@ -135,9 +139,11 @@ __all__ = [
     "quantise",
     "read_scene",
     "robust",
+    "scattering_matrix",
     "scene",
     "scene_file",
     "sensing",
+    "simulate_echoes",
     "solvers",
     "sound_hard",
     "sphere",
@@ -175,6 +181,9 @@ _HOMES = {
     "scene.uncertainty": "Uncertainty",
     "scene_file.building": "read_scene",
     "sensing.echoes": "Echoes",
+    "sensing.registration": "locate",
+    "sensing.scattering": "scattering_matrix",
+    "sensing.simulation": "simulate_echoes",
     "solvers.bem.solver": "BoundaryElement",
     "solvers.fem.solver": "FiniteElement",
     "solvers.free_field": "FreeField",

@@ -127,6 +127,11 @@ class RadiatedField(ABC):
     def on_surface(self) -> SurfaceField:
         """Total pressure on the surfaces of the bodies; arrays of length 0 where there are none."""
 
+    @property
+    def scattering_sources(self) -> Monopoles | None:
+        """Monopoles that radiate the scattered pressure away from the bodies; None where the solver has none."""
+        return None
+
     @abstractmethod
     def at(self, points: Points) -> Pressures:
         """Total pressure [Pa] at points (P, 3) [m] for each of the S excitations; NaN where ``valid`` is False.

@@ -68,6 +68,11 @@ class BoundaryField(RadiatedField):
         return TransposedSolution(self.sources, self.surface, self.density, self.factors)
 
     @property
+    def scattering_sources(self) -> Monopoles | None:
+        """The transposed solution's monopoles on and under the surface; None where a source touches a body."""
+        return None if (self.factors > 1).any() else self.transposed.scattering
+
+    @property
     def on_surface(self) -> SurfaceField:
         """Total pressure at the nodes of the panels, from the direct solution; ``InvalidInput`` without it."""
         nodes = self.surface.nodes

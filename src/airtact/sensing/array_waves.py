@@ -1,0 +1,94 @@
+"""The elements of an array as spherical waves about the bodies, and the echoes that follow from a scattering matrix.
+
+By reciprocity an element receives with the waves that it emits with: with w_e the regular waves of element e of unit
+strength, E[r, e] = w_rᵀ T w_e/(4πik). When the bodies move, all w_e are multiplied by one matrix D, so that the array
+is expanded once, about where the bodies are believed to be, and every pose nearby follows in closed form.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex128, Float64
+
+from airtact.conventions import InvalidInput
+from airtact.sensing.scattering import ScatteringMatrix
+from airtact.sensing.waves import Waves, monopole_waves, wave_count
+from airtact.transducers.layout import PhasedArray
+
+AT_ONCE = 200
+"""Elements whose face points are expanded at once."""
+
+
+@dataclass(frozen=True, eq=False)
+class ArrayWaves:
+    """Elements of an array as regular waves about the centre of a scattering matrix.
+
+    Attributes
+    ----------
+    waves : (W, E) of each element at unit drive, times its gain, without the sensitivity.
+    scale : sensitivity/(4πik) [Pa·m²], by which products of waves become pressures.
+    """
+
+    waves: Waves
+    scale: complex
+
+    def echo(
+        self, scattering: ScatteringMatrix, codes: Complex128[np.ndarray, "elements transmissions"]
+    ) -> Complex128[np.ndarray, "elements transmissions"]:
+        """Scattered pressure at every element (E, M) [Pa] with the bodies where they were when this was made."""
+        some = self.waves[: len(scattering.matrix)]
+        return self.scale * (some.T @ (scattering.matrix @ (some @ codes)))
+
+
+def array_waves(scattering: ScatteringMatrix, array: PhasedArray, order: int) -> ArrayWaves:
+    """Expand the elements of an array, which is in the frame of the bodies.
+
+    Raises
+    ------
+    InvalidInput
+        "array_inside_ball": an element stands within the ball about the bodies.
+    """
+    faces, count = array.face_points - scattering.centre, len(array.element.weights)
+    nearest = np.linalg.norm(faces, axis=2).min(axis=1)
+    element = int(nearest.argmin())
+    if nearest[element] <= scattering.radius:
+        raise InvalidInput(
+            f"element {element} of {len(array)} stands {1e3 * nearest[element]:.3g} mm from the middle of the bodies, "
+            f"within the ball of {1e3 * scattering.radius:.3g} mm around them, where spherical waves do not hold: move "
+            "the bodies away from the array, or leave out parts of them that are far from the foci.",
+            code="array_inside_ball",
+        )
+    waves = np.empty((wave_count(order), len(array)), dtype=np.complex128)
+    for first in range(0, len(array), AT_ONCE):
+        some = slice(first, first + AT_ONCE)
+        alone = monopole_waves(order, faces[some].reshape(-1, 3), scattering.scene.wavenumber)
+        waves[:, some] = alone.reshape(len(alone), -1, count) @ array.element.weights
+    scale = array.element.sensitivity / (4j * np.pi * scattering.scene.wavenumber)
+    return ArrayWaves(waves * array.gains, scale)
+
+
+def direct_sound(
+    array: PhasedArray, wavenumber: complex, codes: Complex128[np.ndarray, "elements transmissions"]
+) -> Float64[np.ndarray, "elements transmissions"]:
+    """Root of the summed squares of the pressures (E, M) [Pa] that arrive at each element from each of the others.
+
+    In open air, each by its distance and the far patterns of both elements; one with a front neither emits nor receives
+    behind its face, and to neighbours in the plane of its face as at 90 degrees.
+    """
+    offsets = array.positions[:, None, :] - array.positions[None, :, :]
+    distance = np.linalg.norm(offsets, axis=-1)
+    np.fill_diagonal(distance, 1.0)
+    power = np.exp(-2 * wavenumber.imag * distance) / distance**2
+    np.fill_diagonal(power, 0.0)
+    if array.element.directional:
+        angles = np.radians(np.arange(91.0))
+        along = np.stack([np.sin(angles), 0 * angles, np.cos(angles)], axis=1)
+        pattern = np.abs(array.element.far_pattern(along, wavenumber.real)) ** 2
+        for cosine in (
+            np.einsum("red,ed->re", offsets, array.normals) / distance,
+            np.einsum("red,rd->re", -offsets, array.normals) / distance,
+        ):
+            power *= np.where(cosine < -1e-9, 0.0, np.interp(cosine, np.cos(angles[::-1]), pattern[::-1]))
+    gains = np.abs(array.gains) ** 2
+    power *= array.element.sensitivity**2 * gains[:, None] * gains
+    return np.sqrt(power @ np.abs(codes) ** 2)

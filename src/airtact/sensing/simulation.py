@@ -1,0 +1,134 @@
+"""Echoes as a receiving array would measure them, from any solver: with noise, direct sound and dead receivers."""
+
+import numpy as np
+from jaxtyping import Complex128, Integer, Num
+
+from airtact.conventions import InvalidInput
+from airtact.scene.scene import Scene
+from airtact.scene.sources import Monopoles
+from airtact.sensing.array_waves import array_waves, direct_sound
+from airtact.sensing.echoes import Echoes
+from airtact.sensing.scattering import ScatteringMatrix, check_own
+from airtact.solvers.problem import Solver
+from airtact.transducers.layout import PhasedArray
+from airtact.transducers.placement import check_placement
+from airtact.validation import between, of_kind
+
+LARGEST_RATIO = 300.0
+"""Largest ratio in decibels."""
+
+
+def simulate_echoes(
+    made_by: Solver | ScatteringMatrix,
+    scene: Scene,
+    array: PhasedArray,
+    codes: Num[np.ndarray, "elements transmissions"],
+    *,
+    receivers: Integer[np.ndarray, "receivers"] | None = None,
+    noise: float | None = None,
+    subtraction: float | None = None,
+    dead: Integer[np.ndarray, "dead"] | None = None,
+    seed: int = 0,
+) -> Echoes:
+    """Compute the echoes of coded transmissions, and spoil them as a measurement is spoilt.
+
+    An element receives the mean of the scattered pressure over its face, times its gain. The array reflects nothing.
+
+    Parameters
+    ----------
+    made_by : a solver, such as ``BoundaryElement(accuracy=0.01, estimate=False)``, which solves for each code, or the
+        scattering matrix of the scene, which takes milliseconds.
+    scene : the bodies.
+    array : the E transducers in the obstacles' frame, see ``PhasedArray.seen_from``.
+    codes : (E, M), as of ``Echoes``.
+    receivers : numbers of the elements that receive; all of them unless given.
+    noise : rms of the echoes over that of added complex noise [dB]; none unless given.
+    subtraction : how far the sound that arrives directly from each other element is suppressed [dB], the rest having a
+        random phase; perfectly unless given.
+    dead : numbers of elements that receive noise only.
+    seed : of the random numbers, 0 or more.
+
+    Raises
+    ------
+    InvalidInput
+        As ``Echoes`` and ``transfer_matrix``; "array_inside_ball"; "element_count": codes of another array;
+        "other_scene": the scattering matrix is of another scene; "out_of_range": of noise, subtraction, dead or seed.
+
+    Examples
+    --------
+    >>> import airtact as at
+    >>> scene = at.Scene(at.air(celsius=20.0), [at.sound_hard(at.sphere(radius=5e-3, edge=2e-3))])
+    >>> array = at.autd3_board(at.Pose(np.eye(3), np.array([-0.09, -0.07, -0.15])))
+    >>> simulate_echoes(at.SphereSeries(), scene, array, at.sensing.random_codes(249, 4), noise=20.0)
+    Echoes(249 elements, 4 transmissions, 249 receivers, 40000 Hz)
+    """
+    of_kind(made_by, Solver | ScatteringMatrix, "what echoes are made by", "a solver or a scattering matrix")
+    check_placement(scene, array)
+    checked = _checked(array, codes, receivers, seed)
+    given, receiving = np.asarray(checked.codes), checked.receiving
+    pressures = _scattered(made_by, scene, array, given)[receiving]
+    random = np.random.default_rng(seed)
+    size = float(np.sqrt(np.mean(np.abs(pressures) ** 2)))
+    if subtraction is not None:
+        rest = _ratio(subtraction, "the subtraction of direct sound") * direct_sound(array, scene.wavenumber, given)
+        pressures = pressures + rest[receiving] * _normal(random, pressures.shape)
+    pressures[np.isin(receiving, _dead(dead, len(array)))] = 0.0
+    deviation = None
+    if noise is not None:
+        deviation = size * _ratio(noise, "the noise")
+        pressures = pressures + deviation * _normal(random, pressures.shape)
+    return Echoes(given, pressures, receiving, scene.frequency, deviation)
+
+
+def _checked(
+    array: PhasedArray,
+    codes: Num[np.ndarray, "elements transmissions"],
+    receivers: Integer[np.ndarray, "receivers"] | None,
+    seed: int,
+) -> Echoes:
+    """Return echoes of nothing, which check the shapes and values of what is given."""
+    if len(codes) != len(array):
+        raise InvalidInput(
+            f"the codes are for {len(codes)} elements, and the array has {len(array)}.", code="element_count"
+        )
+    if not isinstance(seed, int | np.integer) or seed < 0:
+        raise InvalidInput(f"a seed is a whole number of 0 or more, not {seed!r}.", code="out_of_range")
+    count = len(array) if receivers is None else len(receivers)
+    return Echoes(codes, np.zeros((count, codes.shape[1])), receivers)
+
+
+def _scattered(
+    made_by: Solver | ScatteringMatrix,
+    scene: Scene,
+    array: PhasedArray,
+    codes: Complex128[np.ndarray, "elements transmissions"],
+) -> Complex128[np.ndarray, "elements transmissions"]:
+    """Scattered pressure that each element receives [Pa]."""
+    if isinstance(made_by, ScatteringMatrix):
+        check_own(made_by, scene)
+        return array_waves(made_by, array, made_by.order).echo(made_by, codes)
+    faces, weights = array.face_points.reshape(-1, 3), array.element.weights
+    emitted = (array.element.sensitivity * array.gains)[:, None, None] * weights[:, None] * codes[:, None, :]
+    field = made_by.radiate(scene, Monopoles(faces, emitted.reshape(len(faces), -1)))
+    scattered = field.scattered_at(faces).reshape(len(array), len(weights), -1)
+    return array.gains[:, None] * np.einsum("q,eqm->em", weights, scattered)
+
+
+def _ratio(decibels: float, what: str) -> float:
+    slip = "it is how far the echoes, or the direct sound, stand above the rest."
+    return 10.0 ** (-between(decibels, -LARGEST_RATIO, LARGEST_RATIO, what, "dB", slip) / 20.0)
+
+
+def _normal(random: np.random.Generator, shape: tuple[int, ...]) -> Complex128[np.ndarray, "receivers transmissions"]:
+    """Complex normal numbers of unit mean square."""
+    return (random.normal(size=shape) + 1j * random.normal(size=shape)) / np.sqrt(2.0)
+
+
+def _dead(given: Integer[np.ndarray, "dead"] | None, elements: int) -> Integer[np.ndarray, "dead"]:
+    numbers = np.zeros(0, dtype=np.int64) if given is None else np.asarray(given)
+    wrong = numbers[(numbers < 0) | (numbers >= elements)]
+    if len(wrong):
+        raise InvalidInput(
+            f"the dead element {wrong[0]} is none of {elements}: 0 to {elements - 1}.", code="out_of_range"
+        )
+    return numbers

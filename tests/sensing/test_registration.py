@@ -1,0 +1,116 @@
+"""Poses from echoes that another mesh made: found as well as the noise allows, or not believed."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import airtact as at
+from airtact.sensing.array_waves import array_waves
+from airtact.sensing.echo_model import EchoModel, motion_of, twist_of
+from faults import raises_code
+from sensing.sensed_scenes import AIR, BOX, TRUE, capsules, errors, off_by, relative, solved
+
+CODES = at.sensing.random_codes(996, 8, seed=2)
+
+
+@cache
+def measured(noise: float = 30.0, gap: float = 0.013) -> at.Echoes:
+    """Echoes that the boundary elements make with smaller panels than the model's."""
+    solver = at.BoundaryElement(accuracy=0.01, estimate=False)
+    return at.simulate_echoes(solver, capsules(gap), BOX.seen_from(TRUE), CODES, noise=noise, seed=1)
+
+
+def located(echoes: at.Echoes, start: at.Pose, array: at.PhasedArray = BOX) -> at.sensing.Located:
+    return at.locate(echoes, capsules(), array, start, scattering=solved())
+
+
+def test_a_pose_nearby_is_found_and_how_sure_it_is() -> None:
+    found = located(measured(), off_by(TRUE, 2e-3, np.radians(3), seed=0))
+    position, angle = errors(found.pose)
+    assert found.converged, found
+    assert position < 5e-6
+    assert angle < np.radians(0.05)
+    assert found.residual == pytest.approx(np.hypot(10 ** (-30 / 20), found.misfit), rel=0.02)
+    assert found.deviation[0] < 5e-6
+    assert np.all(np.diag(found.bound) <= np.diag(found.covariance))
+    assert not len(found.left_out)
+
+
+def test_a_pose_is_found_from_5_mm_and_8_degrees_off() -> None:
+    found = located(measured(), off_by(TRUE, 5e-3, np.radians(8), seed=1))
+    assert found.converged, found
+    assert errors(found.pose)[0] < 5e-6
+
+
+def test_errors_are_near_the_cramer_rao_bound() -> None:
+    perfect, model = measured(300.0), solved()
+    pure = at.simulate_echoes(model, capsules(), BOX.seen_from(TRUE), CODES[:, :2])
+    deviation = float(np.sqrt(np.mean(np.abs(perfect.pressures) ** 2))) * 0.1
+    random, off = np.random.default_rng(0), []
+    for _ in range(8):
+        noise = (
+            deviation
+            * (random.normal(size=pure.pressures.shape) + 1j * random.normal(size=pure.pressures.shape))
+            / np.sqrt(2)
+        )
+        echoes = at.Echoes(CODES[:, :2], pure.pressures + noise, noise=deviation)
+        found = located(echoes, TRUE)
+        weight = np.linalg.inv(found.bound)
+        turn = found.pose.rotation @ TRUE.rotation.T
+        twist = twist_of(np.block([[turn, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]))[3:]
+        error = np.concatenate([found.centre - TRUE.apply(model.centre[None])[0], twist])
+        off.append(error @ weight @ error)
+    assert 3.0 < np.mean(off) < 10.0  # chi squared with 6 degrees of freedom: 6 ± 1.2
+
+
+def test_a_wrong_model_is_not_believed() -> None:
+    found = located(measured(gap=0.014), off_by(TRUE, 1e-3, np.radians(2), seed=0))
+    assert not found.converged
+    assert found.misfit > 0.12
+    assert "NOT converged" in repr(found)
+
+
+def test_dead_receivers_are_left_out() -> None:
+    dead = np.array([5, 100, 700])
+    echoes = at.simulate_echoes(solved(), capsules(), BOX.seen_from(TRUE), CODES, noise=30.0, dead=dead)
+    found = located(echoes, off_by(TRUE, 1e-3, np.radians(2), seed=0))
+    assert found.converged
+    assert found.left_out.tolist() == dead.tolist()
+
+
+def test_derivatives_are_those_of_the_echoes() -> None:
+    waves = array_waves(solved(), BOX.seen_from(TRUE), solved().order + 9)
+    model = EchoModel.of(solved(), waves, CODES[:, :2], np.arange(0, 996, 50))
+    motion = motion_of(np.array([1e-3, -5e-4, 8e-4, 0.02, 0.03, -0.01]))
+    derivatives = model.derivatives(motion)
+    for axis in range(6):
+        step = 1e-6 * np.eye(6)[axis]
+        ahead, behind = (model.echoes(motion @ motion_of(sign * step)) for sign in (1, -1))
+        assert relative((ahead - behind) / 2e-6, derivatives[axis]) < 1e-5
+
+
+def test_echoes_of_something_else_are_rejected() -> None:
+    with raises_code("element_count", "996", "249"):
+        located(measured(), TRUE, at.autd3_board(at.Pose(np.eye(3), np.array([0, 0, -0.1]))))
+    with raises_code("other_frequency", "25000", "40000"):
+        located(at.Echoes(CODES, measured().pressures, frequency=25e3), TRUE)
+    with raises_code("inside_body", "1 of 996"):
+        located(measured(), at.Pose(np.eye(3), np.array([0.062, 0, 0])))
+    with raises_code("other_scene"):
+        at.locate(measured(), capsules(0.014), BOX, TRUE, scattering=solved())
+    random = np.random.default_rng(0)
+    noise = random.normal(size=(996, 8)) + 1j * random.normal(size=(996, 8))
+    with raises_code("all_noise", "1.41"):
+        located(at.Echoes(CODES, noise, noise=np.sqrt(2)), TRUE)
+    clipped = np.clip(noise.real, -0.5, 0.5) + 1j * np.clip(noise.imag, -0.5, 0.5)
+    with raises_code("clipped", "0.7071"):
+        located(at.Echoes(CODES, clipped), TRUE)
+
+
+def test_a_turn_that_changes_nothing_is_named() -> None:
+    scene = at.Scene(AIR, [at.sound_hard(at.sphere(8e-3, 2e-3))], frequency=40e3)
+    scattering = at.scattering_matrix(at.SphereSeries(), scene)
+    echoes = at.simulate_echoes(scattering, scene, BOX, CODES[:, :2])
+    with raises_code("pose_undetermined", "a turn about"):
+        at.locate(echoes, scene, BOX, at.Pose(np.eye(3), np.array([1e-4, 0, 0])), scattering=scattering)
