@@ -5,9 +5,11 @@ from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
+import meshio
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial import Delaunay
 
 import airtact as at
 from airtact.evaluation.scan import load_scan
@@ -29,6 +31,7 @@ AIR = at.Medium(343.1, 1.293, 0.14)
 BALL = at.Scene(AIR, [at.sound_hard(at.sphere(3e-3, 2e-3))])
 SOURCE = at.Monopoles(np.array([[0.0, 0.0, 0.012]]), np.ones(1))
 OPEN_AIR = at.Scene(AIR, [])
+FAR = at.Monopoles(np.array([[0.1, 0.1, 9.0]]), np.ones(1))
 DRAWING = """<?xml version="1.0"?><!DOCTYPE svg [<!ENTITY a "3">]>
 <svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" viewBox="0 0 10 10">
 <defs><g id="g"><path d="M 0 0 L 1 0 C 1 5 5 1 0 1 Z"/></g></defs><style>path { stroke: red }</style>
@@ -68,6 +71,15 @@ def whole_tables(folder: Path) -> None:
     (folder / "gains.csv").write_text("element,gain,phase\n0,0.9,0.1\n3,1.1,-0.2\n7,0,0\n")
 
 
+def whole_meshes(folder: Path) -> None:
+    points = np.random.default_rng(0).normal(scale=0.03, size=(30, 3))
+    pressures = at.FreeField().radiate(OPEN_AIR, FAR).at(points)[:, 0]
+    data = {"pressure_real": pressures.real, "pressure_imag": pressures.imag}
+    mesh = meshio.Mesh(points, [("tetra", Delaunay(points).simplices)], point_data=data)
+    for name, settings in (("packed", {}), ("plain", {"compression": None}), ("text", {"binary": False})):
+        meshio.vtu.write(folder / f"{name}.vtu", mesh, **settings)
+
+
 def table(path: Path) -> None:
     """Read a table by the reader that takes its columns."""
     head = path.read_bytes()[:200]
@@ -76,7 +88,7 @@ def table(path: Path) -> None:
     elif b"gain" in head:
         load_calibration(path, 8)
     else:
-        load_samples(path, OPEN_AIR, at.Monopoles(np.array([[0.1, 0.1, 9.0]]), np.ones(1)), "e^{-iωt}", 1e-3)
+        load_samples(path, OPEN_AIR, FAR, "e^{-iωt}", 1e-3)
 
 
 def whole_poses(folder: Path) -> None:
@@ -107,6 +119,7 @@ KINDS = {
     "recordings with gaps": (whole_recordings, partial(load_recording, leave_out=True)),
     "clouds": (whole_clouds, load_cloud),
     "tables": (whole_tables, table),
+    "meshes with a field": (whole_meshes, lambda path: load_samples(path, OPEN_AIR, FAR, "e^{-iωt}")),
     "poses": (whole_poses, load_hand),
     "drawings": (whole_drawings, lambda path: svg_path(path, width=0.05, spacing=3e-3)),
     "entries of a store": (whole_entries, entry),

@@ -119,6 +119,15 @@ def test_realsense_without_a_camera_or_pictures_says_so(tmp_path):
     assert "holds 0 .npy files" in done.stderr
 
 
+@pytest.mark.parametrize("wrong", [np.zeros(5), np.zeros((0, 3)), np.zeros((2, 2), dtype="<U3"), None])
+def test_realsense_names_a_picture_that_is_none(wrong, tmp_path):
+    (tmp_path / "a.npy").write_bytes(b"no array") if wrong is None else np.save(tmp_path / "a.npy", wrong)
+    command = [sys.executable, ADAPTERS / "realsense.py", "--side", "left", "--depths", tmp_path]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
+    assert done.returncode == 1
+    assert done.stderr.startswith("a.npy ")
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(MEDIAPIPE is None, reason="AIRTACT_MEDIAPIPE names no Python that has mediapipe")
 def test_mediapipe_finds_our_hands_in_pictures_and_gives_their_landmarks_back(tmp_path):

@@ -10,14 +10,15 @@ import numpy as np
 from jaxtyping import Complex128, Float64, Int64, Num, Real
 from scipy.spatial import Delaunay, KDTree, QhullError
 
-from airtact.conventions import InvalidInput, about, extra
+from airtact.conventions import InvalidInput, about
 from airtact.file_access.text_table import read_text_table
+from airtact.file_access.vtu import nodes_of_vtu
 from airtact.scene.scene import Scene, check_sources
 from airtact.scene.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.solvers.arrays import Barycentric, Indices, Mask, Points, Pressures, SourcePoints, Vectors
 from airtact.solvers.problem import RadiatedField, SolveReport, SurfaceField, receivers
 from airtact.solvers.tetrahedra import Tetrahedra
-from airtact.validation import check_finite, file_fault, in_mm, points_of, positive
+from airtact.validation import check_finite, in_mm, points_of, positive
 
 TimeSign = Literal["e^{-iωt}", "e^{+jωt}"]
 
@@ -316,24 +317,9 @@ def _read_csv(path: Path) -> _Samples:
 
 
 def _read_vtu(path: Path) -> _Samples:
-    with extra("formats", f"{path.name} needs meshio to be read"):
-        import meshio
-    try:
-        mesh = meshio.vtu.read(path)
-    except OSError as fault:
-        raise file_fault(path, fault) from None
-    except Exception as fault:  # whatever meshio and its parser raise
-        raise InvalidInput(f"{path.name} is not a VTU file (0 nodes): {fault!r}.", code="file_unreadable") from None
-    found = [np.asarray(block.data)[:, :4] for block in mesh.cells if block.type in ("tetra", "tetra10")]
-    cells = np.concatenate(found).astype(np.int64) if found else None
-    points, data = np.asarray(mesh.points, dtype=np.float64), dict(mesh.point_data)
-    columns = {name.lower(): np.asarray(values, dtype=np.complex128) for name, values in data.items()}
+    points, columns, cells = nodes_of_vtu(path)
     with about(path.name):
-        pressures = _excitations({name: values for name, values in columns.items() if values.ndim == 1})
-    if cells is not None:  # the middles of quadratic cells are no corners
-        used, cells = np.unique(cells, return_inverse=True)
-        points, pressures, cells = points[used], pressures[used], cells.reshape(-1, 4).astype(np.int64)
-    return points, pressures, cells
+        return points, _excitations(columns), cells
 
 
 def _excitations(columns: dict[str, Complex128[np.ndarray, "nodes"]]) -> Complex128[np.ndarray, "nodes excitations"]:

@@ -25,6 +25,9 @@ FEWEST = 200
 UNIT = 1e-4
 """Depth that one level of a played picture means [m]."""
 
+MOST_PIXELS = 16_777_216
+"""Pixels of a played picture at most."""
+
 
 def main() -> None:
     """Read the camera, send the frames, until it ends."""
@@ -80,10 +83,10 @@ def _played(options: argparse.Namespace) -> Iterator[Any]:
     import numpy as np
 
     rs = _library()
-    files = sorted(options.depths.glob("*.npy"))
+    files = sorted(file for file in options.depths.glob("*.npy") if file.is_file())
     if not files:
         raise SystemExit(f"{options.depths} holds 0 .npy files; give a folder with pictures of depth.")
-    rows, columns = np.load(files[0]).shape
+    rows, columns = _picture(files[0]).shape
     device = rs.software_device()
     sensor = device.add_sensor("Depth")
     lens = rs.intrinsics()
@@ -98,7 +101,7 @@ def _played(options: argparse.Namespace) -> Iterator[Any]:
     sensor.open(profile)
     sensor.start(queue)
     for number, file in enumerate(files):
-        metres = np.load(file)
+        metres = _picture(file, (rows, columns))
         frame = rs.software_video_frame()
         levels = np.where(np.isfinite(metres), np.round(metres / UNIT), 0.0)
         frame.pixels = np.ascontiguousarray(levels.astype(np.uint16))
@@ -109,6 +112,22 @@ def _played(options: argparse.Namespace) -> Iterator[Any]:
         yield queue.wait_for_frame(5000).as_depth_frame()
     sensor.stop()
     sensor.close()
+
+
+def _picture(file: Path, like: tuple[int, int] | None = None) -> Any:
+    """Read a picture of depth; exit with what is wrong with it, which may be that it is not as large as the first."""
+    import numpy as np
+
+    try:
+        metres = np.load(file, mmap_mode="r", allow_pickle=False)
+    except (OSError, ValueError, EOFError, SyntaxError) as error:
+        raise SystemExit(f"{file.name} is no picture of depth: {error}; save it with numpy.save.") from None
+    if metres.ndim != 2 or not 1 <= metres.size <= MOST_PIXELS or metres.dtype.kind not in "fiu":
+        sentence = f"{file.name} has the shape {metres.shape} of {metres.dtype}; a picture of depth is (H, W) metres"
+        raise SystemExit(f"{sentence}, {MOST_PIXELS:,} pixels at most.")
+    if like is not None and metres.shape != like:
+        raise SystemExit(f"{file.name} has the shape {metres.shape}, and the first picture has {like}; give them one.")
+    return metres
 
 
 def _options() -> argparse.Namespace:
