@@ -1,7 +1,7 @@
 """Sweeps over many processors: their speed, on processes and on Dask, and what killing them leaves.
 
 Run ``PYTHONPATH=. python benchmarks/sweep.py speed``, ``kills`` or ``dask``. 200 poses of the pinch before the box of
-996 elements at 3 %: ten gaps, each at twenty places of the box. Every process has one thread.
+996 elements at 3 %, for ``kills`` at 10 %: ten gaps, each at twenty places of the box. Every process has one thread.
 """
 
 import argparse
@@ -21,10 +21,12 @@ from airtact.workflows.sweep.sweep import sweep
 VARIED = ("pinch.gap=0.008:0.016:10", "array.pose.translation[0]=-0.002:0.002:20")
 
 
-def scene(folder: Path) -> Path:
-    """Write the example at 3 % into a folder."""
+def scene(folder: Path, accuracy: float = 0.03) -> Path:
+    """Write the example at another accuracy into a folder."""
     file = folder / "pinch.toml"
-    file.write_text(at.example("pinch").read_text("utf-8").replace("accuracy = 0.01", "accuracy = 0.03"), "utf-8")
+    file.write_text(
+        at.example("pinch").read_text("utf-8").replace("accuracy = 0.01", f"accuracy = {accuracy}"), "utf-8"
+    )
     return file
 
 
@@ -69,7 +71,7 @@ def kills(count: int, seed: int) -> None:
     chance = random.Random(seed)
     with TemporaryDirectory() as name:
         folder = Path(name)
-        command = [sys.executable, "-m", "airtact", "sweep", str(scene(folder)), "--no-pictures", "--quiet"]
+        command = [sys.executable, "-m", "airtact", "sweep", str(scene(folder, 0.1)), "--no-pictures", "--quiet"]
         command += [word for varied in VARIED for word in ("--vary", varied)]
         begun = time.perf_counter()
         subprocess.run([*command, "--out", str(folder / "whole")], check=True)
