@@ -244,7 +244,8 @@ def draw_varied(
         panel.plot(varied[known], values[known], ".", color=BAR, alpha=0.35, markersize=5)
         if len(different) < len(varied[known]) or len(axes) == 1:
             panel.plot(different, [np.median(values[known & (varied == one)]) for one in different], color=BOUND)
-        panel.set(xlabel=name, ylim=(0.0, 1.08 * np.nanmax(values)))
+        panel.set_xlabel(name)
+        panel.xaxis.set_major_locator(MaxNLocator(4))
         panel.spines[["top", "right"]].set_visible(False)
     panels[0].set_ylabel(label, wrap=True)
     return figure
