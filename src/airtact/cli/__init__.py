@@ -27,6 +27,7 @@ from airtact.cli import (
     mesh,
     render,
     reproduce,
+    sense,
     sweep,
 )
 
@@ -85,6 +86,7 @@ def commands() -> None:
 
 for _command in (
     *(bench.bench, boards.boards, check.check, compare.compare, compare_scan.compare_scan, emit.emit, export.export),
-    *(hand.hand, init.init, listen.listen, live.live, mesh.mesh, render.render, reproduce.reproduce, sweep.sweep),
+    *(hand.hand, init.init, listen.listen, live.live, mesh.mesh, render.render, reproduce.reproduce, sense.sense),
+    sweep.sweep,
 ):
     commands.add_command(_command)

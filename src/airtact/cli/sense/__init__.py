@@ -1,0 +1,92 @@
+"""``airtact sense``: where the hand is, from echoes of the array's own transmissions."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from airtact.cli.console import facts_table, progress, show
+from airtact.cli.options import FILE, as_json, quiet, results, scene, store
+
+if TYPE_CHECKING:
+    from airtact.workflows.sense import Sensed
+
+
+@click.command(
+    short_help="Find where the hand is from echoes.",
+    epilog="Example: airtact sense pinch --simulate --noise 20 --out out/sensed",
+)
+@scene
+@click.option("--echoes", type=FILE, help="File of measured echoes (.h5), less what the empty array receives.")
+@click.option("--simulate", is_flag=True, help="Simulate echoes of a hand that is off the scene's pose.")
+@click.option("--noise", type=float, default=20.0, show_default=True, help="Echoes over noise in dB, if simulated.")
+@click.option("--offset", type=float, default=2e-3, show_default=True, help="Of the simulated hand in metres.")
+@click.option("--turn", type=float, default=3.0, show_default=True, help="Of the simulated hand in degrees.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Of the simulated noise and directions.")
+@results
+@store
+@as_json
+@quiet
+def sense(
+    scene: Path,
+    echoes: Path | None,
+    simulate: bool,
+    noise: float,
+    offset: float,
+    turn: float,
+    seed: int,
+    folder: Path,
+    store: Path | None,
+) -> None:
+    """Find the pose of the hand of SCENE from echoes, starting at the scene's own.
+
+    No board that airtact drives today can receive: --echoes reads what a laboratory's own receivers measured. Writes
+    pose.json, and echoes.h5 where they were simulated.
+    """
+    with progress() as report_step:
+        report_step("starting")
+        from airtact.workflows import sense as workflow
+
+        simulation = workflow.Simulation(noise, offset, turn, seed) if simulate else None
+        sensed = workflow.sense(scene, echoes, simulation, folder, report_step, store)
+    written = {name: str(folder / name) for name in workflow.FILES[: 2 if simulate else 1]}
+    lines = [f"Pose: {written[workflow.FILES[0]]}"]
+    show(facts_table(_facts(sensed)), lines=lines, record={**_record(sensed), "files": written})
+
+
+def _facts(sensed: "Sensed") -> list[tuple[str, str]]:
+    """Say where the hand is, how sure that is, and what it brings."""
+    import numpy as np
+
+    located, (sure, sure_turn) = sensed.located, sensed.located.deviation
+    (off, turn), share = sensed.off, sensed.uncorrected / sensed.corrected
+    facts = [
+        ("the hand is off the scene's pose by", f"{1e3 * off:.3f} mm and {np.degrees(turn):.3f}°"),
+        ("standard deviation", f"{1e3 * sure:.3f} mm and {np.degrees(sure_turn):.3f}°"),
+        ("not explained", f"{located.residual:.1%} of the echoes, {located.misfit:.1%} beyond noise"),
+        ("weakest focus, drive for the scene's pose", f"{sensed.uncorrected:,.0f} Pa, {share:.0%} of the next"),
+        ("weakest focus, drive for the pose found", f"{sensed.corrected:,.0f} Pa"),
+    ]
+    if len(located.left_out):
+        facts.append(("receivers left out", ", ".join(str(one) for one in located.left_out[:20])))
+    if sensed.error is not None:
+        error, wrong_turn = sensed.error
+        facts.append(("off the simulated truth by", f"{1e3 * error:.3f} mm and {np.degrees(wrong_turn):.3f}°"))
+    return facts
+
+
+def _record(sensed: "Sensed") -> dict[str, Any]:
+    """List what was found, for ``--json``."""
+    located = sensed.located
+    return {
+        "rotation": located.pose.rotation.tolist(),
+        "translation": located.pose.translation.tolist(),
+        "covariance": located.covariance.tolist(),
+        "off": list(sensed.off),
+        "error": None if sensed.error is None else list(sensed.error),
+        "residual": located.residual,
+        "misfit": located.misfit,
+        "left_out": located.left_out.tolist(),
+        "uncorrected": sensed.uncorrected,
+        "corrected": sensed.corrected,
+    }
