@@ -10,7 +10,17 @@ from jaxtyping import Float64, Real
 
 from airtact.conventions import InvalidInput
 from airtact.hand.anatomy_parts import Touch, hand_hulls
-from airtact.hand.joints import CHAINS, FINGERS, Side, check_finger_order, checked_side, joints_of, radii_of, unit
+from airtact.hand.joints import (
+    CHAINS,
+    FINGERS,
+    Side,
+    check_finger_order,
+    checked_side,
+    cross,
+    joints_of,
+    radii_of,
+    unit,
+)
 from airtact.hand.kinematics import bending_axis, opened
 from airtact.hand.shape import HandShape
 from airtact.hand.skin_mesh import even_skin, graded, midpoints
@@ -173,7 +183,7 @@ class Hand:
     def _pad(self, finger: int) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
         root, tip = CHAINS[finger][-2:]
         bone = unit(self.joints[tip] - self.joints[root])
-        out = unit(np.cross(bending_axis(self.joints, self.side, finger), bone))
+        out = unit(cross(bending_axis(self.joints, self.side, finger), bone))
         start = self.joints[root] + PAD * (self.joints[tip] - self.joints[root])
         taper = (self.radii[root] - self.radii[tip]) / float(np.linalg.norm(self.joints[tip] - self.joints[root]))
         normal = math.sqrt(max(1.0 - taper**2, 0.0)) * out + taper * bone
@@ -181,7 +191,7 @@ class Hand:
         return fixed(start + radius * normal), fixed(normal)
 
     def _palm(self) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
-        back = np.cross(self.joints[11] - self.joints[0], self.joints[6] - self.joints[21])
+        back = cross(self.joints[11] - self.joints[0], self.joints[6] - self.joints[21])
         back = unit(back) if self.side == "right" else -unit(back)
         middle = self.joints[[5, 6, 10, 11, 15, 16, 20, 21]].mean(axis=0)
         start = middle - 0.03 * back

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from airtact.conventions import InvalidInput
 from airtact.hand.anatomy_parts import OWNER, PARTS
-from airtact.hand.joints import BONES, CHAINS, FINGERS, unit
+from airtact.hand.joints import BONES, CHAINS, FINGERS, cross, unit
 from airtact.hand.sphere_mesh import Hulls
 
 THUMB_TILT = 0.5
@@ -44,10 +44,10 @@ def bending_axis(joints: Float64[np.ndarray, "25 3"], side: str, finger: int) ->
     bones = np.diff(joints[list(chain[-4:])], axis=0)
     bones = bones / np.linalg.norm(bones, axis=1, keepdims=True)
     if finger == 0:
-        back = sign * unit(np.cross(joints[11] - joints[0], across))
+        back = sign * unit(cross(joints[11] - joints[0], across))
         towards = unit(0.5 * (joints[6] + joints[7]) - joints[4]) - THUMB_TILT * back
-        return unit(np.cross(bones[-1], towards))
-    axis, seen = sign * across, np.cross(bones[:-1], bones[1:]).sum(axis=0)
+        return unit(cross(bones[-1], towards))
+    axis, seen = sign * across, sum(cross(*pair) for pair in pairwise(bones))
     axis = unit(STEADY * axis + (seen if seen @ axis > 0.0 else 0.0))
     return unit(axis - (axis @ bones[-1]) * bones[-1])
 

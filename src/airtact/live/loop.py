@@ -10,6 +10,7 @@ import numpy as np
 
 from airtact.conventions import InvalidInput
 from airtact.frames.amplitudes import check_cap
+from airtact.hand.hand import Hand
 from airtact.hardware.link import LinkFailed
 from airtact.live.clock import FrameClock
 from airtact.live.distances import foci_on
@@ -24,6 +25,9 @@ from airtact.tracking.stream import StreamHealth
 
 OFTEN, SELDOM = 1.0 / 120.0, 1.0 / 66.0
 """Shortest and longest time between the beginnings of two drives while the hand is there [s]."""
+
+JITTER, LATEST = 4e-3, 1.0 / 45.0
+"""A frame that is due is waited for so much longer, and so long after the beginning of a drive at most [s]."""
 
 IDLE = 0.02
 """How long the loop waits for a frame while nothing is emitted [s]."""
@@ -200,6 +204,7 @@ class _Loop:
         self._begun = 0.0
         self._lasts = OFTEN / 2.0
         self._moment: Moment | None = None
+        self._hand: Hand | None = None
         self._recent: deque[tuple[float, float, float]] = deque(maxlen=REMEMBERED)
         self._kept: deque[float] = deque(maxlen=REMEMBERED)
         self._ages: deque[float] = deque(maxlen=REMEMBERED)
@@ -241,8 +246,18 @@ class _Loop:
         now = time.monotonic()
         until = latest
         if not self.silent or self._fault is None:
-            until = min(self._begun + float(np.clip(2.0 * self._lasts, OFTEN, SELDOM)), self._good + STALE)
+            until = min(self._next(), self._good + STALE)
         return max(until - now, 0.0)
+
+    def _next(self) -> float:
+        """Return when to begin a drive without a new frame: not so that the frame that is due would have to wait."""
+        begin = self._begun + float(np.clip(2.0 * self._lasts, OFTEN, SELDOM))
+        if len(self._arrivals) > 1:
+            (_, first), (_, last) = self._arrivals[0], self._arrivals[-1]
+            due = last + (last - first) / (len(self._arrivals) - 1)
+            if begin < due + JITTER < self._begun + LATEST and begin + self._lasts > due:
+                return due + JITTER
+        return begin
 
     def go_on(self, frame: HandFrame | None) -> None:
         """Take what came, and emit what is right now."""
@@ -291,7 +306,8 @@ class _Loop:
                 self._fault = f"waiting for the {self._scene.side} hand: these are frames of the {frame.side} one"
             return
         hand = hand_of(frame, self._scene)
-        fault = hand if isinstance(hand, str) else self._workspace.fault(hand, foci_on(hand, self._scene))
+        fault = hand if isinstance(hand, str) else None
+        self._hand = None if isinstance(hand, str) else hand
         if fault is None:
             try:
                 self._maker.take(frame)
@@ -305,14 +321,16 @@ class _Loop:
     def _emit(self, now: float, on: bool) -> None:
         self._begun = now
         if on:
-            moment = self._maker.make(self._clock.time(now) + self._lasts, self._controls)
-            if moment.joints is None:
-                on, self._fault = False, "lost"
-            else:
+            moment = self._made(now)
+            wrong = self._wrong_with(moment)
+            if wrong is None:
                 self._moment = moment
+            else:
+                on, self._fault = False, wrong
         before = self._gain.share
         share = self._gain.advance(now, on)
-        if self._moment is None:
+        if self._moment is None or (before == 0.0 and not on):
+            self._output.beat()
             return
         largest = float(np.abs(self._moment.amplitudes).max(initial=1e-12))
         scale = share * min(1.0, min(self._cap, self._controls.cap) / largest)
@@ -326,6 +344,20 @@ class _Loop:
         self._note(moment, sent, before)
         if on:
             self._lasts += SMOOTHING * (sent - now - self._lasts)
+
+    def _made(self, now: float) -> Moment | None:
+        """Make a drive; None where none can be made for that hand."""
+        try:
+            return self._maker.make(self._clock.time(now) + self._lasts, self._controls)
+        except InvalidInput:
+            return None
+
+    def _wrong_with(self, moment: Moment | None) -> str | None:
+        """Return why a drive must not be emitted, in a few words, or None."""
+        if moment is not None and moment.joints is not None and moment.foci is not None:
+            return self._workspace.fault(moment.joints, moment.foci)
+        seen = self._hand
+        return (seen and self._workspace.fault(seen.joints, foci_on(seen, self._scene))) or "lost"
 
     def _note(self, moment: Moment, sent: float, before: float) -> None:
         """Record a drive that reached the link."""

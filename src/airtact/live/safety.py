@@ -41,7 +41,7 @@ class Workspace:
         self._elements = KDTree(scene.array.positions)
         self._radius = float(scene.array.element.reach)
 
-    def fault(self, hand: Hand, foci: Float64[np.ndarray, "foci 3"]) -> str | None:
+    def fault(self, joints: Float64[np.ndarray, "25 3"], foci: Float64[np.ndarray, "foci 3"]) -> str | None:
         """Return why a hand with foci before it must not get sound, in a few words, or None."""
         distances, _ = self._elements.query(foci)
         if float(distances.max()) > FARTHEST:
@@ -52,8 +52,9 @@ class Workspace:
             return f"left the workspace: {fault}"
         ends = np.array(BONES)
         share = ALONG[:, None, None]
-        centres = (1.0 - share) * hand.joints[ends[:, 0]] + share * hand.joints[ends[:, 1]]
-        radii = (1.0 - share[..., 0]) * hand.radii[ends[:, 0]] + share[..., 0] * hand.radii[ends[:, 1]]
+        centres = (1.0 - share) * joints[ends[:, 0]] + share * joints[ends[:, 1]]
+        skin = radii_of(self._scene.radii, None, joints)
+        radii = (1.0 - share[..., 0]) * skin[ends[:, 0]] + share[..., 0] * skin[ends[:, 1]]
         room = self._elements.query(centres)[0] - radii - self._radius
         if float(room.min()) < 0.0:
             return f"through the array's face: {-1e3 * room.min():.2g} mm too near"

@@ -30,6 +30,9 @@ THINNEST = 0.5e-3
 ROUGH = 0.1
 """Share of a thickness that may be missing in a mesh."""
 
+FEW = 2000
+"""A body with so many vertices at most is compared by them first."""
+
 SAMPLES = 200
 """Vertices that show a wide overlap."""
 
@@ -184,6 +187,8 @@ def _meshes(one: Surface, two: Surface, within: float) -> Approach | None:
     low, high = (np.stack([end(body.vertices, axis=0) for body in (one, two)]) for end in (np.min, np.max))
     if np.linalg.norm(np.maximum(low.max(axis=0) - high.min(axis=0), 0.0)) >= within + sum(rises):
         return None
+    if _clearly_apart(one, two, within + max(rises)):
+        return None
     deep = _deeply_overlapping(one, two, max(rises))
     if deep is not None:
         return deep
@@ -200,6 +205,14 @@ def _meshes(one: Surface, two: Surface, within: float) -> Approach | None:
             lies = f"one lies {depth.max() * 1e3:.3g} mm inside the other near {in_mm(where)}"
             return Approach(0.0, where, lies)
     return found
+
+
+def _clearly_apart(one: Surface, two: Surface, within: float) -> bool:
+    """Whether the vertices of a body are so far from another that no point between them comes near."""
+    if len(one.vertices) > FEW:
+        return False
+    between = float(one.edge_lengths.max()) / np.sqrt(3.0)  # no point of a triangle is farther from its corners
+    return -float(two.depth(one.vertices).max()) > within + between
 
 
 def _deeply_overlapping(one: Surface, two: Surface, rise: float) -> Approach | None:

@@ -188,9 +188,9 @@ class Predictor:
         if time - motion.time > self._patience:
             return HandFrame(then, last.side, last.sequence)
         carried = motion.at(then, self._agility).positions
-        for landmarks in (carried, _with_lengths(carried, motion.positions)):
+        for landmarks in (lambda: carried, lambda: _with_lengths(carried, motion.positions)):
             try:
-                return HandFrame(then, last.side, last.sequence, landmarks)
+                return HandFrame(then, last.side, last.sequence, landmarks())
             except FaultyFrame:
                 continue
         return HandFrame(then, last.side, last.sequence, last.landmarks)

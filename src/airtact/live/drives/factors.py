@@ -37,8 +37,9 @@ SLOWLY, OUTGROWN = 0.02, 1.5e-3
 BESIDE = 12e-3
 """Near an element so close to the skin the pressure needs both equations [m]."""
 
-EDGE = 10e-3
-"""Edge of the triangles of a part's surface [m]; the solver makes its own panels."""
+EDGE, FINE = 10e-3, 3e-3
+"""Edge of the triangles of a part's surface, and of a rigid one's, where small ones tell at once that bodies are apart
+[m]; the solver makes its own panels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,9 +82,9 @@ def part_of(hand: Hand, part: Rule, places: Sequence[str]) -> Surface:
     return _surface(Hulls(whole.balls, whole.parts[some], blend, apart))
 
 
-def _surface(hulls: Hulls) -> Surface:
+def _surface(hulls: Hulls, edge: float = EDGE) -> Surface:
     shape = HandShape(hulls, Pose.identity())
-    skin = shape.skin(EDGE)
+    skin = shape.skin(edge)
     return Surface(skin.vertices, skin.triangles, midpoints(hulls, skin), shape)
 
 
@@ -192,7 +193,7 @@ def _rigid_part(hand: Hand, place: str) -> Surface:
     missing = int(balls[0] == -1)  # of hulls of two balls
     tables = (np.ascontiguousarray(table[np.ix_(some, some)]) for table in (whole.blend, whole.apart))
     hulls = Hulls(whole.balls[balls[missing:]], parts.reshape(-1, 3).astype(np.int64) - missing, *tables)
-    return _surface(hulls)
+    return _surface(hulls, FINE)
 
 
 def _mirrored(scene: LiveScene, riding: Riding, focus: int) -> Complex64[np.ndarray, "elements"]:

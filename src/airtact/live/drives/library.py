@@ -23,6 +23,9 @@ GAP, TURN = 1.0e-3, 0.2
 """Change of the gaps between the foci's bones [m], and turn of the hand [rad], from which on most of the difference is
 lost."""
 
+KEPT_LESS, FEW = 0.0175, 2
+"""Phalanges keep so much less of the share for each focus beyond so many, and poses must be alike in proportion."""
+
 GAP_NOISE, FOCUS_NOISE = 1.5, 3.3e-3
 """Noise of the gaps over that of a tracker's coordinates, and the noise that takes most pressure from any drive [m]."""
 
@@ -34,7 +37,11 @@ SAME_GAP, SAME_TURN = 0.25e-3, 0.02
 
 
 def expected_kept(
-    part: Rule, gap: Float64[np.ndarray, "poses"], turned: Float64[np.ndarray, "poses"], noise: float = 0.0
+    part: Rule,
+    gap: Float64[np.ndarray, "poses"],
+    turned: Float64[np.ndarray, "poses"],
+    noise: float = 0.0,
+    foci: int = FEW,
 ) -> Float64[np.ndarray, "poses"]:
     """Share of the attainable pressure that is expected at the weakest focus of a drive.
 
@@ -42,7 +49,8 @@ def expected_kept(
     open and close 200 mm before 2 x 2 flat boards while the hand moves by 150 mm (``tests/tracking/motions.py``), by
     solutions of the whole hand. The share falls within a millimetre, an eighth of the wavelength, because the sound
     between both fingers goes to and fro; the whole hand is lost as fast as the phalanges. What noise takes is fitted to
-    drives for the same motion seen with 0 and 1 mm of it (``benchmarks/live.py``).
+    drives for the same motion seen with 0 and 1 mm of it (``benchmarks/live.py``). How it falls with the number of foci
+    is from 160 pairs of poses of an open hand with foci at its palm and all fingertips.
 
     Parameters
     ----------
@@ -50,9 +58,19 @@ def expected_kept(
     gap : ``gap_change`` from the pose that was solved to that of now [m].
     turned : ``turn`` from the one to the other [rad].
     noise : standard deviation of each coordinate of the tracker's landmarks [m].
+    foci : how many there are.
     """
-    alike = np.exp(-(gap**2 + (GAP_NOISE * noise) ** 2) / GAP**2 - (turned / TURN) ** 2)
-    return np.exp(-((noise / FOCUS_NOISE) ** 2)) * (LEAST[part] + (KEPT[part] - LEAST[part]) * alike)
+    alike = np.exp(-((GAP_NOISE * noise / GAP) ** 2) - unlike(gap, turned, foci))
+    least, more = LEAST[part], max(foci - FEW, 0)
+    most = max(KEPT[part] - KEPT_LESS * more * (part == "phalanges"), least)
+    return np.exp(-((noise / FOCUS_NOISE) ** 2)) * (least + (most - least) * alike)
+
+
+def unlike(
+    gap: Float64[np.ndarray, "poses"], turned: Float64[np.ndarray, "poses"], foci: int = FEW
+) -> Float64[np.ndarray, "poses"]:
+    """Say how unlike poses are for the sound at so many foci; at 1 most of what a solution brings is lost."""
+    return (max(foci, FEW) / FEW) ** 2 * ((gap / GAP) ** 2 + (turned / TURN) ** 2)
 
 
 class Library:
@@ -96,9 +114,10 @@ class Library:
         if not self._found:
             return 0.0, None
         gap, turned = self._changes(riding.distances, riding.directions)
-        kept = expected_kept(self.part, gap, turned, noise)
-        index = int(kept.argmax())
-        return float(kept[index]), self._found[index]
+        foci = len(riding.foci)
+        index = int(unlike(gap, turned, foci).argmin())
+        kept = expected_kept(self.part, gap[index : index + 1], turned[index : index + 1], noise, foci)
+        return float(kept[0]), self._found[index]
 
     def _changes(
         self, distances: Float64[np.ndarray, "pairs"], directions: Float64[np.ndarray, "foci samples 3"]

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.hand.hand import PLACES, Hand, hand_from_joints
-from airtact.hand.joints import CHAINS, unit
+from airtact.hand.hand import PLACES, Hand
+from airtact.hand.joints import CHAINS, check_finger_order, cross, joints_of, radii_of, unit
 from airtact.live.distances import foci_on
 from airtact.live.parts import LiveScene
 from airtact.printing import in_short
@@ -64,15 +64,17 @@ def ride(scene: LiveScene, joints: Float64[np.ndarray, "25 3"], offset: float | 
     Raises
     ------
     InvalidInput
-        As ``hand_from_joints``, or a place is unknown.
+        As ``hand_from_joints``, or a place is unknown; the side is not checked.
     """
-    hand = hand_from_joints(joints, scene.radii, side=scene.side)
+    joints = joints_of(joints)
+    check_finger_order(joints)
+    hand = Hand(joints, radii_of(scene.radii, None, joints), scene.side)  # the side was checked with the frame
     some = scene.array.positions[:: max(1, len(scene.array) // SAMPLES)]
     foci, frames, ends, directions = foci_on(hand, scene, offset), [], [], []
     for place, focus in zip(scene.places, foci, strict=True):
         start, end = hand.joints[list(bone_of(place))]
-        along, across = unit(end - start), unit(np.cross(end - start, focus - start))
-        frame = np.stack([along, across, np.cross(along, across)])
+        along, across = unit(end - start), unit(cross(end - start, focus - start))
+        frame = np.stack([along, across, cross(along, across)])
         frames.append(frame)
         seen = some - focus
         directions.append(seen @ frame.T / np.linalg.norm(seen, axis=1, keepdims=True))
