@@ -212,7 +212,7 @@ def _clearly_apart(one: Surface, two: Surface, within: float) -> bool:
     if len(one.vertices) > FEW:
         return False
     between = float(one.edge_lengths.max()) / np.sqrt(3.0)  # no point of a triangle is farther from its corners
-    return -float(two.depth(one.vertices).max()) > within + between
+    return bool(-two.depth(one.vertices).max() > within + between)
 
 
 def _deeply_overlapping(one: Surface, two: Surface, rise: float) -> Approach | None:
