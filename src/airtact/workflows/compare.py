@@ -76,13 +76,11 @@ def compare(
     files = {folder / "drives" / f"{name.replace(' ', '_')}.h5": drive for name, drive in drives.items()}
     save_drives(files, setup, transfer, beacons)
     emitted = {name: quantise(drive, setup.levels).drive() for name, drive in drives.items()}
-    with clock.step(
-        "verify", f"verifying {len(drives)} drives by a more accurate solve with all transducers as sources"
-    ):
+    words = f"verifying {len(drives)} drives by a more accurate solve with all transducers as sources"
+    with clock.step("verify", words):
         solver = stored(verification_solver(setup), store)
         field = radiate_drives(setup.scene, setup.array, list(emitted.values()), setup.target, solver)
-        at_foci = np.abs(field.at(setup.target.points).T)
-        suppressed = np.abs(field.at(setup.target.suppression_points).T)
+        at_foci, suppressed = (np.abs(field.at(at).T) for at in (setup.target.points, setup.target.suppression_points))
     kept = _kept(setup, known, emitted, clock)
     contenders = [
         Contender(name, drives[name], emitted[name], pressures, level, seconds[name], kept.get(name))
