@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from airtact.pose import Pose
     from airtact.sampling.ensemble import ensemble
     from airtact.scene.medium import Medium, air
+    from airtact.scene.planes import plane
     from airtact.scene.scene import Scene, filled, impedance, sound_hard
     from airtact.scene.sources import Monopoles
     from airtact.scene.target import Target
@@ -135,6 +136,7 @@ __all__ = [
     "open_air_matrix",
     "pinch",
     "piston",
+    "plane",
     "plot",
     "quantise",
     "read_scene",
@@ -175,6 +177,7 @@ _HOMES = {
     "pose": "Pose",
     "sampling.ensemble": "ensemble",
     "scene.medium": "Medium air",
+    "scene.planes": "plane",
     "scene.scene": "Scene filled impedance sound_hard",
     "scene.sources": "Monopoles",
     "scene.target": "Target",

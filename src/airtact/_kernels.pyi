@@ -11,10 +11,12 @@ sharing: int
 word_of_element: int
 
 def dual_blocks_bfloat16(
-    points: np.ndarray,
+    targets: np.ndarray,
     shifted: np.ndarray,
+    points: np.ndarray,
     normals: np.ndarray,
     k: complex,
+    diagonal: float,
     first: np.ndarray,
     panel: np.ndarray,
     excess: np.ndarray,
@@ -26,8 +28,9 @@ def dual_blocks_bfloat16(
     out: np.ndarray,
 ) -> None: ...
 def dual_low_rank_bfloat16(
-    points: np.ndarray,
+    targets: np.ndarray,
     shifted: np.ndarray,
+    points: np.ndarray,
     normals: np.ndarray,
     k: complex,
     far_first: np.ndarray,

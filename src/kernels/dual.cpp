@@ -18,12 +18,14 @@ void add_near(const NearRows &near, std::int64_t i, std::int64_t begin, std::int
 }
 
 template <class Store, bool Lossy>
-void fill(const double *points, const double *shifted, const double *normals, std::int64_t m, Wavenumber wavenumber,
-          const NearRows &near, const NearRows &near_shifted, const Pairs &whole, Store *blocks) {
+void fill(const double *targets, const double *shifted, const double *points, const double *normals, std::int64_t m,
+          Wavenumber wavenumber, double diagonal, const NearRows &near, const NearRows &near_shifted, const Pairs &whole,
+          Store *blocks) {
     using Real = typename Arithmetic<Store>::Real;
     const double zero[3] = {0, 0, 0};
     const Origin origin(points, m);
-    const Planes<Real> y(points, m, origin.at), x2(shifted, m / sharing, origin.at), a(normals, m, zero);
+    const Planes<Real> y(points, m, origin.at), x(targets, m, origin.at), x2(shifted, m / sharing, origin.at);
+    const Planes<Real> a(normals, m, zero);
     const Wave<Real> k(wavenumber);
     constexpr std::int64_t row_words = 2 * stored<Store>;
 #pragma omp parallel for schedule(dynamic, 8)
@@ -33,7 +35,7 @@ void fill(const double *points, const double *shifted, const double *normals, st
         for (std::int64_t r = 0; r < sharing; r++) next[r] = near.first[sharing * group + r];
         for (int d = 0; d < 3; d++) {
             t2[d] = x2[d][group];
-            for (std::int64_t r = 0; r < sharing; r++) t[r][d] = y[d][sharing * group + r];
+            for (std::int64_t r = 0; r < sharing; r++) t[r][d] = x[d][sharing * group + r];
         }
         const std::int64_t block = sharing * group / lanes, top = sharing * group % lanes;
         for (std::int64_t e = whole.first[block]; e < whole.first[block + 1]; e++) {
@@ -61,7 +63,7 @@ void fill(const double *points, const double *shifted, const double *normals, st
                 add_near(near, i, begin, n, next[r], [&](std::int64_t l, double re, double im) {
                     rows[r][l] -= Real(re), rows[r][l + lanes] -= Real(im);
                 });
-                if (begin <= i && i < begin + n) rows[r][i - begin] += Real(0.5);
+                if (begin <= i && i < begin + n) rows[r][i - begin] += Real(diagonal);
                 Store *out = blocks + row_words * (lanes * e + top + r);
                 store(rows[r], out);
                 store(rows[r] + lanes, out + stored<Store>);
@@ -199,10 +201,11 @@ void product_at(std::int64_t block, const std::vector<Partner> &whole, const Sto
 }  // namespace
 
 template <class Store>
-void dual_blocks(const double *points, const double *shifted, const double *normals, std::int64_t m, Wavenumber k,
-                NearRows near, NearRows near_shifted, Pairs whole, Store *blocks) {
-    (k.imag > 0 ? fill<Store, true> : fill<Store, false>)(points, shifted, normals, m, k, near, near_shifted, whole,
-                                                          blocks);
+void dual_blocks(const double *targets, const double *shifted, const double *points, const double *normals,
+                std::int64_t m, Wavenumber k, double diagonal, NearRows near, NearRows near_shifted, Pairs whole,
+                Store *blocks) {
+    (k.imag > 0 ? fill<Store, true> : fill<Store, false>)(targets, shifted, points, normals, m, k, diagonal, near,
+                                                          near_shifted, whole, blocks);
 }
 
 template <class Store>
@@ -226,8 +229,8 @@ void dual_product(Pairs whole, const Store *blocks, Pairs far, LowRank<Store> te
 }
 
 #define AIRTACT_DUAL(Store)                                                                                           \
-    template void dual_blocks<Store>(const double *, const double *, const double *, std::int64_t, Wavenumber,         \
-                                    NearRows, NearRows, Pairs, Store *);                                              \
+    template void dual_blocks<Store>(const double *, const double *, const double *, const double *, std::int64_t,     \
+                                    Wavenumber, double, NearRows, NearRows, Pairs, Store *);                          \
     template void dual_product<Store>(Pairs, const Store *, Pairs, LowRank<Store>, std::int64_t,                      \
                                       const std::complex<Arithmetic<Store>::Real> *, std::int64_t, bool,              \
                                       std::complex<Arithmetic<Store>::Real> *);

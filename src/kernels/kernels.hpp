@@ -59,23 +59,25 @@ namespace airtact {
 namespace AIRTACT_VARIANT {
 
 // The matrix of the dual-surface equation, M x M, in blocks of `lanes` rows and columns, the last columns padded with zeros:
-//   0.5 [i = j] - D(x_i, y_j) + i D(x'_i, y_j) plus the corrections of the near panels, in rising order, to either D,
-// where D is the normal derivative at y of e^{ikr}/(4 pi r) times area; x_i = y_i; x'_i = shifted[i / sharing]. A block is
+//   diagonal [i = j] - D(x_i, y_j) + i D(x'_i, y_j) plus the corrections of the near panels, in rising order, to either D,
+// where D is the normal derivative at y of e^{ikr}/(4 pi r) times area; x_i = targets[i], which is y_i or its image in a
+// plane; x'_i = shifted[i / sharing]. A block is
 // `lanes` rows, each of `lanes` real parts, then imaginary parts. As bfloat16, the upper half of a float, number
 // l + lanes / 2 is in the upper 16 bits of word l, and number l in the lower ones.
 
 // The blocks that are stored whole, one after another. All near panels must be in one of them.
 template <class Store>
-void dual_blocks(const double *points, const double *shifted, const double *normals, std::int64_t m, Wavenumber k,
-                NearRows near, NearRows near_shifted, Pairs whole, Store *blocks);
+void dual_blocks(const double *targets, const double *shifted, const double *points, const double *normals,
+                std::int64_t m, Wavenumber k, double diagonal, NearRows near, NearRows near_shifted, Pairs whole,
+                Store *blocks);
 
 // The other blocks as sums of low-rank terms: few of their own columns times few of their own rows, chosen one by one
 // (adaptive cross approximation, ACA), until the residuals of three rows in turn, scaled to the block, are below
 // `tolerance` in the Frobenius norm. Returns how many factors they take; those beyond `room` are not written.
 template <class Store>
-std::int64_t dual_low_rank(const double *points, const double *shifted, const double *normals, std::int64_t m,
-                          Wavenumber k, Pairs far, double tolerance, std::int64_t room, std::int64_t *count,
-                          std::int64_t *begin, Store *rows);
+std::int64_t dual_low_rank(const double *targets, const double *shifted, const double *points, const double *normals,
+                          std::int64_t m, Wavenumber k, Pairs far, double tolerance, std::int64_t room,
+                          std::int64_t *count, std::int64_t *begin, Store *rows);
 
 // out[s] = A v[s], or A^T v[s], for each of S vectors (S, M)
 template <class Store>

@@ -10,8 +10,8 @@ namespace {
 constexpr int checks = 3;               // rows in turn whose residual must be small
 constexpr std::int64_t stride = 73;     // from one of them to the next: prime to `lanes`, so that all are checked
 
-template <class Real> struct Geometry {  // that the entries follow from; x' of each node
-    Planes<Real> position, normal, inside;
+template <class Real> struct Geometry {  // that the entries follow from: nodes of the columns; x and x' of each of the rows
+    Planes<Real> position, normal, target, inside;
     Wave<Real> k;
 };
 
@@ -38,7 +38,7 @@ inline void entry(Position<Real> x, Position<Real> inside, Position<Real> y, Pos
 // Entries of the rows' node i with the columns' nodes from `begin` on, or of the columns' node j with those of the rows
 template <class Real, bool Lossy>
 void row_of(const Geometry<Real> &geometry, std::int64_t i, std::int64_t begin, std::int64_t n, Real *re, Real *im) {
-    const Position<Real> x(geometry.position, i), inside(geometry.inside, i);
+    const Position<Real> x(geometry.target, i), inside(geometry.inside, i);
 #pragma omp simd
     for (std::int64_t l = 0; l < n; l++)
         entry<Real, Lossy>(x, inside, {geometry.position, begin + l}, {geometry.normal, begin + l}, geometry.k, re[l], im[l]);
@@ -48,7 +48,7 @@ void column_of(const Geometry<Real> &geometry, std::int64_t j, std::int64_t begi
     const Position<Real> y(geometry.position, j), normal(geometry.normal, j);
 #pragma omp simd
     for (std::int64_t l = 0; l < n; l++)
-        entry<Real, Lossy>({geometry.position, begin + l}, {geometry.inside, begin + l}, y, normal, geometry.k, re[l], im[l]);
+        entry<Real, Lossy>({geometry.target, begin + l}, {geometry.inside, begin + l}, y, normal, geometry.k, re[l], im[l]);
 }
 
 template <class Real> struct Term {  // a column and a row of the residual of the terms before it: real, then imaginary parts
@@ -135,15 +135,16 @@ void approximate(const Geometry<Real> &geometry, std::int64_t rows, std::int64_t
 }
 
 template <class Store, bool Lossy>
-std::int64_t all_low_rank(const double *points, const double *shifted, const double *normals, std::int64_t m,
-                         Wavenumber wavenumber, const Pairs &far, double tolerance, std::int64_t room,
+std::int64_t all_low_rank(const double *targets, const double *shifted, const double *points, const double *normals,
+                         std::int64_t m, Wavenumber wavenumber, const Pairs &far, double tolerance, std::int64_t room,
                          std::int64_t *count, std::int64_t *begin, Store *out) {
     using Real = typename Arithmetic<Store>::Real;
     const double zero[3] = {0, 0, 0};
     const Origin origin(points, m);
     const std::vector<double> inside = spread(shifted, m);
     const Geometry<Real> geometry{Planes<Real>(points, m, origin.at), Planes<Real>(normals, m, zero),
-                          Planes<Real>(inside.data(), m, origin.at), Wave<Real>(wavenumber)};
+                          Planes<Real>(targets, m, origin.at), Planes<Real>(inside.data(), m, origin.at),
+                          Wave<Real>(wavenumber)};
     std::int64_t taken = 0;
 #pragma omp parallel
     {
@@ -173,16 +174,16 @@ std::int64_t all_low_rank(const double *points, const double *shifted, const dou
 }  // namespace
 
 template <class Store>
-std::int64_t dual_low_rank(const double *points, const double *shifted, const double *normals, std::int64_t m,
-                          Wavenumber k, Pairs far, double tolerance, std::int64_t room, std::int64_t *count,
-                          std::int64_t *begin, Store *rows) {
-    return (k.imag > 0 ? all_low_rank<Store, true> : all_low_rank<Store, false>)(points, shifted, normals, m, k, far,
-                                                                             tolerance, room, count, begin, rows);
+std::int64_t dual_low_rank(const double *targets, const double *shifted, const double *points, const double *normals,
+                          std::int64_t m, Wavenumber k, Pairs far, double tolerance, std::int64_t room,
+                          std::int64_t *count, std::int64_t *begin, Store *rows) {
+    return (k.imag > 0 ? all_low_rank<Store, true> : all_low_rank<Store, false>)(
+        targets, shifted, points, normals, m, k, far, tolerance, room, count, begin, rows);
 }
 
 #define AIRTACT_LOW_RANK(Store)                                                                                        \
-    template std::int64_t dual_low_rank<Store>(const double *, const double *, const double *, std::int64_t,           \
-                                              Wavenumber, Pairs, double, std::int64_t, std::int64_t *,                \
+    template std::int64_t dual_low_rank<Store>(const double *, const double *, const double *, const double *,         \
+                                              std::int64_t, Wavenumber, Pairs, double, std::int64_t, std::int64_t *,   \
                                               std::int64_t *, Store *);
 AIRTACT_LOW_RANK(std::uint32_t)
 AIRTACT_LOW_RANK(float)

@@ -156,10 +156,11 @@ static void all_in(const NearRows &near, std::size_t targets, std::int64_t each,
 }
 
 template <class Store>
-void dual_blocks(Points x, Points x2, Points a, Complex k, Index first, Index panel, Near excess, Index first_shifted,
-                Index panel_shifted, Near excess_shifted, Index whole_first, Index whole_column, Blocks<Store> out) {
-    const std::size_t m = x.shape(0);
-    same(m, sharing * x2.shape(0)), same(m, a.shape(0));
+void dual_blocks(Points x, Points x2, Points y, Points a, Complex k, double diagonal, Index first, Index panel, Near excess,
+                Index first_shifted, Index panel_shifted, Near excess_shifted, Index whole_first, Index whole_column,
+                Blocks<Store> out) {
+    const std::size_t m = y.shape(0);
+    same(m, x.shape(0)), same(m, sharing * x2.shape(0)), same(m, a.shape(0));
     const Pairs whole = pairs(whole_first, whole_column, m);
     same(out.shape(0), whole_column.shape(0));
     const NearRows near = near_rows(x, m, first, panel, excess);
@@ -167,20 +168,22 @@ void dual_blocks(Points x, Points x2, Points a, Complex k, Index first, Index pa
     all_in(near, m, 1, whole), all_in(near_shifted, m / sharing, sharing, whole);
     nb::gil_scoped_release release;
     std::get<Dual<Store>>(active->dual)
-        .blocks(x.data(), x2.data(), a.data(), std::int64_t(m), wave(k), near, near_shifted, whole, out.data());
+        .blocks(x.data(), x2.data(), y.data(), a.data(), std::int64_t(m), wave(k), diagonal, near, near_shifted, whole,
+                out.data());
 }
 
 template <class Store>
-std::int64_t dual_low_rank(Points x, Points x2, Points a, Complex k, Index far_first, Index far_column, double tolerance,
-                          Write<std::int64_t, -1> count, Write<std::int64_t, -1> begin, Rows<Store> out) {
-    const std::size_t m = x.shape(0);
-    same(m, sharing * x2.shape(0)), same(m, a.shape(0));
+std::int64_t dual_low_rank(Points x, Points x2, Points y, Points a, Complex k, Index far_first, Index far_column,
+                          double tolerance, Write<std::int64_t, -1> count, Write<std::int64_t, -1> begin,
+                          Rows<Store> out) {
+    const std::size_t m = y.shape(0);
+    same(m, x.shape(0)), same(m, sharing * x2.shape(0)), same(m, a.shape(0));
     const Pairs far = pairs(far_first, far_column, m);
     same(count.shape(0), far_column.shape(0)), same(begin.shape(0), far_column.shape(0));
     nb::gil_scoped_release release;
     return std::get<Dual<Store>>(active->dual)
-        .terms(x.data(), x2.data(), a.data(), std::int64_t(m), wave(k), far, tolerance, std::int64_t(out.shape(0)),
-                 count.data(), begin.data(), out.data());
+        .terms(x.data(), x2.data(), y.data(), a.data(), std::int64_t(m), wave(k), far, tolerance,
+                 std::int64_t(out.shape(0)), count.data(), begin.data(), out.data());
 }
 
 template <class Store>

@@ -94,21 +94,25 @@ def numbers(rows: np.ndarray, store: str) -> np.ndarray:
 
 @pytest.mark.parametrize("wavenumber", WAVENUMBERS)
 @pytest.mark.parametrize(("store", "kind", "tolerance"), STORES)
-def test_the_dual_surface_matrix_and_its_products_equal_numpy(store, kind, tolerance, wavenumber):
+@pytest.mark.parametrize("diagonal", [0.5, 0.0])
+def test_the_dual_surface_matrix_and_its_products_equal_numpy(diagonal, store, kind, tolerance, wavenumber):
+    """With 0.5 the rows are evaluated at the nodes themselves, without it at other points."""
     count, lanes = 6 * 47, _kernels.lanes  # not a whole number of tiles
-    points, shifted, normals = (
-        scattered_points(seed, many) for seed, many in ((1, count), (2, count // 3), (3, count))
+    points, shifted, normals, others = (
+        scattered_points(seed, many) for seed, many in ((1, count), (2, count // 3), (3, count), (7, count))
     )
+    targets = points if diagonal else others
     near, near_shifted = some_near_rows(4, count, 47), some_near_rows(5, count // 3, 47)
     with np.errstate(all="ignore"):
-        first, second = (double_layer(p, points, normals, wavenumber) for p in (points, shifted))
-    np.fill_diagonal(first, 0)
+        first, second = (double_layer(p, points, normals, wavenumber) for p in (targets, shifted))
+    if diagonal:
+        np.fill_diagonal(first, 0)
     inside = np.repeat(second + added(near_shifted, count), 3, axis=0)
-    exact = -first - added(near, count) + 1j * inside + 0.5 * np.eye(count)
+    exact = -first - added(near, count) + 1j * inside + diagonal * np.eye(count)
     whole, nothing = all_pairs(count), (np.zeros(3, int), np.zeros(0, int))
     tiles = blank((4, lanes, 2, lanes), store)
     fill, multiply = getattr(_kernels, f"dual_blocks_{store}"), getattr(_kernels, f"dual_product_{store}")
-    fill(points, shifted, normals, wavenumber, *near, *near_shifted, *whole, tiles)
+    fill(targets, shifted, points, normals, wavenumber, diagonal, *near, *near_shifted, *whole, tiles)
     found = np.block([[numbers(tiles[2 * row + column], store) for column in (0, 1)] for row in (0, 1)])
     assert not found[:count, count:].any()
     assert relative(found[:count, :count], exact) < tolerance
@@ -132,8 +136,10 @@ def test_crosses_stand_for_tiles_as_well_as_is_asked(store, kind, tolerance, wav
     aside = np.array([0.012 + 2 * np.abs(points).max(), 0, 0])
     points[lanes:] += aside
     shifted[lanes // 3 :] += aside
+    targets = points.copy()
+    targets[:lanes] = points[:lanes][::-1]  # the rows need not be at the nodes
     first, second = (
-        double_layer(p, points[lanes:], normals[lanes:], wavenumber) for p in (points[:lanes], shifted[: lanes // 3])
+        double_layer(p, points[lanes:], normals[lanes:], wavenumber) for p in (targets[:lanes], shifted[: lanes // 3])
     )
     exact = -first + 1j * np.repeat(second, 3, axis=0)
     far = np.array([0, 1, 1]), np.array([1])
@@ -141,7 +147,7 @@ def test_crosses_stand_for_tiles_as_well_as_is_asked(store, kind, tolerance, wav
     found, size = [], np.linalg.norm(exact)
     for asked in (0.1, 0.01):
         crosses, begin, rows = np.zeros(1, int), np.zeros(1, int), blank((2 * lanes, 2, lanes), store)
-        skin = points, shifted, normals, wavenumber
+        skin = targets, shifted, points, normals, wavenumber
         needed = cross(*skin, *far, asked * size, crosses, begin, rows)
         assert needed == 2 * crosses[0] < lanes
         assert cross(*skin, *far, asked * size, crosses, begin, rows[:1]) == needed  # told though there is no room
@@ -201,7 +207,8 @@ def fill_one_tile(points, rows, whole=None) -> None:
     whole = whole or all_pairs(len(points))
     none = np.zeros(len(points) // 3 + 1, int), *NO_NEAR
     tiles = blank((len(whole[1]), _kernels.lanes, 2, _kernels.lanes), "float32")
-    _kernels.dual_blocks_float32(points, points[: len(points) // 3], points, 700.0 + 0j, *rows, *none, *whole, tiles)
+    third = points[: len(points) // 3]
+    _kernels.dual_blocks_float32(points, third, points, points, 700.0 + 0j, 0.5, *rows, *none, *whole, tiles)
 
 
 @pytest.mark.parametrize("wavenumber", WAVENUMBERS)

@@ -11,6 +11,7 @@ from jaxtyping import Float64, Real
 from airtact.conventions import InvalidInput
 from airtact.printing import html_table, one_line, sides_in_mm
 from airtact.scene.medium import Medium
+from airtact.scene.planes import Plane, check_before_planes, planes_of
 from airtact.scene.sources import Monopoles
 from airtact.scene.target import Beacons, Target
 from airtact.surfaces.checks import check_apart, check_surface
@@ -124,13 +125,15 @@ class Scene:
     medium : fluid around the bodies.
     obstacles : the bodies, which do not touch; none for a free field.
     frequency : [Hz], 1 kHz to 1 MHz.
+    planes : a rigid plane such as a table, see ``plane``; none for air without end.
 
     Raises
     ------
     InvalidInput
         When the frequency is outside its range or so low that every body is under 1/50 of a wavelength, a body is
         over 10 m from the origin, the absorption exceeds 1 Np per wavelength, a surface crosses itself, two
-        bodies overlap, or something is of the wrong kind.
+        bodies overlap, a body touches a plane or reaches behind it, there are several planes, or something is of the
+        wrong kind.
 
     Examples
     --------
@@ -141,6 +144,7 @@ class Scene:
     medium: Medium
     obstacles: Sequence[Obstacle]
     frequency: float = 40e3
+    planes: Sequence[Plane] = ()
 
     def __repr__(self) -> str:
         return one_line(self, *self._facts().values())
@@ -160,6 +164,7 @@ class Scene:
         kinds = ", ".join(sorted({one.kind for one in self.obstacles}))
         return {
             "bodies": counted(len(self.obstacles), f"{kinds} body", "bodies") if self.obstacles else "open air",
+            "planes": counted(len(self.planes), "rigid plane", "rigid planes") * bool(self.planes),
             "frequency": f"{1e-3 * self.frequency:g} kHz",
             "wavelength": f"wavelength {1e3 * self.wavelength:.3g} mm",
         }
@@ -172,7 +177,9 @@ class Scene:
         self._check_lengths()
         for obstacle in self.obstacles:
             check_surface(obstacle.surface)
-        check_apart([obstacle.surface for obstacle in self.obstacles])
+        surfaces = [obstacle.surface for obstacle in self.obstacles]
+        check_apart(surfaces)
+        object.__setattr__(self, "planes", planes_of(self.planes, surfaces))
 
     def _check_lengths(self) -> None:
         """Raise where the bodies' size or position, or the absorption, is probably in another unit."""
@@ -222,9 +229,13 @@ class Scene:
 
 
 def check_outside(scene: Scene, points: Real[np.ndarray, "points 3"], what: str) -> None:
-    """Raise as ``check_not_inside`` where points lie in bodies; ``what`` names one point: "focus", "transducer"."""
+    """Raise as ``check_not_inside`` where points lie in bodies, or "behind_plane" where they lie behind a plane.
+
+    ``what`` names one point: "focus", "transducer".
+    """
     given = points_of(points, f"{what} points")
     check_not_inside(scene.depth(given), given, what)
+    check_before_planes(scene.planes, given, what)
 
 
 def check_not_inside(depth: Float64[np.ndarray, "points"], points: Float64[np.ndarray, "points 3"], what: str) -> None:
@@ -255,15 +266,27 @@ def check_near(scene: Scene, points: Real[np.ndarray, "points 3"], what: str) ->
         )
 
 
-def check_sources(scene: Scene, sources: Monopoles) -> None:
-    """Raise where a solver cannot radiate the sources: an argument of the wrong kind, or a source inside a body.
+def check_sources(scene: Scene, sources: Monopoles, planes: bool = False) -> None:
+    """Raise where a solver cannot radiate the sources: something of the wrong kind, a source in a body or behind a plane.
 
-    The sentence calls the sources of ``Target.beacons`` foci.
+    The sentence calls the sources of ``Target.beacons`` foci. ``planes`` says that the solver knows planes.
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
     beacons = "target.beacons()" if isinstance(sources, Target) else "Monopoles(positions, strengths)"
     of_kind(sources, Monopoles, "the source of the scene", beacons)
+    if not planes:
+        check_no_planes(scene, "this solver")
     check_outside(scene, sources.positions, "focus" if isinstance(sources, Beacons) else "source")
+
+
+def check_no_planes(scene: Scene, who: str) -> None:
+    """Raise "planes_not_taken" where the scene has planes, which ``who`` does not know."""
+    if scene.planes:
+        raise InvalidInput(
+            f"the scene has {counted(len(scene.planes), 'plane', 'planes')}, which {who} does not take; BoundaryElement "
+            "solves it, and FreeField without bodies.",
+            code="planes_not_taken",
+        )
 
 
 def _obstacles_of(given: Sequence[Obstacle]) -> tuple[Obstacle, ...]:

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from airtact.conventions import InvalidInput
+from airtact.scene.planes import before_planes, with_images
 from airtact.scene.scene import Scene, check_sources
-from airtact.scene.sources import Monopoles
+from airtact.scene.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.solvers.arrays import ComplexPairs, Gradients, Mask, Points, Pressures, SourcePoints
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport, SurfaceField, receivers
 from airtact.solvers.velocity import open_air_gradient, velocity_of
@@ -33,7 +34,7 @@ def open_air_pressure(points: Points, sources: Monopoles, wavenumber: complex) -
 
 @dataclass(frozen=True, eq=False)
 class OpenAirField(RadiatedField):
-    """The field of monopoles in a scene without obstacles."""
+    """The field of monopoles in a scene without obstacles: that of the monopoles and their images in a plane."""
 
     scene: Scene
     sources: Monopoles
@@ -49,27 +50,41 @@ class OpenAirField(RadiatedField):
     def at(self, points: Points) -> Pressures:
         """Pressure [Pa] at points (P, 3) [m] for each of the S excitations; errors as of ``RadiatedField.at``."""
         points = receivers(points, self.sources)
-        return open_air_pressure(points, self.sources, self.scene.wavenumber)
+        pressure = open_air_pressure(points, self._emitting, self.scene.wavenumber)
+        pressure[~self.valid(points)] = np.nan
+        return pressure
 
     def scattered_at(self, points: Points) -> Pressures:
-        """Return zeros (P, S): nothing scatters in open air."""
+        """Scattered pressure [Pa] at points (P, 3) [m]: that of the images; zeros without a plane."""
         points = points_of(points, "points", least=0)
-        return np.zeros((len(points), self.sources.strengths.shape[1]), dtype=np.complex128)
+        scattered = np.zeros((len(points), self.sources.strengths.shape[1]), dtype=np.complex128)
+        for one in self.scene.planes:
+            images = Monopoles(one.image(self.sources.positions), self.sources.strengths)
+            on = nearest_source(points, images, STANDS_ON)[0] < STANDS_ON
+            scattered[~on] += open_air_pressure(points[~on], images, self.scene.wavenumber)
+            scattered[on] = np.nan
+        scattered[~self.valid(points)] = np.nan
+        return scattered
 
     def velocity(self, points: Points) -> Gradients:
         """Particle velocity [m/s] at points (P, 3) [m], in closed form; errors as of ``at``."""
         points = receivers(points, self.sources)
-        gradient = open_air_gradient(points, self.sources, self.scene.wavenumber)
+        gradient = open_air_gradient(points, self._emitting, self.scene.wavenumber)
+        gradient[~self.valid(points)] = np.nan
         return velocity_of(gradient, self.scene.frequency, self.scene.medium.density)
 
     def valid(self, points: Points) -> Mask:
-        """Everywhere: there is no body."""
-        return np.ones(len(points_of(points, "points", least=0)), dtype=np.bool_)
+        """Everywhere but behind a plane: there is no body."""
+        return before_planes(self.scene.planes, points_of(points, "points", least=0))
+
+    @property
+    def _emitting(self) -> Monopoles:
+        return with_images(self.scene.planes, self.sources)
 
 
 @dataclass(frozen=True)
 class FreeField(Solver):
-    """Sound in open air, in closed form, absorption included; for scenes without obstacles."""
+    """Sound in open air or before a plane, in closed form, absorption included; for scenes without obstacles."""
 
     def radiate(self, scene: Scene, sources: Monopoles) -> OpenAirField:
         """Field of the monopoles in a scene without obstacles.
@@ -79,7 +94,7 @@ class FreeField(Solver):
         InvalidInput
             If the scene has obstacles, or one of the two is of another kind.
         """
-        check_sources(scene, sources)
+        check_sources(scene, sources, planes=True)
         if len(scene.obstacles) > 0:
             bodies = counted(len(scene.obstacles), "obstacle", "obstacles")
             raise InvalidInput(

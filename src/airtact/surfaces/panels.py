@@ -3,7 +3,7 @@
 Panels need not meet corner to corner, so each may be cut into smaller ones on its own.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,17 +78,20 @@ def panels_of(
     smallest: float,
     bend: float = BEND,
     away: float = np.inf,
+    image: Callable[[Points], Points] | None = None,
 ) -> Panels:
     """Panels of some bodies as large as equilateral triangles of an edge [m], smaller beside points, in gaps and walls.
 
     No panel is cut for a point's sake below the edge ``smallest`` [m], for a gap's or a thin wall's below
     ``LEAST_IN_GAP`` of it. Panels of a round surface turn by ``bend`` [rad] at most; those of a smooth mesh lie at
-    most about ``away`` [m] off it, in root mean square.
+    most about ``away`` [m] off it, in root mean square. The bodies' ``image``, if there is one,
+    makes gaps too.
     """
     whole = [shape.panels(edge, bend, away) for shape in shapes]
     bodies = []
     for index, shape in enumerate(shapes):
         others = [np.empty((0, 3))] + [panels.reshape(-1, 3) for other, panels in enumerate(whole) if other != index]
+        others += [image(panels.reshape(-1, 3)) for panels in whole] if image is not None else []
         bodies.append(_refined(whole[index], shape, near, np.concatenate(others), smallest))
     probes = [(PROBES @ body).reshape(-1, 3) for body in bodies]
     placed = list(zip(bodies, shapes, probes, strict=True))

@@ -98,6 +98,10 @@ class Capsule(Shape):
         reach = self.radius * np.concatenate([np.eye(3), -np.eye(3)])
         return (self.axis[:, None] + reach).reshape(-1, 3)
 
+    def farthest(self, direction: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
+        """Point of the body (3,) that lies farthest along a unit direction [m]."""
+        return self.axis[(self.axis @ direction).argmax()] + self.radius * direction
+
     def coarse_meshes(self, edge: float) -> list[RidgedMesh]:
         """Triangles to start a mesh from, with edges of at most ``edge`` / 3 [m]."""
         surface = self.mesh(min(edge / 3.0, 0.5 * self.radius))

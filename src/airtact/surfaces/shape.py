@@ -90,6 +90,11 @@ class Shape(ABC):
     def extreme_points(self) -> Float64[np.ndarray, "points 3"]:
         """Points (P, 3) [m] that span the same upright box as the body."""
 
+    def farthest(self, direction: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
+        """Point of the body (3,) that lies farthest along a unit direction [m]."""
+        points = self.extreme_points()
+        return points[(points @ direction).argmax()]
+
     @abstractmethod
     def coarse_meshes(self, edge: float) -> list[RidgedMesh]:
         """Triangles to start a mesh from, with edges of at most about ``edge`` [m]; one mesh for each closed piece."""

@@ -9,6 +9,7 @@ from scipy.spatial import KDTree
 
 from airtact.conventions import InvalidInput
 from airtact.mesh.quadratic_triangles import points_at
+from airtact.scene.planes import with_images
 from airtact.scene.scene import Scene
 from airtact.scene.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.solvers.bem.layer_potentials import Located, find_contacts, locate, near_surface, project_contacts
@@ -37,7 +38,8 @@ class BoundaryField(RadiatedField):
     """The field of some monopoles around sound-hard bodies, as ``BoundaryElement`` solved it.
 
     ``pressure`` is the direct solution: the pressure at the nodes [Pa], None where it was not asked for; ``density``
-    and ``factors`` are those of the transposed solution. The accuracy is that which was asked for.
+    and ``factors`` are those of the transposed solution. The accuracy is that which was asked for. Where the scene has
+    a plane, the images of the bodies follow them in ``surface``, ``pressure`` and ``density``.
     """
 
     scene: Scene
@@ -60,12 +62,18 @@ class BoundaryField(RadiatedField):
                 "enough for a transfer matrix only; solve with estimate = True.",
                 code="surface_not_solved",
             )
-        return DirectSolution(self.sources, self.surface, self.pressure)
+        return DirectSolution(self._emitting, self.surface, self.pressure)
 
     @cached_property
     def transposed(self) -> TransposedSolution:
         """The transposed solution."""
-        return TransposedSolution(self.sources, self.surface, self.density, self.factors)
+        factors = np.tile(self.factors, len(self._emitting.positions) // len(self.factors))
+        return TransposedSolution(self._emitting, self.surface, self.density, factors)
+
+    @cached_property
+    def _emitting(self) -> Monopoles:
+        """The sources and their images in planes."""
+        return with_images(self.scene.planes, self.sources)
 
     @property
     def scattering_sources(self) -> Monopoles | None:
@@ -76,10 +84,11 @@ class BoundaryField(RadiatedField):
     def on_surface(self) -> SurfaceField:
         """Total pressure at the nodes of the panels, from the direct solution; ``InvalidInput`` without it."""
         nodes = self.surface.nodes
-        return SurfaceField(nodes.points, nodes.normals, nodes.weights, self.direct.pressure)
+        own = slice(len(nodes.points) // (1 + len(self.scene.planes)))
+        return SurfaceField(nodes.points[own], nodes.normals[own], nodes.weights[own], self.direct.pressure[own])
 
     def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
-        """Whether points (P, 3) [m] lie outside the bodies or on their surfaces."""
+        """Whether points (P, 3) [m] lie outside the bodies or on their surfaces, and not behind a plane."""
         return self._located(points_of(points, "points", least=0)).outside
 
     def _located(self, points: Float64[np.ndarray, "points 3"]) -> Located:
@@ -110,6 +119,11 @@ class BoundaryField(RadiatedField):
         distance, source = nearest_source(points, self.sources, STANDS_ON)
         on = np.flatnonzero(distance < STANDS_ON)
         out[on[self.factors[source[on]] > 1]] = np.nan
+        for one in self.scene.planes:
+            images = Monopoles(one.image(self.sources.positions), self.sources.strengths)
+            off = nearest_source(points, images, STANDS_ON)[0] >= STANDS_ON
+            out[off] += incident_pressure(points[off], images, self.surface)
+            out[~off] = np.nan
         return out
 
     def _evaluated(

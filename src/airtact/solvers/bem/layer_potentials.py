@@ -12,6 +12,7 @@ from scipy.sparse import csr_array
 
 from airtact import _kernels
 from airtact.mesh.quadratic_triangles import shape_functions
+from airtact.scene.planes import before_planes
 from airtact.scene.scene import Scene
 from airtact.solvers.bem.quadrature import (
     LARGEST_RULE,
@@ -242,8 +243,16 @@ def locate(scene: Scene, nodes: Nodes, points: Real[np.ndarray, "points 3"], nea
     """Locate points (P, 3) [m] by the solid angle that the panels subtend.
 
     Near the panels that takes near integrals. Where a point is farther from the scene's own surfaces than the panels
-    may deviate from them, their signed distance decides; everywhere if all surfaces are closed forms.
+    may deviate from them, their signed distance decides; everywhere if all surfaces are closed forms. Behind a plane of
+    the scene nothing is outside.
     """
+    located = _located(scene, nodes, points, near_rule)
+    if scene.planes:
+        located.outside[~before_planes(scene.planes, points)] = False
+    return located
+
+
+def _located(scene: Scene, nodes: Nodes, points: Real[np.ndarray, "points 3"], near_rule: NearRule) -> Located:
     located, contact = np.array(points, dtype=np.float64), np.zeros(len(points), dtype=bool)
     first, panel = near_lists(nodes, located, near_rule.reach * nodes.radii)
     near = np.diff(first) > 0

@@ -13,6 +13,7 @@ solving acoustic exterior problems", Acta Acustica united with Acustica 97 (2011
 """
 
 import math
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
@@ -23,6 +24,8 @@ from jaxtyping import Bool, Complex, Complex128, Float64, Int64, Real, Shaped, U
 from airtact import _kernels
 from airtact.conventions import InvalidInput
 from airtact.printing import in_short
+from airtact.scene.planes import Plane, with_images
+from airtact.scene.sources import Monopoles
 from airtact.solvers.bem.blocks import Pairs, blocks_of, near_blocks
 from airtact.solvers.bem.layer_potentials import NearRule, double_layer_transposed, near_rows, project_contacts
 from airtact.solvers.bem.quadrature import Nodes, near_lists, thickness
@@ -45,6 +48,16 @@ class DualSurface:
     precision: str
 
     __repr__ = in_short
+
+
+Geometry = tuple[
+    Float64[np.ndarray, "rows 3"],
+    Float64[np.ndarray, "groups 3"],
+    Float64[np.ndarray, "nodes 3"],
+    Float64[np.ndarray, "nodes 3"],
+    complex,
+]
+"""What the entries of a matrix follow from: x and x' of its rows, nodes and weighted normals of its columns, k."""
 
 
 def dual_surface(
@@ -177,32 +190,45 @@ EXPECTED = 24
 """Mean rank that memory is allocated for; often it is half of that. Beyond it the terms are computed again."""
 
 
-def assemble(surface: DualSurface, store: Store, error: float | None = None) -> DualMatrix:
+def assemble(
+    surface: DualSurface, store: Store, error: float | None = None, image: Plane | None = None
+) -> DualMatrix:
     """Fill the matrix of the dual-surface equation in the number format ``store``.
 
     With an ``error``, relative to the 1/2 on the diagonal, blocks apart are sums of low-rank (ACA) terms; without it
-    all blocks are whole. ``InvalidInput`` is raised where it does not fit into memory.
+    all blocks are whole. With ``image`` it is the part of the matrix that the bodies' image in a plane adds: images
+    have the same pressure, and D over them at x is D over the bodies at the image of x. ``InvalidInput`` is raised
+    where it does not fit into memory.
     """
     nodes, rule, precision = surface.nodes, surface.near_rule, surface.precision
-    near = [near_rows(nodes, points, surface.wavenumber, rule, precision) for points in (nodes.points, surface.shifted)]
+    placed = _rows_at(surface, image)
+    near = [near_rows(nodes, points, surface.wavenumber, rule, precision) for points in placed]
     blocks = blocks_of(len(nodes.points))
     whole = np.ones((blocks, blocks), dtype=bool)
     if error is not None:
-        beside = near_lists(nodes, nodes.centres, 2 * nodes.radii + APART * 2 * np.pi / surface.wavenumber.real)
+        centres = nodes.centres if image is None else image.image(nodes.centres)
+        beside = near_lists(nodes, centres, 2 * nodes.radii + APART * 2 * np.pi / surface.wavenumber.real)
         met = [beside, *((rows.first, rows.panel) for rows in near)]
         whole = np.any([near_blocks(len(nodes.centres), *one) for one in met], axis=0)
-    matrix = _with_low_rank(surface, store, whole, error or 0.0)
+    geometry = *placed, nodes.points, nodes.weighted_normals, surface.wavenumber
+    matrix = _with_low_rank(geometry, store, whole, error or 0.0)
     of_rows = [part for rows in near for part in (rows.first, rows.panel, rows.excess)]
-    fill = loop("dual_blocks", store)
-    fill(*_geometry(surface), *of_rows, matrix.whole.first, matrix.whole.column, matrix.blocks)
+    diagonal = 0.5 if image is None else 0.0
+    loop("dual_blocks", store)(*geometry, diagonal, *of_rows, matrix.whole.first, matrix.whole.column, matrix.blocks)
     return matrix
 
 
+def _rows_at(surface: DualSurface, image: Plane | None) -> tuple[Float64[np.ndarray, "rows 3"], ...]:
+    """Where the double layer of the rows is evaluated: at the nodes and the shifted points, or at their images."""
+    placed = surface.nodes.points, surface.shifted
+    return placed if image is None else tuple(image.image(points) for points in placed)
+
+
 def _with_low_rank(
-    surface: DualSurface, store: Store, whole: Bool[np.ndarray, "blocks blocks"], error: float
+    geometry: Geometry, store: Store, whole: Bool[np.ndarray, "blocks blocks"], error: float
 ) -> DualMatrix:
     """Allocate a matrix, and compute the low-rank terms of the blocks that are not whole."""
-    count, stored = len(surface.nodes.points), int(np.count_nonzero(whole))
+    count, stored = len(geometry[0]), int(np.count_nonzero(whole))
     tolerance = 0.5 * error * math.sqrt(_kernels.lanes / len(whole))
     needed = 2 * EXPECTED * (whole.size - stored)
     while True:
@@ -212,16 +238,9 @@ def _with_low_rank(
         if not room:
             return matrix
         far, terms = (matrix.far.first, matrix.far.column), (matrix.ranks, matrix.begin, matrix.factors)
-        needed = loop("dual_low_rank", store)(*_geometry(surface), *far, tolerance, *terms)
+        needed = loop("dual_low_rank", store)(*geometry, *far, tolerance, *terms)
         if needed <= room:
             return matrix
-
-
-def _geometry(
-    surface: DualSurface,
-) -> tuple[Float64[np.ndarray, "nodes 3"], Float64[np.ndarray, "groups 3"], Float64[np.ndarray, "nodes 3"], complex]:
-    nodes = surface.nodes
-    return nodes.points, surface.shifted, nodes.weighted_normals, surface.wavenumber
 
 
 def direct_right_side(
@@ -235,16 +254,21 @@ def direct_right_side(
 
 
 def transposed_right_side(
-    surface: DualSurface, positions: Real[np.ndarray, "sources 3"], strengths: Complex128[np.ndarray, "sources sounds"]
+    surface: DualSurface,
+    positions: Real[np.ndarray, "sources 3"],
+    strengths: Complex128[np.ndarray, "sources sounds"],
+    planes: Sequence[Plane] = (),
 ) -> tuple[Complex128[np.ndarray, "nodes sounds"], Float64[np.ndarray, "sources"]]:
-    """Right-hand side of the transposed equation: the transposed double layer of the monopoles.
+    """Right-hand side of the transposed equation: the transposed double layer of the monopoles and their images.
 
     Also (N,) the factor of each monopole: 1 off the surface, 2 on it, where Green's formula gives half the pressure.
     """
     positions, contact = project_contacts(surface.nodes, positions)
     factors = np.where(contact, 2.0, 1.0)
-    given = factors[:, None] * strengths, surface.wavenumber, surface.near_rule, surface.precision
-    return double_layer_transposed(positions, surface.nodes, *given, contact), factors
+    emitting = with_images(planes, Monopoles(positions, factors[:, None] * strengths))
+    touching = np.concatenate([contact, np.zeros(len(emitting.positions) - len(contact), dtype=bool)])
+    given = surface.nodes, emitting.strengths, surface.wavenumber, surface.near_rule, surface.precision
+    return double_layer_transposed(emitting.positions, *given, touching), factors
 
 
 def check_memory(count: int, store: Store, blocks: int, factors: int) -> None:

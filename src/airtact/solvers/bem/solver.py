@@ -9,11 +9,13 @@ from jaxtyping import Complex128, Float64, Int64, Real
 
 from airtact.conventions import InvalidInput
 from airtact.mesh.quadratic_triangles import QuadraticTriangles
-from airtact.scene.scene import Obstacle, Scene, check_near, check_outside, check_sources
+from airtact.scene.planes import with_images
+from airtact.scene.scene import Obstacle, Scene, check_near, check_no_planes, check_outside, check_sources
 from airtact.scene.sources import Monopoles
 from airtact.solvers.bem.blocks import block_order, blocks_of
 from airtact.solvers.bem.factorised_bodies import FactorisedBodies
 from airtact.solvers.bem.field import BoundaryField
+from airtact.solvers.bem.images import surface_with_images, values_with_images
 from airtact.solvers.bem.layer_potentials import NearRule
 from airtact.solvers.bem.operator import (
     DualMatrix,
@@ -139,17 +141,17 @@ class BoundaryElement(Solver):
 
         Parameters
         ----------
-        scene : sound-hard bodies.
-        sources : monopoles outside the bodies or on their surfaces.
+        scene : sound-hard bodies; their images in a rigid plane take no unknowns of their own.
+        sources : monopoles outside the bodies or on their surfaces, before a plane or on it.
 
         Raises
         ------
         InvalidInput
-            No bodies, a boundary other than sound-hard, a source inside a body, or too little memory.
+            No bodies, a boundary other than sound-hard, a source inside a body or behind a plane, or too little memory.
         NotConverged
             GMRES did not reach its tolerance.
         """
-        check_sources(scene, sources)
+        check_sources(scene, sources, planes=True)
         _check_bodies(scene)
         clock = Clock(self.progress)
         with clock.step("panels", "covering the bodies with panels"):
@@ -157,22 +159,26 @@ class BoundaryElement(Solver):
             nodes = place_nodes(*_in_block_order(panels))
         with clock.step("matrix", f"filling the matrix of {len(nodes.points)} unknowns"):
             surface = self._surface(nodes, scene, scene.obstacles)
-            matrix = assemble(surface, self._store(), self._low_rank_error())
+            parts = None, *scene.planes
+            matrices = [assemble(surface, self._store(), self._low_rank_error(), part) for part in parts]
         count = sources.strengths.shape[1]
         with clock.step("gmres", f"solving for {counted(count, 'excitation', 'excitations')}"):
-            right, factors = transposed_right_side(surface, sources.positions, sources.strengths)
-            solved = [self._solved(matrix, right, transposed=True)]
+            right, factors = transposed_right_side(surface, sources.positions, sources.strengths, scene.planes)
+            solved = [self._solved(matrices, right, transposed=True)]
             if self.estimate:
-                right = direct_right_side(surface, sources.positions, sources.strengths)
-                solved.append(self._solved(matrix, right, transposed=False))
-            release(matrix)
+                emitting = with_images(scene.planes, sources)
+                right = direct_right_side(surface, emitting.positions, emitting.strengths)
+                solved.append(self._solved(matrices, right, transposed=False))
+            release(matrices[0])
         report = replace(
             self._report(scene, panels, [nodes], self._tolerance(), clock),
             residual=float(max(result.residuals.max() for result in solved)),
             iterations=max(result.iterations for result in solved),
-            citations=CITATIONS + ((LOW_RANK_SOURCE,) if matrix.far.column.size else ()),
+            citations=CITATIONS + ((LOW_RANK_SOURCE,) if matrices[0].far.column.size else ()),
         )
-        density, *pressure = (result.solution.astype(np.complex128).T for result in solved)
+        given = (result.solution.astype(np.complex128).T for result in solved)
+        density, *pressure = (values_with_images(values, scene.planes) for values in given)
+        surface = surface_with_images(surface, scene.planes)
         solved_field = BoundaryField(
             scene, sources, surface, pressure[0] if pressure else None, density, factors, self.accuracy, report
         )
@@ -202,6 +208,7 @@ class BoundaryElement(Solver):
             No bodies, a boundary other than sound-hard, or too little memory.
         """
         points = np.empty((0, 3)) if refined is None else points_of(refined, "refined points", least=0)
+        check_no_planes(scene, "a factorisation of bodies")
         _check_bodies(scene)
         if len(points):
             check_outside(scene, points, "refined")
@@ -252,10 +259,18 @@ class BoundaryElement(Solver):
         return reduced_body(surface, REACH * scene.wavelength, SKELETON_ERROR * self.accuracy)
 
     def _solved(
-        self, matrix: DualMatrix, right: Complex128[np.ndarray, "nodes sounds"], transposed: bool
+        self, matrices: Sequence[DualMatrix], right: Complex128[np.ndarray, "nodes sounds"], transposed: bool
     ) -> GmresResult:
-        sides = np.ascontiguousarray(right.T, dtype=matrix.precision)
-        return gmres(lambda vectors: matrix.times(vectors, transposed), sides, self._tolerance())
+        """Solve with the sum of some matrices: those of the bodies themselves and of their images."""
+        sides = np.ascontiguousarray(right.T, dtype=matrices[0].precision)
+
+        def product(vectors: np.ndarray) -> np.ndarray:
+            first, *others = (matrix.times(vectors, transposed) for matrix in matrices)
+            for one in others:
+                first += one
+            return first
+
+        return gmres(product, sides, self._tolerance())
 
     def _surface(self, nodes: Nodes, scene: Scene, obstacles: Sequence[Obstacle]) -> DualSurface:
         thinnest = np.array([obstacle.surface.shape.thinnest for obstacle in obstacles])
@@ -266,7 +281,8 @@ class BoundaryElement(Solver):
         near = refined[scene.depth(refined) > -2 * smallest]
         shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
         away = self.accuracy / (2 * scene.wavenumber.real)  # what a surface reflects changes its phase by 2 k away
-        return panels_of(shapes, 2 * smallest, near, smallest, self._bend(), away)
+        image = scene.planes[0].image if scene.planes else None
+        return panels_of(shapes, 2 * smallest, near, smallest, self._bend(), away, image)
 
     def _smallest(self, scene: Scene) -> float:
         """Edge below which no panel is refined for a source, half of that of the others [m]."""

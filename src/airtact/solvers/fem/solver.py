@@ -9,7 +9,7 @@ from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput, Vector
 from airtact.printing import in_short
-from airtact.scene.scene import Scene, check_sources
+from airtact.scene.scene import Scene, check_no_planes, check_sources
 from airtact.scene.sources import Monopoles
 from airtact.solvers.arrays import Points
 from airtact.solvers.fem.factorisation import check_memory, chosen_method
@@ -169,6 +169,7 @@ class FiniteElement(Solver):
             As ``radiate``, or a point that is NaN or infinite.
         """
         of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
+        check_no_planes(scene, "FiniteElement")
         if not scene.obstacles:
             raise InvalidInput("the scene has 0 obstacles; use FreeField for open air.", code="no_bodies")
         fine = np.empty((0, 3)) if refined is None else points_of(refined, "points to refine", least=0)
