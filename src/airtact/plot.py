@@ -16,6 +16,7 @@ from airtact.evaluation.metrics import Evaluation
 from airtact.evaluation.windows import Window, plane_across, plane_of_scene
 from airtact.figures.array_figures import draw_faces, draw_in_space, view_of
 from airtact.figures.field_figure import Cut, cut_bodies, draw_change, draw_pressure
+from airtact.figures.plane_figure import behind_planes
 from airtact.figures.plots import draw_foci
 from airtact.figures.solids import broad_view, space_axes
 from airtact.scene.scene import Scene
@@ -73,7 +74,7 @@ def field(
             raise InvalidInput("1 drive cannot be shown over another: give what compare returned.", code="choose_one")
         shown[over] = pressures[:, result.column(over)]
     surfaces = [one.surface for one in sound.scene.obstacles if one.boundary != "filled"]
-    cut = Cut(window, shown, cut_bodies(window, surfaces))
+    cut = Cut(window, shown, cut_bodies(window, surfaces) + behind_planes(window, sound.scene.planes))
     strongest = float(np.nanmax([np.abs(one) for one in shown.values()]))
     most = strongest if most is None else positive(most, "most", "Pa")
     axes = _axes(ax)
@@ -155,7 +156,7 @@ def scene(
 
         seen = np.concatenate([*(surface.vertices for surface in surfaces), foci])
         ax = space_axes(pyplot.figure(layout="constrained"), broad_view(seen) if array is None else view_of(normals))
-    draw_in_space(ax, positions, normals, angles, surfaces, foci)
+    draw_in_space(ax, positions, normals, angles, surfaces, foci, scene.planes)
     return ax
 
 

@@ -101,7 +101,8 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
     """
     wavenumber, target = setup.scene.wavenumber.real, setup.target
     bounds = open_air_bound(setup.array, target.points, wavenumber)
-    strongest, most = strongest_open_air(setup.array, wavenumber), 2.0 if setup.bodies else 1.0
+    strongest = strongest_open_air(setup.array, wavenumber)
+    most = (2.0 if setup.bodies else 1.0) * (2.0 if setup.scene.planes else 1.0)
     asked = np.zeros(len(bounds)) if target.pressures is None else np.abs(target.pressures)
     found = list(_path_cautions(setup))
     if len(target.points) > 1:
@@ -119,7 +120,9 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
                 "the array."
             )
         if pressure > most * bound:
-            words = ", and at most about twice that on a hard surface" if setup.bodies else ""
+            words = {1.0: "", 2.0: ", and at most about twice that on a hard surface"}.get(
+                most, ", and at most about four times that on a hard surface beside a plane"
+            )
             found.append(
                 f"{name} asks for {pressure:,.0f} Pa, and all elements at full scale bring {bound:,.0f} Pa to it in "
                 f"open air{words}: ask for less, or take more boards."

@@ -254,7 +254,7 @@ def open_air_matrix(scene: Scene, array: PhasedArray, target: Target) -> Transfe
 
     Parameters
     ----------
-    scene : its medium and frequency count, its bodies do not.
+    scene : its medium, frequency and planes count, its bodies do not.
     array : the E transducers in the obstacles' frame.
     target : the foci, and suppression points, which are the rows of the matrix.
 
@@ -269,7 +269,7 @@ def open_air_matrix(scene: Scene, array: PhasedArray, target: Target) -> Transfe
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles)")
     of_kind(target, Target, "the target", "Target(points, pressures)")
-    empty = Scene(scene.medium, [], frequency=scene.frequency)
+    empty = Scene(scene.medium, [], frequency=scene.frequency, planes=scene.planes)
     return transfer_matrix(FreeField().radiate(empty, target.beacons(suppression=True)), array)
 
 

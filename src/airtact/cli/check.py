@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from airtact.benching.self_check import SelfCheck
+    from airtact.scene.planes import Plane
     from airtact.scene.scene import Scene
     from airtact.scene_file.building import Setup
 
@@ -114,6 +115,7 @@ def _scene_record(setup: "Setup", unknowns: int | None) -> dict[str, Any]:
             for name, one in zip(setup.bodies, setup.scene.obstacles, strict=True)
         ],
         "foci": [dict(zip(keys, row, strict=True)) for row in rows],
+        "planes": [{"point": one.point.tolist(), "normal": one.normal.tolist()} for one in setup.scene.planes],
         "transducers": len(setup.array),
         "suppression_points": len(target.suppression_points),
         "frequency": setup.scene.frequency,
@@ -137,6 +139,8 @@ def _size(surface: "at.Surface") -> dict[str, Any]:
 
 def _scene_tables(setup: "Setup", unknowns: int | None) -> "Iterator[Table]":
     """Tabulate the bodies, the foci, and what solving takes."""
+    from airtact.validation import in_mm
+
     wavelength = setup.scene.wavelength
     bodies = plain_table("bodies", "boundary", "triangles", "area")
     surfaces = {name: one.surface for name, one in zip(setup.bodies, setup.scene.obstacles, strict=True)}
@@ -154,6 +158,8 @@ def _scene_tables(setup: "Setup", unknowns: int | None) -> "Iterator[Table]":
     sensitivity = f"{elements.element.sensitivity:g} Pa·m, uncalibrated"
     facts.add_row("transducers", f"{len(elements)}, {sensitivity}{away}")
     facts.add_row("pattern", elements.element.pattern_in_words(setup.scene.wavenumber.real))
+    for one in setup.scene.planes:
+        facts.add_row("rigid plane", f"through {in_mm(one.point)}, the nearest focus {_height(one, setup)} before it")
     if len(setup.target.suppression_points):
         facts.add_row("suppression points", f"{len(setup.target.suppression_points)}")
     facts.add_row("wavelength", f"{1e3 * wavelength:.2f} mm at {setup.scene.frequency / 1e3:g} kHz")
@@ -161,6 +167,10 @@ def _scene_tables(setup: "Setup", unknowns: int | None) -> "Iterator[Table]":
     if unknowns is not None:
         facts.add_row("unknowns", f"{unknowns:,}, about {_memory(unknowns, setup.accuracy)} to solve")
     yield facts
+
+
+def _height(plane: "Plane", setup: "Setup") -> str:
+    return f"{1e3 * plane.height(setup.target.points).min():.3g} mm"
 
 
 def _foci_table(setup: "Setup") -> "Table":

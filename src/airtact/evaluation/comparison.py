@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Complex128, Float64, Real
 
 from airtact.conventions import InvalidInput
-from airtact.evaluation.metrics import NOT_MODELLED, radiate_drives
+from airtact.evaluation.metrics import not_modelled, radiate_drives
 from airtact.printing import html_table, one_line
 from airtact.scene.scene import Scene
 from airtact.scene.target import Target
@@ -165,7 +165,8 @@ class Comparison:
         lines += ["Beside each pressure: that over the first drive's. table() has every focus."]
         lines += [f"{held_equal}: {meaning}" for held_equal, meaning in HELD_EQUAL.items()]
         lines.append(
-            f"peak pressures by {self.report.solver}, estimated error {self.report.estimated_error:.2g}. {NOT_MODELLED}"
+            f"peak pressures by {self.report.solver}, estimated error {self.report.estimated_error:.2g}. "
+            f"{not_modelled(self.report)}"
         )
         return "\n".join([*lines, *self.report.warnings])
 

@@ -11,7 +11,7 @@ from airtact.printing import html_table, one_line
 from airtact.scene.scene import Scene, check_outside
 from airtact.scene.sources import check_off_sources
 from airtact.scene.target import Target
-from airtact.solvers.problem import RadiatedField, Solver, SolveReport
+from airtact.solvers.problem import PLANES, RadiatedField, Solver, SolveReport
 from airtact.synthesis.reach import fraction
 from airtact.timing import Progress
 from airtact.transducers.layout import PhasedArray
@@ -22,7 +22,18 @@ from airtact.validation import counted, of_kind
 NOT_MODELLED = (
     "The array's own boards, the table and the walls do not reflect, and the elements' sensitivity is not calibrated."
 )
-"""What every figure of pressure leaves out (section 3.1 of the paper for the boards)."""
+"""What a figure of pressure leaves out without a plane (section 3.1 of the paper for the boards)."""
+
+BEYOND_THE_PLANE = (
+    "The array's own boards, and tables and walls other than the scene's rigid plane, do not reflect, and the "
+    "elements' sensitivity is not calibrated."
+)
+"""What it leaves out with one."""
+
+
+def not_modelled(report: SolveReport) -> str:
+    """Say what figures of pressure leave out that a report belongs to."""
+    return BEYOND_THE_PLANE if PLANES in report.settings else NOT_MODELLED
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +134,7 @@ class Evaluation:
         )
         lines.append(
             f"peak pressures by {self.report.solver}, estimated error {self.report.estimated_error:.2g}, residual "
-            f"{self.report.residual:.1e}. {NOT_MODELLED}"
+            f"{self.report.residual:.1e}. {not_modelled(self.report)}"
         )
         return "\n".join([*lines, *self.report.warnings])
 

@@ -95,6 +95,8 @@ def slices_around(
     depth = field.scene.depth(points).reshape(grid.shape[:3])
     pressure = _pressure(field, points, depth.ravel())[:, list(columns)].reshape(*grid.shape[:3], -1)
     pressure = _carried_inside(pressure)
+    for plane in field.scene.planes:
+        depth = np.maximum(depth, -plane.height(points).reshape(depth.shape))
     fine = (1, 1, 1) if len(columns) > MOST_FINE else (2, 2, 2) if any_axis else (1, 2, 2)
     pressures = np.stack([np.abs(_finer(one, fine)) for one in np.moveaxis(pressure, -1, 0)], axis=-1)
     steps = (highest - lowest) / (np.array(pressures.shape[2::-1]) - 1)

@@ -11,6 +11,7 @@ from airtact.evaluation.metrics import Evaluation, radiate_drives
 from airtact.evaluation.radiation import PAD_RADIUS, Pad, RadiationMap, radiation_of
 from airtact.evaluation.thresholds import NO_SAFETY_ASSESSMENT, sound_pressure_level, thresholds_of
 from airtact.printing import one_line
+from airtact.scene.planes import before_planes
 from airtact.scene.scene import Scene
 from airtact.scene.target import Target
 from airtact.solvers.problem import RadiatedField, Solver
@@ -345,5 +346,5 @@ def _pressure_away(
     wavelength = field.scene.wavelength
     away = _farther(points, target.points, FOCUS_RADIUS * wavelength)
     points = points[away & _farther(points, array.positions, 0.5 * wavelength)]
-    points = points[field.scene.depth(points) < 0.0]
+    points = points[(field.scene.depth(points) < 0.0) & before_planes(field.scene.planes, points)]
     return points, field.at(points)[:, 0]

@@ -17,7 +17,9 @@ from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from airtact.evaluation.windows import AXES
+from airtact.figures.plane_figure import draw_sheets
 from airtact.figures.solids import View, frame, solid, space_axes
+from airtact.scene.planes import Plane
 from airtact.surfaces.surface import Surface
 
 GREY = 0.9, 0.873, 0.846, 1.0
@@ -193,14 +195,15 @@ def draw_scene(
     amplitudes: Complex[np.ndarray, "elements"],
     bodies: Sequence[Surface],
     foci: Real[np.ndarray, "foci 3"],
+    planes: Sequence[Plane] = (),
 ) -> Figure:
-    """Draw the transducers as discs coloured by phase, the bodies shaded in grey and the foci as dots.
+    """Draw the transducers as discs coloured by phase, the bodies shaded in grey, the foci as dots, planes as sheets.
 
     Discs that turn their back to the viewer are faint rings below the rest, so that near walls hide nothing.
     """
     figure = Figure(figsize=(10.4, 8.0), layout="constrained")
     axes = space_axes(figure, view_of(normals))
-    draw_in_space(axes, positions, normals, np.angle(amplitudes), bodies, foci)
+    draw_in_space(axes, positions, normals, np.angle(amplitudes), bodies, foci, planes)
     return figure
 
 
@@ -211,6 +214,7 @@ def draw_in_space(
     phases: Real[np.ndarray, "elements"] | None,
     bodies: Sequence[Surface],
     foci: Real[np.ndarray, "foci 3"],
+    planes: Sequence[Plane] = (),
 ) -> None:
     """Draw into axes in space what ``draw_scene`` draws, the discs grey where no phases [rad] are given.
 
@@ -225,7 +229,8 @@ def draw_in_space(
         shaded.set_zorder(3)
         axes.add_collection3d(shaded)
     axes.scatter(*(1e3 * foci.T), s=34, c="#e8590c", edgecolors="white", linewidths=0.8, depthshade=False, zorder=4)
-    frame(axes, np.concatenate([discs.reshape(-1, 3), *(1e3 * body.vertices for body in bodies), 1e3 * foci]))
+    drawn = np.concatenate([discs.reshape(-1, 3), *(1e3 * body.vertices for body in bodies), 1e3 * foci])
+    frame(axes, np.concatenate([drawn, draw_sheets(axes, planes, 1e-3 * drawn)]))
     if phases is not None:
         label = "phase of the transducers [rad]"
         bar = axes.figure.colorbar(_phase_colours(), ax=axes, label=label, shrink=0.62, pad=0.08, aspect=24)

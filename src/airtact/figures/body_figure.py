@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch
 
+from airtact.figures.plane_figure import SHEET, draw_sheets
 from airtact.figures.solids import (
     INSIDE,
     Lines,
@@ -29,6 +30,7 @@ from airtact.figures.solids import (
 )
 from airtact.mesh.mesh_distance import closest_on_triangles
 from airtact.mesh.topology import edge_twins
+from airtact.scene.planes import Plane
 from airtact.surfaces.mesh_shape import MeshShape
 from airtact.surfaces.surface import Surface
 
@@ -53,9 +55,12 @@ AROUND = 120
 
 
 def draw_bodies(
-    bodies: Sequence[Surface], names: Sequence[str], foci: Real[np.ndarray, "foci 3"] | None = None
+    bodies: Sequence[Surface],
+    names: Sequence[str],
+    foci: Real[np.ndarray, "foci 3"] | None = None,
+    planes: Sequence[Plane] = (),
 ) -> Figure:
-    """Draw bodies with their triangles, and the foci, if any, as dots [m]."""
+    """Draw bodies with their triangles, the foci, if any, as dots, and planes as sheets [m]."""
     figure = wide_figure(6.0)
     corners = 1e3 * np.concatenate([body.corners for body in bodies])
     tints = colormaps["Pastel2"](np.arange(len(bodies)) % 8)
@@ -72,12 +77,14 @@ def draw_bodies(
         axes.add_collection3d(solid(pieces, colours[parents], lines, view), autolim=False)
         xs, ys, zs = dots.T
         axes.scatter(xs, ys, zs, s=30, c=FOCUS, edgecolors="white", linewidths=0.8, depthshade=False, zorder=4)  # pyright: ignore
-        frame(axes, everything)
+        frame(axes, np.concatenate([everything, draw_sheets(axes, planes, 1e-3 * everything)]))
     handles: list[Patch | Line2D] = [Patch(color=tint, label=name) for tint, name in zip(tints, names, strict=True)]
     if sharp.any():
         handles.append(Line2D([], [], color=SHARP, label="edges that stay sharp"))
     if len(dots):
         handles.append(Line2D([], [], color=FOCUS, marker="o", linestyle="none", label="foci, seen through bodies"))
+    if planes:
+        handles.append(Patch(color=SHEET, label="rigid plane"))
     figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False)
     return figure
 

@@ -5,6 +5,7 @@ import numpy as np
 from airtact.conventions import InvalidInput
 from airtact.hand.hand import PLACES
 from airtact.live.parts import LiveScene
+from airtact.scene.scene import check_no_planes
 from airtact.scene_file.building import Setup
 from airtact.transducers.modulation import AmplitudeModulation
 from airtact.validation import counted, fixed
@@ -23,6 +24,7 @@ def live_scene(setup: Setup) -> LiveScene:
         The scene holds another body, a focus does not ride on the hand, or it asks for what the live loop does not do:
         pressures, phases, suppression, or moving foci.
     """
+    check_no_planes(setup.scene, "live")
     on_hand = [ride for ride in setup.riding if ride is not None and ride[0] in PLACES]
     if len(on_hand) < len(setup.foci) or not setup.hands:
         raise InvalidInput(

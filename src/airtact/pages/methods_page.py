@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.evaluation.metrics import NOT_MODELLED
+from airtact.evaluation.metrics import not_modelled
 from airtact.figures.field_figure import Cut, draw_field
 from airtact.figures.plots import draw_bars
 from airtact.file_access.atomic import whole_file
@@ -145,7 +145,7 @@ def _summary(contest: Contest) -> dict[str, Any]:
             (f"{1e3 * best.seconds:.3g} ms", "to make that drive"),
         ],
         "warnings": contest.notes,
-        "not_modelled": NOT_MODELLED,
+        "not_modelled": not_modelled(contest.report),
         "steps": [[name, f"{seconds:.2f} s"] for name, seconds in contest.seconds.items()],
     }
 

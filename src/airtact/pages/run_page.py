@@ -12,7 +12,7 @@ from markupsafe import Markup
 from airtact.evaluation.comparison import HELD_EQUAL, Comparison
 from airtact.evaluation.headline import pascals
 from airtact.evaluation.held_out import HeldOut
-from airtact.evaluation.metrics import NOT_MODELLED
+from airtact.evaluation.metrics import not_modelled
 from airtact.figures.array_figures import draw_phases, draw_scene
 from airtact.figures.field_figure import FAINT, Cut, draw_close_ups, draw_difference, draw_field
 from airtact.figures.plots import draw_shares, draw_shifts
@@ -21,12 +21,13 @@ from airtact.frames.frame import Frame
 from airtact.pages.page import page_from, picture
 from airtact.pages.viewer import SceneView, viewer_alternative, viewer_values
 from airtact.sampling.ensemble import TransferEnsemble
+from airtact.scene.planes import Plane
 from airtact.scene.scene import Obstacle, Scene
 from airtact.scene.target import Target
 from airtact.solvers.problem import SolveReport
 from airtact.transducers.layout import PhasedArray
 from airtact.transfer import Drive, TransferMatrix
-from airtact.validation import counted
+from airtact.validation import counted, in_mm
 
 CITATION = (
     "S. Inoue, Y. Makino, H. Shinoda, Producing Airborne Ultrasonic 3D Tactile Image by Time Reversal Field Rendering, "
@@ -142,7 +143,14 @@ def _pictures(run: Run) -> dict[str, Any]:
     )
     bodies = [obstacle.surface for obstacle in run.scene.obstacles]
     still = picture(
-        draw_scene(run.array.positions, run.array.normals, run.drive.amplitudes, bodies, run.target.points),
+        draw_scene(
+            run.array.positions,
+            run.array.normals,
+            run.drive.amplitudes,
+            bodies,
+            run.target.points,
+            run.scene.planes,
+        ),
         "Transducers coloured by phase, bodies in grey, foci in orange. Transducers that face away from the viewer are "
         "faint rings.",
         viewer_alternative(run.view),
@@ -289,10 +297,11 @@ def _how(run: Run) -> dict[str, Any]:
             ["medium", f"{medium.sound_speed:g} m/s, {medium.density:g} kg/m³, absorption {medium.absorption:g} Np/m"],
             ["frequency", f"{scene.frequency:g} Hz, wavelength {1e3 * scene.wavelength:.2f} mm"],
             ["bodies", ", ".join(_body(*pair) for pair in pairs)],
+            *([["rigid planes", ", ".join(map(_plane, scene.planes))]] if scene.planes else []),
             ["repaired", repairs or "nothing"],
             ["array", f"{_transducers(run)} of {run.array.element.sensitivity:g} Pa·m (peak, uncalibrated)"],
             ["pattern", run.array.element.pattern_in_words(scene.wavenumber.real)],
-            ["not in the model", NOT_MODELLED],
+            ["not in the model", not_modelled(run.comparison.report)],
             ["wall time", _listed({name: f"{time:.2f} s" for name, time in run.seconds.items()})],
         ],
         "citations": list(dict.fromkeys([CITATION, *run.beacons.citations, *run.comparison.report.citations])),
@@ -301,6 +310,10 @@ def _how(run: Run) -> dict[str, Any]:
 
 def _body(name: str, obstacle: Obstacle) -> str:
     return f"{name} ({obstacle.boundary.replace('_', '-')}, {1e4 * obstacle.surface.area:.1f} cm²)"
+
+
+def _plane(plane: Plane) -> str:
+    return f"through {in_mm(plane.point)} with the normal {np.round(plane.normal, 3) + 0.0}"
 
 
 def _off_triangles(report: SolveReport) -> str:

@@ -13,7 +13,7 @@ from airtact.conventions import InvalidInput
 from airtact.pose import Pose
 from airtact.printing import in_short
 from airtact.sampling.draws import Draw, draws
-from airtact.scene.scene import Scene
+from airtact.scene.scene import Scene, check_no_planes
 from airtact.scene.sources import Monopoles
 from airtact.scene.target import Beacons
 from airtact.scene.target_points import frame_of, outward
@@ -108,6 +108,7 @@ class Sampled:
         if solver is not None:
             of_kind(solver, Solver, "the solver", "BoundaryElement()")
         scene, foci = beacons.scene, beacons.sources.positions
+        check_no_planes(scene, "an ensemble, whose hands move against it,")
         felt = beacons.sources.foci if isinstance(beacons.sources, Beacons) else len(foci)
         by_themselves = bool(uncertainty.own_position or uncertainty.own_rotation)
         solved = solver if scene.obstacles and (by_themselves or uncertainty.along_skin) else None

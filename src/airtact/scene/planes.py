@@ -92,7 +92,7 @@ def planes_of(given: Sequence[Plane], surfaces: Sequence[Surface]) -> tuple[Plan
         raise InvalidInput(
             f"the scene has {len(planes)} planes, but 1 is solved: sound between several has more images; leave out "
             "those that are farther from the foci.",
-            code="too_many",
+            code="too_many_planes",
         )
     for one in planes:
         for index, surface in enumerate(surfaces):

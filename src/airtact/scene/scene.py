@@ -267,7 +267,7 @@ def check_near(scene: Scene, points: Real[np.ndarray, "points 3"], what: str) ->
 
 
 def check_sources(scene: Scene, sources: Monopoles, planes: bool = False) -> None:
-    """Raise where a solver cannot radiate the sources: something of the wrong kind, a source in a body or behind a plane.
+    """Raise where a solver cannot radiate the sources: a wrong kind, a source inside a body or behind a plane.
 
     The sentence calls the sources of ``Target.beacons`` foci. ``planes`` says that the solver knows planes.
     """
@@ -283,8 +283,8 @@ def check_no_planes(scene: Scene, who: str) -> None:
     """Raise "planes_not_taken" where the scene has planes, which ``who`` does not know."""
     if scene.planes:
         raise InvalidInput(
-            f"the scene has {counted(len(scene.planes), 'plane', 'planes')}, which {who} does not take; BoundaryElement "
-            "solves it, and FreeField without bodies.",
+            f"the scene has {counted(len(scene.planes), 'plane', 'planes')}, which {who} does not take: leave the "
+            "planes out, or solve with BoundaryElement, or FreeField where there is no body.",
             code="planes_not_taken",
         )
 

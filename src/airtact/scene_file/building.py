@@ -15,7 +15,8 @@ from airtact.hand.hand import Hand
 from airtact.pose import Pose
 from airtact.sampling.ensemble import check_counts, check_doubts
 from airtact.scene.medium import Medium, air
-from airtact.scene.scene import Scene, check_outside
+from airtact.scene.planes import plane
+from airtact.scene.scene import Scene, check_no_planes, check_outside
 from airtact.scene.target import Target
 from airtact.scene.uncertainty import Uncertainty
 from airtact.scene_file import tables
@@ -154,7 +155,11 @@ def _set_up(path: Path, text: str, file: tables.SceneFile) -> Setup:
     with about("medium"):
         medium = medium_of(file.medium, file.frequency)
     bodies, obstacles, points, hands = bodies_of(file, path.parent, lambda table: medium_of(table, file.frequency))
-    scene = Scene(medium, obstacles, frequency=file.frequency)
+    planes = []
+    for index, one in enumerate(file.planes):
+        with about(f"planes[{index}]"):
+            planes.append(plane(one.point, one.normal))
+    scene = Scene(medium, obstacles, frequency=file.frequency, planes=planes)
     with about("array"):
         array, board = _array(file.array, medium.wavenumber(file.frequency).real, path.parent)
     surfaces = {name: obstacle.surface for name, obstacle in zip(bodies, scene.obstacles, strict=True)}
@@ -271,6 +276,7 @@ def _solver(file: tables.SceneFile, scene: Scene) -> Solver:
                 code="solver_unsuitable",
             )
     if name == "finite_element":
+        check_no_planes(scene, name)
         return FiniteElement.reaching(file.solver.accuracy)
     return BoundaryElement(accuracy=file.solver.accuracy)
 

@@ -184,6 +184,13 @@ class ObstacleTable(Table, frozen=True):
     pose: PoseTable | None = None
 
 
+class PlaneTable(Table, frozen=True):
+    """A rigid plane, such as a table, through ``point`` [m]; sound is on the side that ``normal`` points to."""
+
+    point: Triple
+    normal: Triple
+
+
 class NamedPointTable(Choice, frozen=True, tag="at"):
     """A named point of a body, such as "thumb.pad"."""
 
@@ -403,6 +410,7 @@ class SceneFile(Table, frozen=True):
     foci: list[FocusTable]
     suppression: list[SuppressionTable] = []
     obstacles: list[ObstacleTable] = []
+    planes: list[PlaneTable] = []
     frequency: float = 40e3
     merge_bodies: bool = False
     most_points: int = MOST_POINTS

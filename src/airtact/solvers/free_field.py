@@ -9,7 +9,7 @@ from airtact.scene.planes import before_planes, with_images
 from airtact.scene.scene import Scene, check_sources
 from airtact.scene.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.solvers.arrays import ComplexPairs, Gradients, Mask, Points, Pressures, SourcePoints
-from airtact.solvers.problem import RadiatedField, Solver, SolveReport, SurfaceField, receivers
+from airtact.solvers.problem import PLANES, RadiatedField, Solver, SolveReport, SurfaceField, receivers
 from airtact.solvers.velocity import open_air_gradient, velocity_of
 from airtact.validation import counted, points_of
 
@@ -102,4 +102,5 @@ class FreeField(Solver):
                 "take a solver that scatters, such as BoundaryElement.",
                 code="solver_unsuitable",
             )
-        return OpenAirField(scene, sources, SolveReport(solver="FreeField"))
+        settings = {PLANES: len(scene.planes)} if scene.planes else {}
+        return OpenAirField(scene, sources, SolveReport(solver="FreeField", settings=settings))

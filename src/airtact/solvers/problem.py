@@ -16,6 +16,9 @@ from airtact.solvers.velocity import differences, velocity_of
 from airtact.timing import Progress
 from airtact.validation import counted, points_of
 
+PLANES = "rigid_planes"
+"""Name of the setting of a report that counts the planes of the scene; there is none without planes."""
+
 DIFFERENCE = 1.0 / 40.0
 """Step of the differences of a field without a closed form, in wavelengths."""
 

@@ -1,15 +1,19 @@
 """Checks of an array in a scene: no element in a body, nothing behind a face."""
 
 import numpy as np
-from jaxtyping import Float64, Real
+from jaxtyping import Bool, Float64, Real
 from scipy.spatial import ConvexHull
 
 from airtact.conventions import InvalidInput
+from airtact.scene.planes import Plane, check_before_planes
 from airtact.scene.scene import CONTACT, Scene, check_not_inside
 from airtact.transducers.boards import kind_of_array
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
 from airtact.validation import counted, in_mm, of_kind
+
+LET_IN = 1e-9
+"""Elements on a plane whose normals are the plane's but for this, 1 less the cosine, are part of it."""
 
 MAX_ELEMENT_DISTANCE = 10.0
 """Largest distance of an element from a focus or the nearest body [m]."""
@@ -21,25 +25,57 @@ def check_placement(scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "fo
     Raises
     ------
     InvalidInput
-        "array_inside_body", "inside_body": an element reaches into a body; "behind_faces": a focus or a body is behind
-        the face of a directional element; "too_far", "piston_too_large", "wrong_kind".
+        "array_inside_body", "inside_body": an element reaches into a body; "behind_plane": or behind a plane;
+        "behind_faces": a focus or a body, or its image in a plane, is behind the face of a directional element;
+        "too_far", "piston_too_large", "wrong_kind".
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     check_pattern(array.element, scene.wavenumber)
     _check_outside_bodies(scene, array)
+    check_before_planes(scene.planes, array.face_points.reshape(-1, 3), "face")
     if foci is not None:
         check_reach(array, foci)
     if not array.element.directional:
         return
     for index, obstacle in enumerate(scene.obstacles):
-        vertices = obstacle.surface.corners.reshape(-1, 3)
-        middle = vertices.mean(axis=0)
-        radius = np.sqrt(np.max(np.sum((vertices - middle) ** 2, axis=1)))
-        if _height(array, middle[None]).min() > radius:
-            continue
-        hull = vertices[ConvexHull(vertices).vertices]
-        _check_behind(array, -_height(array, hull).min(axis=0), f"body {index} reaches")
+        _check_body(array, obstacle.surface.corners.reshape(-1, 3), f"body {index} reaches")
+    for plane in scene.planes:
+        _check_images(plane, scene, array, foci)
+
+
+def _check_body(
+    array: PhasedArray,
+    vertices: Float64[np.ndarray, "vertices 3"],
+    what: str,
+    some: Bool[np.ndarray, "elements"] | None = None,
+) -> None:
+    """Raise where a body reaches behind the face of an element, or of some of them."""
+    middle = vertices.mean(axis=0)
+    radius = np.sqrt(np.max(np.sum((vertices - middle) ** 2, axis=1)))
+    if _height(array, middle[None]).min() > radius:
+        return
+    hull = vertices[ConvexHull(vertices).vertices]
+    behind = -_height(array, hull).min(axis=0)
+    _check_behind(array, behind if some is None else np.where(some, behind, 0.0), what)
+
+
+def _check_images(
+    plane: Plane, scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "foci 3"] | None = None
+) -> None:
+    """Raise where the image of a body or a focus is behind a face: that of the element would sound backwards."""
+    reflecting = _off_plane(plane, array)
+    for index, height in enumerate(_height(array, plane.image(foci)) if foci is not None else ()):
+        _check_behind(array, np.where(reflecting, -height, 0.0), f"the image of focus {index} in the plane stands")
+    for index, obstacle in enumerate(scene.obstacles):
+        mirrored = plane.image(obstacle.surface.corners.reshape(-1, 3))
+        _check_body(array, mirrored, f"the image of body {index} in the plane reaches", reflecting)
+
+
+def _off_plane(plane: Plane, array: PhasedArray) -> Bool[np.ndarray, "elements"]:
+    """Which elements radiate towards a plane: all but those let into it, whose faces are part of it."""
+    let_in = (array.normals @ plane.normal > 1.0 - LET_IN) & (np.abs(plane.height(array.positions)) < CONTACT)
+    return ~let_in
 
 
 def _check_outside_bodies(scene: Scene, array: PhasedArray) -> None:

@@ -87,7 +87,8 @@ def _draw(
 ) -> None:
     if folder is not None:
         report_step(f"drawing {folder / BODIES}")
-        write_picture(folder / BODIES, draw_bodies([one.surface for one in scene.obstacles], names, foci))
+        surfaces = [one.surface for one in scene.obstacles]
+        write_picture(folder / BODIES, draw_bodies(surfaces, names, foci, scene.planes))
 
 
 def memory_of_a_solve(unknowns: float, accuracy: float) -> float:

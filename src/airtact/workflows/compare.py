@@ -10,6 +10,7 @@ from airtact.conventions import InvalidInput
 from airtact.evaluation.held_out import SAMPLES
 from airtact.evaluation.metrics import radiate_drives
 from airtact.figures.field_figure import Cut, cut_bodies
+from airtact.figures.plane_figure import behind_planes
 from airtact.file_access.atomic import whole_file, writable_folder
 from airtact.pages.methods_page import Contender, Contest, Ranked, write_methods_page
 from airtact.sampling.ensemble import ensemble
@@ -161,7 +162,8 @@ def _kept(setup: Setup, beacons: RadiatedField, drives: Mapping[str, Drive], clo
 def _cut(setup: Setup, field: RadiatedField, names: list[str]) -> Cut:
     """Cut the field of each drive, one right-hand side a name, through the foci."""
     window, solid = plane_of_foci(setup)
-    return Cut(window, dict(zip(names, field.at(window.points).T, strict=True)), cut_bodies(window, solid))
+    outlines = cut_bodies(window, solid) + behind_planes(window, setup.scene.planes)
+    return Cut(window, dict(zip(names, field.at(window.points).T, strict=True)), outlines)
 
 
 def _write_table(file: Path, contest: Ranked) -> None:

@@ -13,6 +13,7 @@ from airtact.evaluation.headline import FULL, beyond_linear, body_word, headline
 from airtact.evaluation.held_out import SAMPLES, HeldOut, held_out, shift_map
 from airtact.evaluation.windows import Window, box_around, close_up
 from airtact.figures.field_figure import Cut, cut_bodies
+from airtact.figures.plane_figure import behind_planes
 from airtact.file_access.atomic import writable_folder
 from airtact.files.vtkhdf import write_field
 from airtact.pages.run_page import Rendered, Run, write_page
@@ -269,7 +270,8 @@ def _cuts(setup: Setup, comparison: Comparison, scales: Float64[np.ndarray, "dri
     def cut(window: Window) -> Cut:
         pressures = zip(comparison.at(window.points).items(), scales, strict=True)
         scaled = {name: p * scale for (name, p), scale in pressures}
-        return Cut(window, scaled, cut_bodies(window, solid), _error_over(window, scene, comparison))
+        outlines = cut_bodies(window, solid) + behind_planes(window, scene.planes)
+        return Cut(window, scaled, outlines, _error_over(window, scene, comparison))
 
     plane = cut(window)
     if len(foci) < 3 or not scene.obstacles:

@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 
 from airtact.conventions import InvalidInput
 from airtact.mesh.quadratic_triangles import points_at
-from airtact.scene.planes import with_images
+from airtact.scene.planes import before_planes, with_images
 from airtact.scene.scene import Scene
 from airtact.scene.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.solvers.bem.layer_potentials import Located, find_contacts, locate, near_surface, project_contacts
@@ -226,7 +226,7 @@ class BoundaryField(RadiatedField):
         without points, it is the plain report.
         """
         points = points_of(points, "points", least=0)
-        points = points[self.scene.depth(points) <= 0.0]
+        points = points[(self.scene.depth(points) <= 0.0) & before_planes(self.scene.planes, points)]
         if self.pressure is None or not len(points):
             return self.report
         errors, parts = self._errors(points)

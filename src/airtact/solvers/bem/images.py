@@ -34,7 +34,7 @@ def surface_with_images(surface: DualSurface, planes: Sequence[Plane]) -> DualSu
 def values_with_images(
     values: Complex128[np.ndarray, "nodes sounds"], planes: Sequence[Plane]
 ) -> Complex128[np.ndarray, "all sounds"]:
-    """Return the pressure, or another number, at the nodes of the bodies followed by that at the nodes of the images."""
+    """Return what the nodes of the bodies have, such as the pressure, followed by what those of the images have."""
     for _ in planes:
         mirrored = values.reshape(-1, len(ORDER), values.shape[1])[:, ORDER].reshape(values.shape)
         values = np.concatenate([values, mirrored])

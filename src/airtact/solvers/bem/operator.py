@@ -190,9 +190,7 @@ EXPECTED = 24
 """Mean rank that memory is allocated for; often it is half of that. Beyond it the terms are computed again."""
 
 
-def assemble(
-    surface: DualSurface, store: Store, error: float | None = None, image: Plane | None = None
-) -> DualMatrix:
+def assemble(surface: DualSurface, store: Store, error: float | None = None, image: Plane | None = None) -> DualMatrix:
     """Fill the matrix of the dual-surface equation in the number format ``store``.
 
     With an ``error``, relative to the 1/2 on the diagonal, blocks apart are sums of low-rank (ACA) terms; without it
@@ -218,10 +216,13 @@ def assemble(
     return matrix
 
 
-def _rows_at(surface: DualSurface, image: Plane | None) -> tuple[Float64[np.ndarray, "rows 3"], ...]:
+def _rows_at(
+    surface: DualSurface, image: Plane | None
+) -> tuple[Float64[np.ndarray, "rows 3"], Float64[np.ndarray, "groups 3"]]:
     """Where the double layer of the rows is evaluated: at the nodes and the shifted points, or at their images."""
-    placed = surface.nodes.points, surface.shifted
-    return placed if image is None else tuple(image.image(points) for points in placed)
+    if image is None:
+        return surface.nodes.points, surface.shifted
+    return image.image(surface.nodes.points), image.image(surface.shifted)
 
 
 def _with_low_rank(

@@ -32,7 +32,7 @@ from airtact.solvers.bem.quadrature import Nodes, place_nodes
 from airtact.solvers.bem.reduced_body import ReducedBody, reduced_body
 from airtact.solvers.gmres import GmresResult, gmres
 from airtact.solvers.probes import surrounding_points
-from airtact.solvers.problem import Solver, SolveReport
+from airtact.solvers.problem import PLANES, Solver, SolveReport
 from airtact.surfaces.panels import Panels, panels_of
 from airtact.surfaces.shape import BEND
 from airtact.timing import Clock, Progress
@@ -235,6 +235,7 @@ class BoundaryElement(Solver):
         self, scene: Scene, panels: Panels, nodes: Sequence[Nodes], tolerance: float, clock: Clock
     ) -> SolveReport:
         """Report what a solve and a factorisation have in common."""
+        planes = {PLANES: len(scene.planes)} if scene.planes else {}
         count, area = sum(len(one.points) for one in nodes), float(sum(one.weights.sum() for one in nodes))
         return SolveReport(
             solver="BoundaryElement",
@@ -242,7 +243,7 @@ class BoundaryElement(Solver):
             nodes_per_square_wavelength=count * scene.wavelength**2 / area,
             estimated_error=float("nan"),
             seconds=clock.seconds,
-            settings={"accuracy": self.accuracy, "precision": self.precision, "gmres_tolerance": tolerance},
+            settings={"accuracy": self.accuracy, "precision": self.precision, "gmres_tolerance": tolerance, **planes},
             warnings=tuple(_off_triangles(panels, scene.wavelength)),
             farthest_off_triangles=float(panels.farthest.max()),
             mean_off_triangles=float(panels.mean_distance.max()),

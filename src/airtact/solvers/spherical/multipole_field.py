@@ -17,7 +17,7 @@ from scipy.special import sph_harm_y_all
 from airtact import _kernels
 from airtact.conventions import InvalidInput
 from airtact.printing import in_short
-from airtact.scene.scene import Scene
+from airtact.scene.scene import Scene, check_no_planes
 from airtact.scene.sources import Monopoles
 from airtact.solvers.arrays import Gradients, Indices, Lengths, Mask, Points, Pressures, Vectors
 from airtact.solvers.chebyshev import chebyshev_weights
@@ -177,7 +177,7 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
     Raises
     ------
     InvalidInput
-        If there are no bodies, or the field is not known all around them.
+        If there are no bodies, or a plane, or the field is not known all around them.
 
     Examples
     --------
@@ -189,6 +189,7 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
     True
     """
     of_kind(field, RadiatedField, "the field", "solver.radiate(scene, sources)")
+    check_no_planes(field.scene, "the multipole expansion")
     if not field.scene.obstacles:
         raise InvalidInput(
             "the scene of the field has 0 obstacles, so nothing is scattered; evaluate it as it is.", code="no_bodies"

@@ -1,0 +1,165 @@
+"""Bodies before a rigid plane: against two mirrored bodies, what the plane costs, and reciprocity.
+
+The series of two spheres is truth for a sphere; a hand is held against itself and its image solved as two bodies.
+
+    PYTHONPATH=.:tests python benchmarks/planes.py [sphere | hand | cost | reciprocity]
+"""
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+import airtact as at
+from references import before_a_plane
+
+AIR = at.Medium(sound_speed=343.1, density=1.293)
+TABLE = at.plane((0, 0, 0), (0, 0, 1))
+RADIUS = 8e-3
+HEIGHTS = (0.2e-3, 0.5e-3, 1e-3, 2e-3, 5e-3, 10e-3, 40e-3)
+"""Of the sphere over the plane [m]."""
+
+RUNS = 5
+
+
+def main(chosen: list[str]) -> None:
+    """Print the rows that are chosen, or all."""
+    for name in chosen or list(ROWS):
+        for line in ROWS[name]():
+            print(line, flush=True)
+
+
+def sphere_rows() -> Iterator[str]:
+    """Yield the error of a sphere at each height, in the field and on the plane, over 8 points of each."""
+    random = np.random.default_rng(0)
+    away = random.uniform((-0.1, -0.1, 0.001), (0.1, 0.1, 0.12), (40, 3))
+    on = np.concatenate([random.uniform(-0.06, 0.06, (7, 2)), [[0.003, 0.001]]])
+    on = np.concatenate([on, np.zeros((8, 1))], axis=1)
+    for height in HEIGHTS:
+        ball = at.sphere(RADIUS, RADIUS, centre=(0, 0, height + RADIUS))
+        scene = at.Scene(AIR, [at.sound_hard(ball)], planes=[TABLE])
+        free = away[-scene.depth(away) > 0.01][:8]
+        beside = np.array([[0.0, RADIUS + 0.5e-3, height + RADIUS], [0.0, 0.0, height + 2 * RADIUS + 1e-3]])
+        sources = np.concatenate([[[0.03, 0.02, 0.06], [0.04, 0.0, 0.0]], beside])
+        points = np.concatenate([free, on])
+        field = at.BoundaryElement(accuracy=0.01).radiate(scene, at.Monopoles(sources, np.eye(len(sources))))
+        exact, own = before_a_plane.sphere_pressure(scene, sources, points)
+        found = field.at(points)
+        errors = [relative(found[some], exact[some]) for some in (slice(0, 8), slice(8, None))]
+        yield (
+            f"sphere {1e3 * height:g} mm over a plane, 1 % asked: {errors[0]:.2%} in the field, {errors[1]:.2%} on the "
+            f"plane ({field.report.nodes} unknowns, estimated {field.report.estimated_error:.2%}; series {own:.0e})"
+        )
+
+
+def open_hand(lift: float) -> at.Surface:
+    """The open hand of the examples, palm down, its lowest point so far over the table [m]."""
+    hand = at.load_hand(at.example("open_hand").parent / "hands/relaxed.json")
+    _, normal = hand.place("palm")
+    turned = hand.surface.moved(at.Pose.turn(*_turn_down(normal)))
+    lowest = turned.shape.farthest(np.array([0.0, 0.0, -1.0]))[2]
+    middle = turned.vertices.mean(axis=0)
+    return turned.moved(at.Pose(np.eye(3), np.array([-middle[0], -middle[1], lift - lowest])))
+
+
+def _turn_down(direction: np.ndarray) -> tuple[tuple[float, float, float], float]:
+    """Axis and angle [degrees] that turn a direction to -z."""
+    axis = np.cross(direction, [0.0, 0.0, -1.0])
+    angle = np.degrees(np.arctan2(np.linalg.norm(axis), -direction[2]))
+    x, y, z = (axis / np.linalg.norm(axis)).tolist()
+    return (x, y, z), float(angle)
+
+
+def hand_rows() -> Iterator[str]:
+    """Yield how far a hand over a table is from itself and its image solved as two bodies, at boards and on the table."""
+    random = np.random.default_rng(1)
+    on = np.concatenate([random.uniform(-0.08, 0.08, (30, 2)), np.zeros((30, 1))], axis=1)
+    around = np.array([0.0, 0.0, 0.1]) + 0.25 * _upper(random.normal(size=(40, 3)))
+    points = np.concatenate([around, on])
+    for lift in (2e-3, 20e-3, 200e-3):
+        body = open_hand(lift)
+        sources = np.array([[0.01, 0.02, 0.0], [0.15, 0.05, 0.3]])
+        mirrored = at.Surface(body.vertices * [1, 1, -1], body.triangles[:, ::-1])
+        once = at.Scene(AIR, [at.sound_hard(body)], planes=[TABLE])
+        twice = at.Scene(AIR, [at.sound_hard(body), at.sound_hard(mirrored)])
+        both = np.concatenate([sources, sources * [1, 1, -1]])
+        for asked in (0.01, 0.003):
+            solver = at.BoundaryElement(accuracy=asked)
+            begun = time.perf_counter()
+            found = solver.radiate(once, at.Monopoles(sources, np.eye(2)))
+            middle = time.perf_counter()
+            whole = solver.radiate(twice, at.Monopoles(both, np.tile(np.eye(2), (2, 1))))
+            ended = time.perf_counter()
+            a, b = found.at(points), whole.at(points)
+            apart = [relative(a[some], b[some]) for some in (slice(0, 40), slice(40, None))]
+            yield (
+                f"hand {1e3 * lift:g} mm over a table, {asked:.1%} asked, against it and its image as two bodies: "
+                f"{apart[0]:.2%} around, {apart[1]:.2%} on the table ({found.report.nodes} and {whole.report.nodes} "
+                f"unknowns, {middle - begun:.1f} and {ended - middle:.1f} s; estimated "
+                f"{found.report.estimated_error:.2%} and {whole.report.estimated_error:.2%})"
+            )
+
+
+def _upper(vectors: np.ndarray) -> np.ndarray:
+    vectors = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    return vectors * np.sign(vectors[:, 2:] + 0.3)
+
+
+def cost_rows() -> Iterator[str]:
+    """Yield the time of a solve with a plane over that without it, two foci, transfer matrix of a board included."""
+    array = at.autd3_board(at.Pose(np.eye(3), np.array([-0.09, -0.07, 0.0])))
+    for lift in (20e-3, 200e-3):
+        body = open_hand(lift)
+        lowest = body.shape.farthest(np.array([0.0, 0.0, -1.0]))
+        target = at.Target(np.array([lowest - [0, 0, 1e-3], lowest - [0.01, 0.0, 2e-3]]))
+        solver, taken = at.BoundaryElement(accuracy=0.01), {}
+        for name, planes in (("without", []), ("with", [TABLE])):
+            scene = at.Scene(AIR, [at.sound_hard(body)], planes=planes)
+            solver.unknowns(scene, target.beacons())  # panels are kept
+            taken[name] = seconds(
+                lambda scene=scene: at.transfer_matrix(solver.radiate(scene, target.beacons()), array)
+            )
+        yield (
+            f"hand {1e3 * lift:g} mm over a board in a table, 2 foci, 1 % asked: {taken['without']:.2f} s without the "
+            f"plane, {taken['with']:.2f} s with it, {taken['with'] / taken['without']:.2f} times (median of {RUNS})"
+        )
+
+
+def reciprocity_rows() -> Iterator[str]:
+    """Yield the difference of the field when sources and points change places, over a ball and the plane."""
+    pairs = np.array([[0.04, 0.0, 0.0], [0.02, -0.03, 0.05], [-0.03, 0.02, 0.02], [0.0, 0.05, 0.0]])
+    ball = at.sphere(RADIUS, RADIUS, centre=(0, 0, 1e-3 + RADIUS))
+    scene = at.Scene(AIR, [at.sound_hard(ball)], planes=[TABLE])
+    for asked in (0.03, 0.01, 0.003):
+        worst = 0.0
+        for one in range(4):
+            for other in range(one):
+                there, back = (
+                    at.BoundaryElement(asked).radiate(scene, at.Monopoles(pairs[[a]], np.ones(1))).at(pairs[[b]])[0, 0]
+                    for a, b in ((one, other), (other, one))
+                )
+                worst = max(worst, abs(there - back) / abs(there))
+        yield f"reciprocity of a ball 1 mm over a plane, {asked:.1%} asked: {worst:.1e} at worst"
+
+
+def relative(found: np.ndarray, exact: np.ndarray) -> float:
+    """Largest error of an excitation, over its points together."""
+    return float((np.linalg.norm(found - exact, axis=0) / np.linalg.norm(exact, axis=0)).max())
+
+
+def seconds(solve: Callable[[], object]) -> float:
+    """Median time of some runs [s]."""
+    taken = []
+    for _ in range(RUNS):
+        begun = time.perf_counter()
+        solve()
+        taken.append(time.perf_counter() - begun)
+    return float(np.median(taken))
+
+
+ROWS = {"sphere": sphere_rows, "hand": hand_rows, "cost": cost_rows, "reciprocity": reciprocity_rows}
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,36 @@
+"""Where an array may be in a scene with a plane."""
+
+import numpy as np
+
+import airtact as at
+from airtact.transducers.placement import check_placement
+from faults import raises_code
+
+AIR = at.Medium(sound_speed=343.1, density=1.293)
+SCENE = at.Scene(AIR, [], planes=[at.plane((0, 0, 0), (0, 0, 1))])
+FOCUS = np.array([[0.08, 0.06, 0.15]])
+
+
+def at_height(height: float) -> at.PhasedArray:
+    return at.autd3_board(at.Pose(np.eye(3), np.array([0.0, 0.0, height])))
+
+
+def test_a_board_in_the_plane_or_facing_it_is_right():
+    check_placement(SCENE, at_height(0.0), FOCUS)
+    turned = at.Pose(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.12, 0.3]))
+    check_placement(SCENE, at.autd3_board(turned), FOCUS)
+
+
+def test_an_element_behind_the_plane_is_rejected():
+    with raises_code("behind_plane", "face", "1 mm"):
+        check_placement(SCENE, at_height(-1e-3), FOCUS)
+
+
+def test_a_board_over_the_plane_that_turns_its_back_to_it_is_rejected():
+    """Its elements radiate forwards only, and the image of its back would sound."""
+    with raises_code("behind_faces", "the image of focus 0 in the plane stands"):
+        check_placement(SCENE, at_height(0.02), FOCUS)
+    ball = at.sound_hard(at.sphere(5e-3, 2e-3, centre=(0.08, 0.06, 0.15)))
+    body = at.Scene(AIR, [ball], planes=SCENE.planes)
+    with raises_code("behind_faces", "the image of body 0 in the plane reaches"):
+        check_placement(body, at_height(0.02))
