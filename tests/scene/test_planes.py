@@ -80,6 +80,8 @@ def test_who_does_not_take_planes_says_so():
         lambda: at.SampledField(before, SOURCE, nodes, none),
         lambda: at.BoundaryElement(accuracy=0.1).factorised(before),
         lambda: at.multipole_expansion(field),
+        lambda: at.scattering_matrix(at.BoundaryElement(accuracy=0.1), before),
+        lambda: at.simulate_echoes(at.BoundaryElement(), before, array, at.sensing.random_codes(249, 1)),
         lambda: at.ensemble(beacons, array, at.Uncertainty(position=1e-3), samples=2),
         lambda: live_scene(replace(at.read_scene(at.example("live_pinch")), scene=before)),
     ):

@@ -14,7 +14,7 @@ from jaxtyping import Complex128, Float64
 
 from airtact.conventions import InvalidInput
 from airtact.printing import one_line
-from airtact.scene.scene import Scene
+from airtact.scene.scene import Scene, check_no_planes
 from airtact.scene.sources import Monopoles
 from airtact.sensing.waves import harmonics, order_of, outgoing_radial, projected
 from airtact.solvers.problem import Solver, SolveReport
@@ -109,6 +109,7 @@ def scattering_matrix(solver: Solver, scene: Scene, accuracy: float = 0.005) -> 
     accuracy = within(accuracy, 1e-4, 0.1, "accuracy", "parts of 1", "1 per cent is 0.01.")
     if not scene.obstacles:
         raise InvalidInput("the scene has 0 obstacles, so nothing is scattered; give bodies.", code="no_bodies")
+    check_no_planes(scene, "a scattering matrix")
     centre, radius = ball_of(scene)
     order = _order(scene.wavenumber.real * radius, accuracy)
     outer = radius + GAP * scene.wavelength

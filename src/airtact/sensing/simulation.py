@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Complex128, Integer, Num
 
 from airtact.conventions import InvalidInput
-from airtact.scene.scene import Scene
+from airtact.scene.scene import Scene, check_no_planes
 from airtact.scene.sources import Monopoles
 from airtact.sensing.array_waves import array_waves, direct_sound
 from airtact.sensing.echoes import Echoes
@@ -109,6 +109,7 @@ def _scattered(
         return array_waves(made_by, array, made_by.order).echo(made_by, codes)
     faces, weights = array.face_points.reshape(-1, 3), array.element.weights
     emitted = (array.element.sensitivity * array.gains)[:, None, None] * weights[:, None] * codes[:, None, :]
+    check_no_planes(scene, "a simulation of echoes")
     field = made_by.radiate(scene, Monopoles(faces, emitted.reshape(len(faces), -1)))
     scattered = field.scattered_at(faces).reshape(len(array), len(weights), -1)
     return array.gains[:, None] * np.einsum("q,eqm->em", weights, scattered)

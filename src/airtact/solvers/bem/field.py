@@ -77,8 +77,11 @@ class BoundaryField(RadiatedField):
 
     @property
     def scattering_sources(self) -> Monopoles | None:
-        """The transposed solution's monopoles on and under the surface; None where a source touches a body."""
-        return None if (self.factors > 1).any() else self.transposed.scattering
+        """The transposed solution's monopoles on and under the surface; None where a source touches a body.
+
+        Before a plane there are none either, because the sources' images would be missing.
+        """
+        return None if (self.factors > 1).any() or self.scene.planes else self.transposed.scattering
 
     @property
     def on_surface(self) -> SurfaceField:
