@@ -7,6 +7,7 @@ Run ``PYTHONPATH=. python benchmarks/sweep.py speed``, ``kills`` or ``dask``. 20
 import argparse
 import os
 import random
+import resource
 import signal
 import statistics
 import subprocess
@@ -18,7 +19,9 @@ from tempfile import TemporaryDirectory
 import airtact as at
 from airtact.workflows.sweep.sweep import sweep
 
-VARIED = ("pinch.gap=0.008:0.016:10", "array.pose.translation[0]=-0.002:0.002:20")
+
+def varied(places: int) -> tuple[str, str]:
+    return "pinch.gap=0.008:0.016:10", f"array.pose.translation[0]=-0.002:0.002:{places}"
 
 
 def scene(folder: Path, accuracy: float = 0.03) -> Path:
@@ -30,40 +33,41 @@ def scene(folder: Path, accuracy: float = 0.03) -> Path:
     return file
 
 
-def seconds(folder: Path, number: int, dask: str | None = None) -> tuple[float, float]:
-    """Return the time of a sweep from its first result to its last, per point, and of all of it [s].
+def seconds(folder: Path, places: int, number: int, dask: str | None = None) -> tuple[float, float, float]:
+    """Return the time a point from the first results to the last, that of the whole sweep, and the processors' [s].
 
-    What comes before the first result is the start of the processes, which does not grow with the points.
+    The last is per point, of all processes together, their start included: with free processors n processes do n points
+    in that time, whatever else the machine has to do while it is measured.
     """
     moments: list[float] = []
-    begun = time.perf_counter()
+    begun, spent = time.perf_counter(), processor_time()
     out = folder / f"{number}-{dask}-{begun}"
-    sweep(
-        folder / "pinch.toml",
-        VARIED,
-        out,
-        lambda *numbers: moments.append(time.perf_counter()),
-        number=number,
-        dask=dask,
-        pictures=False,
-    )
-    whole = time.perf_counter() - begun
-    assert len(moments) == 201
-    return (moments[-1] - moments[1 + number]) / (200 - number - 1), whole
+    settings = {"number": number, "dask": dask, "pictures": False}
+    file = folder / "pinch.toml"
+    sweep(file, varied(places), out, lambda *numbers: moments.append(time.perf_counter()), **settings)
+    whole, count = time.perf_counter() - begun, 10 * places
+    assert len(moments) == count + 1
+    a_point = (moments[-1] - moments[1 + number]) / (count - number - 1)
+    return a_point, whole, (processor_time() - spent) / count
 
 
-def compared(repeats: int, one: tuple[int, str | None], other: tuple[int, str | None]) -> None:
+def processor_time() -> float:
+    spent = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return spent.ru_utime + spent.ru_stime
+
+
+def compared(repeats: int, places: int, one: tuple[int, str | None], other: tuple[int, str | None]) -> None:
     with TemporaryDirectory() as name:
         folder = Path(name)
         scene(folder)
-        runs = [[seconds(folder, *kind) for kind in (one, other)] for _ in range(repeats)]
+        runs = [[seconds(folder, places, *kind) for kind in (one, other)] for _ in range(repeats)]
     for index, kind in enumerate((one, other)):
-        points, wholes = zip(*(run[index] for run in runs), strict=True)
+        points, wholes, spent = zip(*(run[index] for run in runs), strict=True)
         print(f"{kind[1] or 'processes'} of {kind[0]}: {1e3 * statistics.median(points):.1f} ms a point, ", end="")
-        print(f"all of it {statistics.median(wholes):.1f} s ({', '.join(f'{whole:.1f}' for whole in wholes)})")
-    ratios = [[run[0][part] / run[1][part] for run in runs] for part in (0, 1)]
-    print(f"the first over the second, a point: {statistics.median(ratios[0]):.2f}", end="")
-    print(f", all of it: {statistics.median(ratios[1]):.2f}")
+        print(f"{1e3 * statistics.median(spent):.1f} ms of processors, all of it {statistics.median(wholes):.1f} s")
+    words = ("a point", "all of it", "processors")
+    ratios = [statistics.median(run[0][part] / run[1][part] for run in runs) for part in range(3)]
+    print("the first over the second:", ", ".join(f"{w} {r:.2f}" for w, r in zip(words, ratios, strict=True)))
 
 
 def kills(count: int, seed: int) -> None:
@@ -72,7 +76,7 @@ def kills(count: int, seed: int) -> None:
     with TemporaryDirectory() as name:
         folder = Path(name)
         command = [sys.executable, "-m", "airtact", "sweep", str(scene(folder, 0.1)), "--no-pictures", "--quiet"]
-        command += [word for varied in VARIED for word in ("--vary", varied)]
+        command += [word for axis in varied(20) for word in ("--vary", axis)]
         begun = time.perf_counter()
         subprocess.run([*command, "--out", str(folder / "whole")], check=True)
         took = time.perf_counter() - begun
@@ -95,10 +99,11 @@ if __name__ == "__main__":
     parser.add_argument("part", choices=["speed", "kills", "dask"])
     parser.add_argument("--repeats", type=int, default=1)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--places", type=int, default=20)
     given = parser.parse_args()
     if given.part == "kills":
         kills(20, given.seed)
     elif given.part == "speed":
-        compared(given.repeats, (1, None), (2, None))
+        compared(given.repeats, given.places, (1, None), (2, None))
     else:
-        compared(given.repeats, (2, None), (2, "local"))
+        compared(given.repeats, given.places, (2, None), (2, "local"))
