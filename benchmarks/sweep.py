@@ -7,17 +7,20 @@ Run ``PYTHONPATH=. python benchmarks/sweep.py speed``, ``kills`` or ``dask``. 20
 import argparse
 import os
 import random
-import resource
 import signal
 import statistics
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import airtact as at
-from airtact.workflows.sweep.sweep import sweep
+from airtact.sweeping.scene_point import scene_point
+from airtact.sweeping.sweep import sweep
+from airtact.workflows.sweep.grid import grid_of
+from airtact.workflows.sweep.sweep import executor_of
 
 
 def varied(places: int) -> tuple[str, str]:
@@ -33,41 +36,27 @@ def scene(folder: Path, accuracy: float = 0.03) -> Path:
     return file
 
 
-def seconds(folder: Path, places: int, number: int, dask: str | None = None) -> tuple[float, float, float]:
-    """Return the time a point from the first results to the last, that of the whole sweep, and the processors' [s].
-
-    The last is per point, of all processes together, their start included: with free processors n processes do n points
-    in that time, whatever else the machine has to do while it is measured.
-    """
-    moments: list[float] = []
-    begun, spent = time.perf_counter(), processor_time()
-    out = folder / f"{number}-{dask}-{begun}"
-    settings = {"number": number, "dask": dask, "pictures": False}
-    file = folder / "pinch.toml"
-    sweep(file, varied(places), out, lambda *numbers: moments.append(time.perf_counter()), **settings)
-    whole, count = time.perf_counter() - begun, 10 * places
-    assert len(moments) == count + 1
-    a_point = (moments[-1] - moments[1 + number]) / (count - number - 1)
-    return a_point, whole, (processor_time() - spent) / count
-
-
-def processor_time() -> float:
-    spent = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return spent.ru_utime + spent.ru_stime
-
-
-def compared(repeats: int, places: int, one: tuple[int, str | None], other: tuple[int, str | None]) -> None:
-    with TemporaryDirectory() as name:
-        folder = Path(name)
-        scene(folder)
-        runs = [[seconds(folder, places, *kind) for kind in (one, other)] for _ in range(repeats)]
-    for index, kind in enumerate((one, other)):
-        points, wholes, spent = zip(*(run[index] for run in runs), strict=True)
-        print(f"{kind[1] or 'processes'} of {kind[0]}: {1e3 * statistics.median(points):.1f} ms a point, ", end="")
-        print(f"{1e3 * statistics.median(spent):.1f} ms of processors, all of it {statistics.median(wholes):.1f} s")
-    words = ("a point", "all of it", "processors")
-    ratios = [statistics.median(run[0][part] / run[1][part] for run in runs) for part in range(3)]
-    print("the first over the second:", ", ".join(f"{w} {r:.2f}" for w, r in zip(words, ratios, strict=True)))
+def compared(batches: int, places: int, one: tuple[int, str | None], other: tuple[int, str | None]) -> None:
+    """Compute batches of points by one and the other in turn, both started and warm, so that both get the same load."""
+    kinds = (one, other)
+    with TemporaryDirectory() as name, ExitStack() as stack:
+        function = scene_point(scene(Path(name)))
+        pools = [stack.enter_context(executor_of(dask, number)) for number, dask in kinds]
+        points = grid_of(varied(places))
+        for pool in pools:
+            sweep(function, points[:4], pool)
+        runs: list[list[float]] = [[], []]
+        for batch in range(batches):
+            part = points[batch * len(points) // batches : (batch + 1) * len(points) // batches]
+            for index, pool in enumerate(pools):
+                begun = time.perf_counter()
+                sweep(function, part, pool)
+                runs[index].append((time.perf_counter() - begun) / len(part))
+    for (number, dask), found in zip(kinds, runs, strict=True):
+        middle, all_of_it = statistics.median(found), ", ".join(f"{1e3 * one:.0f}" for one in found)
+        print(f"{dask or 'processes'} of {number}: {1e3 * middle:.1f} ms a point ({all_of_it})")
+    ratios = [first / second for first, second in zip(*runs, strict=True)]
+    print(f"the first over the second: {statistics.median(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f})")
 
 
 def kills(count: int, seed: int) -> None:
@@ -97,13 +86,13 @@ def kills(count: int, seed: int) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("part", choices=["speed", "kills", "dask"])
-    parser.add_argument("--repeats", type=int, default=1)
+    parser.add_argument("--batches", type=int, default=5)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--places", type=int, default=20)
     given = parser.parse_args()
     if given.part == "kills":
         kills(20, given.seed)
     elif given.part == "speed":
-        compared(given.repeats, given.places, (1, None), (2, None))
+        compared(given.batches, given.places, (1, None), (2, None))
     else:
-        compared(given.repeats, given.places, (2, None), (2, "local"))
+        compared(given.batches, given.places, (2, None), (2, "local"))

@@ -1,5 +1,6 @@
 """From a scene file and values of its keys to a table of what the foci get, and a page. Prints nothing."""
 
+import logging
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
@@ -73,7 +74,7 @@ def sweep(
     writable_folder(folder)
     for name in FILES:
         (folder / name).unlink(missing_ok=True)
-    with _executor(dask, process_count(len(points), number, memory)) as executor:
+    with executor_of(dask, process_count(len(points), number, memory)) as executor:
         rows = swept_rows(function, points, executor, folder / STORE, progress=count)
     names = list(points[0])
     write_csv(folder / FILES[0], rows, names)
@@ -109,7 +110,8 @@ def _memory(function: ScenePoint, points: Sequence[Row]) -> float:
 
 
 @contextmanager
-def _executor(dask: str | None, count: int) -> Iterator[Executor]:
+def executor_of(dask: str | None, count: int) -> Iterator[Executor]:
+    """Begin processes, a local cluster of Dask, or a client of the scheduler at an address."""
     if dask is None:
         with processes(count) as executor:
             yield executor
@@ -117,7 +119,11 @@ def _executor(dask: str | None, count: int) -> Iterator[Executor]:
     with extra("dask", "a sweep on a cluster needs Dask"):
         from distributed import Client, LocalCluster
     if dask == "local":
-        settings: dict[str, Any] = {"threads_per_worker": 1, "dashboard_address": None}
+        settings: dict[str, Any] = {
+            "threads_per_worker": 1,
+            "dashboard_address": None,
+            "silence_logs": logging.CRITICAL,
+        }
         with LocalCluster(n_workers=count, **settings) as cluster, Client(cluster) as client:
             yield client.get_executor()
         return
