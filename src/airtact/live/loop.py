@@ -7,6 +7,7 @@ from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, fields, replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from airtact.conventions import InvalidInput
 from airtact.frames.amplitudes import check_cap
@@ -221,7 +222,7 @@ class _Loop:
         """Go on for some time [s], until the frames end, or Ctrl-C; return what was done."""
         begun = reported = time.monotonic()
         stream = hands.begin(self.arrived)
-        with suppress(KeyboardInterrupt):
+        with threadpool_limits(1), suppress(KeyboardInterrupt):  # a second thread would wait for the solvers' cores
             while (now := time.monotonic()) < begun + lasts and not (hands.ended and self.silent):
                 self.go_on(stream.wait(self.patience(min(now + IDLE, begun + lasts))))
                 if time.monotonic() - reported >= REPORTED:

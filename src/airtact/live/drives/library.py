@@ -4,6 +4,8 @@ A solution is as good as the pose that it was made for is like the pose of now, 
 again comes back to poses that were solved before.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float64
 
@@ -82,6 +84,7 @@ class Library:
         self._found: list[HandFactors] = []
         self._distances = np.empty((0, 0))
         self._directions = np.empty((0, 0, 0, 0))
+        self._factors = np.empty((0, 0, 0), dtype=np.complex64)
         self._oldest = 0
 
     def __len__(self) -> int:
@@ -92,6 +95,9 @@ class Library:
         if not self._found:
             self._distances = np.empty((self._capacity, *one.distances.shape))
             self._directions = np.empty((self._capacity, *one.directions.shape))
+            self._factors = np.full(
+                (self._capacity, *one.factors.shape), 0, dtype=np.complex64
+            )  # all that it will take
         index = len(self._found)
         if index:
             gap, turned = self._changes(one.distances, one.directions)
@@ -100,7 +106,8 @@ class Library:
                 index = alike
             elif index == self._capacity:
                 index, self._oldest = self._oldest, (self._oldest + 1) % self._capacity
-        self._found[index : index + 1] = [one]
+        self._factors[index] = one.factors
+        self._found[index : index + 1] = [replace(one, factors=self._factors[index])]
         self._distances[index], self._directions[index] = one.distances, one.directions
 
     def best(self, riding: Riding, noise: float = 0.0) -> tuple[float, HandFactors | None]:
