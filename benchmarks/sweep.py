@@ -50,7 +50,8 @@ def compared(batches: int, places: int, one: tuple[int, str | None], other: tupl
             part = points[batch * len(points) // batches : (batch + 1) * len(points) // batches]
             for index, pool in enumerate(pools):
                 begun = time.perf_counter()
-                sweep(function, part, pool)
+                rows = sweep(function, part, pool)
+                assert not any(row["error"] for row in rows), rows[0]
                 runs[index].append((time.perf_counter() - begun) / len(part))
     for (number, dask), found in zip(kinds, runs, strict=True):
         middle, all_of_it = statistics.median(found), ", ".join(f"{1e3 * one:.0f}" for one in found)
