@@ -76,6 +76,8 @@ def test_notebooks_show_a_small_table_in_the_colours_of_the_page(objects, name) 
     assert not re.search(r"#[0-9a-f]{3,6}\b|\b(?:white|black)\b", page)
     assert page.count("color:inherit") >= 3
     assert "scope=" in page
+    assert ", ," not in page
+    assert ", </caption>" not in page
 
 
 def test_a_table_escapes_what_it_shows_and_counts_what_it_leaves_out() -> None:

@@ -87,8 +87,8 @@ def span(values: Iterable[float], unit: str, form: str = ".4g") -> str:
     return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
 
 
-def html_table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Make a small table for a notebook, in the colours of its page, light or dark.
+def html_table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], below: Iterable[str] = ()) -> str:
+    """Make a small table for a notebook, in the colours of its page, light or dark, with sentences below it.
 
     Examples
     --------
@@ -111,6 +111,6 @@ def html_table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -
         f'<caption style="caption-side:top;text-align:left;color:inherit;padding:.3em 0">{escape(title)}</caption>'
     )
     more = f"<div>and {len(written) - MOST_ROWS} more</div>" if len(written) > MOST_ROWS else ""
-    return (
-        f'<table style="border-collapse:collapse;color:inherit;background:none">{caption}{"".join(parts)}</table>{more}'
-    )
+    sentences = "".join(f"<div>{escape(sentence)}</div>" for sentence in below)
+    table = f'<table style="border-collapse:collapse;color:inherit;background:none">{caption}{"".join(parts)}</table>'
+    return f"{table}{more}{sentences}"

@@ -55,7 +55,7 @@ class Comparison:
 
     def _repr_html_(self) -> str:
         title = f"Weakest of {counted(len(self.target.points), 'focus', 'foci')} [Pa], over the first drive's"
-        return html_table(title, ["drive", *self.pressures], self._weakest_rows())
+        return html_table(title, ["drive", *self.pressures], self._weakest_rows(), self._notes())
 
     @property
     def report(self) -> SolveReport:
@@ -162,13 +162,20 @@ class Comparison:
             )
             for row in rows
         ]
-        lines += ["Beside each pressure: that over the first drive's. table() has every focus."]
-        lines += [f"{held_equal}: {meaning}" for held_equal, meaning in HELD_EQUAL.items()]
-        lines.append(
+        return "\n".join([*lines, *self._notes()])
+
+    def _notes(self) -> list[str]:
+        weakest = self.weakest("equal peak")
+        best = int(np.argmax(weakest))
+        return [
+            f"What hardware limits is the peak: at equal peak {self.names[best]!r} is the strongest, "
+            f"{weakest[best]:.0f} Pa at the weakest focus.",
+            "Beside each pressure: that over the first drive's. table() has every focus.",
+            *(f"{held_equal}: {meaning}" for held_equal, meaning in HELD_EQUAL.items()),
             f"peak pressures by {self.report.solver}, estimated error {self.report.estimated_error:.2g}. "
-            f"{not_modelled(self.report)}"
-        )
-        return "\n".join([*lines, *self.report.warnings])
+            f"{not_modelled(self.report)}",
+            *self.report.warnings,
+        ]
 
     def _weakest_rows(self) -> list[list[str]]:
         """Return for each drive its name and, under each normalisation, the weakest focus and that over the first's."""

@@ -60,7 +60,7 @@ class Evaluation:
     def _repr_html_(self) -> str:
         head = ["focus", "x [mm]", "y [mm]", "z [mm]", "pressure [Pa]", "asked [Pa]", "reached"]
         title = f"Evaluation: weakest focus {self._in_words(self.worst)}, mean {self._in_words(self.mean)}"
-        return html_table(title, head, self._rows())
+        return html_table(title, head, self._rows(), [self._source(), *self.report.warnings])
 
     def _in_words(self, value: float) -> str:
         return f"{value:.0f} Pa" if self.target.pressures is None else f"{100 * value:.1f} % of what was asked"
@@ -124,7 +124,7 @@ class Evaluation:
         return float(1.0 - (most - least) / (most + least)) if most > 0.0 else 0.0
 
     def __str__(self) -> str:
-        lines = ["focus   x [mm]    y [mm]    z [mm]   pressure [Pa]   asked [Pa]    share"]
+        lines = ["focus   x [mm]    y [mm]    z [mm]   pressure [Pa]   asked [Pa]  reached"]
         for index, x, y, z, got, wanted, reached in self._rows():
             lines.append(f"{index:>5}{x:>9} {y:>9} {z:>9} {got:>15} {wanted:>12} {reached:>8}")
         figure = "{:.1f} Pa" if self.target.pressures is None else "{:.1%} of what was asked"
@@ -132,11 +132,13 @@ class Evaluation:
             f"worst focus {figure.format(self.worst)}, mean {figure.format(self.mean)}, "
             f"uniformity {self.uniformity:.3f}"
         )
-        lines.append(
+        return "\n".join([*lines, self._source(), *self.report.warnings])
+
+    def _source(self) -> str:
+        return (
             f"peak pressures by {self.report.solver}, estimated error {self.report.estimated_error:.2g}, residual "
             f"{self.report.residual:.1e}. {not_modelled(self.report)}"
         )
-        return "\n".join([*lines, *self.report.warnings])
 
 
 def evaluate(

@@ -184,8 +184,9 @@ class Verification:
             if len(values):
                 levels = np.array([threshold.level(float(value)) for value in values])
                 amount = f"{1e3 * threshold.value:g} mN" if by_force else f"{threshold.value:g} Pa"
+                above = f"{_range(levels, '+.1f')} dB above" if np.isfinite(levels).all() else "far below"
                 lines.append(
-                    f"{_range(levels, '+.1f')} dB above the threshold of {threshold.quantity}, {amount}, with "
+                    f"{above} the threshold of {threshold.quantity}, {amount}, with "
                     f"{threshold.modulation} modulation ({threshold.source})"
                 )
         return "\n".join(lines)

@@ -157,7 +157,8 @@ class Scene:
             )
             for index, one in enumerate(self.obstacles)
         ]
-        return html_table("Scene", [], [*self._facts().items(), *bodies])
+        facts = [(fact,) for fact in self._facts().values() if fact]
+        return html_table("Scene", [], [*facts, *bodies])
 
     def _facts(self) -> dict[str, str]:
         """Return what is in the air, in words."""

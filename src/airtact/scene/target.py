@@ -73,7 +73,9 @@ class Target:
         weights = [f"{weight:.4g}" for weight in self.weights]
         rows = [[str(index), *_mm(point), weights[index]] for index, point in enumerate(self.points)]
         asked = "relative" if self.pressures is None else "asked [Pa]"
-        return html_table(f"Target: {', '.join(self._facts())}", ["focus", "x [mm]", "y [mm]", "z [mm]", asked], rows)
+        return html_table(
+            f"Target: {', '.join(filter(None, self._facts()))}", ["focus", "x [mm]", "y [mm]", "z [mm]", asked], rows
+        )
 
     def _facts(self) -> list[str]:
         """Return what is asked, in words."""

@@ -112,7 +112,8 @@ class RadiatedField(ABC):
 
     def _repr_html_(self) -> str:
         seconds = [(f"{step} [s]", f"{took:.2f}") for step, took in self.report.seconds.items()]
-        return html_table(type(self).__name__, [], [*self._facts().items(), *seconds])
+        facts = [(fact,) for fact in self._facts().values() if fact]
+        return html_table(type(self).__name__, [], [*facts, *seconds], self.report.warnings)
 
     def _facts(self) -> dict[str, str]:
         """Return what was solved, in words."""

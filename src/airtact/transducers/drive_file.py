@@ -199,7 +199,8 @@ def checked_ending(path: Path, endings: Sequence[str], kind: str) -> str:
     ending = path.suffix.lower()
     if ending not in endings:
         raise InvalidInput(
-            f"{path.name} is none of the {len(endings)} kinds of {kind} files: {', '.join(endings)}.",
+            f"{path.name} is none of the {len(endings)} kinds of {kind} files: {', '.join(endings)}; bytes for a board "
+            "(.bin) are written by airtact export and emission.FileLink.",
             code="unknown_ending",
         )
     return ending

@@ -53,7 +53,7 @@ SKELETON_SOURCE = "P. G. Martinsson, V. Rokhlin, Journal of Computational Physic
 REACH = 0.7
 """Wavelengths from a factorised body from which on its skeletons serve."""
 
-OF_THE_DIRECT = "the direct solution"
+OF_THE_DIRECT = "the pressure at points (direct solution)"
 """How the sentence begins that warns of the direct solution, which no drive is made from."""
 
 SKELETON_ERROR = 0.5
@@ -340,7 +340,7 @@ def _warnings(estimate: float, accuracy: float) -> Iterator[str]:
     if estimate > 1.5 * accuracy:
         yield (
             f"{OF_THE_DIRECT} is estimated to be {100 * estimate:.1f} % off, and {100 * accuracy:.1f} % was asked: "
-            "uneven triangles, a narrow gap, or a source on the surface (the transposed solution is more accurate then)"
+            "uneven triangles, a narrow gap, or a source on the surface; a transfer matrix is more accurate then"
         )
 
 
