@@ -70,7 +70,7 @@ def test_the_worst_focus_gets_what_it_asked_by_the_series(rendered, exact):
 def test_the_picture_of_the_plane_says_how_far_off_its_pressures_are(rendered, exact):
     folder, run, _ = rendered
     found = next(iter(run.plane.pressures.values()))
-    outside = np.isfinite(found)
+    outside = np.flatnonzero(np.isfinite(found))[::23]  # the series costs milliseconds a point
     true = exact(run.plane.window.points[outside])
     error = np.linalg.norm(found[outside] - true) / np.linalg.norm(true)
     assert 0.3 < run.plane.error / error < 10.0

@@ -58,7 +58,7 @@ class Evaluation:
         return one_line(self, foci, f"weakest {self._in_words(self.worst)}", f"mean {self._in_words(self.mean)}")
 
     def _repr_html_(self) -> str:
-        head = ["focus", "x [mm]", "y [mm]", "z [mm]", "pressure [Pa]", "asked [Pa]", "reached"]
+        head = ["focus", "x [mm]", "y [mm]", "z [mm]", "pressure [Pa]", "asked [Pa]", "share"]
         title = f"Evaluation: weakest focus {self._in_words(self.worst)}, mean {self._in_words(self.mean)}"
         return html_table(title, head, self._rows(), [self._source(), *self.report.warnings])
 
@@ -124,7 +124,7 @@ class Evaluation:
         return float(1.0 - (most - least) / (most + least)) if most > 0.0 else 0.0
 
     def __str__(self) -> str:
-        lines = ["focus   x [mm]    y [mm]    z [mm]   pressure [Pa]   asked [Pa]  reached"]
+        lines = ["focus   x [mm]    y [mm]    z [mm]   pressure [Pa]   asked [Pa]    share"]
         for index, x, y, z, got, wanted, reached in self._rows():
             lines.append(f"{index:>5}{x:>9} {y:>9} {z:>9} {got:>15} {wanted:>12} {reached:>8}")
         figure = "{:.1f} Pa" if self.target.pressures is None else "{:.1%} of what was asked"
