@@ -67,14 +67,19 @@ def test_the_worst_focus_gets_what_it_asked_by_the_series(rendered, exact):
     np.testing.assert_allclose(run.reached, got, rtol=0.02)
 
 
-def test_the_picture_of_the_plane_says_how_far_off_its_pressures_are(rendered, exact):
+def test_the_picture_of_the_plane_says_how_far_off_its_pressures_are(rendered):
     folder, run, _ = rendered
+    assert f"estimated to be {100 * run.plane.error:.1g} % off" in (folder / "report.html").read_text()
+
+
+@pytest.mark.slow
+def test_the_estimated_error_of_a_picture_is_that_against_the_series(rendered, exact):
+    run = rendered[1]
     found = next(iter(run.plane.pressures.values()))
-    outside = np.flatnonzero(np.isfinite(found))[::23]  # the series costs milliseconds a point
+    outside = np.isfinite(found)
     true = exact(run.plane.window.points[outside])
     error = np.linalg.norm(found[outside] - true) / np.linalg.norm(true)
     assert 0.3 < run.plane.error / error < 10.0
-    assert f"estimated to be {100 * run.plane.error:.1g} % off" in (folder / "report.html").read_text()
 
 
 def control_in_closed_form(run) -> Drive:
