@@ -13,7 +13,7 @@ from airtact.mesh.quadratic_triangles import (
     normals_at,
     unit,
 )
-from airtact.mesh.remeshing import RidgedMesh, coarsened, remeshed
+from airtact.mesh.remeshing import SMALLEST, RidgedMesh, coarsened, remeshed
 from airtact.mesh.sizing import WALL, bend_sizes, strip_sizes, wall_sizes
 from airtact.mesh.topology import are_among, edge_ends
 from airtact.surfaces.quadratic_mesh import QuadraticMesh
@@ -83,7 +83,8 @@ def covered(mesh: QuadraticMesh, edge: float, away: float = np.inf) -> Quadratic
 def _meshed_anew(mesh: QuadraticMesh, edge: float, away: float) -> QuadraticTriangles:
     largest = LARGEST * edge
     fine = mesh.with_short_edges(SPLIT * edge)
-    wall = float(wall_sizes(fine.vertices, fine.triangles, largest).min()) / WALL
+    # Where two faces meet at a knife's edge the wall is of no thickness, and no panels resolve it.
+    wall = max(float(wall_sizes(fine.vertices, fine.triangles, largest).min()), SMALLEST * edge) / WALL
     wall = wall if WALL * wall < largest else np.inf
     given = coarsened(fine, edge, wall)
     bounds = (
