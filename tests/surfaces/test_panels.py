@@ -16,6 +16,7 @@ from airtact.mesh.quadratic_triangles import (
 from airtact.surfaces.panels import panels_of
 from faults import raises_code
 from mesh.meshes import box_mesh
+from paths import GENERIC_HAND
 from references import axisymmetric
 
 NOWHERE = np.empty((0, 3))
@@ -199,3 +200,10 @@ def test_panels_of_a_smooth_mesh_lie_as_near_as_asked():
 
     assert off(3e-6) < 2e-6
     assert off(np.inf) > 3e-6
+
+
+def test_where_a_wall_ends_in_a_knife_s_edge_panels_stay_as_large_as_asked() -> None:
+    """The cut wrist of a hand, and skin between its fingers, are of no thickness somewhere."""
+    hand = at.load_surface(GENERIC_HAND)
+    counts = [len(hand.panelled(edge).quadratic_triangles) for edge in (16e-3, 8e-3)]
+    assert counts[0] < counts[1] < 2.5 * wanted(hand.area, 8e-3)

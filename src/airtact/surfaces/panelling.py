@@ -50,6 +50,9 @@ ATTEMPTS = 4
 VOLUME_OFF = 0.03
 """Share of the volume that the panels may enclose too much or too little."""
 
+KNIFE = 0.01
+"""Share of the vertices whose wall may be thinner than what is resolved: where two faces meet, walls end in nothing."""
+
 OUTLYING = 0.3
 """A corner that would move by more than this share of the edge stays where MMG put it."""
 
@@ -83,8 +86,8 @@ def covered(mesh: QuadraticMesh, edge: float, away: float = np.inf) -> Quadratic
 def _meshed_anew(mesh: QuadraticMesh, edge: float, away: float) -> QuadraticTriangles:
     largest = LARGEST * edge
     fine = mesh.with_short_edges(SPLIT * edge)
-    # Where two faces meet at a knife's edge the wall is of no thickness, and no panels resolve it.
-    wall = max(float(wall_sizes(fine.vertices, fine.triangles, largest).min()), SMALLEST * edge) / WALL
+    thickness = float(np.quantile(wall_sizes(fine.vertices, fine.triangles, largest), KNIFE)) / WALL
+    wall = max(thickness, SMALLEST * edge / WALL)
     wall = wall if WALL * wall < largest else np.inf
     given = coarsened(fine, edge, wall)
     bounds = (
