@@ -46,11 +46,15 @@ numpydoc_show_class_members = False  # autodoc shows them
 # A reference that leads nowhere is a fault. These packages are not documented here.
 nitpicky = True
 nitpick_ignore_regex = [
-    ("py:.*", r"(collections|dataclasses|jaxtyping|matplotlib|mpl_toolkits|numpy|np|pathlib|types|typing)\..*"),
+    (
+        "py:.*",
+        r"(collections|concurrent|dataclasses|jaxtyping|matplotlib|mpl_toolkits|numpy|np|pathlib|types|typing)\..*",
+    ),
     ("py:.*", "ndarray|optional|Path"),
     # The inside of shapes and the classes of fields, which users get but do not make: a field is a ``RadiatedField``.
     ("py:.*", r"airtact\.(mesh|hand|solvers)\.\w+\..*"),
     ("py:.*", r"airtact\.solvers\.free_field\..*"),
+    ("py:.*", r"airtact\.live\.(drives|page)\..*"),  # the processes beside the loop, which ``airtact live`` starts
 ]
 
 logger = logging.getLogger(__name__)

@@ -1,6 +1,7 @@
 """What to emit: a transfer matrix and a target in, a drive or a sequence out."""
 
 from airtact.frames.frame import Frame
+from airtact.sampling.ensemble import TransferEnsemble
 from airtact.synthesis.best import best
 from airtact.synthesis.constraint import Constraint
 from airtact.synthesis.gerchberg_saxton import (
@@ -42,6 +43,7 @@ __all__ = [
     "RobustBound",
     "Sequence",
     "Stalled",
+    "TransferEnsemble",
     "UpperBound",
     "achieved_fraction",
     "amplitude_modulation",
