@@ -166,14 +166,17 @@ def test_a_sweep_that_is_killed_twenty_times_gives_the_same_bytes(tmp_path, rng)
     (tmp_path / "fingers.toml").write_text(FINGERS, encoding="utf-8")
     command = [sys.executable, "-m", "airtact", "sweep", str(tmp_path / "fingers.toml"), "--no-pictures"]
     command += ["--vary", "pinch.gap=0.006:0.02:200", "--out"]
-    kept = set()
+    kept = [0]
     for _ in range(20):
         run = subprocess.Popen([*command, str(tmp_path / "killed")], start_new_session=True)
-        time.sleep(rng.uniform(0.0, 6.0))
+        enough = kept[-1] + rng.integers(0, 10)
+        while run.poll() is None and len(list(tmp_path.glob("killed/points/*.json"))) < enough:
+            time.sleep(0.01)
+        time.sleep(rng.uniform(0.0, 0.2))
         run.send_signal(signal.SIGKILL)
         run.wait()
-        kept.add(len(list((tmp_path / "killed/points").glob("*.json"))))
-    assert len(kept - {0, 200}) > 3  # it was killed in the middle
+        kept.append(len(list(tmp_path.glob("killed/points/*.json"))))
+    assert len(set(kept) - {0, 200}) > 3  # it was killed in the middle
     for name in ("killed", "whole"):
         assert subprocess.run([*command, str(tmp_path / name)]).returncode == 0
     tables = [(tmp_path / name / "sweep.csv").read_bytes() for name in ("killed", "whole")]
