@@ -105,6 +105,12 @@ LOWEST_FREQUENCY, HIGHEST_FREQUENCY = 1e3, 1e6
 """Frequencies that a scene may have [Hz]."""
 
 
+def check_seed(seed: int) -> None:
+    """Raise "out_of_range" where a seed of random numbers is not a whole number of 0 or more."""
+    if not isinstance(seed, int | np.integer) or seed < 0:
+        raise InvalidInput(f"a seed is a whole number of 0 or more, not {seed!r}.", code="out_of_range")
+
+
 def check_frequency(frequency: float) -> float:
     """Return a frequency [Hz] as a float; raise as ``within`` outside 1 kHz to 1 MHz."""
     return within(frequency, LOWEST_FREQUENCY, HIGHEST_FREQUENCY, "frequency", "Hz", "is it in kHz? Give hertz.")

@@ -130,7 +130,7 @@ def test_points_of_the_wrong_kind_are_rejected(points, code, threads, as_outside
 
 def test_no_more_processes_than_points_and_memory_allow(monkeypatch) -> None:
     monkeypatch.setattr("airtact.sweeping.processes.available_memory", lambda: 10e9)
-    monkeypatch.setattr("airtact.sweeping.processes._processors", lambda: 8)
+    monkeypatch.setattr("airtact.sweeping.processes.processor_count", lambda: 8)
     assert process_count(100) == 8
     assert process_count(3) == 3
     assert process_count(100, 5) == 5

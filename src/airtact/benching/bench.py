@@ -23,6 +23,7 @@ from airtact.benching.scenes import Bodies, two_fingers
 from airtact.conventions import InvalidInput
 from airtact.file_access.atomic import whole_file, writable_folder
 from airtact.hand.files import load_hand
+from airtact.solvers.memory import processor_count
 from airtact.timing import Progress, no_progress
 from airtact.transducers.element import monopole
 from airtact.transducers.layout import surrounding_box
@@ -152,7 +153,7 @@ def _rows(references: Path, hand: Path | None, quick: bool, notes: list[str], re
 
 
 def _machine() -> str:
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = processor_count()
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0  # Windows counts none
     busy = f"; others kept it busy (load {load:.1f}): times are too long" if load > 0.5 * cores else ""
     return f"{platform.machine()}, {cores} cores, {_kernels.active_variant()}{busy}"

@@ -5,6 +5,7 @@ from jaxtyping import Complex128
 from scipy.linalg import hadamard
 
 from airtact.conventions import InvalidInput
+from airtact.validation import check_seed
 
 MOST_CODES = 4096
 """Largest number of elements or transmissions of a code."""
@@ -67,8 +68,7 @@ def random_codes(elements: int, transmissions: int, seed: int = 0) -> Complex128
     (996, 16)
     """
     shape = _checked(elements, "elements"), _checked(transmissions, "transmissions")
-    if not isinstance(seed, int | np.integer) or seed < 0:
-        raise InvalidInput(f"a seed is a whole number of 0 or more, not {seed!r}.", code="out_of_range")
+    check_seed(seed)
     return np.exp(2j * np.pi * np.random.default_rng(seed).random(shape))
 
 

@@ -12,7 +12,7 @@ from airtact.sensing.scattering import ScatteringMatrix, check_own
 from airtact.solvers.problem import Solver
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
-from airtact.validation import between, of_kind
+from airtact.validation import between, check_seed, of_kind
 
 LARGEST_RATIO = 300.0
 """Largest ratio in decibels."""
@@ -91,8 +91,7 @@ def _checked(
         raise InvalidInput(
             f"the codes are for {len(codes)} elements, and the array has {len(array)}.", code="element_count"
         )
-    if not isinstance(seed, int | np.integer) or seed < 0:
-        raise InvalidInput(f"a seed is a whole number of 0 or more, not {seed!r}.", code="out_of_range")
+    check_seed(seed)
     count = len(array) if receivers is None else len(receivers)
     return Echoes(codes, np.zeros((count, codes.shape[1])), receivers)
 

@@ -1,4 +1,6 @@
-"""The memory that is free."""
+"""The memory that is free, and the processors that may be used."""
+
+import os
 
 
 def available_memory() -> float:
@@ -11,3 +13,8 @@ def available_memory() -> float:
     except OSError:
         return float("inf")
     return float("inf")
+
+
+def processor_count() -> int:
+    """Count the processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

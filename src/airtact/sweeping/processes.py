@@ -1,13 +1,12 @@
 """Processes of a sweep: as many as there are processors and as memory allows, each with one thread."""
 
-import os
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import get_context
 
 from airtact.conventions import InvalidInput
-from airtact.solvers.memory import available_memory
+from airtact.solvers.memory import available_memory, processor_count
 from airtact.sweeping.worker import begin
 
 PROCESS = 1.2e8
@@ -33,7 +32,7 @@ def process_count(points: int, wanted: int | None = None, memory: float = PROCES
             code="too_little_memory",
         )
     fitting = SHARE * free / memory
-    return int(max(1, min(_processors() if wanted is None else wanted, points, fitting)))
+    return int(max(1, min(processor_count() if wanted is None else wanted, points, fitting)))
 
 
 @contextmanager
@@ -49,8 +48,3 @@ def processes(count: int) -> Iterator[Executor]:
         held.close()
         pool.shutdown(cancel_futures=True)
         stop.close()
-
-
-def _processors() -> int:
-    """Count the processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

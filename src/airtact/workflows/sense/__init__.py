@@ -21,7 +21,7 @@ from airtact.solvers.spherical.multipole_field import multipole_expansion
 from airtact.steps import stored, synthesise
 from airtact.timing import Clock, Progress, no_progress
 from airtact.transfer import transfer_matrix
-from airtact.validation import between
+from airtact.validation import between, check_seed
 
 FILES = ("pose.json", "echoes.h5")
 """What sensing writes; the second only where echoes were simulated."""
@@ -128,8 +128,7 @@ def _off(scattering: ScatteringMatrix, simulation: Simulation) -> Pose:
     """Move the hand about its middle as far as is simulated."""
     position = between(simulation.position, 0.0, 0.05, "the offset", "m", "is it in millimetres? Give metres.")
     degrees = between(simulation.degrees, 0.0, 45.0, "the turn", "degrees", "the scene's pose is better than that.")
-    if not isinstance(simulation.seed, int) or simulation.seed < 0:
-        raise InvalidInput(f"a seed is a whole number of 0 or more, not {simulation.seed!r}.", code="out_of_range")
+    check_seed(simulation.seed)
     random = np.random.default_rng([simulation.seed, 1])
     along, axis = (vector / np.linalg.norm(vector) for vector in random.normal(size=(2, 3)))
     turn = Pose.turn(axis, np.radians(degrees))
