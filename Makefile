@@ -46,14 +46,15 @@ check: $(VENV)/installed-for-tests
 	$(BIN)/lint-imports
 
 # Workers with a thread each: threads of several on two cores would wait for each other in every loop. More workers than
-# cores: half of the time a test waits, for processes, boards and browsers.
-PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q --dist worksteal
+# cores: half of the time a test waits, for processes, boards and browsers. A file's tests share what was solved for them, so
+# they stay together, but where one test takes minutes.
+PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q
 
 test: check
-	$(PYTEST) -n 4
+	$(PYTEST) -n 6 --dist loadfile
 
 slow: $(VENV)/installed-for-tests
-	$(PYTEST) -n 2 -m slow
+	$(PYTEST) -n 2 --dist worksteal -m slow
 
 format: $(VENV)/installed-for-tests
 	$(BIN)/ruff check --fix .

@@ -49,16 +49,16 @@ class Case:
 
     def truth(self) -> tuple[np.ndarray, float]:
         """Pressure at the points [Pa] and its own relative error."""
-        wavenumber = self.scene.wavenumber
+        wavenumber, wanted = self.scene.wavenumber, self.accuracy / 10
         if self.family == "capsules":
             pressure, own = fundamental_solutions.pressure_at(
-                self.bodies, wavenumber, self.source, self.points, self.accuracy / 10, 2.2
+                self.bodies, wavenumber, self.source, self.points, wanted, 2.2
             )
             return pressure[:, 0], own
         if self.kind == "focus":  # the rings want the far points as sources
-            pressure, own = axisymmetric.pressure_at(self.bodies, wavenumber, self.points, self.source)
+            pressure, own = axisymmetric.pressure_at(self.bodies, wavenumber, self.points, self.source, wanted)
             return pressure[0], own
-        pressure, own = axisymmetric.pressure_at(self.bodies, wavenumber, self.source, self.points)
+        pressure, own = axisymmetric.pressure_at(self.bodies, wavenumber, self.source, self.points, wanted)
         return pressure[:, 0], own
 
 

@@ -1,25 +1,30 @@
 """Closed-loop truth of the live loop: what the drives that it made for a moving hand bring to the true hand.
 
-Run ``PYTHONPATH=.:tests python benchmarks/live.py [--setting pinch] [--seconds 5] [--emulated]``. Frames of a known
-motion, with a tracker's noise and 15 ms of latency, go by a web socket through the real loop in real time. Afterwards
-every 20th drive is tried on the true hand of the instant at which it was in the air, by a solution of the whole hand at
-2 %. Kept is the pressure at the weakest focus over that of the drive which the same method makes from the true hand, at
-equal energy. With ``--emulated`` the clock is virtual, and solutions take the times that are given, so that a busy
-machine does not matter.
+Run ``PYTHONPATH=.:tests python benchmarks/live.py [--setting pinch] [--seconds 5] [--emulated]``, or first with
+``--record FOLDER``, which takes as long as the motion and wants a quiet machine, and then with ``--judge FOLDER``,
+which takes minutes on any. Frames of a known motion, with a tracker's noise and 15 ms of latency, go by a web socket
+through the real loop in real time. Afterwards every 20th drive is tried on the true hand of the instant at which it was
+in the air, by a solution of the whole hand at 2 %. Kept is the pressure at the weakest focus over that of the drive
+that "best" makes from the true hand, at equal energy. With ``--runs 3`` all is done so often, and medians of the runs
+are printed too. With ``--emulated`` the clock is virtual, and solutions take the times that are given, so that a busy
+machine does not matter; ``--corrected`` then tries frames as perfect echoes would correct them, each so much later and
+one after the other, too. ``--solves`` prints how many hands a second one thread solves, and nothing else.
 """
 
 import argparse
 import tempfile
 import threading
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import product
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
@@ -27,12 +32,13 @@ import airtact as at
 from airtact.hand.hand import hand_from_joints
 from airtact.hand.kinematics import turned
 from airtact.live.distances import foci_on
-from airtact.live.drives.factors import HandFactors, PartSolver
-from airtact.live.drives.maker import HandAware
-from airtact.live.drives.solver_process import Asked, Plan, ShapeSolver
+from airtact.live.drives.bending import BendingHand, SkinSources
+from airtact.live.drives.factors import HandFactors, PartSolver, solved
+from airtact.live.drives.maker import HandAware, solved_for
+from airtact.live.drives.solver_process import SOLVED_AHEAD, Asked, Plan, ShapeSolver
 from airtact.live.parts import Controls, LiveScene, Rule
 from airtact.synthesis.gerchberg_saxton import weighted_gerchberg_saxton
-from airtact.tracking.frame import HandFrame
+from airtact.tracking.frame import FaultyFrame, HandFrame
 from airtact.tracking.messages import to_json
 from hand.hand_poses import example
 from tracking.motions import Pinching, reached
@@ -43,8 +49,11 @@ LATENCY = 0.015
 JUDGED, ACCURACY = 20, 0.02
 """Every so many drives one is judged, by a solution of this accuracy."""
 
-SECONDS: dict[Rule, float] = {"phalanges": 0.015, "hand": 0.5}
+SECONDS: dict[Rule, float] = {"phalanges": 0.015, "hand": 0.5, "carried": 0.018}
 """How long solutions take where the clock is virtual [s]."""
+
+TO_CARRY = 0.2
+"""How long a whole hand that is carried along takes to solve where the clock is virtual [s]."""
 
 MAKING, OFTEN = 0.006, 1.0 / 66.0
 """How long a drive takes from its beginning to the air, and between two of them, where the clock is virtual [s]."""
@@ -54,6 +63,12 @@ BOX_SIZE, BOX_AXIS = 0.8, (0.954, 0.373, -0.933)
 
 LONGEST_START = 60.0
 """Time for which the processes are waited for at most [s]."""
+
+RUN = ", run "
+"""What stands before the number of a run in the name of its session."""
+
+CORRECTED = 0.05e-3
+"""Noise that is left in frames that echoes corrected, as if these told all of the hand [m]."""
 
 WARMING = 1.0
 """Time before the first drive that is judged [s]."""
@@ -65,6 +80,7 @@ class Setting:
 
     scene: LiveScene
     motion: Callable[[float], np.ndarray]
+    name: str = ""
 
 
 @dataclass(frozen=True)
@@ -105,8 +121,8 @@ def box() -> Setting:
     return Setting(LiveScene(at.air(celsius=22), 40e3, at.surrounding_box(), "left", radii, places, offsets), joints)
 
 
-def open_hand() -> Setting:
-    """Hold an open hand before the boards, foci at the palm and all fingertips, and wave the fingers once a second."""
+def open_hand(rates: Sequence[float] = (1.0, 1.0, 1.0, 1.0)) -> Setting:
+    """Hold an open hand before the boards, foci at the palm and all fingertips, and wave the fingers at these rates."""
     rest, radii = example("relaxed")
     hand = hand_from_joints(rest, radii)
     side = hand.side
@@ -117,25 +133,33 @@ def open_hand() -> Setting:
     def joints(then: float) -> np.ndarray:
         moved = rest
         for finger in range(1, 5):
-            moved = turned(moved, side, finger, -0.25 * (1.0 - np.cos(2 * np.pi * then - 0.5 * finger)))
+            phase = 2 * np.pi * rates[finger - 1] * then - 0.5 * finger
+            moved = turned(moved, side, finger, -0.25 * (1.0 - np.cos(phase)))
         return moved + 0.01 * np.sin(np.pi * then) * np.array([1.0, 0.0, 0.0])
 
     scene = LiveScene(at.air(celsius=22), 40e3, array, side, radii, places, np.full(len(places), 2e-3))
     return Setting(scene, joints)
 
 
-SETTINGS = {"pinch": pinch, "box": box, "open": open_hand}
+def restless() -> Setting:
+    """Wave each finger of the open hand at a rate of its own, so that no pose comes back."""
+    return open_hand((0.87, 1.0, 1.13, 0.71))
 
 
-def frames_of(setting: Setting, rate: float, seconds: float, noise: float) -> list[HandFrame]:
-    """Frames of a tracker with white noise in each coordinate [m]."""
-    random = np.random.default_rng(0)
+SETTINGS = {"pinch": pinch, "box": box, "open": open_hand, "restless": restless}
+
+
+def frames_of(setting: Setting, rate: float, seconds: float, noise: float, seed: int = 0) -> list[HandFrame]:
+    """Frames of a tracker with white noise in each coordinate [m]; those that are no possible hand are left out."""
+    random = np.random.default_rng(seed)
     times = np.arange(round(seconds * rate)) / rate
     clean = [setting.motion(float(then)) for then in times]
     seen = [joints + noise * random.normal(size=(25, 3)) for joints in clean]
-    return [
-        HandFrame(then, setting.scene.side, i, joints) for i, (then, joints) in enumerate(zip(times, seen, strict=True))
-    ]
+    frames = []
+    for index, (then, joints) in enumerate(zip(times, seen, strict=True)):
+        with suppress(FaultyFrame):  # as a stream does
+            frames.append(HandFrame(then, setting.scene.side, index, joints))
+    return frames
 
 
 # --- makers ---------------------------------------------------------------------------------------------------------
@@ -150,11 +174,11 @@ class NotReposed(HandAware):
         )
 
 
-def maker_of(which: str, setting: Setting, noise: float, virtual: bool) -> HandAware:
-    """Make a maker by its name; the noise of its filter is the tracker's, a tenth of a millimetre at least [m]."""
+def maker_of(which: str, setting: Setting, virtual: bool) -> HandAware:
+    """Make a maker by its name."""
     kind = NotReposed if which == "not re-posed" else HandAware
-    solvers = [Emulated(setting.scene, part) for part in SECONDS] if virtual else None
-    return kind(setting.scene, max(noise, 1e-4), solvers=[] if which == "distances" else solvers)
+    solvers = emulated_for(setting.scene) if virtual else None
+    return kind(setting.scene, solvers=[] if which == "distances" else solvers)
 
 
 # --- the real loop --------------------------------------------------------------------------------------------------
@@ -172,8 +196,8 @@ def warm(maker: HandAware, frame: HandFrame) -> None:
         time.sleep(0.02)
 
 
-def real(setting: Setting, maker: HandAware, frames: Sequence[HandFrame], seconds: float) -> list[Played]:
-    """Send frames to the real loop by a web socket, and read its session."""
+def real(setting: Setting, maker: HandAware, frames: Sequence[HandFrame], seconds: float, path: Path) -> list[float]:
+    """Send frames to the real loop by a web socket, which records its session; return what ``at_the_link`` prints."""
     warm(maker, frames[0])
     begun = maker.solutions
     hands = at.live.ReceivedHands("websocket", 0)
@@ -186,19 +210,30 @@ def real(setting: Setting, maker: HandAware, frames: Sequence[HandFrame], second
                 time.sleep(max(begun + frame.time + LATENCY - time.monotonic(), 0.0))
                 connection.send(to_json(frame).decode())
 
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "session.h5"
-        session = at.live.SessionWriter(path, setting.scene)
-        sender = threading.Thread(target=send, daemon=True)
-        sender.start()
-        done = at.live.follow(setting.scene, hands, maker, seconds=seconds, session=session, latency=LATENCY)
-        sender.join()
-        found = at.live.read_session(path)
+    session = at.live.SessionWriter(path, setting.scene)
+    sender = threading.Thread(target=send, daemon=True)
+    sender.start()
+    done = at.live.follow(setting.scene, hands, maker, seconds=seconds, session=session, latency=LATENCY)
+    sender.join()
+    age, oldest = 1e3 * (done.age - LATENCY), 1e3 * (done.oldest - LATENCY)
+    found = [done.rate, 1e3 * done.delay, age, oldest, (maker.solutions - begun) / seconds]
+    at_the_link(path.stem, found)
+    return found
+
+
+def at_the_link(title: str, found: Sequence[float]) -> None:
+    """Print drives a second, times [ms] and solutions a second."""
+    rate, delay, age, oldest, solutions = found
     print(
-        f"  {done.rate:.0f} drives/s; age of the frame in the air {1e3 * (done.age - LATENCY):.1f} ms without the "
-        f"camera, 95 of 100 under {1e3 * (done.oldest - LATENCY):.1f} ms; "
-        f"{(maker.solutions - begun) / seconds:.1f} solutions/s"
+        f"  {title}: {rate:.0f} drives/s, 95 of 100 frames at the link after {delay:.1f} ms; age of the frame in the "
+        f"air {age:.1f} ms without the camera, 95 of 100 under {oldest:.1f} ms; {solutions:.1f} solutions/s",
+        flush=True,
     )
+
+
+def recorded(path: Path) -> list[Played]:
+    """Read the drives of a session."""
+    found = at.live.read_session(path)
     rows = zip(found.time_in_air, found.amplitudes, found.rules, found.states, found.kept, strict=True)
     return [
         Played(float(t), np.array(d, dtype=complex), rule, k) for t, d, rule, state, k in rows if state == "playing"
@@ -228,18 +263,21 @@ class Emulated(ShapeSolver):
             self._ready.append(self._running[1])
             self._running = None
         if self._running is None and self._asked is not None:
-            self._running = now + self._lasts, self._solve(now)
+            answer = self._solve(now)
+            self._running = None if answer is None else (now + self._lasts, answer)
 
-    def _solve(self, now: float) -> HandFactors | str:
+    def _solve(self, now: float) -> HandFactors | str | None:
         assert self._asked is not None
         then, asked = self._asked
         try:
             part, ahead = self._plan.next(self._scene, asked)
             ahead = min(ahead + now - then, 0.06)
-            joints, then = asked.after(ahead), asked.time + ahead
-            return self._solver.solved(joints, part, then)
+            return self._found(asked.after(ahead), part, asked.time + ahead)
         except (at.InvalidInput, at.NotConverged) as fault:
             return str(fault)
+
+    def _found(self, joints: np.ndarray, part: Rule, then: float) -> HandFactors | None:
+        return self._solver.solved(joints, part, then)
 
     def ask(self, asked: Asked) -> None:
         self._asked = self._now, asked
@@ -252,9 +290,37 @@ class Emulated(ShapeSolver):
         pass
 
 
-def emulated(maker: HandAware, frames: Sequence[HandFrame], seconds: float) -> list[Played]:
+class EmulatedCarrying(Emulated):
+    """Solves whole hands, each ready after ``TO_CARRY``, and carries the one most like the pose asked for."""
+
+    def __init__(self, scene: LiveScene) -> None:
+        super().__init__(scene, "carried")
+        self._hand = BendingHand(scene)
+        self._solving: tuple[float, SkinSources] | None = None
+
+    def advance(self, now: float) -> None:
+        if self._solving is not None and self._solving[0] <= now:
+            self._hand.keep(self._solving[1])
+            self._solving = None
+        if self._solving is None and self._asked is not None:
+            then, asked = self._asked
+            ahead = SOLVED_AHEAD + now - then
+            self._solving = now + TO_CARRY, self._hand.solved(asked.after(ahead), asked.time + ahead)
+        super().advance(now)
+
+    def _found(self, joints: np.ndarray, part: Rule, then: float) -> HandFactors | None:
+        return self._hand.carried(joints, then)
+
+
+def emulated_for(scene: LiveScene) -> list[Emulated]:
+    """Emulate the processes that solve for a scene."""
+    parts = [part for some in solved_for(scene) for part in some]
+    return [EmulatedCarrying(scene) if part == "carried" else Emulated(scene, part) for part in parts]
+
+
+def emulated(maker: HandAware, frames: Sequence[HandFrame], seconds: float, latency: float = LATENCY) -> list[Played]:
     """Run the maker on a virtual clock: a drive for each frame, and every ``OFTEN``."""
-    arrivals = [frame.time + LATENCY for frame in frames]
+    arrivals = [frame.time + latency for frame in frames]
     ticks = sorted([*((then, frame) for then, frame in zip(arrivals, frames, strict=True))], key=lambda one: one[0])
     played, now, index = [], arrivals[0], 0
     while now < seconds:
@@ -302,24 +368,68 @@ def weakest(matrix: np.ndarray, amplitudes: np.ndarray) -> float:
     return float(np.abs(matrix @ amplitudes).min() / np.linalg.norm(amplitudes))
 
 
-def measure(
-    name: str, rate: float, noise: float, seconds: float, virtual: bool, judge: Judge, setting: Setting, every: int
+MAKERS = ("airtact", "distances", "not re-posed")
+
+
+def record(
+    setting: Setting, makers: Sequence[str], rate: float, noise: float, given: argparse.Namespace, folder: Path
 ) -> None:
-    frames = frames_of(setting, rate, seconds, noise)
-    print(f"{name}, {rate:.0f} frames/s, noise {1e3 * noise:g} mm" + ", virtual clock" * virtual, flush=True)
-    for which in ("airtact", "distances", "not re-posed"):
-        maker = maker_of(which, setting, noise, virtual)
-        played = emulated(maker, frames, seconds) if virtual else real(setting, maker, frames, seconds)
-        some = [one for one in played if one.time > WARMING][::every]
-        kept = np.array([judge.kept(one) for one in some])
-        rules = ", ".join(f"{rule} {count}" for rule, count in Counter(one.rule for one in some).most_common())
-        off = np.median([abs(one.kept - got) for one, got in zip(some, kept, strict=True)])
-        median, tenth = np.median(kept), np.quantile(kept, 0.1)
-        print(
-            f"  {which:13} kept {median:.3f}, lowest tenth {tenth:.3f} of {len(kept)} ({rules}); "
-            f"the expected share is {off:.3f} off",
-            flush=True,
-        )
+    """Let the real loop follow the motion for each maker, and keep its sessions."""
+    for which in makers:
+        title, found = f"{setting.name}, {rate:.0f} frames a second, noise {1e3 * noise:g} mm, {which}", []
+        for run in range(given.runs):
+            frames = frames_of(setting, rate, given.seconds, noise, run)
+            path = folder / f"{title}{RUN}{run + 1}.h5"
+            found.append(real(setting, maker_of(which, setting, False), frames, given.seconds, path))
+        if given.runs > 1:
+            at_the_link(f"{title}, medians of {given.runs} runs", np.median(found, axis=0).tolist())
+
+
+def judge(played: Sequence[Played], title: str, judge: Judge, every: int) -> tuple[float, float]:
+    """Print what drives brought to the true hand; return the median and the lowest tenth."""
+    some = [one for one in played if one.time > WARMING][::every]
+    kept = np.array([judge.kept(one) for one in some])
+    rules = ", ".join(f"{rule} {count}" for rule, count in Counter(one.rule for one in some).most_common())
+    off = np.median([abs(one.kept - got) for one, got in zip(some, kept, strict=True)])
+    median, tenth = np.median(kept), np.quantile(kept, 0.1)
+    print(
+        f"  {title}: kept {median:.3f}, lowest tenth {tenth:.3f} of {len(kept)} ({rules}); "
+        f"the expected share is {off:.3f} off",
+        flush=True,
+    )
+    return float(median), float(tenth)
+
+
+def judged(paths: Sequence[Path], tried: Judge, every: int) -> None:
+    """Judge sessions, and print the medians of the runs of each."""
+    runs = defaultdict(list)
+    for path in paths:
+        runs[path.stem.partition(RUN)[0]].append(judge(recorded(path), path.stem, tried, every))
+    for title, found in runs.items():
+        if len(found) > 1:
+            median, tenth = np.median(found, axis=0)
+            print(f"  {title}, medians of {len(found)} runs: kept {median:.3f}, lowest tenth {tenth:.3f}", flush=True)
+
+
+def solves(seconds: float) -> None:
+    """Print how many hands of the pinch one thread solves in a second, each part by itself."""
+    setting = pinch()
+    scene, parts, bending = setting.scene, PartSolver(setting.scene), BendingHand(setting.scene)
+    ways: dict[str, Callable[[np.ndarray, float], object]] = {
+        "two fingers' phalanges, rigid (40 asked)": lambda joints, then: parts.solved(joints, "phalanges", then),
+        "two fingers (20 asked)": lambda joints, then: solved(scene, joints, "fingers", then),
+        "the whole hand, on panels that bend (4 asked)": bending.solved,
+        "the whole hand, meshed anew": lambda joints, then: solved(scene, joints, "hand", then),
+    }
+    with threadpool_limits(1):
+        for what, solve in ways.items():
+            solve(setting.motion(0.0), 0.0)  # what is made once
+            begun, processor, count = time.monotonic(), time.process_time(), 0
+            while (then := time.monotonic() - begun) < seconds:
+                solve(setting.motion(then), then)
+                count += 1
+            each = (time.process_time() - processor) / count
+            print(f"  {what}: {count / then:.1f} a second, {1e3 * each:.1f} ms of processor each", flush=True)
 
 
 def main() -> None:
@@ -328,15 +438,44 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=6.0)
     parser.add_argument("--rates", type=float, nargs="+", default=[60.0, 120.0])
     parser.add_argument("--noises", type=float, nargs="+", default=[0.0, 1e-3], help="of the tracker [m]")
+    parser.add_argument("--makers", choices=MAKERS, nargs="+", default=MAKERS)
+    parser.add_argument("--method", default="best", help="that makes the drives, such as robust")
     parser.add_argument("--every", type=int, default=JUDGED, help="so many drives, one is judged")
+    parser.add_argument("--runs", type=int, default=1, help="of the real loop, whose medians are printed, too")
+    parser.add_argument("--solves", action="store_true", help="print how many hands a second are solved, alone")
     parser.add_argument("--emulated", action="store_true", help="use a virtual clock")
+    parser.add_argument(
+        "--corrected", type=float, nargs="+", default=[], help="frames that echoes corrected, so much later each [s]"
+    )
+    parser.add_argument("--record", type=Path, help="folder for sessions that are not judged yet")
+    parser.add_argument("--judge", type=Path, help="folder of sessions that were recorded before")
     given = parser.parse_args()
-    for name in SETTINGS if given.setting == "all" else [given.setting]:
-        setting = SETTINGS[name]()
-        judge = Judge(setting)
-        for rate in given.rates:
-            for noise in given.noises:
-                measure(name, rate, noise, given.seconds, given.emulated, judge, setting, given.every)
+    if given.solves:
+        solves(given.seconds)
+        return
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = given.judge or given.record or Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in SETTINGS if given.setting == "all" else [given.setting]:
+            setting = SETTINGS[name]()
+            setting = replace(setting, scene=replace(setting.scene, method=given.method), name=name)
+            tried = Judge(setting)
+            for delay in given.corrected if given.emulated else ():
+                frames = frames_of(setting, 1.0 / delay, given.seconds, CORRECTED)
+                played = emulated(maker_of("airtact", setting, True), frames, given.seconds, LATENCY + delay)
+                judge(played, f"{name}, frames corrected within {1e3 * delay:g} ms, emulated", tried, given.every)
+            for rate, noise in product(given.rates, given.noises):
+                if given.emulated:
+                    frames = frames_of(setting, rate, given.seconds, noise)
+                    for which in given.makers:
+                        played = emulated(maker_of(which, setting, True), frames, given.seconds)
+                        judge(
+                            played, f"{name}, {rate:.0f}/s, {1e3 * noise:g} mm, {which}, emulated", tried, given.every
+                        )
+                elif given.judge is None:
+                    record(setting, given.makers, rate, noise, given, folder)
+            if not given.record:
+                judged(sorted(folder.glob(f"{name},*.h5")), tried, given.every)
 
 
 if __name__ == "__main__":

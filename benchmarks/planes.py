@@ -3,7 +3,7 @@
 The series of two spheres is truth for a sphere; a hand is held against itself and its image solved as two
 bodies, on the same panels, because a mesh that is rebuilt from mirrored triangles is another body.
 
-    PYTHONPATH=.:tests python benchmarks/planes.py [sphere | hand | cost | reciprocity]
+    PYTHONPATH=.:tests python benchmarks/planes.py [sphere | hand | cost | reciprocity | palm]
 """
 
 import sys
@@ -60,12 +60,19 @@ def sphere_rows() -> Iterator[str]:
 
 def open_hand(lift: float) -> at.Surface:
     """Return the open hand of the examples, palm down, its lowest point so far over the table [m]."""
+    return hand_and_palm(lift)[0]
+
+
+def hand_and_palm(lift: float) -> tuple[at.Surface, np.ndarray]:
+    """Return the open hand, palm down, so far over the table, and a point 1 mm before the middle of its palm [m]."""
     hand = at.load_hand(at.example("open_hand").parent / "hands/relaxed.json")
-    _, normal = hand.place("palm")
-    turned = hand.surface.moved(at.Pose.turn(*_turn_down(normal)))
+    palm, normal = hand.place("palm")
+    turn = at.Pose.turn(*_turn_down(normal))
+    turned = hand.surface.moved(turn)
     lowest = turned.shape.farthest(np.array([0.0, 0.0, -1.0]))[2]
     middle = turned.vertices.mean(axis=0)
-    return turned.moved(at.Pose(np.eye(3), np.array([-middle[0], -middle[1], lift - lowest])))
+    move = at.Pose(np.eye(3), np.array([-middle[0], -middle[1], lift - lowest]))
+    return turned.moved(move), move.apply(turn.apply((palm + 1e-3 * normal)[None]))[0]
 
 
 def _turn_down(direction: np.ndarray) -> tuple[tuple[float, float, float], float]:
@@ -125,6 +132,27 @@ def cost_rows() -> Iterator[str]:
         )
 
 
+def palm_rows() -> Iterator[str]:
+    """Yield what a drive for a palm keeps of its pressure that does not know the table its board is let into.
+
+    Both drives are at full scale.
+    """
+    for lift in (50e-3, 100e-3, 195e-3, 200e-3, 205e-3):
+        body, focus = hand_and_palm(lift)
+        array = at.autd3_board(at.Pose(np.eye(3), np.array([focus[0] - 0.086, focus[1] - 0.066, 0.0])))
+        target, solver = at.Target(focus[None]), at.BoundaryElement(accuracy=0.03)
+        fields = [
+            solver.radiate(at.Scene(AIR, [at.sound_hard(body)], planes=planes), target.beacons())
+            for planes in ([], [TABLE])
+        ]
+        without, known = (at.transfer_matrix(field, array) for field in fields)
+        blind, best = (np.abs(known.pressure(at.best(one, target))[0]) for one in (without, known))
+        yield (
+            f"palm, the hand {1e3 * lift:g} mm over a board in a table: a drive that does not know the table keeps "
+            f"{blind / best:.1%} of {best:.0f} Pa"
+        )
+
+
 def reciprocity_rows() -> Iterator[str]:
     """Yield the difference of the field when sources and points change places, over a ball and the plane."""
     pairs = np.array([[0.04, 0.0, 0.0], [0.02, -0.03, 0.05], [-0.03, 0.02, 0.02], [0.0, 0.05, 0.0]])
@@ -158,7 +186,7 @@ def seconds(solve: Callable[[], object]) -> float:
     return float(np.median(taken))
 
 
-ROWS = {"sphere": sphere_rows, "hand": hand_rows, "cost": cost_rows, "reciprocity": reciprocity_rows}
+ROWS = {"sphere": sphere_rows, "hand": hand_rows, "cost": cost_rows, "reciprocity": reciprocity_rows, "palm": palm_rows}
 
 
 if __name__ == "__main__":

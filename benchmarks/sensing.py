@@ -1,26 +1,49 @@
 """The pose of two fingers from echoes: how exact, how near to the Cramér-Rao bound, from how far off, how quick.
 
-Run ``PYTHONPATH=. python benchmarks/sensing.py [TRIALS] [ROW ...]``; rows are matrix, noise, fine, few, capture, wrong
-and times. Echoes are simulated by direct solves of every code at an accuracy of 0.5 %, with smaller panels than those
-of the model (2 %; 1 % in the row fine). The array is the box of 996 monopoles; each trial has its own noise and start.
+Run ``PYTHONPATH=. python benchmarks/sensing.py [TRIALS] [ROW ...]``; rows are matrix, noise, coarse, few, capture,
+wrong, between, gap, shape, hand, times and calibrate. Echoes are simulated by direct solves of every code at an
+accuracy of 0.3 % (2 % in the row hand), with smaller panels than those of the model (0.5 %; 2 % in the row coarse). The
+array is the box of 996 monopoles, in the row hand four boards; each trial has its own noise and start. What is solved
+is kept in ``out/sensing``.
 """
 
 import sys
 import time
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
+from scipy.optimize import brentq, least_squares
+from scipy.spatial.transform import Rotation
 
 import airtact as at
-from airtact.sensing import Echoes, Located, ScatteringMatrix, random_codes
+from airtact.hand.pinch import LENGTH, RADIUS, SPREAD
+from airtact.live.drives.factors import part_of, rigid_part
+from airtact.live.drives.riding import ride
+from airtact.sensing import (
+    Echoes,
+    Located,
+    ScatteringFamily,
+    ScatteringMatrix,
+    hadamard_codes,
+    random_codes,
+    scattering_family,
+    simulate_transmissions,
+    unexplained,
+)
 from airtact.sensing.array_waves import array_waves
+from airtact.sensing.calibration_fit import moved
 from airtact.sensing.echo_model import EchoModel, motion_of
 from airtact.sensing.registration import SPARE_ORDERS
+from airtact.sensing.transmission import boards_of
 
 AIR = at.Medium(sound_speed=343.1, density=1.293)
 BOX = at.surrounding_box(at.monopole())
 TRUE = at.Pose.turn((1, 2, 3), 0.2, (2e-3, -1e-3, 4e-3))
-TRUTH = at.BoundaryElement(accuracy=0.005, estimate=False)
+STORE = "out/sensing"
+TRUTH = at.Stored(at.BoundaryElement(accuracy=0.003, estimate=False), STORE)
+Capsule = tuple[np.ndarray, np.ndarray, float]
+"""Both ends of an axis and the radius [m]."""
 
 
 @cache
@@ -30,7 +53,7 @@ def scene(gap: float = 0.012) -> at.Scene:
 
 
 @cache
-def model(accuracy: float = 0.02) -> ScatteringMatrix:
+def model(accuracy: float = 0.005) -> ScatteringMatrix:
     return at.scattering_matrix(at.BoundaryElement(accuracy=accuracy, estimate=False), scene())
 
 
@@ -70,7 +93,7 @@ def trials(
     decibels: float,
     receivers: int,
     off: tuple[float, float],
-    accuracy: float = 0.02,
+    accuracy: float = 0.005,
 ) -> None:
     """Locate so often and print a row."""
     found, seconds = [], []
@@ -100,12 +123,13 @@ def trials(
 
 def matrix(count: int) -> None:
     begun = time.perf_counter()
-    found = model()
-    print(f"{found!r}: {time.perf_counter() - begun:.1f} s, lost power {100 * found.lost_power:.2g} %", flush=True)
+    used, found = time.process_time(), model()
+    seconds = f"{time.perf_counter() - begun:.1f} s, {time.process_time() - used:.1f} s of processors"
+    print(f"{found!r}: {seconds}, lost power {100 * found.lost_power:.2g} %", flush=True)
     codes, seen = random_codes(996, 4, seed=7), BOX.seen_from(TRUE)
     by_matrix = at.simulate_echoes(found, scene(), seen, codes).pressures
     for name, solver in (
-        ("the model's solver", at.BoundaryElement(accuracy=0.02, estimate=False)),
+        ("the model's solver", at.BoundaryElement(accuracy=0.005, estimate=False)),
         ("the truth's solver", TRUTH),
     ):
         direct = at.simulate_echoes(solver, scene(), seen, codes).pressures
@@ -118,9 +142,9 @@ def noise(count: int) -> None:
         trials(f"16 codes, 996 receivers, {decibels:g} dB, from 1 mm, 2°", count, perfect(16), decibels, 996, (1e-3, 2))
 
 
-def fine(count: int) -> None:
-    what = "16 codes, 996 receivers, 30 dB, from 1 mm, 2°, a model of 1 %"
-    trials(what, count, perfect(16), 30.0, 996, (1e-3, 2), accuracy=0.01)
+def coarse(count: int) -> None:
+    what = "16 codes, 996 receivers, 30 dB, from 1 mm, 2°, a model of 2 %"
+    trials(what, count, perfect(16), 30.0, 996, (1e-3, 2), accuracy=0.02)
 
 
 def few(count: int) -> None:
@@ -137,23 +161,251 @@ def wrong(count: int) -> None:
     trials("the true gap is 13 mm, the model's 12 mm, 30 dB", count, perfect(16, 0.013), 30.0, 996, (1e-3, 2))
 
 
+@cache
+def family() -> ScatteringFamily:
+    solver = at.Stored(at.BoundaryElement(accuracy=0.005, estimate=False), STORE)
+    return scattering_family(solver, scene, 0.010, 0.014)
+
+
+def between(count: int) -> None:
+    """Hold the matrix between the values of the family against one solved there."""
+    value, made = 0.0107, family()
+    ball = made.matrices[0].centre, made.matrices[0].radius
+    solved = at.scattering_matrix(at.BoundaryElement(accuracy=0.005, estimate=False), scene(value), ball=ball).matrix
+    error = np.linalg.norm(made.at(value).matrix - solved) / np.linalg.norm(solved)
+    print(f"the matrix at {1e3 * value:g} mm against one solved there: {100 * error:.2f} %", flush=True)
+
+
+def gap(count: int) -> None:
+    """Find pose and gap together, from a gap of 12 mm; the true gap is 1 mm more or less."""
+    used, made = time.process_time(), family()
+    print(f"{made!r}: {time.process_time() - used:.1f} s of processor", flush=True)
+    for true in (0.011, 0.013):
+        off, found, seconds = [], [], []
+        for seed in range(count // 2):
+            echoes, from_here = noisy(perfect(16, true), 30.0, 996, seed), start(1e-3, 2.0, seed)
+            begun = time.process_time()
+            found.append(at.locate(echoes, made, BOX, from_here))
+            seconds.append(time.process_time() - begun)
+            centre = made.matrices[0].centre
+            apart = np.linalg.norm(found[-1].centre - TRUE.apply(centre[None])[0])
+            off.append((1e3 * apart, errors(found[-1])[1], 1e3 * abs(found[-1].opening - true)))
+        rms, worst = np.sqrt(np.mean(np.square(off), axis=0)), np.max(off, axis=0)
+        names = "pose {:.4f} mm, {:.4f}°, gap {:.4f} mm"
+        print(
+            f"the true gap is {1e3 * true:g} mm, 16 codes, 996 receivers, 30 dB, from 12 mm, 1 mm, 2° | "
+            f"{sum(one.converged for one in found)} of {len(found)} converged | rms {names.format(*rms)} | worst "
+            f"{names.format(*worst)} | gap sure to {1e3 * np.median([one.opening_deviation for one in found]):.4f} mm"
+            f" | misfit {np.median([one.misfit for one in found]):.3f} | {np.median(seconds):.2f} s of processor each",
+            flush=True,
+        )
+
+
+def other_fingers(seed: int) -> list[Capsule]:
+    """Fingers of a pinch whose radii and ends are off at random, by 1.5 mm rms after the best rigid motion."""
+    random = np.random.default_rng([5, seed])
+    off = random.normal(size=(2, 7)) * np.repeat([2.5, 1.0, 0.7], [3, 3, 1])
+
+    def scaled(size: float) -> list[Capsule]:
+        return [
+            (root + size * by[:3], tip + size * by[3:6], radius + size * by[6])
+            for (root, tip, radius), by in zip(capsules_of_pinch(), off, strict=True)
+        ]
+
+    def left(size: float) -> float:
+        return fitted(scaled(size))[0] - 1.5e-3
+
+    fingers = scaled(float(brentq(left, 2e-4, 6e-3, xtol=1e-6)))  # pyright: ignore[reportArgumentType]
+    motion = fitted(fingers)[1]
+    return [(motion.apply(root), motion.apply(tip), radius) for root, tip, radius in fingers]
+
+
+def capsules_of_pinch(gap: float = 0.012) -> list[Capsule]:
+    side = np.array([-1.0, 1.0])
+    tips = np.outer(side, [gap / 2 + RADIUS, 0, 0])
+    roots = tips + LENGTH * np.stack([side * np.sin(SPREAD), np.zeros(2), np.full(2, -np.cos(SPREAD))], axis=1)
+    return [(root, tip, RADIUS) for root, tip in zip(roots, tips, strict=True)]
+
+
+def fitted(fingers: list[Capsule]) -> tuple[float, at.Pose]:
+    """Move fingers onto those of the pinch as well as a rigid motion can; return what is left, rms [m], and that."""
+    points = np.concatenate([at.capsule(*one, edge=2.5e-3).vertices for one in fingers])
+    middle = points.mean(axis=0)
+
+    def motion(by: np.ndarray) -> at.Pose:
+        turn = Rotation.from_rotvec(by[3:]).as_matrix()
+        return at.Pose(turn, middle - turn @ middle + 1e-3 * by[:3])
+
+    def off(by: np.ndarray) -> np.ndarray:
+        apart = []
+        for root, tip, radius in capsules_of_pinch():
+            away, axis = motion(by).apply(points) - root, tip - root
+            along = np.clip(away @ axis / (axis @ axis), 0, 1)
+            apart.append(np.linalg.norm(away - along[:, None] * axis, axis=1) - radius)
+        return 1e3 * np.take_along_axis(np.array(apart), np.abs(apart).argmin(axis=0)[None], axis=0)[0]
+
+    found = least_squares(off, np.zeros(6))
+    return 1e-3 * float(np.sqrt(np.mean(found.fun**2))), motion(found.x)
+
+
+def before_pads(fingers: list[Capsule]) -> np.ndarray:
+    """Return the foci (2, 3) half a millimetre before fingers, where these are nearest to the pads of the pinch."""
+    foci = []
+    for pad, (root, tip, radius) in zip(at.pinch(gap=0.012).pads, fingers, strict=True):
+        axis = tip - root
+        nearest = root + np.clip((pad - root) @ axis / (axis @ axis), 0, 1) * axis
+        foci.append(nearest + (radius + 5e-4) * (pad - nearest) / np.linalg.norm(pad - nearest))
+    return np.array(foci)
+
+
+def shape(count: int) -> None:
+    """Locate other fingers by the model of the pinch, and try drives for that on them."""
+
+    def beacons(bodies: at.Scene, foci: np.ndarray):
+        return at.multipole_expansion(at.BoundaryElement(accuracy=0.02).radiate(bodies, at.Target(foci).beacons()))
+
+    def weakest(matrix: np.ndarray, drive: np.ndarray) -> float:
+        return float(np.abs(matrix @ drive).min() / np.linalg.norm(drive))
+
+    def drive(field, pose: at.Pose, foci: np.ndarray) -> np.ndarray:
+        return at.weighted_gerchberg_saxton(at.transfer_matrix(field, BOX.seen_from(pose)), at.Target(foci)).amplitudes
+
+    pads, rows = at.pinch(gap=0.012).foci(5e-4), []
+    own = beacons(scene(), pads)
+    for seed in range(count):
+        fingers = other_fingers(seed)
+        bodies = at.Scene(AIR, [at.sound_hard(at.capsule(*one, edge=2.5e-3)) for one in fingers], frequency=40e3)
+        pure = at.simulate_echoes(TRUTH, bodies, BOX.seen_from(TRUE), random_codes(996, 16, seed=1))
+        there, from_here = before_pads(fingers), start(2e-3, 3.0, seed)
+        field = beacons(bodies, there)
+        matrix = at.transfer_matrix(field, BOX.seen_from(TRUE)).matrix
+        best = weakest(matrix, drive(field, TRUE, there))
+        found = at.locate(noisy(pure, 30.0, 996, seed), scene(), BOX, from_here, scattering=model())
+        kept = [weakest(matrix, drive(own, pose, pads)) / best for pose in (from_here, found.pose, TRUE)]
+        off = np.linalg.norm(found.pose.apply(pads) - TRUE.apply(there), axis=1)
+        rows.append((*kept, found.misfit, 1e3 * float(off.max()), 1e3 * found.deviation[0], found.converged))
+        print("  {:.2f} {:.2f} {:.2f} misfit {:.2f} off {:.2f} sure to {:.2f} mm, {}".format(*rows[-1]), flush=True)
+    before, after, aligned, misfit, off, sure = np.median(np.array(rows, dtype=float)[:, :6], axis=0)
+    print(
+        f"fingers of another shape, 1.5 mm rms: pressure kept {before:.2f} from 2 mm, 3°, {after:.2f} after "
+        f"registration, {aligned:.2f} at the pose that fits the shape best | misfit {misfit:.2f} | foci off {off:.2f} "
+        f"mm, pose sure to {sure:.2f} mm | {sum(row[-1] for row in rows)} of {count} believed",
+        flush=True,
+    )
+
+
+def hand(count: int) -> None:
+    """Locate the last phalanges of a hand over four boards by echoes of them alone, and of more and more of the hand.
+
+    The model is the phalanges alone, of the true shape; starts are as far off as a tracker with 1 mm of noise.
+    """
+    setup = at.read_scene(at.example("live_pinch"), followed=True)
+    live, own = at.live.live_scene(setup), setup.hands[0]
+    foci = ride(live, own.joints).foci
+
+    def air(surfaces: list[at.Surface]) -> at.Scene:
+        return at.Scene(live.medium, [at.sound_hard(one) for one in surfaces], frequency=live.frequency)
+
+    phalanges = air([rigid_part(own, place) for place in live.places])
+    own_matrix = at.scattering_matrix(at.BoundaryElement(accuracy=0.005, estimate=False), phalanges)
+    codes, truth = random_codes(len(live.array), 8, seed=1), at.BoundaryElement(accuracy=0.02, estimate=False)
+    for part in ("phalanges", "fingers", "hand"):
+        there = phalanges if part == "phalanges" else air([part_of(own, part, live.places, 2e-3)])
+        used = time.process_time()
+        pure = at.simulate_echoes(truth, there, live.array, codes)
+        used = time.process_time() - used
+        size = np.linalg.norm(pure.pressures) / np.sqrt(np.size(pure.pressures))
+        left = float(np.sqrt(np.mean(unexplained(pure, own_matrix, live.array, at.Pose.identity()) ** 2)))
+        found, off, started, seconds = [], [], [], []
+        for seed in range(count):
+            random = np.random.default_rng(seed)
+            turn = Rotation.from_rotvec(np.radians(1.0) * random.normal(size=3)).as_matrix()
+            away = at.Pose(turn, foci.mean(axis=0) - turn @ foci.mean(axis=0) + 0.7e-3 * random.normal(size=3))
+            noise = 0.1 * size * (random.normal(size=(2, *pure.pressures.shape)) / np.sqrt(2))
+            echoes = replace(pure, pressures=pure.pressures + noise[0] + 1j * noise[1], noise=0.1 * size)
+            begun = time.process_time()
+            found.append(at.locate(echoes, phalanges, live.array, away, scattering=own_matrix))
+            seconds.append(time.process_time() - begun)
+            for pose, some in ((away, started), (found[-1].pose, off)):
+                some.append(1e3 * np.linalg.norm(pose.apply(foci) - foci, axis=1).max())
+        left_over, believed = np.median([one.misfit for one in found]), sum(one.converged for one in found)
+        print(f"echoes of the {part}, 8 codes, 20 dB, simulated in {used:.1f} s of processor:")
+        print(
+            f"  the phalanges leave {left:.2f} at the true pose | foci {np.median(started):.2f} mm off at the start, "
+            f"{np.median(off):.2f} after, at worst {np.max(off):.2f} | misfit {left_over:.2f}, {believed} of {count} "
+            f"believed | {np.median(seconds):.2f} s of processor each",
+            flush=True,
+        )
+
+
 def times(count: int) -> None:
-    begun = time.perf_counter()
-    waves = array_waves(model(), BOX.seen_from(TRUE), model().order + SPARE_ORDERS)
+    """Print medians; model and echoes are made before, and each is done once to warm up."""
+    waves = array_waves(model(), BOX.seen_from(TRUE), model().order + SPARE_ORDERS, single=True)
+    _ = model().patterns  # as ``locate`` finds them
     echo = EchoModel.of(model(), waves, random_codes(996, 16, seed=1), np.arange(996))
-    print(f"the array's waves, once a start: {time.perf_counter() - begun:.2f} s", flush=True)
-    motion = motion_of(np.array([5e-4, -3e-4, 2e-4, 0.01, 0.005, -0.01]))
-    for name, work in (("the echoes of a pose", echo.echoes), ("their six derivatives", echo.derivatives)):
-        work(motion)
-        took = []
+    motion, echoes = motion_of(np.array([5e-4, -3e-4, 2e-4, 0.01, 0.005, -0.01])), noisy(perfect(16), 30.0, 996, 0)
+    at_start = start(1e-3, 2.0, 0)
+    for name, work in (
+        ("the echoes of a pose", lambda: echo.echoes(motion)),
+        ("their six derivatives", lambda: echo.derivatives(motion)),
+        (
+            "the array's waves, once a start",
+            lambda: array_waves(model(), BOX.seen_from(TRUE), model().order + SPARE_ORDERS, single=True),
+        ),
+        ("a registration from 1 mm, 2°", lambda: at.locate(echoes, scene(), BOX, at_start, scattering=model())),
+    ):
+        work()
+        took, used = [], time.process_time()
         for _ in range(9):
             begun = time.perf_counter()
-            work(motion)
+            work()
             took.append(time.perf_counter() - begun)
-        print(f"{name}, 16 codes, 996 receivers: median {1e3 * np.median(took):.1f} ms", flush=True)
+        used = (time.process_time() - used) / 9
+        print(f"{name}, 16 codes, 996 receivers: {1e3 * np.median(took):.1f} ms, {1e3 * used:.1f} ms of processors")
 
 
-ROWS = {"matrix": matrix, "noise": noise, "fine": fine, "few": few, "capture": capture, "wrong": wrong, "times": times}
+def calibrate(count: int) -> None:
+    """Calibrate the box, whose boards are 1 mm and 0.7° off, the gains by 10 % and 20°, the sound speed by 2 m/s."""
+    boards, off, seconds = boards_of(BOX), [], []
+    for seed in range(count):
+        random = np.random.default_rng(seed)
+        motions = random.normal(size=(4, 6)) * np.repeat([1e-3, np.radians(0.7)], 3)
+        motions[0] = 0.0
+        gains = np.exp(0.1 * random.normal(size=(2, 996)) + 1j * np.radians(20) * random.normal(size=(2, 996)))
+        true = at.boards.join([moved(*pair) for pair in zip(boards, motions, strict=True)]).calibrated(gains[0])
+        air, codes = at.Medium(AIR.sound_speed + 2 * random.normal(), AIR.density), hadamard_codes(996)
+        heard = simulate_transmissions(true, air, codes, reception=gains[1], noise=30.0, seed=seed)
+        begun = time.process_time()
+        found = at.calibrate(heard, BOX, AIR)
+        seconds.append(time.process_time() - begun)
+        pairs = list(zip(boards_of(found.array), boards_of(true), strict=True))
+        apart = max(float(np.linalg.norm(one.positions.mean(0) - other.positions.mean(0))) for one, other in pairs)
+        frames = [(one.normals[0], one.tangents[0]) for pair in pairs for one in pair]
+        turn = max(np.linalg.norm(np.subtract(*pair)) for pair in zip(frames[::2], frames[1::2], strict=True))
+        ratios = [one / other for one, other in zip((found.emission, found.reception), gains, strict=True)]
+        ratio = np.concatenate([one / one.mean() for one in ratios])
+        size, phase = np.std(np.abs(ratio)), np.degrees(np.std(np.angle(ratio)))
+        off.append((1e3 * apart, np.degrees(turn), 100 * size, phase, abs(found.sound_speed - air.sound_speed)))
+        assert found.converged, found
+    names = "worst board {:.4f} mm | {:.4f}° | gains {:.3f} % | phases {:.3f}° | sound speed {:.5f} m/s"
+    print("calibrate, 30 dB, rms: " + names.format(*np.sqrt(np.mean(np.square(off), axis=0))))
+    print(f"worst of {count}: {names.format(*np.max(off, axis=0))} | {np.median(seconds):.1f} s of processor each")
+
+
+ROWS = {
+    "matrix": matrix,
+    "noise": noise,
+    "coarse": coarse,
+    "few": few,
+    "capture": capture,
+    "wrong": wrong,
+    "between": between,
+    "gap": gap,
+    "shape": shape,
+    "hand": hand,
+    "times": times,
+    "calibrate": calibrate,
+}
 
 if __name__ == "__main__":
     wanted = sys.argv[2:] or list(ROWS)

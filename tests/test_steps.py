@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from airtact.scene.medium import Medium
+from airtact.scene.scene import impedance
 from airtact.scene.sources import Monopoles
 from airtact.scene.target import Target
 from airtact.scene_file.building import read_scene
@@ -88,7 +90,9 @@ def test_open_air_and_filled_bodies_have_solvers_of_their_own() -> None:
     assert verification_solver(replace(PINCH, scene=scene)) == FreeField()
     filled = replace(
         PINCH.scene,
-        obstacles=tuple(replace(one, boundary="impedance", ratio=2.0) for one in PINCH.scene.obstacles),
+        obstacles=tuple(replace(one, boundary="filled", medium=Medium(1481.0, 998.0)) for one in PINCH.scene.obstacles),
     )
     setup = replace(PINCH, scene=filled, solver=FiniteElement(order=4))
     assert verification_solver(setup) == FiniteElement(order=5)
+    lined = replace(PINCH.scene, obstacles=tuple(impedance(one.surface, 2.0) for one in PINCH.scene.obstacles))
+    assert isinstance(verification_solver(replace(setup, scene=lined)), BoundaryElement)

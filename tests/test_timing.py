@@ -1,4 +1,8 @@
-"""The clock of solvers and workflows."""
+"""The clock of solvers and workflows, and processes that give way."""
+
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -17,3 +21,29 @@ def test_a_clock_reports_steps_and_adds_up_their_times():
     assert lines == ["filling the matrix"] * 2 + ["matrix"]
     assert list(clock.seconds) == ["matrix"]
     assert clock.seconds["matrix"] > once > 0
+
+
+GIVES_WAY = """
+import os
+from airtact.timing import give_way
+give_way(5)
+print(os.nice(0), open("/proc/self/autogroup").read().split()[-1])
+"""
+
+
+def _autogroup() -> list[str]:
+    """Read the words of this process's autogroup; none where the system shows none."""
+    path = Path("/proc/self/autogroup")
+    return path.read_text().split() if path.exists() else []
+
+
+@pytest.mark.skipif(not _autogroup(), reason="only Linux has autogroups, where they are built in and shown")
+def test_a_process_gives_way_with_its_session_only_where_that_is_its_own():
+    before = _autogroup()[-1]
+    for own, group in ((True, "5"), (False, before)):
+        ran = subprocess.run(
+            [sys.executable, "-c", GIVES_WAY], capture_output=True, text=True, check=True, start_new_session=own
+        )
+        nice, found = ran.stdout.split()
+        assert int(nice) >= 5
+        assert found == group

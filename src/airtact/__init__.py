@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from airtact.sensing.echoes import Echoes
     from airtact.sensing.registration import locate
     from airtact.sensing.scattering import scattering_matrix
+    from airtact.sensing.self_calibration import calibrate
     from airtact.sensing.simulation import simulate_echoes
     from airtact.solvers.bem.solver import BoundaryElement
     from airtact.solvers.fem.solver import FiniteElement
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
     from airtact.synthesis.upper_bound import upper_bound
     from airtact.transducers.element import monopole, piston
     from airtact.transducers.layout import PhasedArray, autd3_board, flat_boards, surrounding_box
+    from airtact.transducers.plates import reflecting_boards
     from airtact.transfer import Drive, TransferMatrix, focus_by_distance, open_air_matrix, transfer_matrix
 
     from airtact import (  # isort: skip
@@ -110,6 +112,7 @@ __all__ = [
     "autd3_board",
     "best",
     "boards",
+    "calibrate",
     "capsule",
     "compare",
     "emission",
@@ -140,6 +143,7 @@ __all__ = [
     "plot",
     "quantise",
     "read_scene",
+    "reflecting_boards",
     "robust",
     "scattering_matrix",
     "scene",
@@ -186,6 +190,7 @@ _HOMES = {
     "sensing.echoes": "Echoes",
     "sensing.registration": "locate",
     "sensing.scattering": "scattering_matrix",
+    "sensing.self_calibration": "calibrate",
     "sensing.simulation": "simulate_echoes",
     "solvers.bem.solver": "BoundaryElement",
     "solvers.fem.solver": "FiniteElement",
@@ -207,6 +212,7 @@ _HOMES = {
     "synthesis.upper_bound": "upper_bound",
     "transducers.element": "monopole piston",
     "transducers.layout": "PhasedArray autd3_board flat_boards surrounding_box",
+    "transducers.plates": "reflecting_boards",
     "transfer": "Drive TransferMatrix focus_by_distance open_air_matrix transfer_matrix",
 }
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names.split()}

@@ -15,6 +15,7 @@ def dual_blocks_bfloat16(
     shifted: np.ndarray,
     points: np.ndarray,
     normals: np.ndarray,
+    single: np.ndarray,
     k: complex,
     diagonal: float,
     first: np.ndarray,
@@ -32,6 +33,7 @@ def dual_low_rank_bfloat16(
     shifted: np.ndarray,
     points: np.ndarray,
     normals: np.ndarray,
+    single: np.ndarray,
     k: complex,
     far_first: np.ndarray,
     far_column: np.ndarray,
@@ -62,15 +64,32 @@ dual_low_rank_float64 = dual_low_rank_bfloat16
 dual_product_float64 = dual_product_bfloat16
 
 def double_layer_matrix_float32(
-    targets: np.ndarray, sources: np.ndarray, normals: np.ndarray, k: complex, out: np.ndarray
+    targets: np.ndarray, sources: np.ndarray, normals: np.ndarray, single: np.ndarray, k: complex, out: np.ndarray
 ) -> None: ...
 
 double_layer_matrix_float64 = double_layer_matrix_float32
+
+def dual_matrix_float32(
+    targets: np.ndarray,
+    inside: np.ndarray,
+    sources: np.ndarray,
+    normals: np.ndarray,
+    single: np.ndarray,
+    k: complex,
+    out: np.ndarray,
+) -> None: ...
+
+dual_matrix_float64 = dual_matrix_float32
+
+def few_products_float32(matrix: np.ndarray, vectors: np.ndarray, transposed: bool, out: np.ndarray) -> None: ...
+
+few_products_float64 = few_products_float32
 
 def apply_double_layer_float32(
     targets: np.ndarray,
     sources: np.ndarray,
     normals: np.ndarray,
+    single: np.ndarray,
     density: np.ndarray,
     k: complex,
     least: float,
@@ -93,6 +112,7 @@ def near_excess_float32(
     contact: np.ndarray,
     sources: np.ndarray,
     normals: np.ndarray,
+    single: np.ndarray,
     nodal: np.ndarray,
     k: complex,
     least: float,
@@ -114,6 +134,7 @@ def apply_in_cells(
     inside: bool,
     sources: np.ndarray,
     normals: np.ndarray | None,
+    single: np.ndarray,
     density: np.ndarray,
     wavenumber: complex,
     least: float,
@@ -140,6 +161,12 @@ def interpolate(
     w: np.ndarray,
     out: np.ndarray,
 ) -> None: ...
+def chebyshev_sum_float32(
+    values: np.ndarray, columns: np.ndarray, rows: np.ndarray, factors: np.ndarray, x: np.ndarray
+) -> None: ...
+
+chebyshev_sum_float64 = chebyshev_sum_float32
+
 def count_near(targets: np.ndarray, centres: np.ndarray, reach: np.ndarray, first: np.ndarray) -> None: ...
 def list_near(
     targets: np.ndarray, centres: np.ndarray, reach: np.ndarray, first: np.ndarray, panel: np.ndarray

@@ -54,11 +54,11 @@ LIKELY = 4
 def verification_solver(setup: Setup) -> Solver:
     """Choose a solver of higher accuracy than the one that makes the drive, to verify the drive.
 
-    Sound-hard bodies get boundary elements, other bodies finite elements of the next order, open air the closed form.
+    Filled bodies get finite elements of the next order, other bodies boundary elements, open air the closed form.
     """
     if not setup.scene.obstacles:
         return FreeField()
-    if isinstance(setup.solver, FiniteElement) and any(one.boundary != "sound_hard" for one in setup.scene.obstacles):
+    if isinstance(setup.solver, FiniteElement) and any(one.boundary == "filled" for one in setup.scene.obstacles):
         return replace(setup.solver, order=setup.solver.order + 1)
     return BoundaryElement(accuracy=_verification_accuracy(setup))
 
@@ -97,12 +97,13 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
 
     A focus is out of reach where all elements in phase bring less than ``LEAST_REACH`` of their strongest pressure to
     it in open air. A hard surface doubles the pressure of a plane wave, so a pressure beyond twice the open-air bound
-    (once without bodies) cannot be expected.
+    (once without bodies) cannot be expected; between reflecting boards there is no such bound.
     """
     wavenumber, target = setup.scene.wavenumber.real, setup.target
     bounds = open_air_bound(setup.array, target.points, wavenumber)
     strongest = strongest_open_air(setup.array, wavenumber)
     most = (2.0 if setup.bodies else 1.0) * (2.0 if setup.scene.planes else 1.0)
+    most = np.inf if any(one.board for one in setup.scene.obstacles) else most
     asked = np.zeros(len(bounds)) if target.pressures is None else np.abs(target.pressures)
     found = list(_path_cautions(setup))
     if len(target.points) > 1:

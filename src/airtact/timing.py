@@ -1,8 +1,9 @@
-"""Wall time by step, for reports and for lines of progress; and threads that would only lengthen it."""
+"""Wall time by step, for reports and for lines of progress; and threads and processes that would only lengthen it."""
 
+import os
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 
 from threadpoolctl import ThreadpoolController
@@ -59,3 +60,16 @@ def one_thread() -> Iterator[None]:
 def _threads() -> ThreadpoolController:
     """Find the libraries whose threads can be limited, once: it takes milliseconds."""
     return ThreadpoolController()
+
+
+def give_way(nice: int) -> None:
+    """Lower the priority of this process by so many steps of ``nice``, where the system can.
+
+    Linux divides the processors among sessions first (its autogroups), so that ``nice`` counts inside a session only: a
+    process in a session of its own lowers the session, too.
+    """
+    with suppress(AttributeError, OSError):
+        os.nice(nice)
+        if os.getsid(0) == os.getpid():
+            with open("/proc/self/autogroup", "w", encoding="ascii") as group:
+                group.write(str(nice))

@@ -20,6 +20,7 @@ from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import EIGHT_BITS, FULL_SCALE, Levels
 from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transducers.placement import check_placement, check_reach
+from airtact.transducers.plates import strength_in
 from airtact.validation import check_finite, check_frequency, complex_numbers, counted, in_mm, of_kind
 
 
@@ -210,6 +211,9 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
     and g_e its gain (1 unless calibrated, 0 where it is dead). One solve serves every translation and rotation of the
     array relative to the bodies (section 3.3 of the paper).
 
+    Where the scene has the array's boards (``reflecting_boards``), b_f is the pressure on their faces and counts half:
+    a face of no end doubles it, and its elements have their sensitivity with the board behind them.
+
     Parameters
     ----------
     beacons : field of the unit beacons, one excitation for each beacon: ``solver.radiate(scene, target.beacons())``.
@@ -237,10 +241,10 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
             code="not_beacons",
         )
     check_placement(beacons.scene, array, sources.positions)
-    element = array.element
+    element, strength = array.element, strength_in(beacons.scene, array)
     received = beacons.at(array.face_points.reshape(-1, 3)).reshape(len(array), -1, count)
     _check_known(received, array)
-    matrix = element.sensitivity * np.einsum("eqf,q->fe", received, element.weights) * array.gains
+    matrix = strength * element.sensitivity * np.einsum("eqf,q->fe", received, element.weights) * array.gains
     error = float(np.max(beacons.error_at(array.positions)))
     return TransferMatrix(matrix, error, sources.positions, beacons.scene.wavelength)
 

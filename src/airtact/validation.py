@@ -107,7 +107,7 @@ LOWEST_FREQUENCY, HIGHEST_FREQUENCY = 1e3, 1e6
 
 def check_seed(seed: int) -> None:
     """Raise "out_of_range" where a seed of random numbers is not a whole number of 0 or more."""
-    if not isinstance(seed, int | np.integer) or seed < 0:
+    if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
         raise InvalidInput(f"a seed is a whole number of 0 or more, not {seed!r}.", code="out_of_range")
 
 

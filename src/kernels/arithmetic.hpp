@@ -65,14 +65,22 @@ template <class Real> inline void sincospi(Real t, Real &sine, Real &cosine) {
     cosine = bits<Real>(static_cast<typename T::Bits>(bits<typename T::Bits>(c) ^ flip));
 }
 
+template <class Real> struct Exponential {  // e^f in powers of f, by Taylor
+    Real c[Traits<Real>::terms + 1];
+    constexpr Exponential() : c() {
+        for (int i = 0; i <= Traits<Real>::terms; i++) c[i] = Real(taylor(1.0, i));
+    }
+};
+
 // exp(-y), y >= 0; below e^-80 it is taken as e^-80
 template <class Real> inline Real decay(Real y) {
     using T = Traits<Real>;
     const Real x = (y < Real(80) ? -y : Real(-80)) * Real(1.44269504088896340736);
     const Real magic = x + T::round_magic;
     const Real f = (x - (magic - T::round_magic)) * Real(0.69314718055994530942);
-    Real e = Real(1);
-    for (int i = T::terms; i >= 1; i--) e = Real(1) + e * f * Real(1.0 / i);
+    static constexpr Exponential<Real> E{};
+    Real e = E.c[T::terms];
+    for (int i = T::terms - 1; i >= 0; i--) e = e * f + E.c[i];
     const auto n = bits<typename T::Bits>(magic) - bits<typename T::Bits>(T::round_magic);
     return bits<Real>(static_cast<typename T::Bits>(bits<typename T::Bits>(e) + n * (typename T::Bits(1) << T::mantissa)));
 }

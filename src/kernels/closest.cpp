@@ -28,7 +28,8 @@ void closest_on_panels(const double *targets, std::int64_t n, const double *quad
 #pragma omp parallel for schedule(dynamic, 64)
     for (std::int64_t i = 0; i < n; i++) {
         const double *x = targets + 3 * i;
-        double best = std::numeric_limits<double>::infinity();
+        const double within = distance[i];
+        double best = within * within;
         std::int64_t stack[64];
         int depth = 0;
         stack[depth++] = 1;
@@ -45,16 +46,18 @@ void closest_on_panels(const double *targets, std::int64_t n, const double *quad
             }
             if (box - leaves >= panels) continue;
             const std::int64_t found = order[box - leaves];
-            double candidate[2];
-            const double squared = closest_point(Patch(quadratic_triangles + 18 * found, x), candidate);
-            if (squared < best) {
-                best = squared;
+            Patches<1> patch;
+            Closest<1> candidate;
+            patch.put(0, quadratic_triangles + 18 * found, x);
+            closest_points(patch, candidate);
+            if (candidate.squared[0] < best) {
+                best = candidate.squared[0];
                 panel[i] = found;
-                reference[2 * i] = candidate[0];
-                reference[2 * i + 1] = candidate[1];
+                reference[2 * i] = candidate.u[0];
+                reference[2 * i + 1] = candidate.v[0];
             }
         }
-        distance[i] = std::sqrt(best);
+        distance[i] = best < within * within ? std::sqrt(best) : std::numeric_limits<double>::infinity();
     }
 }
 

@@ -17,15 +17,16 @@ void add_near(const NearRows &near, std::int64_t i, std::int64_t begin, std::int
             add(6 * near.panel[next] + l - begin, near.excess[6 * next + l].real(), near.excess[6 * next + l].imag());
 }
 
-template <class Store, bool Lossy>
-void fill(const double *targets, const double *shifted, const double *points, const double *normals, std::int64_t m,
-          Wavenumber wavenumber, double diagonal, const NearRows &near, const NearRows &near_shifted, const Pairs &whole,
+template <class Store, bool Lossy, bool Mixed>
+void fill(const double *targets, const double *shifted, const double *points, const double *normals,
+          const std::complex<double> *single, std::int64_t m, Wavenumber wavenumber, double diagonal, const NearRows &near, const NearRows &near_shifted, const Pairs &whole,
           Store *blocks) {
     using Real = typename Arithmetic<Store>::Real;
     const double zero[3] = {0, 0, 0};
     const Origin origin(points, m);
     const Planes<Real> y(points, m, origin.at), x(targets, m, origin.at), x2(shifted, m / sharing, origin.at);
     const Planes<Real> a(normals, m, zero);
+    const Strengths<Real> mixed(single, m);
     const Wave<Real> k(wavenumber);
     constexpr std::int64_t row_words = 2 * stored<Store>;
 #pragma omp parallel for schedule(dynamic, 8)
@@ -43,14 +44,17 @@ void fill(const double *targets, const double *shifted, const double *points, co
             if (n < lanes) std::fill(rows[0], rows[0] + sharing * 2 * lanes, Real(0));
             const Real *sx = y[0] + begin, *sy = y[1] + begin, *sz = y[2] + begin;
             const Real *nx = a[0] + begin, *ny = a[1] + begin, *nz = a[2] + begin;
+            const Real *of_re = Mixed ? mixed.re.data() + begin : nullptr, *of_im = Mixed ? mixed.im.data() + begin : nullptr;
 #pragma omp simd
             for (std::int64_t l = 0; l < n; l++) {  // i D(x') - D(x), all that share x' at once, which hides the latency
                 Real inside_re, inside_im, re, im;
-                double_layer<Real, Lossy>(sx[l] - t2[0], sy[l] - t2[1], sz[l] - t2[2], nx[l], ny[l], nz[l], k, Real(0),
-                                          inside_re, inside_im);
+                const Real p = strength<Mixed>(of_re, l), q = strength<Mixed>(of_im, l);
+                double_layer<Real, Lossy, Mixed>(sx[l] - t2[0], sy[l] - t2[1], sz[l] - t2[2], nx[l], ny[l], nz[l], k,
+                                                 Real(0), inside_re, inside_im, p, q);
+#pragma GCC unroll 3  // or the compiler leaves a loop here, and does not vectorise the one around it
                 for (int r = 0; r < sharing; r++) {
-                    double_layer<Real, Lossy>(sx[l] - t[r][0], sy[l] - t[r][1], sz[l] - t[r][2], nx[l], ny[l], nz[l], k,
-                                              Real(0), re, im);
+                    double_layer<Real, Lossy, Mixed>(sx[l] - t[r][0], sy[l] - t[r][1], sz[l] - t[r][2], nx[l], ny[l],
+                                                     nz[l], k, Real(0), re, im, p, q);
                     rows[r][l] = -re - inside_im;
                     rows[r][l + lanes] = inside_re - im;
                 }
@@ -85,27 +89,55 @@ template <class Real> struct Vectors {  // vectors as planes padded with zeros: 
     }
 };
 
-// Adds to N sums the products of a row with N vectors, planes of `length` that begin at its block
-template <int N, class Store, class Real>
-void multiply_row(const Store *row, const Real *v_re, std::int64_t length, Real *re, Real *im) {
-    const Store *a_re = row, *a_im = row + stored<Store>;
-    const Real *v_im = v_re + length, *w_re = v_re + (N > 1 ? 2 * length : 0), *w_im = w_re + length;
-    Real rr = 0, ii = 0, ri = 0, ir = 0, r2 = 0, i2 = 0, x2 = 0, y2 = 0;  // several sums hide the latency of each
-#pragma omp simd reduction(+ : rr, ii, ri, ir, r2, i2, x2, y2)
-    for (std::int64_t l = 0; l < half; l++) {
-        const std::int64_t h = half + l;
-        const Real x = first(a_re, l), y = first(a_im, l), o = second(a_re, l), w = second(a_im, l);
-        rr += x * v_re[l] + o * v_re[h], ii += y * v_im[l] + w * v_im[h];
-        ri += x * v_im[l] + o * v_im[h], ir += y * v_re[l] + w * v_re[h];
-        if (N == 1) continue;
-        r2 += x * w_re[l] + o * w_re[h], i2 += y * w_im[l] + w * w_im[h];
-        x2 += x * w_im[l] + o * w_im[h], y2 += y * w_re[l] + w * w_re[h];
-    }
-    re[0] += rr - ii, im[0] += ri + ir;
-    if (N > 1) re[N - 1] += r2 - i2, im[N - 1] += x2 + y2;
+constexpr int rows_at_once = 4;
+
+// Begins to read the next four rows: they are short lines side by side, which the machine does not foresee
+template <class Store> inline void fetch(const Store *rows) {
+#ifdef __GNUC__
+    constexpr int line = 64;  // bytes
+    const char *begin = reinterpret_cast<const char *>(rows + 2 * stored<Store> * rows_at_once);
+    for (std::int64_t b = 0; b < 2 * stored<Store> * rows_at_once * std::int64_t(sizeof(Store)); b += line)
+        __builtin_prefetch(begin + b);
+#endif
 }
 
-constexpr int rows_at_once = 4;
+// Number l of a row times those of one or two vectors, added to sums
+template <int N, class Store, class Real>
+inline void add_entry(const Store *row, std::int64_t l, const Real *v_re, const Real *v_im, const Real *w_re,
+                      const Real *w_im, Real &re, Real &im, Real &re2, Real &im2) {
+    const std::int64_t h = half + l;
+    const Real x = first(row, l), y = first(row + stored<Store>, l), o = second(row, l), w = second(row + stored<Store>, l);
+    re += x * v_re[l], im += x * v_im[l];
+    re -= y * v_im[l], im += y * v_re[l];
+    re += o * v_re[h], im += o * v_im[h];
+    re -= w * v_im[h], im += w * v_re[h];
+    if (N == 1) return;
+    re2 += x * w_re[l], im2 += x * w_im[l];
+    re2 -= y * w_im[l], im2 += y * w_re[l];
+    re2 += o * w_re[h], im2 += o * w_im[h];
+    re2 -= w * w_im[h], im2 += w * w_re[h];
+}
+
+// Adds to N sums for each of four rows, planes of `stride`, their products with N vectors, planes of `length` that begin at
+// their block: all at once, which hides the latency of each sum and reads the vectors once
+template <int N, class Store, class Real>
+void multiply_four(const Store *const *row, const Real *v_re, std::int64_t length, Real *weights, std::int64_t stride,
+                   std::int64_t count) {
+    const Real *v_im = v_re + length, *w_re = v_re + (N > 1 ? 2 * length : 0), *w_im = w_re + length;
+    const Store *const r0 = row[0], *const r1 = row[1], *const r2 = row[2], *const r3 = row[3];
+    Real a0 = 0, b0 = 0, c0 = 0, d0 = 0, a1 = 0, b1 = 0, c1 = 0, d1 = 0;
+    Real a2 = 0, b2 = 0, c2 = 0, d2 = 0, a3 = 0, b3 = 0, c3 = 0, d3 = 0;
+#pragma omp simd reduction(+ : a0, b0, c0, d0, a1, b1, c1, d1, a2, b2, c2, d2, a3, b3, c3, d3)
+    for (std::int64_t l = 0; l < half; l++) {
+        add_entry<N>(r0, l, v_re, v_im, w_re, w_im, a0, b0, c0, d0);
+        add_entry<N>(r1, l, v_re, v_im, w_re, w_im, a1, b1, c1, d1);
+        add_entry<N>(r2, l, v_re, v_im, w_re, w_im, a2, b2, c2, d2);
+        add_entry<N>(r3, l, v_re, v_im, w_re, w_im, a3, b3, c3, d3);
+    }
+    const Real sums[4][rows_at_once] = {{a0, a1, a2, a3}, {b0, b1, b2, b3}, {c0, c1, c2, c3}, {d0, d1, d2, d3}};
+    for (int part = 0; part < 2 * N; part++)
+        for (std::int64_t r = 0; r < count; r++) weights[part * stride + r] += sums[part][r];
+}
 
 // Adds to N vectors, planes of `length` that begin at the block, up to four rows times their weights, planes of `stride`
 template <int N, class Store, class Real>
@@ -144,18 +176,22 @@ void add_four(const Store *rows, std::int64_t count, const Real *weights, std::i
 template <int N, class Store, class Real>
 void multiply_rows(const Store *rows, std::int64_t count, const Real *v, std::int64_t length, Real *weights,
                std::int64_t stride) {
-    for (std::int64_t r = 0; r < count; r++) {
-        Real re[2] = {}, im[2] = {};
-        multiply_row<N, Store, Real>(rows + 2 * stored<Store> * r, v, length, re, im);
-        for (int s = 0; s < N; s++) weights[2 * s * stride + r] += re[s], weights[(2 * s + 1) * stride + r] += im[s];
+    for (std::int64_t top = 0; top < count; top += rows_at_once) {
+        const std::int64_t some = std::min<std::int64_t>(rows_at_once, count - top);
+        const Store *row[rows_at_once];
+        fetch(rows + 2 * stored<Store> * top);
+        for (std::int64_t r = 0; r < rows_at_once; r++) row[r] = rows + 2 * stored<Store> * (top + (r < some ? r : 0));
+        multiply_four<N, Store, Real>(row, v, length, weights + top, stride, some);
     }
 }
 template <int N, class Store, class Real>
 void add_rows(const Store *rows, std::int64_t count, const Real *weights, std::int64_t stride, Real *sums,
                 std::int64_t length) {
-    for (std::int64_t r = 0; r < count; r += rows_at_once)
+    for (std::int64_t r = 0; r < count; r += rows_at_once) {
+        fetch(rows + 2 * stored<Store> * r);
         add_four<N, Store, Real>(rows + 2 * stored<Store> * r, std::min<std::int64_t>(rows_at_once, count - r), weights + r,
                               stride, sums, length);
+    }
 }
 
 struct Partner {  // another block of a pair: its number and that of the pair
@@ -198,14 +234,154 @@ void product_at(std::int64_t block, const std::vector<Partner> &whole, const Sto
     }
 }
 
+// --- many vectors at once: each number of a row is multiplied by a whole vector register of sides --------------------
+
+#ifdef __GNUC__
+#if defined(__AVX512F__)
+constexpr int register_bytes = 64;
+#elif defined(__AVX2__)
+constexpr int register_bytes = 32;
+#else
+constexpr int register_bytes = 16;
+#endif
+template <class Real> struct Register;
+template <> struct Register<float> {
+    typedef float Lanes __attribute__((vector_size(register_bytes)));
+};
+template <> struct Register<double> {
+    typedef double Lanes __attribute__((vector_size(register_bytes)));
+};
+template <class Real> constexpr int sides = register_bytes / int(sizeof(Real));
+
+// As many vectors as a register holds: for each node a register of real parts and one of imaginary parts
+template <class Real> using Lanes = typename Register<Real>::Lanes;
+template <class Real> struct Interleaved {
+    std::vector<Real> data;
+    Lanes<Real> *begin;
+    explicit Interleaved(std::int64_t nodes) : data(2 * sides<Real> * (nodes + 1)) {
+        const auto address = reinterpret_cast<std::uintptr_t>(data.data());
+        begin = reinterpret_cast<Lanes<Real> *>((address + register_bytes - 1) / register_bytes * register_bytes);
+    }
+};
+
+template <class Store, class Real> void unpack(const Store *row, Real *out) {  // real parts, then imaginary parts
+    for (int part = 0; part < 2; part++)
+#pragma omp simd
+        for (std::int64_t l = 0; l < half; l++) {
+            out[part * lanes + l] = first(row + part * stored<Store>, l);
+            out[part * lanes + half + l] = second(row + part * stored<Store>, l);
+        }
+}
+
+constexpr int tile = 4;  // rows at a time
+
+template <class Store, class Real> void unpack_tile(const Store *rows, std::int64_t count, Real (*out)[2 * lanes]) {
+    for (std::int64_t r = 0; r < tile; r++)
+        if (r < count) unpack(rows + 2 * stored<Store> * r, out[r]);
+        else std::fill(out[r], out[r] + 2 * lanes, Real(0));
+}
+
+// The products of some rows with the vectors are added to `sums`, a pair of registers for each row
+template <class Store, class Real>
+void multiply_many(const Store *rows, std::int64_t count, const Lanes<Real> *v, Lanes<Real> *sums) {
+    Real row[tile][2 * lanes];
+    for (std::int64_t top = 0; top < count; top += tile) {
+        unpack_tile(rows + 2 * stored<Store> * top, count - top, row);
+        Lanes<Real> re[tile] = {}, im[tile] = {};
+        for (std::int64_t l = 0; l < lanes; l++) {
+            const Lanes<Real> x = v[2 * l], y = v[2 * l + 1];
+#pragma GCC unroll 4
+            for (int r = 0; r < tile; r++) {
+                const Real p = row[r][l], q = row[r][lanes + l];
+                re[r] += p * x - q * y, im[r] += p * y + q * x;
+            }
+        }
+        for (std::int64_t r = 0; r < tile && top + r < count; r++)
+            sums[2 * (top + r)] += re[r], sums[2 * (top + r) + 1] += im[r];
+    }
+}
+
+// The rows times weights, a pair of registers for each row, are added to `sums`, one for each column
+template <class Store, class Real>
+void add_many(const Store *rows, std::int64_t count, const Lanes<Real> *weights, Lanes<Real> *sums) {
+    Real row[tile][2 * lanes];
+    for (std::int64_t top = 0; top < count; top += tile) {
+        unpack_tile(rows + 2 * stored<Store> * top, count - top, row);
+        Lanes<Real> x[tile] = {}, y[tile] = {};
+        for (std::int64_t r = 0; r < tile && top + r < count; r++) x[r] = weights[2 * (top + r)], y[r] = weights[2 * (top + r) + 1];
+        for (std::int64_t l = 0; l < lanes; l++) {
+            Lanes<Real> re = sums[2 * l], im = sums[2 * l + 1];
+#pragma GCC unroll 4
+            for (int r = 0; r < tile; r++) {
+                const Real p = row[r][l], q = row[r][lanes + l];
+                re += p * x[r] - q * y[r], im += p * y[r] + q * x[r];
+            }
+            sums[2 * l] = re, sums[2 * l + 1] = im;
+        }
+    }
+}
+
+template <class Store, class Real>
+void product_of_many(std::int64_t block, const std::vector<Partner> &whole, const Store *blocks,
+                     const std::vector<Partner> &far, const LowRank<Store> &terms, std::int64_t m, const Lanes<Real> *v,
+                     bool transposed, Lanes<Real> *out) {
+    constexpr std::int64_t row_words = 2 * stored<Store>;
+    Lanes<Real> *const sums = out + 2 * lanes * block;
+    for (const Partner &one : whole) {
+        const Store *rows = blocks + row_words * lanes * one.pair;
+        const Lanes<Real> *with = v + 2 * lanes * one.block;
+        if (transposed)
+            add_many<Store, Real>(rows, std::min(lanes, m - lanes * one.block), with, sums);
+        else
+            multiply_many<Store, Real>(rows, std::min(lanes, m - lanes * block), with, sums);
+    }
+    for (const Partner &one : far) {
+        const std::int64_t count = terms.count[one.pair];
+        const Store *of_columns = terms.rows + row_words * terms.begin[one.pair];
+        const Store *of_rows = of_columns + row_words * count;
+        if (transposed) std::swap(of_columns, of_rows);
+        Lanes<Real> weights[2 * lanes];
+        std::fill(weights, weights + 2 * count, Lanes<Real>{});
+        multiply_many<Store, Real>(of_columns, count, v + 2 * lanes * one.block, weights);
+        add_many<Store, Real>(of_rows, count, weights, sums);
+    }
+}
+
+// The product with a register of vectors
+template <class Store, class Real>
+void multiply_sides(const Pairs &whole, const std::vector<std::vector<Partner>> &whole_pairs, const Store *blocks,
+                    const std::vector<std::vector<Partner>> &far_pairs, const LowRank<Store> &terms, std::int64_t m,
+                    const std::complex<Real> *v, bool transposed, std::complex<Real> *out) {
+    Interleaved<Real> given(whole.blocks * lanes), made(whole.blocks * lanes);
+    constexpr int width = sides<Real>;
+    Real *const in = reinterpret_cast<Real *>(given.begin);
+    const Real *const result = reinterpret_cast<const Real *>(made.begin);
+    for (std::int64_t s = 0; s < width; s++)
+        for (std::int64_t j = 0; j < m; j++) {
+            in[2 * width * j + s] = v[s * m + j].real();
+            in[2 * width * j + width + s] = v[s * m + j].imag();
+        }
+#pragma omp parallel for schedule(dynamic, 1)
+    for (std::int64_t block = 0; block < whole.blocks; block++)
+        product_of_many<Store, Real>(block, whole_pairs[block], blocks, far_pairs[block], terms, m, given.begin, transposed,
+                                     made.begin);
+    for (std::int64_t s = 0; s < width; s++)
+        for (std::int64_t j = 0; j < m; j++)
+            out[s * m + j] = {result[2 * width * j + s], result[2 * width * j + width + s]};
+}
+
+#endif
+
 }  // namespace
 
 template <class Store>
 void dual_blocks(const double *targets, const double *shifted, const double *points, const double *normals,
-                std::int64_t m, Wavenumber k, double diagonal, NearRows near, NearRows near_shifted, Pairs whole,
-                Store *blocks) {
-    (k.imag > 0 ? fill<Store, true> : fill<Store, false>)(targets, shifted, points, normals, m, k, diagonal, near,
-                                                          near_shifted, whole, blocks);
+                const std::complex<double> *single, std::int64_t m, Wavenumber k, double diagonal, NearRows near,
+                NearRows near_shifted, Pairs whole, Store *blocks) {
+    (single       ? fill<Store, true, true>
+     : k.imag > 0 ? fill<Store, true, false>
+                  : fill<Store, false, false>)(targets, shifted, points, normals, single, m, k, diagonal, near,
+                                               near_shifted, whole, blocks);
 }
 
 template <class Store>
@@ -213,9 +389,13 @@ void dual_product(Pairs whole, const Store *blocks, Pairs far, LowRank<Store> te
                   const std::complex<typename Arithmetic<Store>::Real> *v, std::int64_t vectors, bool transposed,
                   std::complex<typename Arithmetic<Store>::Real> *out) {
     using Real = typename Arithmetic<Store>::Real;
+    const auto whole_pairs = by_block(whole, transposed), far_pairs = by_block(far, transposed);
+#ifdef __GNUC__
+    for (; vectors >= sides<Real>; vectors -= sides<Real>, v += sides<Real> * m, out += sides<Real> * m)
+        multiply_sides<Store, Real>(whole, whole_pairs, blocks, far_pairs, terms, m, v, transposed, out);
+#endif
     const Vectors<Real> given(v, vectors, m);
     Vectors<Real> made(vectors, m);
-    const auto whole_pairs = by_block(whole, transposed), far_pairs = by_block(far, transposed);
     const std::int64_t length = given.length;
 #pragma omp parallel for schedule(dynamic, 1)
     for (std::int64_t block = 0; block < whole.blocks; block++)
@@ -229,8 +409,9 @@ void dual_product(Pairs whole, const Store *blocks, Pairs far, LowRank<Store> te
 }
 
 #define AIRTACT_DUAL(Store)                                                                                           \
-    template void dual_blocks<Store>(const double *, const double *, const double *, const double *, std::int64_t,     \
-                                    Wavenumber, double, NearRows, NearRows, Pairs, Store *);                          \
+    template void dual_blocks<Store>(const double *, const double *, const double *, const double *,                   \
+                                    const std::complex<double> *, std::int64_t, Wavenumber, double, NearRows,         \
+                                    NearRows, Pairs, Store *);                                                        \
     template void dual_product<Store>(Pairs, const Store *, Pairs, LowRank<Store>, std::int64_t,                      \
                                       const std::complex<Arithmetic<Store>::Real> *, std::int64_t, bool,              \
                                       std::complex<Arithmetic<Store>::Real> *);

@@ -9,21 +9,30 @@ namespace {
 
 constexpr std::int64_t block = 256;
 
-template <class Real, bool Lossy>
-void double_layer_rows(const Planes<Real> &t, const Planes<Real> &y, const Planes<Real> &a, Wave<Real> k,
-                       std::complex<Real> *out) {
-    const std::int64_t m = y.n;
-    over_rows(t.n, m, [&](std::int64_t i) {
-        Real re[block], im[block];
-        const Real x[3] = {t[0][i], t[1][i], t[2][i]};
-        for (std::int64_t j = 0; j < m; j += block) {
-            const std::int64_t n = std::min(block, m - j);
-            double_layer_row<Real, Lossy>(x, y[0] + j, y[1] + j, y[2] + j, a[0] + j, a[1] + j, a[2] + j, n, k, Real(0), re,
-                                         im);
-            for (std::int64_t l = 0; l < n; l++) out[i * m + j + l] = {re[l], im[l]};
-        }
-    });
-}
+// The double layer of a surface whose panels may have a single layer too
+template <class Real> struct Layer {
+    Planes<Real> position, normal;
+    Strengths<Real> single;
+    Wave<Real> k;
+    Layer(const double *sources, const double *normals, const std::complex<double> *given, std::int64_t m,
+          const double *origin, Wavenumber wavenumber)
+        : position(sources, m, origin), normal(normals, m, zero), single(given, m), k(wavenumber) {}
+    // Entries of the target x with n nodes from j on
+    void row(const Real *x, std::int64_t j, std::int64_t n, Real least, Real *re, Real *im) const {
+        const Real *sx = position[0] + j, *sy = position[1] + j, *sz = position[2] + j;
+        const Real *nx = normal[0] + j, *ny = normal[1] + j, *nz = normal[2] + j;
+        if (!single.re.empty())
+            double_layer_row<Real, true, true>(x, sx, sy, sz, nx, ny, nz, n, k, least, re, im, single.re.data() + j,
+                                               single.im.data() + j);
+        else if (k.imag > 0)
+            double_layer_row<Real, true>(x, sx, sy, sz, nx, ny, nz, n, k, least, re, im);
+        else
+            double_layer_row<Real, false>(x, sx, sy, sz, nx, ny, nz, n, k, least, re, im);
+    }
+
+  private:
+    static constexpr double zero[3] = {0, 0, 0};
+};
 
 template <class Real, class Row>
 void sum_rows(std::int64_t n, std::int64_t m, const std::complex<double> *density, std::int64_t sounds,
@@ -56,9 +65,9 @@ void sum_rows(std::int64_t n, std::int64_t m, const std::complex<double> *densit
 
 // Some of the sources, seen from a centre, each coordinate and each sound's strengths contiguous
 template <class Real> struct Chosen {
-    std::vector<Real> place[3], normal[3], re, im;
+    std::vector<Real> place[3], normal[3], single[2], re, im;
     std::int64_t n = 0;
-    void choose(const double *sources, const double *normals, std::int64_t m, const std::complex<double> *density,
+    void choose(const double *sources, const double *normals, const std::complex<double> *mixed, std::int64_t m, const std::complex<double> *density,
                 std::int64_t sounds, const double *centre, double reach, bool inside) {
         std::vector<std::int64_t> index;
         for (std::int64_t j = 0; j < m; j++) {
@@ -74,6 +83,11 @@ template <class Real> struct Chosen {
             normal[d].resize(n);
             for (std::int64_t l = 0; l < n; l++) normal[d][l] = Real(normals[3 * index[l] + d]);
         }
+        for (int part = 0; mixed && part < 2; part++) {
+            single[part].resize(n);
+            for (std::int64_t l = 0; l < n; l++)
+                single[part][l] = Real(part ? mixed[index[l]].imag() : mixed[index[l]].real());
+        }
         re.resize(n * sounds), im.resize(n * sounds);
         for (std::int64_t s = 0; s < sounds; s++)
             for (std::int64_t l = 0; l < n; l++) {
@@ -83,7 +97,7 @@ template <class Real> struct Chosen {
     }
 };
 
-template <class Real, bool Lossy>
+template <class Real, bool Lossy, bool Mixed>
 void sum_chosen(const Real *x, const Chosen<Real> &chosen, bool layer, std::int64_t sounds, Wave<Real> k, Real least,
                 std::complex<double> *out) {
     Real re[block], im[block];
@@ -92,8 +106,10 @@ void sum_chosen(const Real *x, const Chosen<Real> &chosen, bool layer, std::int6
         const std::int64_t count = std::min(block, chosen.n - j);
         const Real *px = chosen.place[0].data() + j, *py = chosen.place[1].data() + j, *pz = chosen.place[2].data() + j;
         if (layer)
-            double_layer_row<Real, Lossy>(x, px, py, pz, chosen.normal[0].data() + j, chosen.normal[1].data() + j,
-                                          chosen.normal[2].data() + j, count, k, least, re, im);
+            double_layer_row<Real, Lossy, Mixed>(x, px, py, pz, chosen.normal[0].data() + j, chosen.normal[1].data() + j,
+                                                 chosen.normal[2].data() + j, count, k, least, re, im,
+                                                 Mixed ? chosen.single[0].data() + j : nullptr,
+                                                 Mixed ? chosen.single[1].data() + j : nullptr);
         else
             monopole_row<Real, Lossy>(x, px, py, pz, count, k, re, im);
         for (std::int64_t s = 0; s < sounds; s++) {
@@ -112,8 +128,8 @@ void sum_chosen(const Real *x, const Chosen<Real> &chosen, bool layer, std::int6
 }  // namespace
 
 void apply_in_cells(const double *targets, const std::int64_t *first, std::int64_t cells, const double *centres,
-                    double reach, bool inside, const double *sources, const double *normals, std::int64_t m,
-                    const std::complex<double> *density, std::int64_t sounds, Wavenumber k, double least,
+                    double reach, bool inside, const double *sources, const double *normals,
+                    const std::complex<double> *single, std::int64_t m, const std::complex<double> *density, std::int64_t sounds, Wavenumber k, double least,
                     std::complex<double> *out) {
     using Real = float;  // with the cell's centre as origin it resolves near sources
     const Wave<Real> wave(k);
@@ -123,11 +139,13 @@ void apply_in_cells(const double *targets, const std::int64_t *first, std::int64
 #pragma omp for schedule(dynamic, 1)
         for (std::int64_t c = 0; c < cells; c++) {
             const double *centre = centres + 3 * c;
-            chosen.choose(sources, normals, m, density, sounds, centre, reach, inside);
+            chosen.choose(sources, normals, single, m, density, sounds, centre, reach, inside);
             for (std::int64_t i = first[c]; i < first[c + 1]; i++) {
                 const double *t = targets + 3 * i;
                 const Real x[3] = {Real(t[0] - centre[0]), Real(t[1] - centre[1]), Real(t[2] - centre[2])};
-                const auto sum = k.imag > 0 ? sum_chosen<Real, true> : sum_chosen<Real, false>;
+                const auto sum = single       ? sum_chosen<Real, true, true>
+                                 : k.imag > 0 ? sum_chosen<Real, true, false>
+                                              : sum_chosen<Real, false, false>;
                 sum(x, chosen, normals != nullptr, sounds, wave, Real(least * least), out + i * sounds);
             }
         }
@@ -136,34 +154,50 @@ void apply_in_cells(const double *targets, const std::int64_t *first, std::int64
 
 template <class Real>
 void double_layer_matrix(const double *targets, std::int64_t n, const double *sources, const double *normals,
-                         std::int64_t m, Wavenumber k, std::complex<Real> *out) {
-    const double zero[3] = {0, 0, 0};
+                         const std::complex<double> *single, std::int64_t m, Wavenumber k, std::complex<Real> *out) {
     const Origin origin(sources, m);
-    const Planes<Real> t(targets, n, origin.at), y(sources, m, origin.at), a(normals, m, zero);
-    if (k.imag > 0)
-        double_layer_rows<Real, true>(t, y, a, Wave<Real>(k), out);
-    else
-        double_layer_rows<Real, false>(t, y, a, Wave<Real>(k), out);
+    const Planes<Real> t(targets, n, origin.at);
+    const Layer<Real> layer(sources, normals, single, m, origin.at, k);
+    over_rows(n, m, [&](std::int64_t i) {
+        Real re[block], im[block];
+        const Real x[3] = {t[0][i], t[1][i], t[2][i]};
+        for (std::int64_t j = 0; j < m; j += block) {
+            const std::int64_t count = std::min(block, m - j);
+            layer.row(x, j, count, Real(0), re, im);
+            for (std::int64_t l = 0; l < count; l++) out[i * m + j + l] = {re[l], im[l]};
+        }
+    });
+}
+
+template <class Real>
+void dual_matrix(const double *targets, const double *inside, std::int64_t n, const double *sources, const double *normals,
+                 const std::complex<double> *single, std::int64_t m, Wavenumber k, std::complex<Real> *out) {
+    const Origin origin(sources, m);
+    const Planes<Real> t(targets, n, origin.at), t2(inside, n, origin.at);
+    const Layer<Real> layer(sources, normals, single, m, origin.at, k);
+    over_rows(n, 2 * m, [&](std::int64_t i) {
+        Real re[block], im[block], re2[block], im2[block];
+        const Real x[3] = {t[0][i], t[1][i], t[2][i]}, x2[3] = {t2[0][i], t2[1][i], t2[2][i]};
+        for (std::int64_t j = 0; j < m; j += block) {
+            const std::int64_t count = std::min(block, m - j);
+            layer.row(x, j, count, Real(0), re, im);
+            layer.row(x2, j, count, Real(0), re2, im2);
+            for (std::int64_t l = 0; l < count; l++) out[i * m + j + l] = {-re[l] - im2[l], re2[l] - im[l]};
+        }
+    });
 }
 
 template <class Real>
 void apply_double_layer(const double *targets, std::int64_t n, const double *sources, const double *normals,
-                        std::int64_t m, const std::complex<double> *density, std::int64_t sounds, Wavenumber k,
-                        double least, std::complex<double> *out) {
-    const double zero[3] = {0, 0, 0};
-    const Real least_squared = Real(least * least);
+                        const std::complex<double> *single, std::int64_t m, const std::complex<double> *density,
+                        std::int64_t sounds, Wavenumber k, double least, std::complex<double> *out) {
     const Origin origin(sources, m);
-    const Planes<Real> t(targets, n, origin.at), y(sources, m, origin.at), a(normals, m, zero);
-    const Wave<Real> wave(k);
+    const Planes<Real> t(targets, n, origin.at);
+    const Layer<Real> layer(sources, normals, single, m, origin.at, k);
     sum_rows<Real>(n, m, density, sounds, out,
                    [&](std::int64_t i, std::int64_t j, std::int64_t count, Real *re, Real *im) {
                        const Real x[3] = {t[0][i], t[1][i], t[2][i]};
-                       if (k.imag > 0)
-                           double_layer_row<Real, true>(x, y[0] + j, y[1] + j, y[2] + j, a[0] + j, a[1] + j, a[2] + j,
-                                                        count, wave, least_squared, re, im);
-                       else
-                           double_layer_row<Real, false>(x, y[0] + j, y[1] + j, y[2] + j, a[0] + j, a[1] + j,
-                                                         a[2] + j, count, wave, least_squared, re, im);
+                       layer.row(x, j, count, Real(least * least), re, im);
                    });
 }
 
@@ -186,10 +220,13 @@ void apply_monopoles(const double *targets, std::int64_t n, const double *source
 
 #define AIRTACT_FAR(Real)                                                                                             \
     template void double_layer_matrix<Real>(const double *, std::int64_t, const double *, const double *,             \
-                                            std::int64_t, Wavenumber, std::complex<Real> *);                          \
+                                            const std::complex<double> *, std::int64_t, Wavenumber,                   \
+                                            std::complex<Real> *);                                                    \
+    template void dual_matrix<Real>(const double *, const double *, std::int64_t, const double *, const double *,     \
+                                    const std::complex<double> *, std::int64_t, Wavenumber, std::complex<Real> *);    \
     template void apply_double_layer<Real>(const double *, std::int64_t, const double *, const double *,              \
-                                           std::int64_t, const std::complex<double> *, std::int64_t, Wavenumber,      \
-                                           double, std::complex<double> *);                                                   \
+                                           const std::complex<double> *, std::int64_t, const std::complex<double> *,  \
+                                           std::int64_t, Wavenumber, double, std::complex<double> *);                 \
     template void apply_monopoles<Real>(const double *, std::int64_t, const double *, std::int64_t,                   \
                                         const std::complex<double> *, std::int64_t, Wavenumber,                       \
                                         std::complex<double> *);

@@ -60,24 +60,24 @@ namespace AIRTACT_VARIANT {
 
 // The matrix of the dual-surface equation, M x M, in blocks of `lanes` rows and columns, the last columns padded with zeros:
 //   diagonal [i = j] - D(x_i, y_j) + i D(x'_i, y_j) plus the corrections of the near panels, in rising order, to either D,
-// where D is the normal derivative at y of e^{ikr}/(4 pi r) times area; x_i = targets[i], which is y_i or its image in a
-// plane; x'_i = shifted[i / sharing]. A block is
+// where D is the normal derivative at y of e^{ikr}/(4 pi r) times area, here and below plus single[j] e^{ikr}/(4 pi r)
+// unless `single` is null; x_i = targets[i], which is y_i or its image in a plane; x'_i = shifted[i / sharing]. A block is
 // `lanes` rows, each of `lanes` real parts, then imaginary parts. As bfloat16, the upper half of a float, number
 // l + lanes / 2 is in the upper 16 bits of word l, and number l in the lower ones.
 
 // The blocks that are stored whole, one after another. All near panels must be in one of them.
 template <class Store>
 void dual_blocks(const double *targets, const double *shifted, const double *points, const double *normals,
-                std::int64_t m, Wavenumber k, double diagonal, NearRows near, NearRows near_shifted, Pairs whole,
-                Store *blocks);
+                const std::complex<double> *single, std::int64_t m, Wavenumber k, double diagonal, NearRows near,
+                NearRows near_shifted, Pairs whole, Store *blocks);
 
 // The other blocks as sums of low-rank terms: few of their own columns times few of their own rows, chosen one by one
 // (adaptive cross approximation, ACA), until the residuals of three rows in turn, scaled to the block, are below
 // `tolerance` in the Frobenius norm. Returns how many factors they take; those beyond `room` are not written.
 template <class Store>
 std::int64_t dual_low_rank(const double *targets, const double *shifted, const double *points, const double *normals,
-                          std::int64_t m, Wavenumber k, Pairs far, double tolerance, std::int64_t room,
-                          std::int64_t *count, std::int64_t *begin, Store *rows);
+                          const std::complex<double> *single, std::int64_t m, Wavenumber k, Pairs far, double tolerance,
+                          std::int64_t room, std::int64_t *count, std::int64_t *begin, Store *rows);
 
 // out[s] = A v[s], or A^T v[s], for each of S vectors (S, M)
 template <class Store>
@@ -85,16 +85,26 @@ void dual_product(Pairs whole, const Store *blocks, Pairs far, LowRank<Store> te
                   const std::complex<typename Arithmetic<Store>::Real> *v, std::int64_t sounds, bool transposed,
                   std::complex<typename Arithmetic<Store>::Real> *out);
 
+// out[s] = A v[s], or A^T v[s], for each of a few vectors; A is (n, m)
+template <class Real>
+void few_products(const std::complex<Real> *matrix, std::int64_t n, std::int64_t m, const std::complex<Real> *vectors,
+                  std::int64_t count, bool transposed, std::complex<Real> *out);
+
 // out[i, j] = D(x_i, y_j)
 template <class Real>
 void double_layer_matrix(const double *targets, std::int64_t n, const double *sources, const double *normals,
-                         std::int64_t m, Wavenumber k, std::complex<Real> *out);
+                         const std::complex<double> *single, std::int64_t m, Wavenumber k, std::complex<Real> *out);
+
+// out[i, j] = i D(x'_i, y_j) - D(x_i, y_j), where x'_i = inside[i]
+template <class Real>
+void dual_matrix(const double *targets, const double *inside, std::int64_t n, const double *sources, const double *normals,
+                 const std::complex<double> *single, std::int64_t m, Wavenumber k, std::complex<Real> *out);
 
 // out[i, s] = sum_j D(x_i, y_j) density[j, s], over the sources farther than `least`
 template <class Real>
 void apply_double_layer(const double *targets, std::int64_t n, const double *sources, const double *normals,
-                        std::int64_t m, const std::complex<double> *density, std::int64_t sounds, Wavenumber k,
-                        double least, std::complex<double> *out);
+                        const std::complex<double> *single, std::int64_t m, const std::complex<double> *density,
+                        std::int64_t sounds, Wavenumber k, double least, std::complex<double> *out);
 
 // out[i, s] = sum_j e^{ikr}/r strength[j, s]
 template <class Real>
@@ -117,20 +127,27 @@ void normal_derivative(const double *points, const double *normals, std::int64_t
 // centre of the target's cell, or over the others, of D(x_i, y_j) density[j, s] where y_j is farther than `least`, or with
 // null normals of e^{ikr}/r density[j, s].
 void apply_in_cells(const double *targets, const std::int64_t *first, std::int64_t cells, const double *centres,
-                    double reach, bool inside, const double *sources, const double *normals, std::int64_t m,
-                    const std::complex<double> *density, std::int64_t sounds, Wavenumber k, double least,
-                    std::complex<double> *out);
+                    double reach, bool inside, const double *sources, const double *normals,
+                    const std::complex<double> *single, std::int64_t m, const std::complex<double> *density,
+                    std::int64_t sounds, Wavenumber k, double least, std::complex<double> *out);
 
 // out[i, s] = sum_abc u[i, a] v[i, b] w[i, c] table[first[i] + a steps[0] + b steps[1] + c sounds + s]
 void interpolate(const std::complex<float> *table, const std::int64_t *first, std::int64_t n, const std::int64_t *steps,
                  const float *u, std::int64_t us, const float *v, std::int64_t vs, const float *w, std::int64_t ws,
                  std::int64_t sounds, std::complex<double> *out);
 
+// x becomes sum_t factors[t] phi_t x of the sparse matrix A, with phi_0 = 1, phi_1 = A/2 and phi_(t+1) = A phi_t +
+// phi_(t-1). x: (n, width); rows: (n + 1), where the entries of each row begin
+template <class Real>
+void chebyshev_sum(const Real *values, const std::int32_t *columns, const std::int32_t *rows, std::int64_t n,
+                   const Real *factors, std::int64_t terms, Real *x, std::int64_t width);
+
 // Panels whose centre is nearer than `reach` to each target. With null outputs only counts. first: (n + 1)
 void near_pairs(const double *targets, std::int64_t n, const double *centres, const double *reach, std::int64_t panels,
                 std::int64_t *first, std::int64_t *pair_panel);
 
-// For each target the panel that is closest, the reference coordinates of its closest point and how far that is. The
+// For each target the panel that is closest, the reference coordinates of its closest point and how far that is, of those
+// nearer than `distance` says at first; infinitely far where there are none. The
 // boxes are a binary tree as a heap: box 1 holds all, box b holds boxes 2 b and 2 b + 1, box leaves + l holds panel
 // order[l].
 void closest_on_panels(const double *targets, std::int64_t n, const double *quadratic_triangles, const std::int64_t *order,
@@ -147,11 +164,12 @@ void near_integrals(bool single_layer, const double *targets, const std::int64_t
 
 // out[e, l] = correction by near panel e to the entry of its node l: the integral over it of kernel(x, y) * L_l, L_l
 // being the quadratic that is 1 at node l, less D(x, y_l) where y_l is farther than `least`. The near panels of target i are
-// pair_panel[first[i]] ... pair_panel[first[i + 1] - 1]; nodal (6, 6) holds the monomials of each L_l in its columns.
+// pair_panel[first[i]] ... pair_panel[first[i + 1] - 1]; nodal (6, 6) holds the monomials of each L_l in its columns. All of
+// a panel has the single layer of its nodes.
 template <class Real>
 void near_excess(const double *targets, std::int64_t n, const std::int64_t *first, const std::int64_t *pair_panel,
                  const double *quadratic_triangles, const double *contact, const double *sources, const double *normals,
-                 const double *nodal, Wavenumber k, double least, NearRule rule, std::complex<double> *out);
+                 const std::complex<double> *single, const double *nodal, Wavenumber k, double least, NearRule rule, std::complex<double> *out);
 
 // out[i, h] = distance of point i to the hull h of the two or three balls parts[h] (the third -1 for two), negative inside
 void hull_distances(const double *points, std::int64_t n, const double *balls, const std::int64_t *parts,

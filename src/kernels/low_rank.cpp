@@ -12,6 +12,7 @@ constexpr std::int64_t stride = 73;     // from one of them to the next: prime t
 
 template <class Real> struct Geometry {  // that the entries follow from: nodes of the columns; x and x' of each of the rows
     Planes<Real> position, normal, target, inside;
+    Strengths<Real> single;
     Wave<Real> k;
 };
 
@@ -26,29 +27,34 @@ template <class Real> struct Position {
     Position(const Planes<Real> &of, std::int64_t i) : x(of[0][i]), y(of[1][i]), z(of[2][i]) {}
 };
 
-// i D(x') - D(x) of a node at y with normal n
-template <class Real, bool Lossy>
-inline void entry(Position<Real> x, Position<Real> inside, Position<Real> y, Position<Real> n, Wave<Real> k, Real &re, Real &im) {
+// i D(x') - D(x) of a node at y with normal n, mixed with a single layer of strength p + i q
+template <class Real, bool Lossy, bool Mixed>
+inline void entry(Position<Real> x, Position<Real> inside, Position<Real> y, Position<Real> n, Real p, Real q,
+                  Wave<Real> k, Real &re, Real &im) {
     Real a, b, c, d;
-    double_layer<Real, Lossy>(y.x - inside.x, y.y - inside.y, y.z - inside.z, n.x, n.y, n.z, k, Real(0), a, b);
-    double_layer<Real, Lossy>(y.x - x.x, y.y - x.y, y.z - x.z, n.x, n.y, n.z, k, Real(0), c, d);
+    double_layer<Real, Lossy, Mixed>(y.x - inside.x, y.y - inside.y, y.z - inside.z, n.x, n.y, n.z, k, Real(0), a, b, p, q);
+    double_layer<Real, Lossy, Mixed>(y.x - x.x, y.y - x.y, y.z - x.z, n.x, n.y, n.z, k, Real(0), c, d, p, q);
     re = -c - b, im = a - d;
 }
 
 // Entries of the rows' node i with the columns' nodes from `begin` on, or of the columns' node j with those of the rows
-template <class Real, bool Lossy>
+template <class Real, bool Lossy, bool Mixed>
 void row_of(const Geometry<Real> &geometry, std::int64_t i, std::int64_t begin, std::int64_t n, Real *re, Real *im) {
     const Position<Real> x(geometry.target, i), inside(geometry.inside, i);
+    const Real *p = geometry.single.re.data(), *q = geometry.single.im.data();
 #pragma omp simd
     for (std::int64_t l = 0; l < n; l++)
-        entry<Real, Lossy>(x, inside, {geometry.position, begin + l}, {geometry.normal, begin + l}, geometry.k, re[l], im[l]);
+        entry<Real, Lossy, Mixed>(x, inside, {geometry.position, begin + l}, {geometry.normal, begin + l},
+                                  strength<Mixed>(p, begin + l), strength<Mixed>(q, begin + l), geometry.k, re[l], im[l]);
 }
-template <class Real, bool Lossy>
+template <class Real, bool Lossy, bool Mixed>
 void column_of(const Geometry<Real> &geometry, std::int64_t j, std::int64_t begin, std::int64_t n, Real *re, Real *im) {
     const Position<Real> y(geometry.position, j), normal(geometry.normal, j);
+    const Real p = strength<Mixed>(geometry.single.re.data(), j), q = strength<Mixed>(geometry.single.im.data(), j);
 #pragma omp simd
     for (std::int64_t l = 0; l < n; l++)
-        entry<Real, Lossy>({geometry.target, begin + l}, {geometry.inside, begin + l}, y, normal, geometry.k, re[l], im[l]);
+        entry<Real, Lossy, Mixed>({geometry.target, begin + l}, {geometry.inside, begin + l}, y, normal, p, q, geometry.k,
+                                  re[l], im[l]);
 }
 
 template <class Real> struct Term {  // a column and a row of the residual of the terms before it: real, then imaginary parts
@@ -90,14 +96,16 @@ template <class Real> Real square(const Real *line, std::int64_t l) {
 
 template <class Real>
 std::int64_t largest(const Real *line, std::int64_t n, const bool *passed) {  // of those not passed; -1 for none
-    std::int64_t best = -1;
-    Real most = -1;
-    for (std::int64_t l = 0; l < n; l++)
-        if (!(passed && passed[l]) && square(line, l) > most) most = square(line, best = l);
-    return best;
+    Real size[lanes], most = -1;
+#pragma omp simd
+    for (std::int64_t l = 0; l < n; l++) size[l] = square(line, l);
+    for (std::int64_t l = 0; passed && l < n; l++) size[l] = passed[l] ? Real(-1) : size[l];
+#pragma omp simd reduction(max : most)
+    for (std::int64_t l = 0; l < n; l++) most = size[l] > most ? size[l] : most;
+    return most < 0 ? -1 : std::find(size, size + n, most) - size;
 }
 
-template <class Real, bool Lossy>
+template <class Real, bool Lossy, bool Mixed>
 void approximate(const Geometry<Real> &geometry, std::int64_t rows, std::int64_t columns, std::int64_t m, Real tolerance,
            std::vector<Term<Real>> &terms, std::int64_t &count) {
     const std::int64_t top = lanes * rows, left = lanes * columns;
@@ -110,9 +118,10 @@ void approximate(const Geometry<Real> &geometry, std::int64_t rows, std::int64_t
         if (std::int64_t(terms.size()) <= count) terms.emplace_back();
         Term<Real> &next = terms[count];
         std::fill(next.row, next.row + 2 * lanes, Real(0));
-        row_of<Real, Lossy>(geometry, top + i, left, width, next.row, next.row + lanes);
+        row_of<Real, Lossy, Mixed>(geometry, top + i, left, width, next.row, next.row + lanes);
         subtract_all(terms, count, &Term<Real>::row, &Term<Real>::column, i, next.row);
         Real sum = 0;
+#pragma omp simd reduction(+ : sum)
         for (std::int64_t l = 0; l < width; l++) sum += square(next.row, l);
         if (sum * Real(height) <= tolerance * tolerance) {
             passed++;
@@ -122,7 +131,7 @@ void approximate(const Geometry<Real> &geometry, std::int64_t rows, std::int64_t
         passed = 0;
         const std::int64_t j = largest(next.row, width, static_cast<const bool *>(nullptr));
         std::fill(next.column, next.column + 2 * lanes, Real(0));
-        column_of<Real, Lossy>(geometry, left + j, top, height, next.column, next.column + lanes);
+        column_of<Real, Lossy, Mixed>(geometry, left + j, top, height, next.column, next.column + lanes);
         subtract_all(terms, count, &Term<Real>::column, &Term<Real>::row, j, next.column);
         const Real size = square(next.row, j), p = next.row[j] / size, q = -next.row[lanes + j] / size;
         for (std::int64_t l = 0; l < width; l++) {
@@ -134,9 +143,9 @@ void approximate(const Geometry<Real> &geometry, std::int64_t rows, std::int64_t
     }
 }
 
-template <class Store, bool Lossy>
+template <class Store, bool Lossy, bool Mixed>
 std::int64_t all_low_rank(const double *targets, const double *shifted, const double *points, const double *normals,
-                         std::int64_t m, Wavenumber wavenumber, const Pairs &far, double tolerance, std::int64_t room,
+                         const std::complex<double> *single, std::int64_t m, Wavenumber wavenumber, const Pairs &far, double tolerance, std::int64_t room,
                          std::int64_t *count, std::int64_t *begin, Store *out) {
     using Real = typename Arithmetic<Store>::Real;
     const double zero[3] = {0, 0, 0};
@@ -144,7 +153,7 @@ std::int64_t all_low_rank(const double *targets, const double *shifted, const do
     const std::vector<double> inside = spread(shifted, m);
     const Geometry<Real> geometry{Planes<Real>(points, m, origin.at), Planes<Real>(normals, m, zero),
                           Planes<Real>(targets, m, origin.at), Planes<Real>(inside.data(), m, origin.at),
-                          Wave<Real>(wavenumber)};
+                          Strengths<Real>(single, m), Wave<Real>(wavenumber)};
     std::int64_t taken = 0;
 #pragma omp parallel
     {
@@ -152,7 +161,7 @@ std::int64_t all_low_rank(const double *targets, const double *shifted, const do
 #pragma omp for schedule(dynamic, 1)
         for (std::int64_t t = 0; t < far.blocks; t++)
             for (std::int64_t e = far.first[t]; e < far.first[t + 1]; e++) {
-                approximate<Real, Lossy>(geometry, t, far.column[e], m, Real(tolerance), terms, count[e]);
+                approximate<Real, Lossy, Mixed>(geometry, t, far.column[e], m, Real(tolerance), terms, count[e]);
                 std::int64_t at;
 #pragma omp atomic capture
                 {
@@ -175,15 +184,17 @@ std::int64_t all_low_rank(const double *targets, const double *shifted, const do
 
 template <class Store>
 std::int64_t dual_low_rank(const double *targets, const double *shifted, const double *points, const double *normals,
-                          std::int64_t m, Wavenumber k, Pairs far, double tolerance, std::int64_t room,
-                          std::int64_t *count, std::int64_t *begin, Store *rows) {
-    return (k.imag > 0 ? all_low_rank<Store, true> : all_low_rank<Store, false>)(
-        targets, shifted, points, normals, m, k, far, tolerance, room, count, begin, rows);
+                          const std::complex<double> *single, std::int64_t m, Wavenumber k, Pairs far, double tolerance,
+                          std::int64_t room, std::int64_t *count, std::int64_t *begin, Store *rows) {
+    return (single       ? all_low_rank<Store, true, true>
+            : k.imag > 0 ? all_low_rank<Store, true, false>
+                         : all_low_rank<Store, false, false>)(targets, shifted, points, normals, single, m, k, far,
+                                                              tolerance, room, count, begin, rows);
 }
 
 #define AIRTACT_LOW_RANK(Store)                                                                                        \
     template std::int64_t dual_low_rank<Store>(const double *, const double *, const double *, const double *,         \
-                                              std::int64_t, Wavenumber, Pairs, double, std::int64_t, std::int64_t *,   \
+                                              const std::complex<double> *, std::int64_t, Wavenumber, Pairs, double, std::int64_t, std::int64_t *,   \
                                               std::int64_t *, Store *);
 AIRTACT_LOW_RANK(std::uint32_t)
 AIRTACT_LOW_RANK(float)

@@ -29,9 +29,12 @@ using namespace airtact;
 
 template <class Real> struct Far {
     decltype(&baseline::double_layer_matrix<Real>) double_layer_matrix;
+    decltype(&baseline::dual_matrix<Real>) dual_matrix;
+    decltype(&baseline::few_products<Real>) few_products;
     decltype(&baseline::apply_double_layer<Real>) apply_double_layer;
     decltype(&baseline::apply_monopoles<Real>) apply_monopoles;
     decltype(&baseline::near_excess<Real>) near_excess;
+    decltype(&baseline::chebyshev_sum<Real>) chebyshev_sum;
 };
 
 template <class Store> struct Dual {
@@ -62,8 +65,9 @@ struct Variant {
 };
 
 #define AIRTACT_FAR(v, Real)                                                                                         \
-    { &v::double_layer_matrix<Real>, &v::apply_double_layer<Real>, &v::apply_monopoles<Real>,           \
-      &v::near_excess<Real> }
+    { &v::double_layer_matrix<Real>, &v::dual_matrix<Real>, &v::few_products<Real>, &v::apply_double_layer<Real>,     \
+      &v::apply_monopoles<Real>,                                                                                      \
+      &v::near_excess<Real>, &v::chebyshev_sum<Real> }
 #define AIRTACT_DUAL(v, Store)                                                                                       \
     Dual<Store> { &v::dual_blocks<Store>, &v::dual_low_rank<Store>, &v::dual_product<Store> }
 #define AIRTACT_TABLE(v)                                                                                             \
@@ -106,6 +110,14 @@ using Complex = std::complex<double>;
 
 static void same(std::size_t a, std::size_t b) {
     if (a != b) throw nb::value_error("arrays of different lengths");
+}
+
+using Single = Read<Complex, -1>;
+
+static const Complex *single_of(Single given, std::size_t nodes) {  // none if empty
+    if (given.shape(0) == 0) return nullptr;
+    same(given.shape(0), nodes);
+    return given.data();
 }
 
 static Wavenumber wave(Complex k) { return {k.real(), k.imag()}; }
@@ -156,7 +168,7 @@ static void all_in(const NearRows &near, std::size_t targets, std::int64_t each,
 }
 
 template <class Store>
-void dual_blocks(Points x, Points x2, Points y, Points a, Complex k, double diagonal, Index first, Index panel, Near excess,
+void dual_blocks(Points x, Points x2, Points y, Points a, Single single, Complex k, double diagonal, Index first, Index panel, Near excess,
                 Index first_shifted, Index panel_shifted, Near excess_shifted, Index whole_first, Index whole_column,
                 Blocks<Store> out) {
     const std::size_t m = y.shape(0);
@@ -166,23 +178,25 @@ void dual_blocks(Points x, Points x2, Points y, Points a, Complex k, double diag
     const NearRows near = near_rows(x, m, first, panel, excess);
     const NearRows near_shifted = near_rows(x2, m, first_shifted, panel_shifted, excess_shifted);
     all_in(near, m, 1, whole), all_in(near_shifted, m / sharing, sharing, whole);
+    const Complex *of = single_of(single, m);
     nb::gil_scoped_release release;
     std::get<Dual<Store>>(active->dual)
-        .blocks(x.data(), x2.data(), y.data(), a.data(), std::int64_t(m), wave(k), diagonal, near, near_shifted, whole,
+        .blocks(x.data(), x2.data(), y.data(), a.data(), of, std::int64_t(m), wave(k), diagonal, near, near_shifted, whole,
                 out.data());
 }
 
 template <class Store>
-std::int64_t dual_low_rank(Points x, Points x2, Points y, Points a, Complex k, Index far_first, Index far_column,
+std::int64_t dual_low_rank(Points x, Points x2, Points y, Points a, Single single, Complex k, Index far_first, Index far_column,
                           double tolerance, Write<std::int64_t, -1> count, Write<std::int64_t, -1> begin,
                           Rows<Store> out) {
     const std::size_t m = y.shape(0);
     same(m, x.shape(0)), same(m, sharing * x2.shape(0)), same(m, a.shape(0));
     const Pairs far = pairs(far_first, far_column, m);
+    const Complex *of = single_of(single, m);
     same(count.shape(0), far_column.shape(0)), same(begin.shape(0), far_column.shape(0));
     nb::gil_scoped_release release;
     return std::get<Dual<Store>>(active->dual)
-        .terms(x.data(), x2.data(), y.data(), a.data(), std::int64_t(m), wave(k), far, tolerance,
+        .terms(x.data(), x2.data(), y.data(), a.data(), of, std::int64_t(m), wave(k), far, tolerance,
                  std::int64_t(out.shape(0)), count.data(), begin.data(), out.data());
 }
 
@@ -207,19 +221,40 @@ void product(Index whole_first, Index whole_column, Blocks<const Store> blocks, 
 }
 
 template <class Real>
-void layer_matrix(Points x, Points y, Points a, Complex k, Write<std::complex<Real>, -1, -1> out) {
+void layer_matrix(Points x, Points y, Points a, Single single, Complex k, Write<std::complex<Real>, -1, -1> out) {
     same(y.shape(0), a.shape(0)), same(out.shape(0), x.shape(0)), same(out.shape(1), y.shape(0));
+    const Complex *of = single_of(single, y.shape(0));
     nb::gil_scoped_release release;
-    far<Real>().double_layer_matrix(x.data(), x.shape(0), y.data(), a.data(), y.shape(0), wave(k), out.data());
+    far<Real>().double_layer_matrix(x.data(), x.shape(0), y.data(), a.data(), of, y.shape(0), wave(k), out.data());
 }
 
 template <class Real>
-void layer(Points x, Points y, Points a, Read<Complex, -1, -1> density, Complex k, double least,
+void both_layers(Points x, Points x2, Points y, Points a, Single single, Complex k, Write<std::complex<Real>, -1, -1> out) {
+    same(x.shape(0), x2.shape(0)), same(y.shape(0), a.shape(0));
+    same(out.shape(0), x.shape(0)), same(out.shape(1), y.shape(0));
+    const Complex *of = single_of(single, y.shape(0));
+    nb::gil_scoped_release release;
+    far<Real>().dual_matrix(x.data(), x2.data(), x.shape(0), y.data(), a.data(), of, y.shape(0), wave(k), out.data());
+}
+
+template <class Real>
+void few(Read<std::complex<Real>, -1, -1> matrix, Read<std::complex<Real>, -1, -1> vectors, bool transposed,
+         Write<std::complex<Real>, -1, -1> out) {
+    same(vectors.shape(0), out.shape(0));
+    same(vectors.shape(1), matrix.shape(transposed ? 0 : 1)), same(out.shape(1), matrix.shape(transposed ? 1 : 0));
+    nb::gil_scoped_release release;
+    far<Real>().few_products(matrix.data(), matrix.shape(0), matrix.shape(1), vectors.data(), vectors.shape(0), transposed,
+                             out.data());
+}
+
+template <class Real>
+void layer(Points x, Points y, Points a, Single single, Read<Complex, -1, -1> density, Complex k, double least,
            Write<Complex, -1, -1> out) {
     same(y.shape(0), a.shape(0)), same(density.shape(0), y.shape(0));
     same(out.shape(0), x.shape(0)), same(out.shape(1), density.shape(1));
+    const Complex *of = single_of(single, y.shape(0));
     nb::gil_scoped_release release;
-    far<Real>().apply_double_layer(x.data(), x.shape(0), y.data(), a.data(), y.shape(0), density.data(), density.shape(1),
+    far<Real>().apply_double_layer(x.data(), x.shape(0), y.data(), a.data(), of, y.shape(0), density.data(), density.shape(1),
                              wave(k), least, out.data());
 }
 
@@ -251,16 +286,17 @@ static void along_normals(Points x, Points a, Points y, Read<Complex, -1, -1> st
 }
 
 static void in_cells(Points x, Index first, Points centres, double reach, bool inside, Points y, std::optional<Points> a,
-              Read<Complex, -1, -1> density, Complex k, double least, Write<Complex, -1, -1> out) {
+              Single single, Read<Complex, -1, -1> density, Complex k, double least, Write<Complex, -1, -1> out) {
     const std::int64_t cells = std::int64_t(centres.shape(0));
     same(first.shape(0), centres.shape(0) + 1), same(density.shape(0), y.shape(0));
     same(out.shape(0), x.shape(0)), same(out.shape(1), density.shape(1)), same(a ? a->shape(0) : y.shape(0), y.shape(0));
     for (std::int64_t c = 0; c < cells; c++)
         if (first.data()[c] > first.data()[c + 1]) throw nb::index_error("a cell ends before it begins");
     same(first.data()[0], 0), same(std::size_t(first.data()[cells]), x.shape(0));
+    const Complex *of = single_of(single, y.shape(0));
     nb::gil_scoped_release release;
     active->apply_in_cells(x.data(), first.data(), cells, centres.data(), reach, inside, y.data(),
-                           a ? a->data() : nullptr, y.shape(0), density.data(), density.shape(1), wave(k), least,
+                           a ? a->data() : nullptr, of, y.shape(0), density.data(), density.shape(1), wave(k), least,
                            out.data());
 }
 
@@ -277,6 +313,23 @@ static void interpolated(Read<std::complex<float>, -1> table, Index first, Read<
     nb::gil_scoped_release release;
     active->interpolate(table.data(), first.data(), n, steps.data(), u.data(), u.shape(1), v.data(), v.shape(1), w.data(),
                         w.shape(1), sounds, out.data());
+}
+
+template <class Real>
+static void chebyshev(Read<Real, -1> values, Read<std::int32_t, -1> columns, Read<std::int32_t, -1> rows,
+                      Read<Real, -1> factors, Write<Real, -1, -1> x) {
+    const std::size_t n = x.shape(0);
+    const std::int32_t *ends = rows.data();
+    same(columns.shape(0), values.shape(0)), same(rows.shape(0), n + 1);
+    if (!factors.shape(0)) throw nb::value_error("a sum of no terms");
+    bool right = ends[0] == 0 && std::size_t(ends[n]) == values.shape(0);
+    for (std::size_t i = 0; i < n; i++) right = right && ends[i] <= ends[i + 1];
+    for (std::size_t e = 0; e < values.shape(0); e++)
+        right = right && columns.data()[e] >= 0 && std::size_t(columns.data()[e]) < n;
+    if (!right) throw nb::index_error("an entry lies beyond the matrix");
+    nb::gil_scoped_release release;
+    far<Real>().chebyshev_sum(values.data(), columns.data(), ends, n, factors.data(), factors.shape(0), x.data(),
+                                       x.shape(1));
 }
 
 static void count_near(Points x, Points centres, Line reach, Write<std::int64_t, -1> first) {
@@ -309,16 +362,17 @@ static void near(bool single_layer, Points targets, Index pair_target, Index pai
 
 template <class Real>
 void excess(Points targets, Index first, Index panel, Read<double, -1, 6, 3> panels, Line contact, Points sources,
-            Points normals, Read<double, 6, 6> nodal, Complex k, double least, Line nodes, Line weights, int largest,
+            Points normals, Single single, Read<double, 6, 6> nodal, Complex k, double least, Line nodes, Line weights, int largest,
             int angular, int radial, Write<Complex, -1, 6> out) {
     same(first.shape(0), targets.shape(0) + 1), same(panel.shape(0), out.shape(0));
     same(panel.shape(0), std::size_t(first.data()[targets.shape(0)]));
     same(panels.shape(0), contact.shape(0)), same(6 * panels.shape(0), sources.shape(0));
     same(sources.shape(0), normals.shape(0)), same(nodes.shape(0), std::size_t(largest * (largest + 1) / 2));
     same(nodes.shape(0), weights.shape(0));
+    const Complex *of = single_of(single, sources.shape(0));
     nb::gil_scoped_release release;
     far<Real>().near_excess(targets.data(), targets.shape(0), first.data(), panel.data(), panels.data(), contact.data(),
-                            sources.data(), normals.data(), nodal.data(), wave(k), least,
+                            sources.data(), normals.data(), of, nodal.data(), wave(k), least,
                             {nodes.data(), weights.data(), largest, angular, radial}, out.data());
 }
 
@@ -461,6 +515,10 @@ NB_MODULE(_kernels, m) {
     m.def("dual_product_float64", &product<double>);
     m.def("double_layer_matrix_float32", &layer_matrix<float>);
     m.def("double_layer_matrix_float64", &layer_matrix<double>);
+    m.def("dual_matrix_float32", &both_layers<float>);
+    m.def("dual_matrix_float64", &both_layers<double>);
+    m.def("few_products_float32", &few<float>);
+    m.def("few_products_float64", &few<double>);
     m.def("apply_double_layer_float32", &layer<float>);
     m.def("apply_double_layer_float64", &layer<double>);
     m.def("apply_monopoles_float32", &monopoles<float>);
@@ -468,11 +526,13 @@ NB_MODULE(_kernels, m) {
     m.def("surface_integral", &whole_surface);
     m.def("normal_derivative", &along_normals);
     m.def("apply_in_cells", &in_cells, nb::arg("targets"), nb::arg("first"), nb::arg("centres"), nb::arg("reach"),
-          nb::arg("inside"), nb::arg("sources"), nb::arg("normals").none(), nb::arg("density"), nb::arg("wavenumber"),
+          nb::arg("inside"), nb::arg("sources"), nb::arg("normals").none(), nb::arg("single"), nb::arg("density"), nb::arg("wavenumber"),
           nb::arg("least"), nb::arg("out"));
     m.def("near_excess_float32", &excess<float>);
     m.def("near_excess_float64", &excess<double>);
     m.def("interpolate", &interpolated);
+    m.def("chebyshev_sum_float32", &chebyshev<float>);
+    m.def("chebyshev_sum_float64", &chebyshev<double>);
     m.def("count_near", &count_near);
     m.def("list_near", &list_near);
     m.def("closest_on_panels", &closest);

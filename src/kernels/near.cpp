@@ -11,12 +11,18 @@ namespace AIRTACT_VARIANT {
 namespace {
 
 constexpr int most_points = 512;
+constexpr int some = 16;         // pairs at once, which hides the latency of each step
+constexpr int vector = 16;       // numbers of whole vectors: what is left over is slow
+
+constexpr int largest_rule = 40;
+
+constexpr int whole(int count) { return (count + vector - 1) / vector * vector; }
 
 struct GaussRule {
     const double *nodes, *weights;
     int n;
     GaussRule(const NearRule &rule, int points) {
-        n = std::max(1, std::min<int>(points, int(rule.largest)));
+        n = std::max(1, std::min({points, int(rule.largest), largest_rule}));
         nodes = rule.nodes + (n * (n - 1)) / 2;
         weights = rule.weights + (n * (n - 1)) / 2;
     }
@@ -33,19 +39,21 @@ template <class Real> struct Points {
     int n = 0;
 };
 
+enum class Kernel { Double, Single, Mixed };  // layers; mixed, the double layer and a single one of a given strength
+
 // Adds kernel * monomials at the collected points, and forgets them
-template <bool SingleLayer, class Real>
-void add_points(const Patch &patch, const double *reference, bool stretched, Points<Real> &points, Wave<Real> k,
-                Moments &sum) {
+template <Kernel kernel, class Real>
+void add_points(const Patches<some> &patches, int pair, double u, double v, bool stretched, Points<Real> &points,
+                Wave<Real> k, std::complex<double> strength, Moments &sum) {
     Real us[most_points], vs[most_points], re[most_points], im[most_points], c[6][3];
     for (int m = 0; m < 6; m++)
-        for (int d = 0; d < 3; d++) c[m][d] = Real(patch.c[m][d]);
+        for (int d = 0; d < 3; d++) c[m][d] = Real(patches.c[m][d][pair]);
     int n = points.n;
-    for (; n % 16; n++) {  // whole vectors: what is left over is slow
+    for (; n % vector; n++) {
         points.along[n] = points.scale[n] = Real(0.5);
         points.ray_u[n] = points.ray_v[n] = points.weight[n] = 0;
     }
-    const Real at_u = Real(reference[0]), at_v = Real(reference[1]);
+    const Real at_u = Real(u), at_v = Real(v), p = Real(strength.real()), q = Real(strength.imag());
     Real *const along = points.along, *const weights = points.weight;
     const Real *const scales = points.scale, *const ray_u = points.ray_u, *const ray_v = points.ray_v;
     if (stretched) {
@@ -74,7 +82,7 @@ void add_points(const Patch &patch, const double *reference, bool stretched, Poi
         const Real loss = decay(k.imag * distance) * inverse * weight * Real(1 / (4 * pi));
         Real sine, cosine;
         sincospi(k.half_waves * distance, sine, cosine);
-        if (SingleLayer) {
+        if (kernel == Kernel::Single) {
             const Real g = loss * std::sqrt(n0 * n0 + n1 * n1 + n2 * n2);
             re[i] = g * cosine;
             im[i] = g * sine;
@@ -83,6 +91,11 @@ void add_points(const Patch &patch, const double *reference, bool stretched, Poi
             const Real kr = k.real * distance, one = 1 + k.imag * distance;
             re[i] = -g * (one * cosine + kr * sine);
             im[i] = g * (kr * cosine - one * sine);
+        }
+        if (kernel == Kernel::Mixed) {
+            const Real g = loss * std::sqrt(n0 * n0 + n1 * n1 + n2 * n2);
+            re[i] += g * (p * cosine - q * sine);
+            im[i] += g * (p * sine + q * cosine);
         }
     }
     Real m0 = 0, m1 = 0, m2 = 0, m3 = 0, m4 = 0, m5 = 0, l0 = 0, l1 = 0, l2 = 0, l3 = 0, l4 = 0, l5 = 0;
@@ -98,107 +111,150 @@ void add_points(const Patch &patch, const double *reference, bool stretched, Poi
 }
 
 // asinh, no more exact than its use here needs
-template <class Real> Real inverse_sinh(Real x) {
+template <class Real> inline Real inverse_sinh(Real x) {
     const Real size = std::abs(x), value = logarithm(size + std::sqrt(size * size + 1));
     const Real exact = size < Real(1e-3) ? size * (1 - size * size / 6) : value;
     return x < 0 ? -exact : exact;
 }
 
-// Rays from the closest point to the edges, before and after the stretching of their angle
-template <class Real> struct Rays {
-    static constexpr int most = 128;  // three rules of at most 40 points, in whole vectors
-    Real t[most], weight[most], centre[most], wide[most], length2[most], high2[most], along_u[most], along_v[most];
-    Real u[most], v[most], scale[most], stretch[most];
-    int n = 0;
-};
+// Pairs of a panel and a target: where it touches or comes closest, the tangents there, and how far that is
+template <class Real> struct Group {
+    Patches<some> patches;
+    Closest<some> closest;
+    double a[3][some], b[3][some];
+    double contact[some], distance[some], height[some];
+    std::complex<double> strength[some];
+    bool stretched[some];
+    int count = 0;
 
-// Those of one of the three triangles between the closest point and an edge
-template <class Real>
-void add_triangle(const double *reference, double distance, const double *a, const double *b, int edge, const NearRule &rule,
-                  Rays<Real> &rays) {
-    const double from[2] = {corner[edge][0] - reference[0], corner[edge][1] - reference[1]};
-    const double along[2] = {corner[edge + 1][0] - corner[edge][0], corner[edge + 1][1] - corner[edge][1]};
-    const double jacobian = from[0] * along[1] - from[1] * along[0];
-    if (jacobian < 1e-10) return;  // the closest point is on this edge
-    double start[3], run[3];
-    for (int d = 0; d < 3; d++) {
-        start[d] = a[d] * from[0] + b[d] * from[1];
-        run[d] = a[d] * along[0] + b[d] * along[1];
+    void put(const double *quadratic_triangles, const double *target, double within, std::complex<double> mixed) {
+        patches.put(count, quadratic_triangles, target);
+        contact[count] = within, strength[count] = mixed;
+        count++;
     }
-    const double length2 = dot(run, run), middle = -dot(start, run) / length2;
-    const double cross[3] = {start[1] * run[2] - start[2] * run[1], start[2] * run[0] - start[0] * run[2],
-                             start[0] * run[1] - start[1] * run[0]};
-    const double height2 = dot(cross, cross) / length2;  // no difference of squares: it may be tiny
-    const double width = std::sqrt((height2 + distance * distance) / length2);
-    const Real t0 = inverse_sinh(Real(-middle / width)), t1 = inverse_sinh(Real((1 - middle) / width));
-    const GaussRule angular(rule, int(Real(rule.angular) * (1 + (t1 - t0) / 6)));
-    const Real centre = Real(middle), wide = Real(width), area = (t1 - t0) * Real(width * jacobian);
-    for (int i = 0; i < angular.n; i++, rays.n++) {
-        rays.t[rays.n] = t0 + Real(angular.nodes[i]) * (t1 - t0);
-        rays.weight[rays.n] = Real(angular.weights[i]) * area;
-        rays.centre[rays.n] = centre, rays.wide[rays.n] = wide;
-        rays.length2[rays.n] = Real(length2), rays.high2[rays.n] = Real(height2);
-        rays.u[rays.n] = Real(from[0]), rays.v[rays.n] = Real(from[1]);
-        rays.along_u[rays.n] = Real(along[0]), rays.along_v[rays.n] = Real(along[1]);
-    }
-}
-
-template <bool Stretched, class Real> void stretch(Rays<Real> &rays, Real distance) {
-    constexpr int vector = 16;  // whole ones: what is left over is slow
-    for (int n = rays.n; n % vector; n++) {
-        rays.t[n] = rays.weight[n] = rays.centre[n] = rays.u[n] = rays.v[n] = rays.along_u[n] = rays.along_v[n] = 0;
-        rays.wide[n] = rays.length2[n] = rays.high2[n] = 1;
-    }
-    const int n = (rays.n + vector - 1) / vector * vector;
-    const Real *const t = rays.t, *const wide = rays.wide, *const centre = rays.centre, *const length2 = rays.length2;
-    const Real *const high2 = rays.high2, *const along_u = rays.along_u, *const along_v = rays.along_v;
-    Real *const u = rays.u, *const v = rays.v, *const weight = rays.weight;
-    Real *const scales = rays.scale, *const stretches = rays.stretch;
-#pragma omp simd
-    for (int i = 0; i < n; i++) {
-        const Real shrunk = decay(std::abs(t[i])), grown = 1 / shrunk, half = Real(0.5) * wide[i];
-        const Real off = std::copysign(half * (grown - shrunk), t[i]), h = centre[i] + off;
-        weight[i] *= Real(0.5) * (grown + shrunk);
-        u[i] += h * along_u[i], v[i] += h * along_v[i];
-        if (!Stretched) continue;
-        const Real inverse = std::sqrt(high2[i] + off * off * length2[i]) / distance;
-        const Real by = logarithm(inverse + std::sqrt(inverse * inverse + 1));  // its asinh, of 1 or more
-        weight[i] *= by, scales[i] = 1 / inverse, stretches[i] = by;
-    }
-    if (!Stretched) std::fill(scales, scales + n, Real(1)), std::fill(stretches, stretches + n, Real(1));
-}
-
-template <bool SingleLayer, class Real>
-Moments one_pair(const double *quadratic_triangles, const double *target, double contact, Wavenumber wavenumber,
-                 const NearRule &rule, double *distance, double *reference) {
-    Patch patch(quadratic_triangles, target);
-    *distance = std::sqrt(closest_point(patch, reference));
-    double x[3], a[3], b[3], height = *distance;
-    patch.at(reference[0], reference[1], x, a, b);
-    if (height < contact) {  // the target counts as on the panel: the principal value at its closest point
-        for (int d = 0; d < 3; d++) patch.c[0][d] -= x[d];
-        height = 0;
-    }
-    const double size = std::sqrt(std::max(dot(a, a), dot(b, b)));
-    const bool stretched = height > 1e-9 * size;
-    const Wave<Real> k(wavenumber);
-    Moments sum;
-    Points<Real> points;
-    Rays<Real> rays;
-    for (int edge = 0; edge < 3; edge++) add_triangle(reference, height, a, b, edge, rule, rays);
-    (stretched ? stretch<true, Real> : stretch<false, Real>)(rays, Real(height));
-    for (int i = 0; i < rays.n; i++) {
-        const GaussRule radial(rule, int(Real(rule.radial) * (stretched ? 1 + Real(0.5) * rays.stretch[i] : Real(1))));
-        if (points.n + radial.n > most_points) add_points<SingleLayer>(patch, reference, stretched, points, k, sum);
-        for (int l = 0; l < radial.n; l++, points.n++) {
-            points.along[points.n] = Real(radial.nodes[l]) * rays.stretch[i];
-            points.ray_u[points.n] = rays.u[i], points.ray_v[points.n] = rays.v[i];
-            points.scale[points.n] = rays.scale[i];
-            points.weight[points.n] = rays.weight[i] * Real(radial.weights[l]);
+    void find_closest() {
+        for (int l = count; l < some; l++)  // the rest repeats the first one
+            for (int m = 0; m < 6; m++)
+                for (int d = 0; d < 3; d++) patches.c[m][d][l] = patches.c[m][d][0];
+        closest_points(patches, closest);
+        for (int l = count; l < some; l++) contact[l] = contact[0];
+        for (int l = 0; l < some; l++) {
+            const double u = closest.u[l], v = closest.v[l];
+            double aa = 0, bb = 0;
+            distance[l] = height[l] = std::sqrt(closest.squared[l]);
+            if (distance[l] < contact[l]) height[l] = 0;  // it counts as on the panel: the principal value where it is closest
+            for (int d = 0; d < 3; d++) {
+                a[d][l] = patches.rise_u(d, l, u, v), b[d][l] = patches.rise_v(d, l, u, v);
+                aa += a[d][l] * a[d][l], bb += b[d][l] * b[d][l];
+                if (distance[l] < contact[l]) patches.c[0][d][l] -= patches.along(d, l, u, v);
+            }
+            stretched[l] = height[l] > 1e-9 * std::sqrt(std::max(aa, bb));
         }
     }
-    add_points<SingleLayer>(patch, reference, stretched, points, k, sum);
-    return sum;
+};
+
+// The triangles between the closest points and the edges: reference coordinates of the edges' ends, seen from there
+template <class Real> struct Triangles {
+    Real t0[3][some], t1[3][some], middle[3][some], width[3][some], area[3][some], length2[3][some], high2[3][some];
+    Real u[3][some], v[3][some];
+
+    explicit Triangles(const Group<Real> &group) {
+        for (int edge = 0; edge < 3; edge++) {
+            const double du = corner[edge + 1][0] - corner[edge][0], dv = corner[edge + 1][1] - corner[edge][1];
+            const auto &a = group.a, &b = group.b;
+#pragma omp simd
+            for (int l = 0; l < some; l++) {
+                const double p = corner[edge][0] - group.closest.u[l], q = corner[edge][1] - group.closest.v[l];
+                const double s0 = a[0][l] * p + b[0][l] * q, s1 = a[1][l] * p + b[1][l] * q, s2 = a[2][l] * p + b[2][l] * q;
+                const double r0 = a[0][l] * du + b[0][l] * dv, r1 = a[1][l] * du + b[1][l] * dv, r2 = a[2][l] * du + b[2][l] * dv;
+                const double c0 = s1 * r2 - s2 * r1, c1 = s2 * r0 - s0 * r2, c2 = s0 * r1 - s1 * r0;
+                const double square = dot(r0, r1, r2, r0, r1, r2), foot = -dot(s0, s1, s2, r0, r1, r2) / square;
+                const double height2 = dot(c0, c1, c2, c0, c1, c2) / square;  // no difference of squares: it may be tiny
+                const double wide = std::sqrt((height2 + group.height[l] * group.height[l]) / square);
+                t0[edge][l] = inverse_sinh(Real(-foot / wide)), t1[edge][l] = inverse_sinh(Real((1 - foot) / wide));
+                middle[edge][l] = Real(foot), width[edge][l] = Real(wide), area[edge][l] = Real(p * dv - q * du);
+                length2[edge][l] = Real(square), high2[edge][l] = Real(height2);
+                u[edge][l] = Real(p), v[edge][l] = Real(q);
+            }
+        }
+    }
+};
+
+// Rays from the closest points to the edges, before and after the stretching of their angle; those of a pair follow each
+// other
+template <class Real> struct Rays {
+    static constexpr int most = whole(3 * some * largest_rule);
+    Real t[most], weight[most], centre[most], wide[most], length2[most], high2[most], along_u[most], along_v[most];
+    Real u[most], v[most], inverse[most], scale[most], stretch[most];
+    int begin[some + 1];
+
+    Rays(const Group<Real> &group, const NearRule &rule) {
+        const Triangles<Real> of(group);
+        int n = 0;
+        for (int l = 0; l < group.count; l++) {
+            begin[l] = n;
+            for (int e = 0; e < 3; e++) {
+                if (of.area[e][l] < Real(1e-10)) continue;  // the closest point is on this edge
+                const Real start = of.t0[e][l], range = of.t1[e][l] - start, area = range * of.width[e][l] * of.area[e][l];
+                const GaussRule angular(rule, int(Real(rule.angular) * (1 + range / 6)));
+                for (int i = 0; i < angular.n; i++, n++) {
+                    t[n] = start + Real(angular.nodes[i]) * range;
+                    weight[n] = Real(angular.weights[i]) * area;
+                    centre[n] = of.middle[e][l], wide[n] = of.width[e][l];
+                    length2[n] = of.length2[e][l], high2[n] = of.high2[e][l];
+                    u[n] = of.u[e][l], v[n] = of.v[e][l];
+                    along_u[n] = Real(corner[e + 1][0] - corner[e][0]), along_v[n] = Real(corner[e + 1][1] - corner[e][1]);
+                    inverse[n] = group.stretched[l] ? Real(1 / group.height[l]) : Real(0);
+                }
+            }
+        }
+        begin[group.count] = n;
+        for (; n % vector; n++) {
+            t[n] = weight[n] = centre[n] = u[n] = v[n] = along_u[n] = along_v[n] = inverse[n] = 0;
+            wide[n] = length2[n] = high2[n] = 1;
+        }
+        stretch_angles(n);
+    }
+
+  private:
+    void stretch_angles(int n) {
+#pragma omp simd
+        for (int i = 0; i < n; i++) {
+            const Real shrunk = decay(std::abs(t[i])), grown = 1 / shrunk, half = Real(0.5) * wide[i];
+            const Real off = std::copysign(half * (grown - shrunk), t[i]), h = centre[i] + off;
+            const Real far_off = std::sqrt(high2[i] + off * off * length2[i]) * inverse[i];
+            const Real by = logarithm(far_off + std::sqrt(far_off * far_off + 1));  // its asinh, of 1 or more
+            const bool stretched = inverse[i] > 0;
+            u[i] += h * along_u[i], v[i] += h * along_v[i];
+            weight[i] *= Real(0.5) * (grown + shrunk) * (stretched ? by : Real(1));
+            scale[i] = 1 / (stretched ? far_off : Real(1)), stretch[i] = stretched ? by : Real(1);
+        }
+    }
+};
+
+// Integrals over the panel of each pair of kernel times monomials
+template <Kernel kernel, class Real>
+void integrate(Group<Real> &group, Wave<Real> k, const NearRule &rule, Moments *sums) {
+    group.find_closest();
+    const Rays<Real> rays(group, rule);
+    Points<Real> points;
+    for (int pair = 0; pair < group.count; pair++) {
+        const bool stretched = group.stretched[pair];
+        const double u = group.closest.u[pair], v = group.closest.v[pair];
+        sums[pair] = Moments();
+        for (int i = rays.begin[pair]; i < rays.begin[pair + 1]; i++) {
+            const GaussRule radial(rule, int(Real(rule.radial) * (stretched ? 1 + Real(0.5) * rays.stretch[i] : Real(1))));
+            if (points.n + radial.n > most_points)
+                add_points<kernel>(group.patches, pair, u, v, stretched, points, k, group.strength[pair], sums[pair]);
+            for (int l = 0; l < radial.n; l++, points.n++) {
+                points.along[points.n] = Real(radial.nodes[l]) * rays.stretch[i];
+                points.ray_u[points.n] = rays.u[i], points.ray_v[points.n] = rays.v[i];
+                points.scale[points.n] = rays.scale[i];
+                points.weight[points.n] = rays.weight[i] * Real(radial.weights[l]);
+            }
+        }
+        add_points<kernel>(group.patches, pair, u, v, stretched, points, k, group.strength[pair], sums[pair]);
+    }
 }
 
 }  // namespace
@@ -207,54 +263,107 @@ void near_integrals(bool single_layer, const double *targets, const std::int64_t
                     const std::int64_t *pair_panel, std::int64_t pairs, const double *quadratic_triangles,
                     const double *contact, Wavenumber k, NearRule rule,
                     std::complex<double> *out, double *distance, double *reference) {
-#pragma omp parallel for schedule(dynamic, 64) if (pairs > 64)
-    for (std::int64_t e = 0; e < pairs; e++) {
-        const auto one = single_layer ? one_pair<true, double> : one_pair<false, double>;
-        const Moments sum = one(quadratic_triangles + 18 * pair_panel[e], targets + 3 * pair_target[e], contact[pair_panel[e]], k,
-                                rule, distance + e, reference + 2 * e);
-        for (int m = 0; m < 6; m++) out[6 * e + m] = {sum.re[m], sum.im[m]};
+    const Wave<double> wave(k);
+#pragma omp parallel for schedule(dynamic, 4) if (pairs > 64)
+    for (std::int64_t first = 0; first < pairs; first += some) {
+        Group<double> group;
+        Moments sums[some];
+        for (std::int64_t e = first; e < std::min(pairs, first + some); e++)
+            group.put(quadratic_triangles + 18 * pair_panel[e], targets + 3 * pair_target[e], contact[pair_panel[e]], 0);
+        (single_layer ? integrate<Kernel::Single, double> : integrate<Kernel::Double, double>)(group, wave, rule, sums);
+        for (int l = 0; l < group.count; l++) {
+            const std::int64_t e = first + l;
+            distance[e] = group.distance[l];
+            reference[2 * e] = group.closest.u[l], reference[2 * e + 1] = group.closest.v[l];
+            for (int m = 0; m < 6; m++) out[6 * e + m] = {sums[l].re[m], sums[l].im[m]};
+        }
     }
 }
+
+namespace {
+
+// The plain terms of the nodes of some pairs' panels at their targets
+template <class Real, bool Mixed> struct PlainTerms {
+    static constexpr int most = 6 * some;
+    Real offset[3][most], normal[3][most], single[2][most], re[most], im[most];
+    int count = 0;
+
+    void put(const double *target, const double *nodes, const double *normals, const std::complex<double> *mixed) {
+        for (int l = 0; l < 6; l++, count++) {
+            for (int d = 0; d < 3; d++) {
+                offset[d][count] = Real(nodes[3 * l + d] - target[d]);
+                normal[d][count] = Real(normals[3 * l + d]);
+            }
+            if (Mixed) single[0][count] = Real(mixed[l].real()), single[1][count] = Real(mixed[l].imag());
+        }
+    }
+    void evaluate(Wave<Real> k, Real nearest) {
+        for (; count % vector; count++)
+            for (int d = 0; d < 3; d++) offset[d][count] = normal[d][count] = 1, single[d % 2][count] = 0;
+#pragma omp simd
+        for (int l = 0; l < count; l++)
+            double_layer<Real, true, Mixed>(offset[0][l], offset[1][l], offset[2][l], normal[0][l], normal[1][l],
+                                            normal[2][l], k, nearest, re[l], im[l], strength<Mixed>(single[0], l),
+                                            strength<Mixed>(single[1], l));
+    }
+};
+
+template <class Real, bool Mixed>
+void excess_of_all(const double *targets, std::int64_t n, const std::int64_t *first, const std::int64_t *pair_panel,
+                   const double *quadratic_triangles, const double *contact, const double *sources, const double *normals,
+                   const std::complex<double> *single, const double *nodal, Wavenumber k, double least, NearRule rule,
+                   std::complex<double> *out) {
+    constexpr Kernel kernel = Mixed ? Kernel::Mixed : Kernel::Double;
+    const Wave<Real> wave(k);
+    const Real nearest = Real(least * least);
+    std::vector<std::int64_t> target(first[n]);
+    for (std::int64_t i = 0; i < n; i++) std::fill(target.begin() + first[i], target.begin() + first[i + 1], i);
+#pragma omp parallel for schedule(dynamic, 4) if (first[n] > 64)
+    for (std::int64_t begin = 0; begin < first[n]; begin += some) {
+        Group<Real> group;
+        PlainTerms<Real, Mixed> plain;
+        Moments sums[some];
+        for (std::int64_t e = begin; e < std::min(first[n], begin + some); e++) {
+            const std::int64_t panel = pair_panel[e];
+            const double *normal = normals + 18 * panel;
+            const double area = std::sqrt(dot(normal[0], normal[1], normal[2], normal[0], normal[1], normal[2]));
+            const std::complex<double> strength = Mixed ? single[6 * panel] / area : 0;
+            group.put(quadratic_triangles + 18 * panel, targets + 3 * target[e], contact[panel], strength);
+            plain.put(targets + 3 * target[e], sources + 18 * panel, normal, Mixed ? single + 6 * panel : nullptr);
+        }
+        integrate<kernel, Real>(group, wave, rule, sums);
+        plain.evaluate(wave, nearest);
+        for (int pair = 0; pair < group.count; pair++) {
+            const std::int64_t e = begin + pair;
+            for (int l = 0; l < 6; l++) {
+                double excess_re = -double(plain.re[6 * pair + l]), excess_im = -double(plain.im[6 * pair + l]);
+                for (int m = 0; m < 6; m++) {
+                    excess_re += sums[pair].re[m] * nodal[6 * m + l];
+                    excess_im += sums[pair].im[m] * nodal[6 * m + l];
+                }
+                out[6 * e + l] = {excess_re, excess_im};
+            }
+        }
+    }
+}
+
+}  // namespace
 
 template <class Real>
 void near_excess(const double *targets, std::int64_t n, const std::int64_t *first, const std::int64_t *pair_panel,
                  const double *quadratic_triangles, const double *contact, const double *sources, const double *normals,
-                 const double *nodal, Wavenumber k, double least, NearRule rule, std::complex<double> *out) {
-    const Wave<Real> wave(k);
-    const Real nearest = Real(least * least);
-#pragma omp parallel for schedule(dynamic, 16) if (n > 16)
-    for (std::int64_t i = 0; i < n; i++)
-        for (std::int64_t e = first[i]; e < first[i + 1]; e++) {
-            const std::int64_t panel = pair_panel[e];
-            double distance, reference[2];
-            const Moments sum = one_pair<false, Real>(quadratic_triangles + 18 * panel, targets + 3 * i, contact[panel], k, rule,
-                                                      &distance, reference);
-            Real re[8], im[8], d[6][8] = {};
-            for (int l = 0; l < 6; l++)
-                for (int axis = 0; axis < 3; axis++) {
-                    const std::int64_t at = 3 * (6 * panel + l) + axis;
-                    d[axis][l] = Real(sources[at] - targets[3 * i + axis]);
-                    d[3 + axis][l] = Real(normals[at]);
-                }
-#pragma omp simd
-            for (int l = 0; l < 8; l++)
-                double_layer<Real, true>(d[0][l], d[1][l], d[2][l], d[3][l], d[4][l], d[5][l], wave, nearest, re[l],
-                                         im[l]);
-            for (int l = 0; l < 6; l++) {
-                double kept_re = -double(re[l]), kept_im = -double(im[l]);
-                for (int m = 0; m < 6; m++) {
-                    kept_re += sum.re[m] * nodal[6 * m + l];
-                    kept_im += sum.im[m] * nodal[6 * m + l];
-                }
-                out[6 * e + l] = {kept_re, kept_im};
-            }
-        }
+                 const std::complex<double> *single, const double *nodal, Wavenumber k, double least, NearRule rule,
+                 std::complex<double> *out) {
+    (single ? excess_of_all<Real, true> : excess_of_all<Real, false>)(targets, n, first, pair_panel, quadratic_triangles,
+                                                                      contact, sources, normals, single, nodal, k, least,
+                                                                      rule, out);
 }
 
 #define AIRTACT_NEAR(Real)                                                                                            \
     template void near_excess<Real>(const double *, std::int64_t, const std::int64_t *, const std::int64_t *,         \
-                                    const double *, const double *, const double *, const double *, const double *,   \
-                                    Wavenumber, double, NearRule, std::complex<double> *);
+                                    const double *, const double *, const double *, const double *,                   \
+                                    const std::complex<double> *, const double *, Wavenumber, double, NearRule,       \
+                                    std::complex<double> *);
 AIRTACT_NEAR(float)
 AIRTACT_NEAR(double)
 

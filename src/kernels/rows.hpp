@@ -39,6 +39,21 @@ template <class Real> struct Wave {
     explicit Wave(Wavenumber k) : half_waves(Real(k.real / pi)), real(Real(k.real)), imag(Real(k.imag)) {}
 };
 
+template <class Real> struct Strengths {  // complex numbers, real and imaginary parts contiguous each; none if null
+    std::vector<Real> re, im;
+    Strengths(const std::complex<double> *given, std::int64_t n) : re(given ? n : 0), im(given ? n : 0) {
+        for (std::size_t i = 0; i < re.size(); i++) re[i] = Real(given[i].real()), im[i] = Real(given[i].imag());
+    }
+};
+
+// Number l of a line that is there for surfaces of a mixed layer alone
+template <bool Mixed, class Real> inline Real strength(const Real *line, std::int64_t l) {
+    if constexpr (Mixed)
+        return line[l];
+    else
+        return Real(0);
+}
+
 template <class Real, bool Lossy>
 inline void monopole_row(const Real *x, const Real *sx, const Real *sy, const Real *sz, std::int64_t n, Wave<Real> k,
                          Real *re, Real *im) {
@@ -55,29 +70,30 @@ inline void monopole_row(const Real *x, const Real *sx, const Real *sy, const Re
 }
 
 // The normal derivative at y of e^{ikr}/(4 pi r) times area, from d = y - x and the normal times area; 0 nearer than the
-// root of `least`
-template <class Real, bool Lossy>
+// root of `least`. Mixed, e^{ikr}/(4 pi r) times a + i b is added.
+template <class Real, bool Lossy, bool Mixed = false>
 inline void double_layer(Real dx, Real dy, Real dz, Real nx, Real ny, Real nz, Wave<Real> k, Real least, Real &re,
-                         Real &im) {
+                         Real &im, Real a = 0, Real b = 0) {
     const Real r2 = dx * dx + dy * dy + dz * dz;
     const Real inverse = r2 > least ? Real(1) / std::sqrt(r2) : Real(0);
-    const Real r = r2 * inverse;
-    Real s, c, g = (dx * nx + dy * ny + dz * nz) * (inverse * inverse * inverse) * Real(1 / (4 * pi));
-    if (Lossy) g *= decay(k.imag * r);
+    const Real r = r2 * inverse, away = inverse * Real(1 / (4 * pi)) * (Lossy ? decay(k.imag * r) : Real(1));
+    Real s, c;
+    const Real g = (dx * nx + dy * ny + dz * nz) * (inverse * inverse) * away;
     sincospi(k.half_waves * r, s, c);
     const Real kr = k.real * r, one = Lossy ? Real(1) + k.imag * r : Real(1);
     re = -g * (one * c + kr * s);
     im = g * (kr * c - one * s);
+    if (Mixed) re += away * (a * c - b * s), im += away * (a * s + b * c);
 }
 
-template <class Real, bool Lossy>
+template <class Real, bool Lossy, bool Mixed = false>
 inline void double_layer_row(const Real *x, const Real *sx, const Real *sy, const Real *sz, const Real *nx,
                              const Real *ny, const Real *nz, std::int64_t n, Wave<Real> k, Real least, Real *re,
-                             Real *im) {
+                             Real *im, const Real *a = nullptr, const Real *b = nullptr) {
 #pragma omp simd
     for (std::int64_t j = 0; j < n; j++)
-        double_layer<Real, Lossy>(sx[j] - x[0], sy[j] - x[1], sz[j] - x[2], nx[j], ny[j], nz[j], k, least, re[j],
-                                  im[j]);
+        double_layer<Real, Lossy, Mixed>(sx[j] - x[0], sy[j] - x[1], sz[j] - x[2], nx[j], ny[j], nz[j], k, least, re[j],
+                                         im[j], strength<Mixed>(a, j), strength<Mixed>(b, j));
 }
 
 // Calls row(i) for every target, shared out over the threads unless there are so few pairs that one has done them sooner

@@ -83,10 +83,11 @@ def test_flat_triangles_are_closed_even_and_hold_the_volume() -> None:
 
 def test_times_are_written_with_their_spread() -> None:
     assert str(Timed((0.020, 0.0301, 0.0222))) == "22.2 ms (20.0 to 30.1)"
+    assert str(Timed((0.020, 0.0301, 0.0222), (0.03, 0.031, 0.04))) == "22.2 ms (20.0 to 30.1; processor 31.0)"
     assert str(Timed((2.0, 3.0, 1.5))) == "2.00 s (1.50 to 3.00)"
     seen: list[int] = []
     took, results = timed([lambda step=step: seen.append(step) or step for step in range(4)])
-    assert (results, len(took.seconds), seen) == ([1, 2, 3], 3, [0, 1, 2, 3])
+    assert (results, len(took.seconds), len(took.processor), seen) == ([1, 2, 3], 3, 3, [0, 1, 2, 3])
 
 
 def test_errors_and_likeness() -> None:

@@ -11,7 +11,7 @@ from airtact.cli import commands, main
 PARSED = {"bench", "listen", "reproduce"}
 """Their examples take minutes or a tracker, and have tests of their own; here they are only parsed."""
 
-SECONDS = {"compare", "compare-scan", "emit", "export", "render", "sense"}
+SECONDS = {"calibrate", "compare", "compare-scan", "emit", "export", "render", "sense"}
 """Their examples take seconds each."""
 
 NAMES = [

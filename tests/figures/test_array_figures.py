@@ -8,7 +8,7 @@ from matplotlib import colormaps
 from matplotlib.collections import EllipseCollection
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from airtact.figures.array_figures import draw_phases, draw_scene, spacing, unfold
+from airtact.figures.array_figures import draw_phases, draw_receivers, draw_scene, spacing, unfold
 from airtact.hand.pinch import pinch
 from airtact.pose import Pose
 from airtact.transducers.layout import autd3_board, flat_boards, surrounding_box
@@ -110,3 +110,25 @@ def test_walls_that_turn_their_backs_to_the_viewer_are_rings():
     figure.draw_without_rendering()
     filled = [len(part.get_facecolor()) for part in discs]
     assert sorted(filled) == [0, 498]
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_values_of_receivers_have_one_scale_and_those_missing_are_grey(name):
+    array = ARRAYS[name]
+    size = len(array)
+    first, second = np.geomspace(0.05, 1.0, size), np.full(size, 0.5)
+    second[3] = np.nan
+    figure = draw_receivers(array.positions, array.normals, {"one": first, "other": second}, "rest")
+    upper, lower = (_discs(axes) for axes in figure.axes[:2])
+    assert len(upper) == len(lower) == size
+    shades = colormaps["viridis"](np.linspace(0.0, 1.0, size))
+    order = np.concatenate([face.elements for face in unfold(array.positions, array.normals)])
+    np.testing.assert_allclose(upper, shades[order], atol=0.02)
+    half = colormaps["viridis"](np.log(0.5 / 0.05) / np.log(1.0 / 0.05))
+    known = order != 3
+    np.testing.assert_allclose(lower[known], np.tile(half, (size - 1, 1)), atol=0.02)
+    assert not np.allclose(lower[~known], half, atol=0.1)
+
+
+def _discs(axes):
+    return next(one for one in axes.collections if isinstance(one, EllipseCollection)).get_facecolor()

@@ -97,8 +97,9 @@ def test_one_that_resumes_is_silent_while_no_call_comes() -> None:
         while not link.frames[-1].silent and time.monotonic() < until:
             time.sleep(0.02)
         assert link.frames[-1].silent
+        before = len(link.frames)
         emission.send(tone())
-        assert not link.frames[-1].silent
+        assert not link.frames[before].silent
         emission.stop()
         with pytest.raises(LinkFailed, match="it was stopped"):
             emission.send(tone())
@@ -200,7 +201,7 @@ def test_a_watchdog_that_cannot_silence_is_heard_of() -> None:
     def work(emission) -> None:
         emission.send(tone())
         link.cut()
-        time.sleep(0.8)
+        time.sleep(3.0)
         with pytest.raises(LinkFailed, match="may still emit"):
             emission.beat()
 
@@ -211,8 +212,8 @@ def test_a_watchdog_that_cannot_silence_is_heard_of() -> None:
 def test_a_cable_cut_during_play_raises_in_time() -> None:
     begun = time.monotonic()
     with wired(SonicSurface(), cut_after=2000) as wire, pytest.raises(LinkFailed, match="the serial link failed"):
-        playing(SerialLink(wire.port), lambda emission: emission.play(Sequence(moving(4, 256), 50.0), seconds=60.0))
-    assert time.monotonic() - begun < 30.0
+        playing(SerialLink(wire.port), lambda emission: emission.play(Sequence(moving(4, 256), 50.0), seconds=600.0))
+    assert time.monotonic() - begun < 300.0
 
 
 def test_a_cable_cut_while_boards_play_on_is_noticed() -> None:
@@ -222,13 +223,13 @@ def test_a_cable_cut_while_boards_play_on_is_noticed() -> None:
         emission.send(tone())
         link.cut()
         with pytest.raises(LinkFailed, match="while looking for the boards: broken; the last of 1 frames"):
-            emission.hold(60.0)
+            emission.hold(600.0)
 
     with pytest.raises(LinkFailed, match="may still emit"):
         playing(link, work)
     with wired(SonicSurface(), cut_after=259 * 3 + 100) as wire, pytest.raises(LinkFailed, match="may still emit"):
-        playing(SerialLink(wire.port), lambda emission: (emission.send(tone(256)), emission.hold(60.0)))
-    assert time.monotonic() - begun < 30.0
+        playing(SerialLink(wire.port), lambda emission: (emission.send(tone(256)), emission.hold(600.0)))
+    assert time.monotonic() - begun < 300.0
 
 
 def test_a_signal_ends_an_emission_from_another_thread_too() -> None:
@@ -249,7 +250,7 @@ def test_a_signal_ends_an_emission_from_another_thread_too() -> None:
             os.kill(os.getpid(), signal.SIGTERM)
             time.sleep(5.0)
         finally:
-            feeder.join(2.0)
+            feeder.join(60.0)
 
     with pytest.raises(SystemExit):
         playing(link, work)

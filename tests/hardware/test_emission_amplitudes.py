@@ -68,6 +68,42 @@ def test_a_sequence_keeps_its_rate_and_tells_what_it_dropped() -> None:
     assert played.dropped == 0 or played.rate < 50.0
 
 
+def test_newer_frames_take_the_place_of_those_before_in_their_round() -> None:
+    link, count, rate = RecordingLink(), 8, 200.0
+    rounds = [Sequence(tone().amplitudes * (level + np.arange(count))[:, None] / 255.0, rate) for level in (100, 200)]
+    with Emission(link, ramp=0.0) as emission:
+        for sequence in (*rounds, *rounds):
+            emission.cycle(sequence)
+            emission.hold(0.06)
+    levels = np.array([int(frame.amplitude.max()) for frame in link.frames[:-1]])
+    times, places = np.array(link.seconds[:-1]), levels % 100
+    assert set(levels // 100) == {1, 2}
+    steps = np.rint(np.diff(times) * rate)  # frames that a busy machine left out count
+    assert np.abs((np.diff(places) - steps + count / 2) % count - count / 2).max() <= 1
+    assert link.frames[-1].silent
+
+
+def test_a_drive_ends_a_round() -> None:
+    link = RecordingLink()
+    with Emission(link, ramp=0.0) as emission:
+        emission.cycle(Sequence(0.5 * moving(4), 400.0))
+        emission.send(tone())
+        before = len(link.frames)
+        emission.hold(0.03)
+        assert len(link.frames) == before
+        assert link.frames[-1].amplitude.max() == 255
+
+
+def test_autd3_boards_repeat_the_newest_frames_themselves() -> None:
+    drives = moving(4)
+    with Emission(AUTD3Link([Pose.identity()]), ramp=0.0) as emission:
+        for turn in (1.0, 1j):
+            emission.cycle(Sequence(turn * drives, 800.0))
+            for index in (0, 3):
+                played = emission.link.played(index).drive().amplitudes
+                np.testing.assert_allclose(played, turn * drives[index], rtol=0, atol=0.03)
+
+
 def test_frames_that_would_be_late_are_dropped() -> None:
     link = SlowLink()
     with Emission(link, ramp=0.0) as emission:

@@ -1,13 +1,14 @@
 """Drives that know the hand: against whole solutions, and beside a process that may say no."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import airtact as at
 from airtact.live.drives.factors import HandFactors, OpenAir, RigidParts, solved
-from airtact.live.drives.library import CAPACITY, Library
+from airtact.live.drives.library import CAPACITY, Library, expected_kept
 from airtact.live.drives.maker import HandAware
 from airtact.live.drives.riding import gap_change, ride, turn
 from airtact.live.drives.solver_process import Asked, ShapeSolver, SolverProcess
@@ -19,6 +20,8 @@ from tracking.motions import pinch_pose, still
 
 class Nothing(ShapeSolver):
     """Solves nothing."""
+
+    asked = None
 
     def ask(self, asked):
         self.asked = asked
@@ -175,7 +178,7 @@ def test_a_lost_hand_is_silent(scene, joints):
 
 
 def test_poses_that_are_alike_are_kept_once(scene, joints, phalanges):
-    library = Library("phalanges")
+    library = Library("phalanges", scene)
     for _ in range(3):
         library.add(phalanges)
     assert len(library) == 1
@@ -207,3 +210,39 @@ def test_the_process_solves_says_what_it_cannot_and_ends(scene, joints):
     finally:
         process.close()
     assert not process.alive
+
+
+def test_distances_are_expected_to_keep_more_where_noise_has_spoiled_a_whole_hand():
+    at_once, far = np.zeros(1), np.full(1, 5e-3)
+
+    def kept(part, noise: float, gap=at_once) -> float:
+        return float(expected_kept(part, gap, at_once, noise, 6)[0])
+
+    for noise, better in ((0.0, True), (0.2e-3, True), (0.6e-3, False), (1e-3, False)):
+        assert (kept("carried", noise) > kept("distances", noise)) == better
+    assert kept("carried", 0.0, far) > kept("distances", 0.0)
+    assert kept("phalanges", 1e-3) > kept("distances", 1e-3)
+
+
+def test_solvers_rest_while_noise_spoils_all_that_they_find(scene, joints):
+    palm = replace(scene, places=("palm",), offsets=scene.offsets[:1])
+    for one, noise, asked in ((palm, 1e-4, True), (palm, 1e-3, False), (scene, 1e-3, True)):
+        solver = Nothing()
+        maker = HandAware(one, noise=noise, solvers=[solver])
+        maker.take(seen(joints))
+        moment = maker.make(0.01, Controls())
+        assert (moment.rule, solver.asked is not None) == ("distances", asked)
+
+
+def test_solvers_that_rested_go_on_when_the_tracker_is_quieter(scene, joints):
+    solver, random = Nothing(), np.random.default_rng(3)
+    maker = HandAware(replace(scene, places=("palm",), offsets=scene.offsets[:1]), solvers=[solver])
+    asked = []
+    for index in range(200):
+        noise = 1e-3 if index < 100 else 1e-4
+        maker.take(still(index, index / 60, landmarks=joints + noise * random.normal(size=(25, 3))))
+        solver.asked = None
+        maker.make(index / 60 + 0.01, Controls())
+        asked.append(solver.asked is not None)
+    assert not any(asked[20:100])
+    assert all(asked[170:])

@@ -81,6 +81,52 @@ def test_escape_is_the_emergency_stop(browser) -> None:
         page.close()
 
 
+DRAWN = """() => {
+    const viewer = window.__viserMutable, found = {};
+    for (const name of ["/array", "/hand"])
+        viewer.nodeRefFromName[name]?.traverse((part) => { if (part.isMesh) found[name] ??= part; });
+    const seen = Object.values(found).map((mesh) => [
+        mesh.material.type, mesh.material.vertexColors, new Set(mesh.geometry.attributes.color.array).size > 10
+    ]);
+    return { seen, cheap: viewer.cheap };
+}"""
+"""What array and hand are drawn with."""
+
+PICTURES = """(ms) => new Promise((done) => {
+    const viewer = window.__viserMutable, { render } = window.__viserTestpoints.rendererInfo, first = render.frame;
+    let causes = 0;
+    const request = viewer.requestRender;
+    viewer.requestRender = () => {
+        causes += 1;
+        request();
+    };
+    setTimeout(() => done([causes, render.frame - first]), ms);
+})"""
+"""Count requests for a picture, and pictures that were drawn meanwhile."""
+
+
+@pytest.mark.slow
+def test_the_page_shows_the_sound_with_the_hand_in_its_place(browser) -> None:
+    with Loop() as loop:
+        page = opened_page(browser, loop.page.address)
+        page.get_by_text("with the hand in its place").wait_for()
+        page.close()
+
+
+def test_an_update_is_a_picture_or_two_in_the_colours_that_were_sent(browser) -> None:
+    with Loop() as loop:
+        page = opened_page(browser, loop.page.address)
+        until(lambda: colours(page) > 200, "a picture of the hand")
+        until(lambda: len(page.evaluate(DRAWN)["seen"]) == 2, "the array and the hand")
+        assert page.evaluate(DRAWN) == {"seen": 2 * [["MeshBasicMaterial", True, True]], "cheap": True}
+        causes, pictures = page.evaluate(PICTURES, 5000)
+        print(f"{causes} causes, {pictures} pictures")
+        assert causes > 0
+        assert pictures <= 2 * causes + 10
+        assert page.faults == []
+        page.close()
+
+
 @pytest.mark.slow
 def test_a_hand_is_dragged_only_while_the_page_is_open(browser) -> None:
     with Loop(dragged=True) as loop:

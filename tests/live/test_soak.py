@@ -1,5 +1,6 @@
 """The live loop for ten minutes, with a tracker that sends nonsense every minute: no memory, no thread, no fault."""
 
+import json
 import re
 import subprocess
 import sys
@@ -54,5 +55,6 @@ def test_ten_minutes_with_nonsense_every_minute(tmp_path):
     assert memory[-1] <= 1.01 * memory[1]  # the first minute fills what is kept of fixed size
     assert threads[-1] == threads[1]
     session = read_session(tmp_path)
-    assert len(session.frame_time) == 60 * 60 * MINUTES
+    overtaken = json.loads(out)["health"]["overtaken"]  # by newer frames, while they waited on a loaded machine
+    assert len(session.frame_time) + overtaken == 60 * 60 * MINUTES
     assert not session.amplitudes[-1].any()

@@ -84,6 +84,14 @@ def test_a_rigid_spheroid_of_70_by_10_mm_has_the_target_strengths_of_echosms() -
     np.testing.assert_allclose(found, true, atol=0.003 * true.max())
 
 
+def test_the_tips_of_a_spheroid_keep_a_thousandth() -> None:
+    known = STRENGTHS["spheroid"]
+    major, minor = known["semi_axes"]
+    body = axisymmetric.surface(axisymmetric.spheroid(minor, major), 1.5e-3)
+    found = backscattered(body, known["frequencies"][1], np.array([[1.0, 0.0, 0.0]]), 0.001)
+    np.testing.assert_allclose(found, amplitudes(known["strengths"][1:2]), rtol=0.001)
+
+
 @pytest.mark.slow
 def test_rings_of_monopoles_have_the_target_strengths_of_echosms() -> None:
     known = STRENGTHS["spheroid"]

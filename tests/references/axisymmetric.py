@@ -274,16 +274,27 @@ def _residual(fit: Fit, checks: Sequence[tuple[np.ndarray, np.ndarray]]) -> floa
 
 
 def pressure_at(
-    meridians: Sequence[Meridian], wavenumber: complex, sources: np.ndarray, receivers: np.ndarray
+    meridians: Sequence[Meridian],
+    wavenumber: complex,
+    sources: np.ndarray,
+    receivers: np.ndarray,
+    wanted: float = np.inf,
 ) -> tuple[np.ndarray, float]:
     """Total pressure (P, N) [Pa] of unit sources (N, 3) at receivers (P, 3), and its own relative error.
 
-    The set farther from the bodies becomes the sources, by reciprocity.
+    The set farther from the bodies becomes the sources, by reciprocity. Rings are made finer until the error is as
+    ``wanted``, if they can: near the resonance of a cavity the coarser ones are some percent off.
     """
-    coarse, fit = (fitted(meridians, wavenumber, sources, fineness) for fineness in (1.7, 2.2))
-    pressure, before = fit.pressure(receivers), coarse.pressure(receivers)
-    change = np.linalg.norm(pressure - before) / np.linalg.norm(pressure)
-    return pressure, float(max(change, 0.1 * fit.residual))
+    before = pressure = fitted(meridians, wavenumber, sources, 1.7).pressure(receivers)
+    error = np.inf
+    for fineness in (2.2, 3.0, 4.0, 5.5):
+        fit = fitted(meridians, wavenumber, sources, fineness)
+        pressure = fit.pressure(receivers)
+        error = max(np.linalg.norm(pressure - before) / np.linalg.norm(pressure), 0.1 * fit.residual)
+        if error < wanted:
+            break
+        before = pressure
+    return pressure, float(error)
 
 
 def _row_lengths(meridian: Meridian, edge: float) -> np.ndarray:

@@ -17,7 +17,9 @@ def sphere_pressure(scene: at.Scene, sources: np.ndarray, receivers: np.ndarray)
     centre = ball.axis[:1]
     image = at.sphere(ball.radius, ball.radius, centre=tuple(_mirrored(plane, centre)[0])).primitive
     both = np.concatenate([sources, _mirrored(plane, sources)])
-    pressure, own = two_spheres.pressure_at([ball, image], scene.wavenumber, both, receivers)
+    ratio = scene.obstacles[0].ratio
+    admittances = 2 * (0.0 if ratio is None else 1.0 / ratio,)
+    pressure, own = two_spheres.pressure_at([ball, image], scene.wavenumber, both, receivers, admittances=admittances)
     return pressure[:, : len(sources)] + pressure[:, len(sources) :], own
 
 

@@ -7,7 +7,7 @@ from airtact.benching import self_check
 from airtact.benching.fundamental_solutions import pressure_at as by_fundamental_solutions
 from airtact.pose import Pose
 from airtact.scene.medium import Medium
-from airtact.scene.scene import Scene, sound_hard
+from airtact.scene.scene import Scene, impedance, sound_hard
 from airtact.scene.sources import Monopoles
 from airtact.solvers.spherical.sphere_series import SphereSeries
 from airtact.surfaces.primitives import Capsule
@@ -40,6 +40,15 @@ def test_a_lonely_sphere_is_the_series(off):
     exact = SphereSeries().radiate(scene, Monopoles(near, np.eye(5))).at(far)
     assert error < 1e-5
     np.testing.assert_allclose(pressure, exact, atol=2e-5 * np.abs(exact).max())
+
+
+def test_a_lonely_sphere_of_an_impedance_is_the_series():
+    spheres, ratio = [ball((0.0, 0.0, 0.0), 0.009), ball((3.0, 0.0, 4.0), 0.0005)], 1.5 + 0.5j
+    near, far = around(5, 0.0095), around(12, 0.08, seed=1)
+    pressure, error = pressure_at(spheres, K, near, far, admittances=(1 / ratio, 2.0))
+    exact = SphereSeries().radiate(Scene(AIR, [impedance(spheres[0].mesh(0.006), ratio)]), Monopoles(near, np.eye(5)))
+    assert error < 1e-5
+    np.testing.assert_allclose(pressure, exact.at(far), atol=2e-5 * np.abs(pressure).max())
 
 
 @pytest.mark.parametrize(("first", "second", "gap"), [(0.009, 0.006, 0.002), (0.008, 0.008, 0.012)])

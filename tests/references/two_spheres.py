@@ -1,9 +1,10 @@
-"""Two sound-hard spheres by outgoing multipoles about both centres: spectral, and independent of every solver in src.
+"""Two spheres, sound-hard or of an impedance, by multipoles about both centres: independent of every solver in src.
 
 In the frame whose z axis joins the centres p = p_inc + Σ c_snm h_n(k r_s)/h_n(k a_s) P_n^m(cos θ_s) e^{imφ} over the
 spheres s. Rotation about that axis keeps the azimuthal orders m apart, so each m is one small least-squares problem for
-∂p/∂n = 0 at Gauss points of both meridians; a Fourier transform brings the incident slopes to orders m. (The ansatz is
-that of P. A. Martin, Multiple Scattering, Cambridge 2006, section 4.6; the coefficients are fitted instead.)
+∂p/∂n + ikβ p = 0 at Gauss points of both meridians, β being a sphere's admittance ρc/Z; a Fourier transform brings the
+incident slopes to orders m. (The ansatz is that of P. A. Martin, Multiple Scattering, Cambridge 2006, section 4.6; the
+coefficients are fitted instead.)
 """
 
 from collections.abc import Sequence
@@ -18,9 +19,14 @@ MOST_ORDERS = 110
 
 
 def pressure_at(
-    spheres: Sequence[Capsule], wavenumber: complex, sources: np.ndarray, receivers: np.ndarray, wanted: float = 1e-5
+    spheres: Sequence[Capsule],
+    wavenumber: complex,
+    sources: np.ndarray,
+    receivers: np.ndarray,
+    wanted: float = 1e-5,
+    admittances: Sequence[complex] = (0.0, 0.0),
 ) -> tuple[np.ndarray, float]:
-    """Total pressure of unit monopoles e^{ikr}/r beside two sound-hard spheres.
+    """Total pressure of unit monopoles e^{ikr}/r beside two spheres.
 
     Parameters
     ----------
@@ -29,19 +35,20 @@ def pressure_at(
     sources, receivers : (N, 3) and (P, 3) outside [m]. By reciprocity the set that stays further from the skins speaks,
         so one of the two may come as close as it likes; both within a few millimetres needs too many orders.
     wanted : own error at which to stop raising the order.
+    admittances : β of each sphere, 0 for a sound-hard one.
 
     Returns
     -------
-    (P, N) pressure [Pa] and the own error: the larger of the relative residual ∂p/∂n at skin points that were not
-    fitted and the relative change at the receivers over the last rise of the order.
+    (P, N) pressure [Pa] and the own error: the larger of the relative residual at skin points that were not fitted and
+    the relative change at the receivers over the last rise of the order.
     """
     if clearance(spheres, sources) < clearance(spheres, receivers):
-        pressure, error = pressure_at(spheres, wavenumber, receivers, sources, wanted)
+        pressure, error = pressure_at(spheres, wavenumber, receivers, sources, wanted, admittances)
         return pressure.T, error
     first, last = 0.0 + 0.0j, np.inf
     order = int(abs(wavenumber) * max(s.radius for s in spheres)) + 14
     while True:
-        fit = fitted(spheres, wavenumber, sources, order)
+        fit = fitted(spheres, wavenumber, sources, order, admittances)
         pressure = fit.pressure(receivers)
         change = np.linalg.norm(pressure - first) / np.linalg.norm(pressure)
         last = max(change, fit.residual())
@@ -63,6 +70,15 @@ def monopole_slopes(points: np.ndarray, normals: np.ndarray, sources: np.ndarray
     return (1j * wavenumber - 1.0 / distance) * np.exp(1j * wavenumber * distance) / distance * along
 
 
+def incident_rise(points: np.ndarray, normals: np.ndarray, sources: np.ndarray, k: complex, admittance: complex):
+    """∂p/∂n + ikβ p of e^{ikr}/r at (Q, 3) points: (Q, N)."""
+    slope = monopole_slopes(points, normals, sources, k)
+    if not admittance:
+        return slope
+    distance = np.linalg.norm(points[:, None, :] - sources[None, :, :], axis=2)
+    return slope + 1j * k * admittance * np.exp(1j * k * distance) / distance
+
+
 def hankel(orders: np.ndarray, argument: np.ndarray, derivative: bool = False) -> np.ndarray:
     """Spherical Hankel function of the first kind."""
     return spherical_jn(orders, argument, derivative) + 1j * spherical_yn(orders, argument, derivative)
@@ -81,6 +97,7 @@ class Fit:
     order: int
     turns: int
     coefficients: np.ndarray
+    admittances: Sequence[complex]
 
     def pressure(self, points: np.ndarray) -> np.ndarray:
         """Total pressure (P, N) at points (P, 3) of the room."""
@@ -93,16 +110,17 @@ class Fit:
         return total
 
     def residual(self) -> float:
-        """Norm of ∂p/∂n at random skin points over that of the incident sound."""
+        """Norm of ∂p/∂n + ikβ p at random skin points over that of the incident sound."""
         normals = np.random.default_rng(11).normal(size=(300, 3))
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         defect, incident = 0.0, 0.0
-        for centre, radius in zip(self.centres, self.radii, strict=True):
+        for centre, radius, admittance in zip(self.centres, self.radii, self.admittances, strict=True):
             points = centre + radius * normals
-            slope = monopole_slopes(points, normals, self.sources, self.wavenumber)
+            slope = incident_rise(points, normals, self.sources, self.wavenumber, admittance)
             incident += np.linalg.norm(slope) ** 2
             for which in range(2):
-                _, slopes = self._waves(which, points, normals)
+                waves, slopes = self._waves(which, points, normals)
+                slopes = slopes + 1j * self.wavenumber * admittance * waves
                 slope = slope + np.einsum("nmp,nms->ps", slopes, self.coefficients[which])
             defect += np.linalg.norm(slope) ** 2
         return float(np.sqrt(defect / incident))
@@ -145,30 +163,30 @@ def meridian_waves(
     return radial * legendre[0], rise * legendre[0] * outward + radial * legendre[1] * southward / distance
 
 
-def fitted(spheres: Sequence[Capsule], wavenumber: complex, sources: np.ndarray, order: int) -> Fit:
-    """Fit multipoles up to an order to the condition ∂p/∂n = 0 on both spheres."""
+def fitted(
+    spheres: Sequence[Capsule],
+    wavenumber: complex,
+    sources: np.ndarray,
+    order: int,
+    admittances: Sequence[complex] = (0.0, 0.0),
+) -> Fit:
+    """Fit multipoles up to an order to the condition ∂p/∂n + ikβ p = 0 on both spheres."""
     origin = np.asarray(spheres[0].pose.translation)
     frame, gap = joining_frame(np.asarray(spheres[1].pose.translation) - origin)
     heights, radii = [0.0, gap], [float(sphere.radius) for sphere in spheres]
     local_sources = (sources - origin) @ frame.T
     cosine, weight = np.polynomial.legendre.leggauss(2 * order + 8)
     sine = np.sqrt(1.0 - cosine**2)
-    rows = [
-        [
-            meridian_waves(
-                order,
-                wavenumber,
-                radii[of],
-                radii[on] * sine,
-                heights[on] - heights[of] + radii[on] * cosine,
-                sine,
-                cosine,
-            )[1]
-            for of in range(2)
-        ]
+    rows = [[np.empty(0)] * 2 for _ in range(2)]
+    for on in range(2):
+        for of in range(2):
+            height = heights[on] - heights[of] + radii[on] * cosine
+            waves, rises = meridian_waves(order, wavenumber, radii[of], radii[on] * sine, height, sine, cosine)
+            rows[on][of] = rises + 1j * wavenumber * admittances[on] * waves
+    slopes = [
+        incident_orders(cosine, sine, radii[on], heights[on], local_sources, wavenumber, admittances[on])
         for on in range(2)
     ]
-    slopes = [incident_orders(cosine, sine, radii[on], heights[on], local_sources, wavenumber) for on in range(2)]
     loudness = sum(np.linalg.norm(slope, axis=(0, 2)) for slope in slopes)
     turns = min(order, int(np.flatnonzero(loudness[: order + 1] > 1e-11 * loudness.max()).max()))
     balance = np.sqrt(np.concatenate([weight, weight]))[:, None]
@@ -182,7 +200,7 @@ def fitted(spheres: Sequence[Capsule], wavenumber: complex, sources: np.ndarray,
         for sign, part in zip(signs, np.split(found, len(signs), axis=1), strict=True):
             coefficients[:, m:, turns + sign] = part.reshape(2, order + 1 - m, -1)
     places = [np.array([0.0, 0.0, height]) for height in heights]
-    return Fit(places, radii, frame, origin, wavenumber, local_sources, order, turns, coefficients)
+    return Fit(places, radii, frame, origin, wavenumber, local_sources, order, turns, coefficients, admittances)
 
 
 def joining_frame(axis: np.ndarray) -> tuple[np.ndarray, float]:
@@ -194,7 +212,13 @@ def joining_frame(axis: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def incident_orders(
-    cosine: np.ndarray, sine: np.ndarray, radius: float, height: float, sources: np.ndarray, wavenumber: complex
+    cosine: np.ndarray,
+    sine: np.ndarray,
+    radius: float,
+    height: float,
+    sources: np.ndarray,
+    wavenumber: complex,
+    admittance: complex,
 ) -> np.ndarray:
     """Azimuthal orders of the incident slope on the rings of a sphere: (latitudes, orders as np.fft gives them, N)."""
     azimuth = 2.0 * np.pi * np.arange(len(cosine) + 2) / (len(cosine) + 2)
@@ -203,7 +227,7 @@ def incident_orders(
     skin = [0.0, 0.0, height] + radius * normals
     parts = []
     for first in range(0, len(sources), 50):
-        slope = monopole_slopes(skin, normals, sources[first : first + 50], wavenumber)
+        slope = incident_rise(skin, normals, sources[first : first + 50], wavenumber, admittance)
         slope = slope.reshape(len(cosine), len(azimuth), -1)
         parts.append(np.fft.fft(slope, axis=1) / len(azimuth))
     return np.concatenate(parts, axis=2)

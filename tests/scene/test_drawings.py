@@ -9,6 +9,8 @@ from PIL import Image
 from scipy.spatial import KDTree
 
 from airtact.conventions import InvalidInput
+from airtact.file_access.apart import read_apart
+from airtact.scene import drawings
 from airtact.scene.drawings import picture, svg_path, text
 from faults import raises_code
 
@@ -185,3 +187,25 @@ def test_a_damaged_picture_or_a_pipe_is_rejected(tmp_path):
     os.mkfifo(tmp_path / "pipe.png")
     with raises_code("file_unreadable", "pipe"):
         picture(tmp_path / "pipe.png", width=0.02, spacing=5e-3)
+
+
+def test_a_long_drawing_and_a_tiff_are_read_by_a_process_of_their_own(tmp_path, monkeypatch):
+    called = []
+
+    def noted(reader, path):
+        called.append(path.name)
+        return read_apart(reader, path)
+
+    monkeypatch.setattr(drawings, "read_apart", noted)
+    angles = np.linspace(0, 2 * np.pi, 8000)
+    corners = " L ".join(f"{np.cos(one):.14f} {np.sin(one):.14f}" for one in angles)
+    long = tmp_path / "round.svg"
+    long.write_text(f'<svg xmlns="http://www.w3.org/2000/svg"><path d="M {corners} Z"/></svg>')
+    points = svg_path(long, width=0.02, spacing=2e-3)
+    np.testing.assert_allclose(np.linalg.norm(points, axis=1), 0.01, rtol=1e-3)
+    brightness = np.array([[0, 100], [50, 200]], dtype=np.uint8)
+    Image.fromarray(brightness).save(tmp_path / "grey.tif")
+    Image.fromarray(brightness).save(tmp_path / "grey.png")
+    shares = [picture(tmp_path / name, 0.02, 0.01)[1] for name in ("grey.tif", "grey.png")]
+    np.testing.assert_allclose(shares, [[0.5, 0.25, 1.0]] * 2)
+    assert called == ["round.svg", "grey.tif"]

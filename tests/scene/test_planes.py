@@ -41,7 +41,12 @@ def test_a_plane_mirrors_points():
         ("boundary_not_taken", "ratio 5", lambda: at.plane((0, 0, 0), (0, 0, 1), ratio=5)),
         ("wrong_kind", "1 Plane by itself", lambda: at.Scene(AIR, [], planes=TABLE)),
         ("wrong_kind", "plane 0 is", lambda: at.Scene(AIR, [], planes=[3])),
-        ("too_many_planes", "2 planes", lambda: at.Scene(AIR, [], planes=[TABLE, TABLE])),
+        ("too_many_planes", "a corner", lambda: at.Scene(AIR, [], planes=[TABLE, at.plane((0, 0, 0), (1, 0, 1))])),
+        (
+            "too_many_planes",
+            "400 mm apart absorb nothing",
+            lambda: at.Scene(AIR, [], planes=[TABLE, at.plane((0.1, 0, 0.4), (0, 0, -1))]),
+        ),
         ("body_behind_plane", "body 0 is 0.1 mm before", lambda: scene(ball(0.0051))),
         ("body_behind_plane", "body 0 reaches 5 mm behind", lambda: scene(ball(0.0))),
         ("body_behind_plane", "body 1 reaches 15 mm behind", lambda: scene(ball(), ball(-0.01))),
@@ -69,7 +74,6 @@ def test_what_lies_behind_is_rejected(solver):
 
 def test_who_does_not_take_planes_says_so():
     before, none = scene(ball()), np.ones((5, 1), dtype=complex)
-    field = at.BoundaryElement(accuracy=0.1).radiate(before, SOURCE)
     nodes = np.concatenate([np.zeros((1, 3)), np.eye(3), np.ones((1, 3))])
     target, array = at.Target(SOURCE.positions), at.flat_boards(1, 1)
     beacons = at.FreeField().radiate(scene(), target.beacons())
@@ -79,7 +83,6 @@ def test_who_does_not_take_planes_says_so():
         lambda: at.SphereSeries().radiate(before, SOURCE),
         lambda: at.SampledField(before, SOURCE, nodes, none),
         lambda: at.BoundaryElement(accuracy=0.1).factorised(before),
-        lambda: at.multipole_expansion(field),
         lambda: at.scattering_matrix(at.BoundaryElement(accuracy=0.1), before),
         lambda: at.simulate_echoes(at.BoundaryElement(), before, array, at.sensing.random_codes(249, 1)),
         lambda: at.ensemble(beacons, array, at.Uncertainty(position=1e-3), samples=2),
@@ -90,6 +93,18 @@ def test_who_does_not_take_planes_says_so():
     bodies = at.BoundaryElement(accuracy=0.1).factorised(at.Scene(AIR, [ball()]))
     with raises_code("planes_not_taken", "1 plane"):
         bodies.radiate(before, SOURCE)
+
+
+def test_a_plane_is_kept_by_motions_along_it_and_turns_about_its_normal():
+    tilted = at.plane((0.01, -0.02, 0.005), (1, 2, 2))
+    along = np.cross(tilted.normal, (0.0, 0.0, 0.03))
+    turn = at.Pose.turn((1, 2, 2), 0.7)
+    kept = at.Pose(turn.rotation, tilted.point + along - turn.rotate(tilted.point))
+    assert tilted.kept_by(at.Pose.identity())
+    assert tilted.kept_by(kept)
+    assert not tilted.kept_by(at.Pose(np.eye(3), 1e-6 * tilted.normal))
+    assert not tilted.kept_by(at.Pose.turn((1, 0, 0), np.pi))
+    assert not tilted.kept_by(at.Pose.turn((0, 0, 1), 1e-3))
 
 
 def test_open_air_before_a_plane_has_images():

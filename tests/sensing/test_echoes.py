@@ -23,6 +23,16 @@ def test_a_file_holds_all_that_was_measured(tmp_path) -> None:
     assert not back.pressures.flags.writeable
 
 
+def test_a_file_says_which_pressures_are_valid(tmp_path) -> None:
+    valid = np.array([[True, True, False], [False, True, True]])
+    echoes = at.Echoes(CODES, PRESSURES + 1, np.array([4, 1]), valid=valid)
+    assert np.array_equal(echoes.pressures, np.where(valid, PRESSURES + 1, 0))
+    echoes.save(tmp_path / "echoes.h5")
+    assert np.array_equal(load_echoes(tmp_path / "echoes.h5").valid, valid)
+    with h5py.File(tmp_path / "echoes.h5") as file:
+        assert file["format_version"][()] == 2
+
+
 def test_a_file_by_others_may_leave_out_receivers_and_noise(tmp_path) -> None:
     with h5py.File(tmp_path / "lab.h5", "w") as file:
         file["format_version"], file["frequency"] = 1, 40e3
@@ -47,6 +57,8 @@ def test_a_file_by_others_may_leave_out_receivers_and_noise(tmp_path) -> None:
         ({"receivers": None}, "sizes_differ", "6"),
         ({"frequency": 40.0}, "out_of_range", "40"),
         ({"noise": 0.0}, "not_positive", "0"),
+        ({"valid": np.zeros((2, 3), dtype=bool)}, "nothing_received", "0 of 6"),
+        ({"valid": np.ones((2, 2), dtype=bool)}, "sizes_differ", "(2, 2)"),
     ],
 )
 @pytest.mark.usefixtures("as_outside_the_tests")

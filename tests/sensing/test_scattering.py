@@ -7,6 +7,7 @@ import pytest
 from scipy.special import spherical_jn, spherical_yn
 
 import airtact as at
+from airtact.sensing.incident import reaching_patterns
 from airtact.sensing.waves import monopole_waves, motions, moved, orders_of_waves, wave_count
 from faults import raises_code
 from paths import ROOT
@@ -69,6 +70,50 @@ def test_echoes_of_random_codes_are_those_of_direct_solves() -> None:
     by_matrix = at.scattering_matrix(at.BoundaryElement(accuracy=0.01, estimate=False), capsules())
     found = at.simulate_echoes(by_matrix, capsules(), array, codes).pressures
     assert relative(found, exact) < 0.005
+
+
+@pytest.mark.slow
+def test_echoes_of_two_fingers_are_those_of_direct_solves() -> None:
+    scene = at.Scene(AIR, [at.sound_hard(surface) for surface in at.pinch(gap=0.012).surfaces], frequency=40e3)
+    codes, array = at.sensing.random_codes(996, 2, seed=3), BOX.seen_from(TRUE)
+    exact = at.simulate_echoes(at.BoundaryElement(accuracy=0.003, estimate=False), scene, array, codes).pressures
+    by_matrix = at.scattering_matrix(at.BoundaryElement(accuracy=0.005, estimate=False), scene)
+    assert relative(at.simulate_echoes(by_matrix, scene, array, codes).pressures, exact) < 0.007
+
+
+def test_waves_that_hardly_reach_the_bodies_need_no_solve() -> None:
+    rod = at.Scene(
+        AIR, [at.sound_hard(at.capsule((-22e-3, 0, 0), (22e-3, 0, 0), radius=4e-3, edge=2e-3))], frequency=40e3
+    )
+    solver = at.BoundaryElement(accuracy=0.02, estimate=False)
+    found = at.scattering_matrix(solver, rod)
+    patterns = reaching_patterns(rod, found.centre, found.order, 0.01)
+    assert patterns is not None
+    assert patterns.shape[1] < 0.5 * len(found.matrix)
+    assert relative(patterns.T @ patterns, np.eye(patterns.shape[1])) < 1e-5
+    assert reaching_patterns(ball(), ball().obstacles[0].surface.vertices.mean(axis=0), 10, 0.01) is None
+    random = np.random.default_rng(0)
+    points = random.normal(size=(30, 3))
+    points *= 0.035 / np.linalg.norm(points, axis=1)[:, None]
+    field = solver.radiate(rod, at.Monopoles(points[:15], np.eye(15)))
+    waves = [monopole_waves(found.order, some - found.centre, rod.wavenumber) for some in (points[15:], points[:15])]
+    scattered = waves[0].T @ found.matrix @ waves[1] / (4j * np.pi * rod.wavenumber)
+    assert relative(scattered, field.scattered_at(points[15:])) < 0.01
+
+
+def test_few_patterns_scatter_as_the_whole_matrix_does() -> None:
+    one = at.capsule((-20e-3, 0, 0), (20e-3, 0, 0), radius=4e-3, edge=2e-3)
+    rod = at.scattering_matrix(
+        at.BoundaryElement(accuracy=0.05, estimate=False), at.Scene(AIR, [at.sound_hard(one)], frequency=40e3)
+    )
+    assert rod.patterns is not None
+    assert rod.patterns[0].shape[1] < 0.5 * len(rod.matrix)
+    random = np.random.default_rng(0)
+    regular = (random.normal(size=(len(rod.matrix), 3)) + 1j * random.normal(size=(len(rod.matrix), 3))).astype("c8")
+    assert relative(rod.scatter(regular), rod.matrix @ regular) < 1e-3
+    full = at.scattering_matrix(at.SphereSeries(), ball())
+    some = np.ascontiguousarray(regular[: len(full.matrix)])
+    assert relative(full.scatter(some), full.matrix @ some) < 1e-3
 
 
 def test_waves_about_a_moved_centre_are_those_of_moved_sources() -> None:

@@ -68,3 +68,28 @@ def test_what_cannot_be_simulated_is_rejected() -> None:
     for wrong in ({"noise": 1e4}, {"seed": -1}, {"dead": np.array([996])}):
         with raises_code("out_of_range"):
             echoes(**wrong)
+
+
+def test_an_element_that_rings_does_not_receive() -> None:
+    parts = np.repeat(np.arange(4), 249)
+    codes = at.sensing.random_codes(996, 8, seed=2, parts=parts)
+    assert np.array_equal((codes[:, 1] != 0), parts == 1)
+    given = at.simulate_echoes(solved(), capsules(), BOX.seen_from(TRUE), codes, ring_down=1e-3)
+    assert np.array_equal(given.valid, codes == 0)
+    assert not given.pressures[~given.valid].any()
+    # 0.3 ms are 103 mm there and back: farther elements have rung down when the first echo comes
+    later = at.simulate_echoes(solved(), capsules(), BOX.seen_from(TRUE), codes, ring_down=3e-4)
+    corners = np.concatenate([one.surface.corners.reshape(-1, 3) for one in capsules().obstacles])
+    away = np.linalg.norm(BOX.seen_from(TRUE).positions[:, None] - corners, axis=2)
+    for transmission in (0, 3):
+        emits = codes[:, transmission] != 0
+        for element in np.flatnonzero(emits)[::40]:
+            first = (away[element] + away[emits].min(axis=0)).min()
+            assert later.valid[element, transmission] == (first >= 3e-4 * AIR.sound_speed)
+    assert codes.size > later.valid.sum() > given.valid.sum()
+    with raises_code("nothing_received", "0 of"):
+        echoes(ring_down=1e-3)
+    with raises_code("out_of_range", "-1"):
+        echoes(ring_down=-1.0)
+    with raises_code("sizes_differ", "3", "996"):
+        at.sensing.random_codes(996, 8, parts=parts[:3])

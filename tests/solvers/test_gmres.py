@@ -54,3 +54,32 @@ def test_a_cyclic_shift_is_solved_in_the_last_step():
     found = gmres(lambda v: v @ shift.T, np.eye(4, dtype=complex)[:1], 1e-9)
     assert found.iterations == 4
     assert np.allclose(shift @ found.solution[0], np.eye(4)[0], atol=1e-9)
+
+
+def near_resonance(size: int = 120, small: int = 20):
+    """Make a matrix with some eigenvalues down to 0.01, as cavities have, and right-hand sides."""
+    pick = np.random.default_rng(3)
+    across = np.linalg.qr(pick.normal(size=(size, size)) + 1j * pick.normal(size=(size, size)))[0]
+    values = np.concatenate([np.geomspace(0.01, 0.8, small), np.linspace(0.8, 1.2, size - small)])
+    parts = np.concatenate([np.full(small, 0.1), np.ones(size - small)])
+    return (across * values) @ across.conj().T, np.stack(
+        [across @ parts, across @ (parts * 1j ** np.arange(size))], axis=1
+    )
+
+
+def test_iterations_go_on_where_a_small_residual_leaves_a_large_error():
+    matrix, right = near_resonance()
+    exact = np.linalg.solve(matrix, right).T
+    stopped = {error: gmres(lambda v: v @ matrix.T, right.T, 0.01, error) for error in (np.inf, 0.05, 0.005)}
+    for error, found in stopped.items():
+        off = np.linalg.norm(found.solution - exact, axis=1) / np.linalg.norm(exact, axis=1)
+        assert off.max() > 0.2 if error == np.inf else off.max() < error
+    most = stopped[np.inf].iterations + 2
+    last = gmres(lambda v: v @ matrix.T, right.T, 0.01, 0.0, most)
+    assert last.iterations == most  # no fault: the residual is as small as asked
+
+
+def test_well_conditioned_equations_take_no_further_iterations():
+    matrix, right = system()
+    plain, careful = (gmres(lambda v: v @ matrix.T, right.T, 1e-3, error) for error in (np.inf, 1e-9))
+    assert careful.iterations == plain.iterations

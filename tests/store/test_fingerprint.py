@@ -3,7 +3,6 @@
 import ast
 import shutil
 import sys
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -153,12 +152,6 @@ def test_nothing_of_commands_and_pages_is_followed_from_a_solve() -> None:
     rooms = {name.split(".")[1] for name in code_files(HANDS) if "." in name}
     assert rooms.isdisjoint({"cli", "pages", "figures", "workflows", "hardware", "files", "store", "synthesis"})
     assert "airtact" not in code_files(HANDS)
-
-
-def test_finding_the_files_takes_no_time() -> None:
-    begun = time.process_time()
-    named(HANDS, PACKAGE)
-    assert time.process_time() - begun < 0.1
 
 
 @dataclass(frozen=True)

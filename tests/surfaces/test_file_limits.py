@@ -6,13 +6,17 @@ import json
 import os
 import random
 import struct
+from functools import partial
 
 import numpy as np
 import pytest
 import trimesh
 
 from airtact.conventions import MOST_FILE_TRIANGLES, MOST_MESH_LINES
-from airtact.surfaces.files import load_surface
+from airtact.file_access import mesh_reading
+from airtact.file_access.apart import read_apart
+from airtact.file_access.mesh_limits import _plain_obj, is_plain
+from airtact.surfaces.files import load_surface, node_positions
 from damage import damaged, read_or_rejected, seeds
 from faults import raises_code
 from mesh.meshes import box_mesh, torus_mesh
@@ -117,6 +121,49 @@ def test_a_file_that_hurts_is_rejected(name, tmp_path):
     (folder / name).write_bytes(raw)
     with raises_code(code, name):
         load_surface(folder / name)
+
+
+@pytest.mark.parametrize(
+    ("name", "raw", "plain"),
+    [
+        ("box.stl", b" " * 80 + struct.pack("<I", 100_000) + bytes(50 * 100_000), True),
+        ("text.stl", b"solid a\n" + b" " * 4_000_001, False),
+        ("few.glb", glb(), True),
+        ("many.glb", glb(nodes=[{"mesh": 0}] * 200), False),
+        ("extended.glb", glb(extensionsUsed=["KHR_draco_mesh_compression"]), False),
+        ("beside.gltf", gltf("beside.bin"), False),
+        ("mesh.ply", PLY, True),
+        ("more.ply", PLY.replace(b"element face", b"element edge 1\nelement face"), False),
+        ("comments.obj", b"# a\n" * 2_000_000, True),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_plain_files_are_those_that_their_counts_bound(name, raw, plain):
+    suffix = name[name.index(".") :]
+    assert is_plain(suffix, raw, _plain_obj(raw) if suffix == ".obj" else raw) == plain
+
+
+def test_a_file_that_is_not_plain_is_read_all_the_same(tmp_path):
+    vertices, triangles = box_mesh((0.01, 0.02, 0.03))
+    path = tmp_path / "nodes.glb"
+    scene = trimesh.Scene()
+    scene.add_geometry(trimesh.Trimesh(vertices, triangles, process=False), node_name="box")
+    for index in range(200):
+        scene.graph.update(frame_to=f"empty {index}", frame_from="world")
+    path.write_bytes(scene.export(file_type="glb"))
+    assert load_surface(path).volume == pytest.approx(trimesh.Trimesh(vertices, triangles).volume, rel=1e-5)
+    assert "empty 199" in node_positions(path)
+
+
+def test_a_face_of_millions_of_corners_takes_no_more_memory_than_it_may(tmp_path, monkeypatch):
+    path = tmp_path / "wide.ply"
+    head = PLY.replace(b"float x\n", b"float x\nproperty float y\nproperty float z\n").replace(
+        b"int i", b"int vertex_indices"
+    )
+    path.write_bytes(head + b"0 0 0\n" * 3 + b"9000000 " + b"0 " * 9_000_000 + b"\n")
+    monkeypatch.setattr(mesh_reading, "read_apart", partial(read_apart, memory=10**9))
+    with raises_code("too_little_memory", "wide.ply"):
+        load_surface(path)
 
 
 def test_a_sparse_binary_file_of_many_triangles_is_rejected(tmp_path):

@@ -207,3 +207,11 @@ def test_where_a_wall_ends_in_a_knife_s_edge_panels_stay_as_large_as_asked() -> 
     hand = at.load_surface(GENERIC_HAND)
     counts = [len(hand.panelled(edge).quadratic_triangles) for edge in (16e-3, 8e-3)]
     assert counts[0] < counts[1] < 2.5 * wanted(hand.area, 8e-3)
+
+
+def test_panels_of_a_bent_wall_are_about_two_thicknesses_long_and_flat_ones_longer() -> None:
+    wall = 1e-3
+    bowl = axisymmetric.surface(axisymmetric.shell(10e-3, wall, 90.0), 1e-3)
+    assert longest_edges(bowl.panelled(3e-3).quadratic_triangles).max() < 2.2 * wall
+    plate = at.Surface(*box_mesh(high=(0.02, 0.02, wall))).panelled(3e-3).quadratic_triangles
+    assert 2.5 * wall < longest_edges(plate).max() < 4.01 * wall

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from airtact.pose import Pose
 from airtact.surfaces.primitives import Capsule, sphere
-from airtact.surfaces.surface import Surface
+from airtact.surfaces.surface import Surface, rigid_motion
 from faults import raises_code
 from mesh.meshes import box_mesh, torus_mesh
 
@@ -81,6 +81,17 @@ def test_moving_a_surface_moves_all_of_it(motion):
     assert np.allclose(moved.depth(motion.apply(points)), body.depth(points), rtol=0, atol=1e-15)
     assert moved.area == pytest.approx(body.area, rel=1e-12)
     assert moved.volume == pytest.approx(body.volume, rel=1e-9)
+
+
+def test_the_motion_between_two_places_of_a_body_is_known_and_is_that_of_its_vertices():
+    body = Capsule(0.01, 0.02, Pose.identity()).mesh(0.02)
+    here = body.moved(Pose.turn((1, 2, 0), 0.7, (0.1, 0.0, 0.0)))
+    there = here.moved(Pose.turn((0, 1, 1), 1.1, (0.0, -0.2, 0.1)))
+    made_there = Surface(there.vertices, there.triangles, there.midpoints, there.primitive)
+    for now in (there, made_there):
+        motion, off = rigid_motion(here, now)
+        assert off < 1e-12
+        assert np.allclose(motion.apply(here.vertices), there.vertices, rtol=0, atol=1e-12)
 
 
 def test_moving_a_flat_surface_keeps_what_was_found_about_it():

@@ -70,7 +70,7 @@ def test_leap_is_received_through_its_own_process():
         for identity in range(5):
             connection.send(leap_message(identity, "left"))
 
-    stream = HandStream(silence=PATIENCE)
+    stream = HandStream(silence=PATIENCE, every=True)
     with serve(service, "127.0.0.1", 0) as server, WebSocketReceiver(stream) as receiver:
         thread = threading.Thread(target=server.serve_forever)
         thread.start()

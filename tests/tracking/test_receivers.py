@@ -149,10 +149,43 @@ def test_a_slow_reader_gets_the_latest():
         with connect(f"ws://127.0.0.1:{receiver.port}") as tracker:
             for index in range(100):
                 tracker.send(to_json(still(index)))
-        until(lambda: receiver.stream.health.used == 100)
-        assert receiver.stream.health.interrupted == 0  # this one says farewell
+        until(lambda: receiver.stream.latest("left") is not None and receiver.stream.latest("left").sequence == 99)
+        health = receiver.stream.health
+        assert (health.received, health.used + health.overtaken, health.skipped) == (100, 100, 0)
+        assert health.interrupted == 0  # this one says farewell
         assert receiver.stream.wait(0.0).sequence == 99
         assert receiver.stream.wait(0.0) is None
+
+
+def test_packets_of_osc_that_wait_are_read_from_the_newest():
+    got, begun, held = [], threading.Event(), threading.Event()
+
+    def note(frame):
+        got.append(frame.sequence)
+        begun.set()
+        assert held.wait(PATIENCE)
+
+    stream = HandStream(silence=PATIENCE, on_frame=note)
+    with OscReceiver(stream) as receiver, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        try:
+            for index in range(20):
+                sender.sendto(to_osc(still(index)), ("127.0.0.1", receiver.port))
+                assert begun.wait(PATIENCE)
+        finally:
+            held.set()
+        until(lambda: stream.health.received == 20)
+    assert got == [0, 19]
+    assert stream.health.overtaken == 18
+
+
+def test_every_frame_is_used_where_they_are_recorded():
+    got = []
+    with WebSocketReceiver(HandStream(silence=PATIENCE, on_frame=got.append, every=True)) as receiver:
+        with connect(f"ws://127.0.0.1:{receiver.port}") as tracker:
+            for index in range(300):
+                tracker.send(to_json(still(index)))
+        until(lambda: receiver.stream.health.used == 300)
+    assert [frame.sequence for frame in got] == list(range(300))
 
 
 def test_closing_ends_all_connections_and_threads():

@@ -6,9 +6,10 @@ from dataclasses import fields
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pythonosc.osc_message_builder import OscMessageBuilder
 
 from airtact.tracking.frame import HandFrame
-from airtact.tracking.messages import to_json, to_osc
+from airtact.tracking.messages import side_of_osc, to_json, to_osc
 from airtact.tracking.stream import FARTHEST, RESTART, HandStream
 from faults import raises_code
 from hand.hand_poses import example
@@ -175,6 +176,57 @@ def test_the_callback_gets_every_frame_that_is_used():
     got = []
     fed([still(0), still(1), still(1), still(2)], on_frame=got.append)
     assert [frame.sequence for frame in got] == [0, 1, 2]
+
+
+def test_of_messages_that_waited_the_newest_good_one_of_each_hand_is_used():
+    right = {"side": "right", "landmarks": JOINTS * [-1, 1, 1]}
+    waited = [to_json(still(index)) for index in range(8)]
+    waited += [to_json(still(index, **right)) for index in range(3)]
+    mirrored = to_json(still(8)).replace(b"left", b"right")
+    waited += [b"rubbish", to_json(still(8))[:200], mirrored]
+    got = []
+    stream = HandStream(patience=10.0, on_frame=got.append)
+    stream.feed_waiting(waited)
+    assert [(frame.side, frame.sequence) for frame in got] == [("left", 7), ("right", 2)]
+    assert stream.health.received == len(waited)
+    assert counted(stream) == {"overtaken": 7 + 2, "unreadable": 2, "mirrored": 1}
+    stream.feed_waiting([to_json(still(index)) for index in (8, 9, 12)])  # 10 and 11 never came
+    assert stream.latest("left").sequence == 12
+    assert counted(stream)["skipped"] == 2
+
+
+def test_of_packets_of_osc_that_waited_the_newest_good_one_of_each_hand_is_used():
+    right = {"side": "right", "landmarks": JOINTS * [-1, 1, 1]}
+    waited = [to_osc(still(index)) for index in range(8)] + [to_osc(still(index, **right)) for index in range(3)]
+    waited += [b"noise", to_osc(still(8))[:200], to_osc(still(9)).replace(b",dsh", b",dxh")]
+    got = []
+    stream = HandStream(patience=10.0, on_frame=got.append)
+    stream.feed_waiting_osc(waited)
+    assert [(frame.side, frame.sequence) for frame in got] == [("left", 7), ("right", 2)]
+    assert stream.health.received == len(waited)
+    assert counted(stream) == {"overtaken": 7 + 2, "unreadable": 3}
+    stream.feed_waiting_osc([to_osc(still(index)) for index in (8, 9, 12)])  # 10 and 11 never came
+    assert counted(stream)["skipped"] == 2
+
+
+def test_the_side_of_a_packet_is_read_from_its_head():
+    for frame in (still(3), still(3, side="right", landmarks=JOINTS * [-1, 1, 1]), HandFrame(1.0, "right", 5)):
+        assert side_of_osc(to_osc(frame)) == frame.side
+    short = OscMessageBuilder("/airtact/hand")
+    for value, kind in ((1.5, "f"), ("right", "s"), (3, "i")):
+        short.add_arg(value, kind)
+    assert side_of_osc(short.build().dgram) == "right"
+    for packet in (b"", b"noise", b"#bundle\0" + bytes(8), to_osc(still(3))[:30], b"/airtact/hand\0\0\0,ds"):
+        assert side_of_osc(packet) is None
+
+
+def test_every_message_that_waited_is_used_where_it_is_to_be():
+    got = []
+    stream = HandStream(on_frame=got.append, every=True)
+    stream.feed_waiting([to_json(still(index)) for index in range(5)])
+    stream.feed_waiting_osc([to_osc(still(index)) for index in range(5, 9)])
+    assert [frame.sequence for frame in got] == list(range(9))
+    assert "overtaken" not in counted(stream)
 
 
 @pytest.mark.parametrize("setting", ["patience", "silence"])

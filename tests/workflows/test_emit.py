@@ -233,11 +233,11 @@ def test_an_export_is_the_drive_in_the_boards_levels(capsys, tmp_path, kind) -> 
 
 def test_a_file_link_holds_the_drive_alone(capsys, drive, tmp_path) -> None:
     out = tmp_path / "frames.npz"
-    to_file = ("--board", "autd3", "--link", "file", "--out", out, "--cap", "0.5", "--yes", "--seconds", "60")
+    to_file = ("--board", "autd3", "--link", "file", "--out", out, "--cap", "0.5", "--yes", "--seconds", "3600")
     begun = time.monotonic()
     code, _, errors = output(capsys, "emit", drive, *to_file)
     assert code == 0, errors
-    assert time.monotonic() - begun < 30  # no clock in it
+    assert time.monotonic() - begun < 1800  # no clock in it
     back = load_drive(out)
     assert isinstance(back, Drive)
     assert int(quantise(back).amplitude.max()) in (127, 128)

@@ -51,7 +51,7 @@ def _kernel_row(variant: str, surface: DualSurface, runs: int) -> Row:
     matrix = DualMatrix.empty(count, "bfloat16", np.ones((blocks, blocks), dtype=bool))
     none = np.zeros(0, dtype=np.int64), np.zeros((0, 6), dtype=np.complex128)
     first, first_shifted = np.zeros(count + 1, dtype=np.int64), np.zeros(len(shifted) + 1, dtype=np.int64)
-    positions = nodes.points, shifted, nodes.points, nodes.weighted_normals, surface.wavenumber, 0.5
+    positions = nodes.points, shifted, nodes.points, nodes.weighted_normals, none[1][:, 0], surface.wavenumber, 0.5
     near = first, *none, first_shifted, *none
     whole = matrix.whole.first, matrix.whole.column
     fill = partial(_kernels.dual_blocks_bfloat16, *positions, *near, *whole, matrix.blocks)

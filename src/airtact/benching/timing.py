@@ -13,9 +13,10 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Timed:
-    """Wall times of the runs of one job, in order [s]."""
+    """Wall times of the runs of one job, in order [s], and the processor time of all its threads where it was taken."""
 
     seconds: tuple[float, ...]
+    processor: tuple[float, ...] = ()
 
     @property
     def median(self) -> float:
@@ -26,18 +27,20 @@ class Timed:
         unit, scale = ("s", 1.0) if self.median >= 1.0 else ("ms", 1e3)
         values = (min(self.seconds), self.median, max(self.seconds))
         low, middle, high = (_three_digits(scale * value) for value in values)
-        return f"{middle} {unit} ({low} to {high})"
+        taken = f"; processor {_three_digits(scale * float(np.median(self.processor)))}" if self.processor else ""
+        return f"{middle} {unit} ({low} to {high}{taken})"
 
 
 def timed(jobs: Sequence[Callable[[], Result]]) -> tuple[Timed, list[Result]]:
     """Run the first job to warm up, then time the others; return their times and what each of them gave."""
     jobs[0]()
-    seconds, results = [], []
+    seconds, processor, results = [], [], []
     for job in jobs[1:]:
-        began = time.perf_counter()
+        began = time.perf_counter(), time.process_time()
         results.append(job())
-        seconds.append(time.perf_counter() - began)
-    return Timed(tuple(seconds)), results
+        seconds.append(time.perf_counter() - began[0])
+        processor.append(time.process_time() - began[1])
+    return Timed(tuple(seconds), tuple(processor)), results
 
 
 def relative_error(

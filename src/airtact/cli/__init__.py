@@ -30,6 +30,7 @@ from airtact.cli import (
     sense,
     sweep,
 )
+from airtact.cli.sense.calibrate import calibrate
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -87,6 +88,6 @@ def commands() -> None:
 for _command in (
     *(bench.bench, boards.boards, check.check, compare.compare, compare_scan.compare_scan, emit.emit, export.export),
     *(hand.hand, init.init, listen.listen, live.live, mesh.mesh, render.render, reproduce.reproduce, sense.sense),
-    sweep.sweep,
+    *(sweep.sweep, calibrate),
 ):
     commands.add_command(_command)

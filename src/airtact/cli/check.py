@@ -16,38 +16,44 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from airtact.benching.self_check import SelfCheck
+    from airtact.live.session import Session
+    from airtact.live.verification import VerifiedSession
     from airtact.scene.planes import Plane
     from airtact.scene.scene import Scene
     from airtact.scene_file.building import Setup
 
 
 @click.command(
-    short_help="Report what is in a scene or a surface, or what is wrong with it.",
+    short_help="Report what is in a scene, a surface or a session, or what is wrong with it.",
     epilog="Example: airtact check pinch",
 )
-@click.argument("scene", metavar="[SCENE_OR_SURFACE]", type=INPUT, required=False)
+@click.argument("scene", metavar="[SCENE_OR_SURFACE_OR_SESSION]", type=INPUT, required=False)
 @click.option(
     "--physics", is_flag=True, help="Solve known fields on this machine instead, and print how far off it is."
 )
+@click.option("--drives", type=int, help="Drives of a session that are solved; 10 by default.")
 @click.option("--out", "folder", type=FILE, help="Folder for a picture of the bodies or the fault.")
 @surface_settings
 @as_json
 @quiet
-def check(scene: Path | None, physics: bool, folder: Path | None, **settings: float | None) -> None:
+def check(scene: Path | None, physics: bool, drives: int | None, folder: Path | None, **settings: float | None) -> None:
     """Read a scene file or a surface file (STL, PLY, OBJ, GLB) and report what is in it, or what is wrong with it.
 
-    With --out a picture of the bodies is written, or of the position of the fault where the input is rejected. With
-    --physics no file is read: one sphere and two are solved within 10 s and held against known pressures, and the exit
-    code is 1 if they are farther off than asked.
+    Of a session of airtact live (session.h5, or its folder), drives spread over it are held against the whole hand that
+    was there when they were in the air, some seconds each. With --out a picture of the bodies is written, or of the
+    position of the fault where the input is rejected. With --physics no file is read: one sphere and two are solved
+    within 10 s and held against known pressures, and the exit code is 1 if they are farther off than asked.
     """
     if physics:
-        if scene is not None or folder is not None or given(**settings):
+        if given(scene=scene, folder=folder, drives=drives, **settings):
             sentence = "--physics reads no file and writes none, and 1 or more of them, or settings of one, are given."
             raise at.InvalidInput(f"{sentence} Leave them out.", code="options_clash")
         _check_physics()
         return
     if scene is None:
-        raise click.UsageError("Missing argument 'SCENE_OR_SURFACE'.", click.get_current_context())
+        raise click.UsageError("Missing argument 'SCENE_OR_SURFACE_OR_SESSION'.", click.get_current_context())
+    if _checked_session(scene, drives, **given(folder=folder, **settings)):
+        return
     with progress() as report_step:
         from airtact.scene.scene import Scene
         from airtact.workflows import check as workflow
@@ -67,6 +73,25 @@ def check(scene: Path | None, physics: bool, folder: Path | None, **settings: fl
             report_step(f"looking which foci the array reaches, {len(checked.target.points):,} of them")
             cautions = workflow.reach_cautions(checked)
     show(*tables, warnings=cautions, record=record)
+
+
+def _checked_session(path: Path, drives: int | None, **others: Path | float) -> bool:
+    """Hold a session against the hand that was there, and print it; return False for all that is no session."""
+    if path.suffix != ".h5" and not path.is_dir():
+        if drives is not None:
+            sentence = f"--drives {drives} is for a session, and {path.name} is none: leave it out."
+            raise at.InvalidInput(sentence, code="options_clash")
+        return False
+    if others:
+        sentence = f"{path.name} is a session, and {len(others)} option of a scene or a surface is given"
+        raise at.InvalidInput(f"{sentence}: leave --{next(iter(others))} out.", code="options_clash")
+    with progress() as report_step:
+        report_step("starting")
+        from airtact.workflows.check import check_session
+
+        session, found = check_session(path, **given(drives=drives), report_step=report_step)
+    show(*_session_tables(session, found), record=_session_record(session, found))
+    return True
 
 
 def _check_physics() -> None:
@@ -101,6 +126,42 @@ def _physics_record(found: "SelfCheck") -> dict[str, Any]:
     keys = ("name", "truth", "error", "own")
     fields = [{key: getattr(one, key) for key in keys} for one in found.fields]
     return {"instructions": found.instructions, "threads": found.threads, "asked": found.asked, "fields": fields}
+
+
+def _session_tables(session: "Session", found: "VerifiedSession") -> "Iterator[Table]":
+    """Tabulate what is in a session, and what its drives gave the hand that was there."""
+    times = session.time_in_air
+    facts = [("frames", f"{len(session.frame_time):,}"), ("drives", f"{len(times):,} in {times[-1] - times[0]:.1f} s")]
+    facts.append(("foci", ", ".join(session.scene.places)))
+    rest = f"{len(found.kept)} of {int(session.playing.sum()):,} that play"
+    facts.append(("held against the hand that was there", rest))
+    facts.append(("kept of the attainable pressure", f"{found.median:.0%}, nine of ten over {found.lowest_tenth:.0%}"))
+    yield facts_table(facts)
+    table = plain_table("in the air at", "made from", "weakest focus gets", "kept", "expected")
+    for time, rule, pressures, kept, expected in zip(
+        found.times, found.rules, found.pressures, found.kept, found.expected, strict=True
+    ):
+        said = "–" if math.isnan(expected) else f"{expected:.0%}"
+        table.add_row(f"{time - times[0]:.2f} s", rule, f"{pressures.min():,.0f} Pa", f"{kept:.0%}", said)
+    yield table
+
+
+def _session_record(session: "Session", found: "VerifiedSession") -> dict[str, Any]:
+    """List what the drives of a session gave the hand that was there, for ``--json``."""
+    rows = zip(found.indices, found.times, found.rules, found.pressures, found.kept, found.expected, strict=True)
+    verified = [
+        {
+            "index": index,
+            "time": float(time),
+            "rule": rule,
+            "pressures": pressures.tolist(),
+            "kept": float(kept),
+            "expected": None if math.isnan(expected) else float(expected),
+        }
+        for index, time, rule, pressures, kept, expected in rows
+    ]
+    counts = {"frames": len(session.frame_time), "drives": len(session.time_in_air)}
+    return {**counts, "median": found.median, "lowest_tenth": found.lowest_tenth, "verified": verified}
 
 
 def _scene_record(setup: "Setup", unknowns: int | None) -> dict[str, Any]:
@@ -146,7 +207,7 @@ def _scene_tables(setup: "Setup", unknowns: int | None) -> "Iterator[Table]":
     surfaces = {name: one.surface for name, one in zip(setup.bodies, setup.scene.obstacles, strict=True)}
     for (name, surface), obstacle in zip(surfaces.items(), setup.scene.obstacles, strict=True):
         size = f"{1e4 * surface.area:.1f} cm² = {surface.area / wavelength**2:.0f} λ²"
-        bodies.add_row(escape(name), obstacle.boundary.replace("_", "-"), f"{len(surface.triangles):,}", size)
+        bodies.add_row(escape(name), obstacle.kind, f"{len(surface.triangles):,}", size)
     if surfaces:
         yield bodies
     yield from (repairs_table(surface, name) for name, surface in surfaces.items() if surface.repairs)
@@ -155,6 +216,7 @@ def _scene_tables(setup: "Setup", unknowns: int | None) -> "Iterator[Table]":
     clearance = -setup.scene.depth(elements.positions).max()
     facts = plain_table()
     away = f", {1e3 * clearance:.0f} mm off the bodies or more" if surfaces else ""
+    away = ", in the faces of boards that reflect" if any(one.board for one in setup.scene.obstacles) else away
     sensitivity = f"{elements.element.sensitivity:g} Pa·m, uncalibrated"
     facts.add_row("transducers", f"{len(elements)}, {sensitivity}{away}")
     facts.add_row("pattern", elements.element.pattern_in_words(setup.scene.wavenumber.real))

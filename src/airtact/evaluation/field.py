@@ -12,6 +12,7 @@ from airtact.solvers.problem import Solver
 from airtact.timing import Progress, no_progress
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
+from airtact.transducers.plates import strength_in
 from airtact.transfer import Drive, check_drive
 from airtact.validation import counted, of_kind, points_of
 
@@ -22,13 +23,14 @@ def check_solver(solver: Solver) -> None:
     of_kind(solver, Solver, "the solver", f"one such as {name}()")
 
 
-def drive_sources(array: PhasedArray, drives: Sequence[Drive]) -> Monopoles:
+def drive_sources(array: PhasedArray, drives: Sequence[Drive], scene: Scene | None = None) -> Monopoles:
     """Return all face points of an array as monopoles, with one excitation per drive.
 
     Parameters
     ----------
     array : the transducers, E elements of Q face points.
     drives : S drives of E elements each.
+    scene : where they emit; needed if it has reflecting boards, in whose faces elements have half the strength.
 
     Returns
     -------
@@ -55,7 +57,8 @@ def drive_sources(array: PhasedArray, drives: Sequence[Drive]) -> Monopoles:
                 f"drive {index} is silent: all {len(drive)} amplitudes are 0 or of dead elements.", code="drive_silent"
             )
     amplitudes = array.gains[:, None] * np.stack([drive.amplitudes for drive in drives], axis=1)
-    strengths = array.element.sensitivity * array.element.weights[None, :, None] * amplitudes[:, None, :]
+    full = array.element.sensitivity * (1.0 if scene is None else strength_in(scene, array))
+    strengths = full * array.element.weights[None, :, None] * amplitudes[:, None, :]
     return Monopoles(array.face_points.reshape(-1, 3), strengths.reshape(-1, len(drives)))
 
 
@@ -95,7 +98,7 @@ def field_map(
     """
     check_solver(solver)
     points = points_of(points, "points", least=0)
-    sources = drive_sources(array, [drive])
+    sources = drive_sources(array, [drive], scene)
     check_placement(scene, array)
     check_off_sources(points, sources)
     field = solver.reporting(progress).radiate(scene, sources)

@@ -11,7 +11,7 @@ from airtact.printing import html_table, one_line
 from airtact.scene.scene import Scene, check_outside
 from airtact.scene.sources import check_off_sources
 from airtact.scene.target import Target
-from airtact.solvers.problem import PLANES, RadiatedField, Solver, SolveReport
+from airtact.solvers.problem import BOARDS, PLANES, RadiatedField, Solver, SolveReport
 from airtact.synthesis.reach import fraction
 from airtact.timing import Progress
 from airtact.transducers.layout import PhasedArray
@@ -30,9 +30,15 @@ BEYOND_THE_PLANE = (
 )
 """What it leaves out with one."""
 
+BEYOND_THE_BOARDS = "{} do not reflect, the boards have no gaps, and the elements' sensitivity is not calibrated."
+"""What it leaves out with boards that reflect."""
+
 
 def not_modelled(report: SolveReport) -> str:
     """Say what figures of pressure leave out that a report belongs to."""
+    if BOARDS in report.settings:
+        others = "Tables and walls" + " other than the scene's rigid plane" * (PLANES in report.settings)
+        return BEYOND_THE_BOARDS.format(others)
     return BEYOND_THE_PLANE if PLANES in report.settings else NOT_MODELLED
 
 
@@ -185,7 +191,7 @@ def radiate_drives(
     """
     check_solver(solver)
     of_kind(target, Target, "the target", "Target(points, pressures)")
-    sources = drive_sources(array, drives)
+    sources = drive_sources(array, drives, scene)
     check_placement(scene, array, target.points)
     for what, points in {"focus": target.points, **(others or {})}.items():
         if len(points):

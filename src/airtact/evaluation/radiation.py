@@ -171,7 +171,7 @@ def radiation_map(scene: Scene, array: PhasedArray, drive: Drive, *, solver: Sol
         If there is no body, a body is not sound-hard, or the array, the scene and the drive do not go together.
     """
     check_solver(solver)
-    sources = drive_sources(array, [drive])
+    sources = drive_sources(array, [drive], scene)
     check_placement(scene, array)
     _check_hard(scene)
     return radiation_of(solver.radiate(scene, sources), 0)

@@ -279,7 +279,7 @@ def verify(
     (progress or no_progress)("evaluating the field at the foci and on the surfaces")
     points = np.concatenate([target.points, target.suppression_points, ears])
     exact, quantised = np.ascontiguousarray(field.at(points).T)
-    skin, report = radiation_of(field, 0) if scene.obstacles else None, field.report_at(points)
+    skin, report = radiation_of(field, 0) if field.scene.obstacles else None, field.report_at(points)
     (progress or no_progress)("looking for side lobes")
     return Verification(
         evaluation=Evaluation(target, exact[:foci], report),

@@ -1,6 +1,6 @@
 """What each transducer emits: the array's faces side by side (the paper's Fig. 5), and all in space with bodies."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -11,8 +11,9 @@ from matplotlib.axis import Axis
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import EllipseCollection
 from matplotlib.colorbar import Colorbar
-from matplotlib.colors import Normalize
+from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
@@ -85,15 +86,23 @@ def draw_phases(
     amplitudes: Complex[np.ndarray, "elements"],
 ) -> Figure:
     """Draw phase and amplitude of every transducer as discs at their true positions [m]."""
-    spans = np.array([np.ptp(face.seen, axis=0) + 0.03 for face in unfold(positions, normals)])
-    width, height, beside = spans[:, 0].sum(), spans[:, 1].max(), len(spans) == 1
-    rows, columns = (1, 2) if beside else (2, 1)
-    inches = min(9.4 / (columns * width), (4.6 if beside else 6.6) / (rows * height))
-    size = columns * (width * inches + 1.5), rows * (height * inches + 1.2) - 0.6 * beside
+    rows, columns, width, height = _panels(positions, normals, 2)
+    size = columns * (width + 1.5), rows * (height + 1.2) - 0.6 * (rows == 1)
     figure = Figure(figsize=size, layout="constrained")
     for axes, show in zip(figure.subplots(rows, columns), ("phase", "amplitude"), strict=True):
         draw_faces(axes, positions, normals, amplitudes, show)
     return figure
+
+
+def _panels(
+    positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"], count: int
+) -> tuple[int, int, float, float]:
+    """Rows and columns of so many pictures of all faces side by side, and width and height of one [inches]."""
+    spans = np.array([np.ptp(face.seen, axis=0) + 0.03 for face in unfold(positions, normals)])
+    width, height, beside = spans[:, 0].sum(), spans[:, 1].max(), len(spans) == 1
+    rows, columns = (1, count) if beside else (count, 1)
+    inches = min(9.4 / (columns * width), (4.6 if beside else 6.6) / (rows * height))
+    return rows, columns, width * inches, height * inches
 
 
 def _name(axis: Axis, direction: Float64[np.ndarray, "3"], other: str) -> None:
@@ -107,6 +116,30 @@ def _name(axis: Axis, direction: Float64[np.ndarray, "3"], other: str) -> None:
     axis.set_label_text(other)
 
 
+def draw_receivers(
+    positions: Real[np.ndarray, "elements 3"],
+    normals: Real[np.ndarray, "elements 3"],
+    values: Mapping[str, Float64[np.ndarray, "elements"]],
+    label: str,
+) -> Figure:
+    """Draw values above zero of every transducer, by name, as discs on one logarithmic scale; grey where one is NaN."""
+    rows, columns, width, height = _panels(positions, normals, len(values))
+    size = columns * (width + 0.9) + 0.9, rows * (height + 1.0)
+    figure = Figure(figsize=size, layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    known = np.concatenate([one[np.isfinite(one)] for one in values.values()])
+    most = float(known.max())
+    scale = ScalarMappable(LogNorm(float(np.clip(known.min(), 1e-3 * most, 0.5 * most)), most), "viridis")
+    for axes, (name, one) in zip(panels, values.items(), strict=True):
+        colours = np.where(np.isfinite(one)[:, None], scale.to_rgba(np.nan_to_num(one, nan=most)), UNDRIVEN)
+        _lay_out(axes, positions, normals, colours)
+        axes.set_title(name, fontsize=11, pad=30 if columns == 1 and rows > 1 else None)
+    ticks = LogLocator(subs=(1.0, 2.0, 5.0))
+    bar = figure.colorbar(scale, ax=list(panels), label=label, aspect=30, ticks=ticks, format="{x:g}")
+    bar.minorticks_off()
+    return figure
+
+
 def draw_faces(
     axes: Axes,
     positions: Real[np.ndarray, "elements 3"],
@@ -118,6 +151,24 @@ def draw_faces(
     magnitudes = np.abs(amplitudes)
     scale = _phase_colours() if show == "phase" else ScalarMappable(Normalize(0, magnitudes.max()), "viridis")
     colours = scale.to_rgba(np.angle(amplitudes) if show == "phase" else magnitudes)
+    faces = _lay_out(axes, positions, normals, colours)
+    label = "phase [rad]" if show == "phase" else "amplitude [of full scale]"
+    if len(faces) == 1:
+        bar = axes.figure.colorbar(scale, ax=axes, pad=0.02, aspect=25)
+        bar.ax.set_title(label, fontsize=9, loc="right")  # beside the bar it would read as that of the next axes
+    else:
+        bar = axes.figure.colorbar(scale, ax=axes, label=label, location="bottom", pad=0.02, aspect=60)
+    if show == "phase":
+        _tick_phases(bar)
+
+
+def _lay_out(
+    axes: Axes,
+    positions: Real[np.ndarray, "elements 3"],
+    normals: Real[np.ndarray, "elements 3"],
+    colours: Real[np.ndarray, "elements 4"],
+) -> list[Face]:
+    """Draw every transducer as a disc of its colour, the faces of the array side by side; return the faces."""
     faces = unfold(positions, normals)
     size = 1e3 * min(spacing(positions[face.elements]) for face in faces) * 0.94
     left, top = 0.0, max(1e3 * face.seen[:, 1].max() for face in faces) + size
@@ -138,14 +189,7 @@ def draw_faces(
         axes.set_title(_where(faces[0], positions))
     else:
         axes.set_xlabel("along the faces, side by side [mm]")
-    label = "phase [rad]" if show == "phase" else "amplitude [of full scale]"
-    if len(faces) == 1:
-        bar = axes.figure.colorbar(scale, ax=axes, pad=0.02, aspect=25)
-        bar.ax.set_title(label, fontsize=9, loc="right")  # beside the bar it would read as that of the next axes
-    else:
-        bar = axes.figure.colorbar(scale, ax=axes, label=label, location="bottom", pad=0.02, aspect=60)
-    if show == "phase":
-        _tick_phases(bar)
+    return faces
 
 
 def _phase_colours() -> ScalarMappable:

@@ -6,14 +6,14 @@ that rows are appended to, any other a whole dataset. It closes the file when th
 """
 
 import math
-import os
 import pickle
 import signal
 import struct
 import sys
 import time
-from contextlib import suppress
 from typing import Any, BinaryIO
+
+from airtact.timing import give_way
 
 EVERY = 1.0
 """How often the file is brought to disk [s]."""
@@ -26,8 +26,7 @@ def main(path: str, messages: BinaryIO) -> None:
     """Write the messages to a file until they end."""
     import h5py
 
-    with suppress(OSError):
-        os.nice(5)
+    give_way(5)
     for kind in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(kind, signal.SIG_IGN)  # the input ends when the loop does
 

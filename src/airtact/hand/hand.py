@@ -110,7 +110,7 @@ class Hand:
         """
         if name not in PLACES:
             raise InvalidInput(f"{name!r} is not 1 of the places of a hand: {', '.join(PLACES)}.", code="unknown_place")
-        return self._palm() if name == "palm" else self._pad(PLACES.index(name))
+        return self._palm if name == "palm" else self._pad(PLACES.index(name))
 
     def place(self, name: str) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
         """Find a named position on the skin (3,) [m] and the outward unit normal there (3,).
@@ -190,6 +190,7 @@ class Hand:
         radius = (1.0 - PAD) * self.radii[root] + PAD * self.radii[tip]
         return fixed(start + radius * normal), fixed(normal)
 
+    @cached_property
     def _palm(self) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
         back = cross(self.joints[11] - self.joints[0], self.joints[6] - self.joints[21])
         back = unit(back) if self.side == "right" else -unit(back)

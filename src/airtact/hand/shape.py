@@ -87,6 +87,16 @@ class HandShape(Shape):
         """Enclosed volume [m³]."""
         return self._measures[1]
 
+    @property
+    def least_thickness(self) -> float:
+        """Diameter [m] of its smallest ball where no hulls are joined, 0 elsewhere.
+
+        Every point of a hull's surface is on a ball inside that is as large as its smallest; the creases between joined
+        hulls are not.
+        """
+        alone = bool((self.hulls.apart + np.eye(len(self.hulls.parts)) == 1.0).all())
+        return 2.0 * self.hulls.thinnest if alone else 0.0
+
     def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
         """Distance to the skin [m] of points (P, 3) [m], positive inside."""
         return -self.hulls.look(self.pose.inverse().apply(points)).distance

@@ -87,6 +87,7 @@ class AUTD3Link(Link):
         self._lost: str | None = None
         self._envelope: tuple[Envelope, int] | None = None
         self._swinging = False
+        self._smoothed: int | None = None
         self._controller: Any = None
         self._library: Any = None
 
@@ -236,8 +237,7 @@ class AUTD3Link(Link):
         """Begin a modulation, which then goes on while other gains are sent."""
         from pyautd3.modulation import Custom
 
-        period = divide * (1_000_000 // PERIODS)
-        self._sender.send(self._silencer(min(INTENSITY_FADE, period), min(PHASE_FADE, period)))
+        self._smooth(divide)
         factors = np.rint(255 * envelope).astype(np.uint8)
         pyautd3 = self._library
         self._sender.send((Custom(factors, pyautd3.SamplingConfig(divide)), gain))
@@ -250,18 +250,24 @@ class AUTD3Link(Link):
 
     def _upload(self, frames: Sequence[Frame], rate: float) -> None:
         divide = round(PERIODS / rate)
-        period = divide * (1_000_000 // PERIODS)
-        self._sender.send(self._silencer(min(INTENSITY_FADE, period), min(PHASE_FADE, period)))
+        self._smooth(divide)
         gains = [_gain_of(self._words(frame)) for frame in frames]
         pyautd3 = self._library
         sequence = pyautd3.GainSTM(gains, pyautd3.SamplingConfig(divide), pyautd3.GainSTMOption())
         self._sender.send((pyautd3.Static(), sequence))
 
     def _silence(self) -> None:
-        self._swinging = False
+        self._swinging, self._smoothed = False, None
         # First silence, which the boards acknowledge; only then may the silencer be slow again.
         self._sender.send((self._library.Static(), self._library.Null()))
         self._sender.send(self._silencer(INTENSITY_FADE, PHASE_FADE))
+
+    def _smooth(self, divide: int) -> None:
+        """Have the boards spread changes over a frame of so many periods at most, if they do not already."""
+        period = divide * (1_000_000 // PERIODS)
+        if period != self._smoothed:
+            self._sender.send(self._silencer(min(INTENSITY_FADE, period), min(PHASE_FADE, period)))
+            self._smoothed = period
 
     def _silencer(self, intensity: int, phase: int) -> Any:
         micros = self._library.Duration.from_micros

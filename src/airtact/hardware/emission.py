@@ -63,7 +63,7 @@ class Emission:
 
     Use it as ``with Emission(link) as emission:``. The link is opened in a process of its own, which raises the sound
     over a ramp and sends a frame of zeros, which the link sees confirmed, when the block is left, and by itself when
-    this process is gone, whatever ended it, or when for half a second no ``send``, ``hold``, ``play``,
+    this process is gone, whatever ended it, or when for half a second no ``send``, ``hold``, ``play``, ``cycle``,
     ``modulate``, ``set_modulation``, ``silence`` or ``beat`` is called. Nothing can be sent after that, unless calls
     that came too late are the reason and it ``resumes``. SIGINT, SIGTERM and SIGHUP in the main thread leave the block
     by ``KeyboardInterrupt`` or ``SystemExit``.
@@ -85,6 +85,7 @@ class Emission:
     Attributes
     ----------
     process : number of the process that holds the link; None where it is this one, or before it is open.
+    share : of the amplitude of the newest drive that the boards played when it was sent; less than 1 on a ramp.
 
     Raises
     ------
@@ -111,6 +112,7 @@ class Emission:
         file = None if log is None else Path(of_kind(log, str | Path, "the log", "a path")).absolute()
         patience = positive(patience, "the patience of the watchdog", "s")
         self._settings = Settings(check_cap(cap), float(ramp), patience, file, resumes)
+        self.share: float = 1.0
         self._inside = 0
         self._signal: int | None = None
         self._over = NOT_BEGUN
@@ -181,7 +183,7 @@ class Emission:
         """Number of the process that holds the link; None where it is this one, or before it is open."""
         return None if self._played is None else self._played.process
 
-    def send(self, drive: Drive, wait: bool = True) -> Frame:
+    def send(self, drive: Drive, wait: bool = True, outlast: bool = True) -> Frame:
         """Play a drive from now on; the first one rises over the ramp, and so does one after silence.
 
         Parameters
@@ -189,6 +191,7 @@ class Emission:
         drive : what every element emits.
         wait : whether to return when the ramp is over and the boards have the frame. Otherwise the newest drive rises
             meanwhile, and what fails on the way is raised by the next call.
+        outlast : whether to wait for the end of the ramp, too; otherwise ``share`` says how far it is.
 
         Returns
         -------
@@ -203,9 +206,9 @@ class Emission:
         """
         check_drive(drive, "what is emitted")
         self.link.check_elements(len(drive))
-        frame, left = self._ask("send", drive.amplitudes, wait)
+        frame, left, self.share = self._ask("send", drive.amplitudes, wait)
         self.link.last = frame
-        if wait:
+        if wait and outlast:
             self._outlast(left)
         return frame
 
@@ -227,6 +230,27 @@ class Emission:
         of_kind(modulation, AmplitudeModulation, "the modulation", "AmplitudeModulation(frequency, depth)")
         count, rate = frames_of_period(modulation.frequency, self.link.fastest_frames)
         self._ask("modulate", modulation.envelope(count), rate)
+
+    def cycle(self, sequence: Sequence, outlast: bool = True) -> None:
+        """Play the frames of a sequence over and over from now on, and take the place of the one before in its round.
+
+        While sequences of one length and rate follow each other, the place in the round goes on: the frame that is due
+        is the newest sequence's. A modulation ends. The first sequence rises over the ramp, its most powerful frame
+        alone where boards repeat it by themselves; a file gets the frame that is due. ``outlast`` is that of ``send``.
+
+        Raises
+        ------
+        InvalidInput
+            As ``play``.
+        LinkFailed
+            If the link fails, or the emission was ended before.
+        """
+        of_kind(sequence, Sequence, "what is played", "Sequence(drives, rate)")
+        self.link.check_elements(sequence.drives.shape[1])
+        self.link.check_sequence(len(sequence), sequence.rate)
+        left, self.share = self._ask("cycle", sequence.drives, sequence.rate)
+        if outlast:
+            self._outlast(left)
 
     def silence(self, fade: float = FADE, wait: bool = True) -> None:
         """Let the sound fade to silence; the next drive rises over the ramp.

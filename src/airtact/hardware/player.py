@@ -72,6 +72,20 @@ class Swing:
         return float(self.envelope[int((now - self.begun) * self.rate) % len(self.envelope)])
 
 
+@dataclass(frozen=True)
+class Round:
+    """Drives that are played in turn, over and over: their frames at full amplitude, so many a second, since when."""
+
+    drives: Complex128[np.ndarray, "frames elements"]
+    frames: Sequence[Frame]
+    rate: float
+    begun: float
+
+    def index(self, now: float) -> int:
+        """Return which frame is due at a time."""
+        return int((now - self.begun) * self.rate) % len(self.frames)
+
+
 class Player:
     """Plays one link step by step; nothing here waits, and every command returns at once.
 
@@ -92,6 +106,7 @@ class Player:
         self._swing: Swing | None = None
         self._next_frame = 0.0
         self._repeated: Repeated | None = None
+        self._round: Round | None = None
         self._emitting = self._waiting = False
         self._fed = self._looked = time.monotonic()
 
@@ -111,19 +126,19 @@ class Player:
         self._write("opened")
         self._fed = time.monotonic()
 
-    def send(self, amplitudes: Complex128[np.ndarray, "elements"], wait: bool = True) -> tuple[Frame, float]:
-        """Play a drive from now on; return its frame at full amplitude, and how long the ramp still takes [s].
+    def send(self, amplitudes: Complex128[np.ndarray, "elements"], wait: bool = True) -> tuple[Frame, float, float]:
+        """Play a drive from now on; return its frame at full amplitude, how long the ramp still takes [s], its gain.
 
         Without waiting, the frame is on its way after the answer, and a fault is raised by the next command.
         """
         self._feed()
-        self._repeated = None
+        self._repeated = self._round = None
         self._drive = amplitudes
         self._share = share_under_cap(amplitudes[None], self.link.levels, self._set.cap)
         self._full = full = frame_at(amplitudes, self.link.levels, self._share)
         if not self.link.real_time:
             self._transmit(full)
-            return full, 0.0
+            return full, 0.0, 1.0
         if full.silent:
             self._gain = self._slope = 0.0
         elif self._gain == 0.0 or self._slope < 0.0:
@@ -132,7 +147,35 @@ class Player:
         if wait:
             self._catch_up()
         self._fed = time.monotonic()
-        return full, self.left()
+        return full, self.left(), self._gain
+
+    def cycle(self, drives: Complex128[np.ndarray, "frames elements"], rate: float) -> tuple[float, float]:
+        """Play drives in turn from now on, at the place in the round where those before are.
+
+        A round of another length or rate begins anew. A modulation ends. Return how long the ramp still takes [s], and
+        its gain.
+        """
+        self._feed()
+        link, now, before = self.link, time.monotonic(), self._round
+        self._share = share_under_cap(drives, link.levels, self._set.cap)
+        frames = [frame_at(drive, link.levels, self._share) for drive in drives]
+        goes_on = before is not None and len(before.frames) == len(frames) and before.rate == rate
+        self._round = one = Round(drives, frames, rate, before.begun if goes_on and before is not None else now)
+        self._repeated, self._swing, self._waiting = None, None, False
+        self._drive, self._full = drives[np.linalg.norm(drives, axis=1).argmax()], None
+        if not link.real_time:
+            self._transmit(frames[one.index(now)])
+            return 0.0, 1.0
+        if link.modulates_itself:
+            link.modulate(None, 0.0)
+        if self._gain == 0.0 or self._slope < 0.0:
+            self._rise()
+        if not goes_on:
+            self._next_frame = now
+        if link.plays_itself and self._gain == 1.0:
+            self._turn(one)
+        self._fed = time.monotonic()
+        return self.left(), self._gain
 
     def play(
         self,
@@ -148,7 +191,7 @@ class Player:
         rows = np.arange(len(factors)) % len(drives)
         frames = [frame_at(drives[row], link.levels, self._share * f) for row, f in zip(rows, factors, strict=True)]
         repeated = Repeated(frames, rate, seconds)
-        self._repeated, self._waiting = repeated, False
+        self._repeated, self._round, self._waiting = repeated, None, False
         if not link.real_time:
             link.play([frames[index % len(frames)] for index in range(repeated.total)], rate)
             repeated.begun, repeated.sent, repeated.index = -np.inf, repeated.total, repeated.total
@@ -173,8 +216,9 @@ class Player:
         return one.sent / (time.monotonic() - one.begun), one.sent, one.dropped
 
     def modulate(self, envelope: Float64[np.ndarray, "frames"] | None, rate: float) -> None:
-        """Vary the amplitude of whatever is sent from now on, or stop that."""
+        """Vary the amplitude of whatever is sent from now on, or stop that; a round ends."""
         self._feed()
+        self._round = None
         if self.link.modulates_itself:
             self.link.modulate(envelope, rate)
         else:
@@ -287,8 +331,7 @@ class Player:
             self._pace(one)
         elif self._paced and self._gain > 0.0 and now >= self._next_frame:
             self._transmit(self._now())
-            behind = np.floor((now - self._next_frame) * self._swing.rate) if self._swing else 0.0
-            self._next_frame += (1.0 + behind) / (self._swing.rate if self._swing else 1.0)
+            self._next_frame += (1.0 + np.floor((now - self._next_frame) * self._rate)) / self._rate
         if self._emitting and self._trouble is None and now - self._looked > LOOK:
             self._looked = now
             self.link.probe()
@@ -299,14 +342,21 @@ class Player:
             self.finish(why)
             return
         self._write(why)
-        self._repeated, self._waiting = None, False
+        self._repeated, self._round, self._waiting = None, None, False
         self._slope = self._gain = 0.0
         self._silence()
 
     @property
     def _paced(self) -> bool:
-        """Whether frames of a modulation must be sent in time."""
-        return self._swing is not None and self._repeated is None
+        """Whether frames of a modulation or of a round must be sent in time."""
+        by_boards = self._round is not None and self.link.plays_itself
+        return (self._swing is not None or self._round is not None) and self._repeated is None and not by_boards
+
+    @property
+    def _rate(self) -> float:
+        """Frames a second that must be sent in time."""
+        one = self._round or self._swing
+        return 1.0 if one is None else one.rate
 
     def _pace(self, one: Repeated) -> None:
         """Send the frame of a sequence that is due; leave out those that would be late by a whole frame."""
@@ -330,6 +380,14 @@ class Player:
         else:
             one.begun = time.monotonic()
             self._pace(one)
+
+    def _turn(self, one: Round) -> None:
+        """Have the boards play a round by themselves."""
+        self._emitting = True
+        self.link.play(one.frames, one.rate)
+        self._emitting = not all(frame.silent for frame in one.frames)
+        self._looked = time.monotonic()
+        self._noted(max(self._largest(frame) for frame in one.frames))
 
     # --- ramps --------------------------------------------------------------------------------------------------
 
@@ -356,6 +414,8 @@ class Player:
         one = self._repeated
         if one is not None and one.begun is None and self._gain == 1.0:
             self._begin(one)
+        elif self._round is not None and self.link.plays_itself and self._gain == 1.0:
+            self._turn(self._round)
         elif not self._paced:
             self._transmit(self._now())
 
@@ -371,10 +431,17 @@ class Player:
     def _now(self) -> Frame:
         """Return the newest drive at the gain and the modulation of now."""
         assert self._drive is not None
+        one = self._round
+        if one is not None and self._repeated is None and not self.link.plays_itself:
+            index = one.index(time.monotonic())
+            return one.frames[index] if self._gain == 1.0 else self._rounded(one.drives[index])
         factor = 1.0 if self._swing is None or self._repeated is not None else self._swing.factor(time.monotonic())
         if self._full is not None and self._gain * factor == 1.0:
             return self._full
-        return frame_at(self._drive, self.link.levels, self._share * self._gain * factor)
+        return self._rounded(self._drive, factor)
+
+    def _rounded(self, drive: Drives, factor: float = 1.0) -> Frame:
+        return frame_at(drive, self.link.levels, self._share * self._gain * factor)
 
     # --- the link -----------------------------------------------------------------------------------------------
 
@@ -402,7 +469,7 @@ class Player:
             raise trouble
 
     def _silence_for_good(self) -> None:
-        self._repeated = self._swing = None
+        self._repeated = self._swing = self._round = None
         self._waiting = False
         self._slope = self._gain = 0.0
         self._silence()

@@ -8,9 +8,9 @@ from airtact.live.distances import Distances
 from airtact.live.drives.maker import HandAware
 from airtact.live.loop import Followed, Status, follow
 from airtact.live.output import Boards, Nowhere, Output
-from airtact.live.parts import Controls, DriveMaker, LiveScene, Moment
+from airtact.live.parts import Controls, DriveMaker, LiveScene, Moment, MovingFoci
 from airtact.live.scene import live_scene
-from airtact.live.session import Session, SessionWriter, read_session
+from airtact.live.session import Session, SessionWriter, read_session, recording_of
 from airtact.live.sources import HandSource, PageHands, ReceivedHands, RecordedHands
 from airtact.live.verification import VerifiedSession, verify_session
 
@@ -24,6 +24,7 @@ __all__ = [
     "HandSource",
     "LiveScene",
     "Moment",
+    "MovingFoci",
     "Nowhere",
     "Output",
     "PageHands",
@@ -36,5 +37,6 @@ __all__ = [
     "follow",
     "live_scene",
     "read_session",
+    "recording_of",
     "verify_session",
 ]

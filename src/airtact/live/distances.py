@@ -5,11 +5,25 @@ from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
 from airtact.hand.hand import Hand
+from airtact.hand.joints import check_finger_order, joints_of, radii_of
 from airtact.live.parts import Controls, DriveMaker, LiveScene, Moment
 from airtact.scene.target import Target
 from airtact.tracking.frame import HandFrame
 from airtact.tracking.prediction import Predictor
 from airtact.transfer import focus_by_distance
+
+
+def hand_in(scene: LiveScene, landmarks: Float64[np.ndarray, "landmarks 3"]) -> Hand:
+    """Return the hand of a scene with landmarks of a frame, or joints (25, 3) [m].
+
+    Raises
+    ------
+    InvalidInput
+        As ``hand_from_joints``; the side is not checked, as it was with the frame.
+    """
+    joints = joints_of(landmarks)
+    check_finger_order(joints)
+    return Hand(joints, radii_of(scene.radii, None, joints), scene.side)
 
 
 def foci_on(hand: Hand, scene: LiveScene, offset: float | None = None) -> Float64[np.ndarray, "foci 3"]:
@@ -29,7 +43,7 @@ class Distances(DriveMaker):
 
     def __init__(self, scene: LiveScene) -> None:
         self._scene = scene
-        self._predictor = Predictor(latency=0.0)
+        self._predictor = Predictor(latency=0.0, noise=None)
         self._newest: HandFrame | None = None
 
     def take(self, frame: HandFrame) -> None:

@@ -2,11 +2,13 @@
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, fields, replace
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Complex128
 from threadpoolctl import threadpool_limits
 
 from airtact.conventions import InvalidInput
@@ -42,6 +44,28 @@ SMOOTHING = 0.1
 REMEMBERED = 4096
 """Number of drives, the newest ones, that medians are taken of."""
 
+LATE = {"frames": 0.05, "solver": 0.1, "link": 0.01}
+"""What is late where it takes longer in the median: a frame is as old when a drive is begun, the hand that was solved
+last is as old when the drive is in the air, the link takes as long to accept a drive [s]."""
+
+IN_WORDS = {
+    "frames": "frames {:.0f} ms old",
+    "solver": "solver {:.0f} ms behind",
+    "link": "link {:.0f} ms a drive",
+}
+"""How the status states it."""
+
+
+class _Played(NamedTuple):
+    """Times of a drive that played, as ``LATE`` describes them [s], and what it is expected to keep; NaN: not known."""
+
+    sent: float
+    age: float
+    kept: float
+    frames: float
+    solver: float
+    link: float
+
 
 @dataclass(frozen=True)
 class Status:
@@ -53,12 +77,14 @@ class Status:
     rate : drives a second.
     age : from the time of the newest frame to the sound in the air, median [s]; NaN without drives.
     kept : expected share of the attainable pressure, median; NaN where it is not known.
+    late : what takes longer than it should, and how long [s], by its name: "frames", "solver", "link".
     """
 
     state: str
     rate: float
     age: float
     kept: float
+    late: dict[str, float]
 
     def __str__(self) -> str:
         """Write it on one line."""
@@ -67,6 +93,9 @@ class Status:
             parts += [f"{self.rate:.0f} drives/s", f"age {1e3 * self.age:.0f} ms"]
         if np.isfinite(self.kept):
             parts.append(f"{self.kept:.0%} of the attainable pressure expected")
+        if self.rate:
+            late = [IN_WORDS[name].format(1e3 * seconds) for name, seconds in self.late.items()]
+            parts.append(f"late: {', '.join(late)}" if late else "nothing late")
         return ", ".join(parts)
 
 
@@ -180,6 +209,11 @@ def follow(
         return loop.run(hands, end, report)
 
 
+def capped(amplitudes: Complex128[np.ndarray, "*shape"], cap: float) -> Complex128[np.ndarray, "*shape"]:
+    """Bring amplitudes under a cap as a whole."""
+    return min(1.0, cap / float(np.abs(amplitudes).max(initial=1e-12))) * amplitudes
+
+
 class _Loop:
     """The state of the loop between two passes."""
 
@@ -206,9 +240,7 @@ class _Loop:
         self._lasts = OFTEN / 2.0
         self._moment: Moment | None = None
         self._hand: Hand | None = None
-        self._recent: deque[tuple[float, float, float]] = deque(maxlen=REMEMBERED)
-        self._kept: deque[float] = deque(maxlen=REMEMBERED)
-        self._ages: deque[float] = deque(maxlen=REMEMBERED)
+        self._played: deque[_Played] = deque(maxlen=REMEMBERED)
         self._delays: deque[float] = deque(maxlen=REMEMBERED)
         self._frames = self._drives = 0
         self._faded: dict[str, int] = {}
@@ -333,18 +365,31 @@ class _Loop:
         if self._moment is None or (before == 0.0 and not on):
             self._output.beat()
             return
-        largest = float(np.abs(self._moment.amplitudes).max(initial=1e-12))
-        scale = share * min(1.0, min(self._cap, self._controls.cap) / largest)
         state = "playing" if on else "silent" if share == 0.0 else "fading"
-        moment = replace(self._moment, amplitudes=scale * self._moment.amplitudes, state=state)
+        cap = min(self._cap, self._controls.cap)
+        amplitudes = share * capped(self._moment.amplitudes, cap)
+        moment = replace(self._moment, amplitudes=amplitudes, state=state, frames=None)
+        made = time.monotonic()
+        self._send(amplitudes, share, cap)
+        sent = time.monotonic()
+        moment = replace(moment, amplitudes=self._output.share * amplitudes)
+        self._note(moment, sent, before)
+        if on:
+            age, frames = (self._clock.time(then) - moment.frame_time for then in (sent, now))
+            kept, solver = (np.nan if one is None else one for one in (moment.kept, moment.behind))
+            self._played.append(_Played(sent, age, kept, frames, solver, sent - made))
+            self._lasts += SMOOTHING * (sent - now - self._lasts)
+
+    def _send(self, amplitudes: Complex128[np.ndarray, "elements"], share: float, cap: float) -> None:
+        """Emit the drive of the moment, or its frames where foci move, at a share of their amplitude."""
+        moving, frames = self._scene.moving, None if self._moment is None else self._moment.frames
+        if moving is not None and frames is not None and self._controls.modulated and share > 0.0:
+            self._output.cycle(share * capped(frames, cap), moving.rate)
+            return
         if self._modulated != self._controls.modulated:
             self._modulated = self._controls.modulated
             self._output.modulate(self._scene.modulation if self._modulated else None)
-        self._output.send(moment.amplitudes)
-        sent = time.monotonic()
-        self._note(moment, sent, before)
-        if on:
-            self._lasts += SMOOTHING * (sent - now - self._lasts)
+        self._output.send(amplitudes)
 
     def _made(self, now: float) -> Moment | None:
         """Make a drive; None where none can be made for that hand."""
@@ -371,48 +416,44 @@ class _Loop:
         if moment.state in ("silent", "stopped") and before > 0.0:
             reason = (self._fault or "paused").partition(":")[0]
             self._faded[reason] = self._faded.get(reason, 0) + 1
-        if moment.state == "playing":
-            age = in_air - moment.frame_time
-            if moment.frame_time > self._answered:
-                self._answered = moment.frame_time
-                came = next((now for taken, now in reversed(self._arrivals.copy()) if taken == moment.frame_time), None)
-                self._delays.extend([] if came is None else [sent - came])
-            self._recent.append((sent, age, np.nan if moment.kept is None else moment.kept))
-            self._ages.append(age)
-            if moment.kept is not None:
-                self._kept.append(moment.kept)
+        if moment.state == "playing" and moment.frame_time > self._answered:
+            self._answered = moment.frame_time
+            came = next((now for taken, now in reversed(self._arrivals.copy()) if taken == moment.frame_time), None)
+            self._delays.extend([] if came is None else [sent - came])
 
     def status(self) -> Status:
         """Return how it does."""
         now = time.monotonic()
-        recent = np.array([row for row in self._recent if now - row[0] <= 2.0 * REPORTED]).reshape(-1, 3)
-        state = "playing" if self._fault is None else self._fault
-        if not len(recent):
-            return Status(state, 0.0, np.nan, np.nan)
-        known = recent[np.isfinite(recent[:, 2]), 2]
         span = 2.0 * REPORTED
-        return Status(
-            state, len(recent) / span, float(np.median(recent[:, 1])), float(np.median(known)) if len(known) else np.nan
-        )
+        recent = [one for one in self._played if now - one.sent <= span]
+        state = "playing" if self._fault is None else self._fault
+        usual = {name: _median([getattr(one, name) for one in recent]) for name in ("age", "kept", *LATE)}
+        late = {name: usual[name] for name, most in LATE.items() if usual[name] > most}
+        return Status(state, len(recent) / span, usual["age"], usual["kept"], late)
 
     def followed(self, seconds: float, health: StreamHealth, state: str) -> Followed:
         """Return what was done."""
-        ages = np.array(self._ages) if self._ages else np.array([np.nan])
-        median, oldest = np.percentile(ages, [50, 95])
-        times = [row[0] for row in self._recent]
+        ages = [one.age for one in self._played] or [np.nan]
+        times = [one.sent for one in self._played]
         rate = (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else 0.0
         return Followed(
             seconds=seconds,
             frames=self._frames,
             drives=self._drives,
             rate=rate,
-            age=float(median),
-            oldest=float(oldest),
+            age=float(np.median(ages)),
+            oldest=float(np.percentile(ages, 95)),
             delay=float(np.percentile(self._delays, 95)) if self._delays else np.nan,
-            kept=float(np.median(self._kept)) if self._kept else np.nan,
+            kept=_median([one.kept for one in self._played]),
             faded=dict(self._faded),
             dropped=0 if self._session is None else self._session.dropped,
             health=health,
             stopped=self._output.stopped,
             state=state,
         )
+
+
+def _median(values: Sequence[float]) -> float:
+    """Median of the values that are known; NaN without any."""
+    known = [value for value in values if np.isfinite(value)]
+    return float(np.median(known)) if known else np.nan

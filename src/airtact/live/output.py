@@ -9,6 +9,7 @@ from jaxtyping import Complex128
 
 from airtact.hardware.emission import Emission
 from airtact.hardware.link import Link, LinkFailed
+from airtact.synthesis.sequence import Sequence
 from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transfer import Drive
 
@@ -20,10 +21,12 @@ class Output(ABC):
     ----------
     words : where drives go, in words.
     stopped : whether the emergency stop was pressed, after which nothing is emitted.
+    share : of the newest drive's amplitude that was emitted when it was sent; less than 1 while the sound rises.
     """
 
     words: str = "no boards"
     stopped: bool = False
+    share: float = 1.0
 
     def __enter__(self) -> "Output":
         return self
@@ -37,6 +40,10 @@ class Output(ABC):
     @abstractmethod
     def send(self, amplitudes: Complex128[np.ndarray, "elements"]) -> None:
         """Emit a drive from now on; return when it reached the link."""
+
+    @abstractmethod
+    def cycle(self, frames: Complex128[np.ndarray, "frames elements"], rate: float) -> None:
+        """Emit frames in turn from now on, so many a second, at the place in the round where those before are."""
 
     @abstractmethod
     def beat(self) -> None:
@@ -56,12 +63,15 @@ class Nowhere(Output):
     def send(self, amplitudes: Complex128[np.ndarray, "elements"]) -> None:
         """Emit nothing."""
 
+    def cycle(self, frames: Complex128[np.ndarray, "frames elements"], rate: float) -> None:
+        """Emit nothing."""
+
     def beat(self) -> None:
         """Keep nothing."""
 
 
 class Boards(Output):
-    """Boards behind a link.
+    """Boards behind a link, where the sound rises over 0.2 s from the first drive that they take after silence.
 
     Parameters
     ----------
@@ -70,7 +80,7 @@ class Boards(Output):
     """
 
     def __init__(self, link: Link, log: Path | None = None) -> None:
-        self._emission = Emission(link, ramp=0.0, log=log, resumes=True)  # the loop's own gain rises and falls
+        self._emission = Emission(link, log=log, resumes=True)
         self.words = f"{link.devices} through {link.name}"
 
     def __enter__(self) -> "Boards":
@@ -85,7 +95,13 @@ class Boards(Output):
 
     def send(self, amplitudes: Complex128[np.ndarray, "elements"]) -> None:
         """Send a drive; raises ``LinkFailed``."""
-        self._emission.send(Drive(amplitudes))
+        self._emission.send(Drive(amplitudes), outlast=False)
+        self.share = self._emission.share
+
+    def cycle(self, frames: Complex128[np.ndarray, "frames elements"], rate: float) -> None:
+        """Send frames that are played in turn; raises ``LinkFailed``, or ``InvalidInput`` where the boards cannot."""
+        self._emission.cycle(Sequence(frames, rate), outlast=False)
+        self.share = self._emission.share
 
     def beat(self) -> None:
         """Feed the watchdog; raises ``LinkFailed``."""

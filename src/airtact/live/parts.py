@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Complex128, Float64
+from jaxtyping import Complex128, Float64, Int64
 
 from airtact.hand.hand import Side
 from airtact.printing import in_short
@@ -14,11 +14,32 @@ from airtact.tracking.frame import HandFrame
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.modulation import AmplitudeModulation
 
-Rule = Literal["distances", "phalanges", "fingers", "hand"]
-"""What a drive was made from: distances alone, or a solution of the last phalanges, the fingers or the whole hand."""
+Rule = Literal["distances", "phalanges", "fingers", "hand", "carried"]
+"""What a drive was made from: distances alone, a solution of the last phalanges, the fingers or the whole hand, or one
+of the whole hand in an earlier pose whose sound was carried along on its skin."""
 
 State = Literal["waiting", "playing", "fading", "silent", "stopped"]
 """What the loop does: waits for a hand, plays, fades after one was lost, is silent, or was stopped for good."""
+
+
+@dataclass(frozen=True, eq=False)
+class MovingFoci:
+    """How foci run along paths that ride on the hand, frame by frame, as of ``synthesis.Motion``.
+
+    Attributes
+    ----------
+    places : (N, K) indices of the places of the K foci in each of N frames.
+    shifts : (N, K, 3) where they are from those places, in the axes of the bone, see ``Riding.frames`` [m].
+    rate : frames a second.
+    words : what it is, in a few words.
+    """
+
+    places: Int64[np.ndarray, "frames together"]
+    shifts: Float64[np.ndarray, "frames together 3"]
+    rate: float
+    words: str
+
+    __repr__ = in_short
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +56,8 @@ class LiveScene:
     places : of a hand, such as ``"thumb.pad"``, one for each of F foci, which ride on it.
     offsets : (F,) distances of the foci from the skin [m].
     method : name of the method that makes the drives.
-    modulation : what makes the drive perceptible, or None.
+    modulation : how the amplitude varies so that the drive is felt, or None.
+    moving : how foci move so that it is felt, or None.
     """
 
     medium: Medium
@@ -47,6 +69,7 @@ class LiveScene:
     offsets: Float64[np.ndarray, "foci"]
     method: str = "best"
     modulation: AmplitudeModulation | None = None
+    moving: MovingFoci | None = None
 
     __repr__ = in_short
 
@@ -65,8 +88,11 @@ class Moment:
     pressures : (F,) predicted at the foci [Pa], or None.
     rule : what the drive was made from.
     shape_age : from the time of the frame that was solved to ``time`` [s]; None for distances.
+    behind : from the time of the hand that was solved last, used or not, to ``time`` [s]; None before the first, and
+        where noise lets the solvers rest.
     kept : expected share of the attainable pressure at the weakest focus, or None.
     state : what the loop does.
+    frames : (N, E) drives that are played in turn in place of ``amplitudes``, where foci move; or None.
     """
 
     time: float
@@ -77,8 +103,10 @@ class Moment:
     pressures: Float64[np.ndarray, "foci"] | None = None
     rule: Rule = "distances"
     shape_age: float | None = None
+    behind: float | None = None
     kept: float | None = None
     state: State = "playing"
+    frames: Complex128[np.ndarray, "frames elements"] | None = None
 
     __repr__ = in_short
 
@@ -93,7 +121,7 @@ class Controls:
     method : name of the method that makes the drives, or None for the scene's.
     cap : largest amplitude of an element, a share of full scale.
     offset : of all foci from the skin [m], or None for the scene's.
-    modulated : whether the amplitude varies.
+    modulated : whether the amplitude varies, or the foci move.
     playing : False silences until it is True again.
     """
 

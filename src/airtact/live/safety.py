@@ -6,7 +6,8 @@ from scipy.spatial import KDTree
 
 from airtact.conventions import InvalidInput
 from airtact.hand.hand import Hand
-from airtact.hand.joints import BONES, check_finger_order, joints_of, radii_of
+from airtact.hand.joints import BONES, radii_of
+from airtact.live.distances import hand_in
 from airtact.live.parts import LiveScene
 from airtact.tracking.frame import HandFrame
 from airtact.transducers.placement import check_reach
@@ -15,16 +16,10 @@ STALE = 0.15
 """A hand of which no good frame came for so long is not where it was [s]."""
 
 FADE = 0.085
-"""How long the sound takes from full amplitude to silence [s]; with the time to notice it stays under 0.1 s."""
-
-RAMP = 0.2
-"""How long the sound takes from silence to full amplitude [s]."""
+"""How long a drive takes from full amplitude to silence, and back [s]; with the time to notice it stays under 0.1 s."""
 
 LONGEST_STEP = 0.03
-"""The sound rises no farther in a pass of the loop than in this time [s]."""
-
-STALLED = 0.4
-"""After a pass that came so late the sound rises anew, as boards fall silent by themselves after 0.5 s [s]."""
+"""A drive rises no farther in a pass of the loop than in this time [s]."""
 
 FARTHEST = 0.6
 """Largest distance of a focus from the nearest element: beyond, the hand has left the workspace [m]."""
@@ -66,15 +61,13 @@ def hand_of(frame: HandFrame, scene: LiveScene) -> Hand | str:
     if frame.lost or frame.landmarks is None:
         return "lost" if frame.lost else "no landmarks"
     try:
-        joints = joints_of(frame.landmarks)
-        check_finger_order(joints)
-        return Hand(joints, radii_of(scene.radii, None, joints), frame.side)  # the frame checked its side
+        return hand_in(scene, frame.landmarks)
     except InvalidInput as fault:
         return f"not a hand: {fault}"
 
 
 class Gain:
-    """The share of the amplitude that is emitted: rises over ``RAMP``, falls over ``FADE``, begins anew ``STALLED``."""
+    """The share of the amplitude that is asked of the output; boards rise from silence over a ramp of their own."""
 
     def __init__(self) -> None:
         self.share: float = 0.0
@@ -84,8 +77,5 @@ class Gain:
         """Go on to a time [s], up or down, and return the share."""
         step = 0.0 if self._then is None else max(now - self._then, 0.0)
         self._then = now
-        if step >= STALLED:
-            self.share = 0.0
-        change = min(step, LONGEST_STEP) / RAMP if on else -step / FADE
-        self.share = float(np.clip(self.share + change, 0.0, 1.0))
+        self.share = float(np.clip(self.share + (min(step, LONGEST_STEP) if on else -step) / FADE, 0.0, 1.0))
         return self.share

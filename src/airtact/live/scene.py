@@ -1,14 +1,22 @@
 """From a scene file to the scene of the live loop."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from airtact.conventions import InvalidInput
 from airtact.hand.hand import PLACES
-from airtact.live.parts import LiveScene
+from airtact.live.drives.riding import ride
+from airtact.live.parts import LiveScene, MovingFoci
 from airtact.scene.scene import check_no_planes
 from airtact.scene_file.building import Setup
+from airtact.synthesis.motion import FRAMES, Motion
+from airtact.synthesis.sequence import FEWEST
 from airtact.transducers.modulation import AmplitudeModulation
 from airtact.validation import counted, fixed
+
+MOST_FRAMES = 64
+"""Frames of a path at most: each is a drive, and all of them are made anew for each pose."""
 
 
 def live_scene(setup: Setup) -> LiveScene:
@@ -21,8 +29,8 @@ def live_scene(setup: Setup) -> LiveScene:
     Raises
     ------
     InvalidInput
-        The scene holds another body, a focus does not ride on the hand, or it asks for what the live loop does not do:
-        pressures, phases, suppression, or moving foci.
+        The scene holds another body, a focus does not ride on the hand, it asks for pressures, phases or suppression,
+        which the live loop does not do, or as ``moving_foci_of``.
     """
     check_no_planes(setup.scene, "live")
     on_hand = [ride for ride in setup.riding if ride is not None and ride[0] in PLACES]
@@ -50,12 +58,7 @@ def live_scene(setup: Setup) -> LiveScene:
             "share, phase_degrees and suppression out.",
             code="setting_not_taken",
         )
-    if setup.modulation is not None and not isinstance(setup.modulation, AmplitudeModulation):
-        raise InvalidInput(
-            f'{setup.path.name}: live modulates the amplitude of its {len(setup.foci)} foci: give kind = "am".',
-            code="setting_not_taken",
-        )
-    return LiveScene(
+    scene = LiveScene(
         medium=setup.medium,
         frequency=setup.frequency,
         array=setup.array,
@@ -64,5 +67,51 @@ def live_scene(setup: Setup) -> LiveScene:
         places=tuple(name for name, _ in on_hand),
         offsets=fixed(np.array([offset for _, offset in on_hand])),
         method=setup.method,
-        modulation=setup.modulation,
+        modulation=setup.modulation if isinstance(setup.modulation, AmplitudeModulation) else None,
     )
+    return replace(scene, moving=moving_foci_of(setup, scene)) if isinstance(setup.modulation, Motion) else scene
+
+
+def moving_foci_of(setup: Setup, scene: LiveScene) -> MovingFoci:
+    """Fix the paths of the foci of a scene file to the bones of its hand, so that they ride along.
+
+    Parameters
+    ----------
+    setup : a scene whose modulation is a motion.
+    scene : made of it.
+
+    Raises
+    ------
+    InvalidInput
+        A path does not lie along the skin, has more than 64 frames, or is run too fast for frames of whole periods of
+        the sound.
+    """
+    motion, foci, target = setup.modulation, len(scene.places), setup.target
+    assert isinstance(motion, Motion)
+    if motion.through_points(foci):
+        paths, places, shifts = target.points[None], np.arange(foci)[:, None], np.zeros((foci, 1, 3))
+        words = f"a focus runs through the {foci} places"
+    else:
+        paths = motion.paths(setup.scene, target, setup.array.positions.mean(axis=0))
+        frames = ride(scene, setup.hands[0].joints).frames
+        shifts = np.einsum("fnj,fij->nfi", paths - target.points[:, None], frames)
+        places = np.tile(np.arange(foci), (len(shifts), 1))
+        words = "each focus runs along a path"
+    repeat = -(-FEWEST // len(places))
+    places, shifts = np.repeat(places, repeat, axis=0), np.repeat(shifts, repeat, axis=0)
+    if len(places) > MOST_FRAMES:
+        raise InvalidInput(
+            f"{setup.path.name}: live makes at most {MOST_FRAMES} frames of a path anew for each drive, not "
+            f"{len(places)}: give frames = {FRAMES}.",
+            code="frame_count",
+        )
+    turns = motion.turns(paths)
+    if turns * len(places) > setup.frequency:
+        raise InvalidInput(
+            f"{setup.path.name}: {turns:g} rounds of {len(places)} frames are more than the {setup.frequency:g} periods"
+            f" of the sound in a second: give {setup.frequency / len(places):.4g} Hz or less.",
+            code="rate_not_possible",
+        )
+    rate = setup.frequency / round(setup.frequency / (turns * len(places)))
+    words = f"{words} {rate / len(places):.3g} times a second"
+    return MovingFoci(places, fixed(shifts), rate, words)

@@ -5,14 +5,15 @@ import struct
 import subprocess
 import sys
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Event, Thread
-from typing import Any, get_args
+from typing import Any, cast, get_args
 
 import numpy as np
-from jaxtyping import Complex64, Float64
+from jaxtyping import Bool, Complex64, Float64
 
 from airtact.conventions import InvalidInput, about
 from airtact.hand.joints import Side, joints_of
@@ -20,6 +21,8 @@ from airtact.live.parts import LiveScene, Moment, Rule, State
 from airtact.printing import in_short
 from airtact.scene.medium import Medium
 from airtact.tracking.frame import HandFrame
+from airtact.tracking.recordings import Recording
+from airtact.tracking.stream import StreamHealth
 from airtact.transducers.element import Element
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.modulation import AmplitudeModulation
@@ -77,6 +80,11 @@ class Session:
     landmarks: Float64[np.ndarray, "frames 25 3"]
 
     __repr__ = in_short
+
+    @property
+    def playing(self) -> Bool[np.ndarray, "drives"]:
+        """Which drives are neither silent nor fade, (N,)."""
+        return (np.array(self.states) == "playing") & self.amplitudes.any(axis=1)
 
 
 class SessionWriter:
@@ -240,6 +248,38 @@ def read_session(path: str | Path) -> Session:
     InvalidInput
         The file cannot be read, is no session, or is of a newer version; the sentence begins with its name.
     """
+    with _opened(path) as file:
+        return _session_in(file)
+
+
+def recording_of(path: str | Path) -> Recording:
+    """Read the frames of a session as a recording, in the scene's frame; its drives are left alone.
+
+    Parameters
+    ----------
+    path : ``session.h5``, or the folder that holds it.
+
+    Raises
+    ------
+    InvalidInput
+        As ``read_session``, or the session has no frame.
+    """
+    with _opened(path) as file:
+        side = _side_in(file)
+        times, landmarks = file["frames/time"][:], file["frames/landmarks"][:]
+        if not len(times):
+            raise InvalidInput("0 frames are in this session: record one with a hand.", code="no_frames")
+        seen = np.isfinite(landmarks).all(axis=(1, 2))
+        frames = [
+            HandFrame(float(then), side, index, joints if there else None)
+            for index, (then, joints, there) in enumerate(zip(times, landmarks, seen, strict=True))
+        ]
+    return Recording(tuple(frames), StreamHealth(received=len(frames), used=len(frames)))
+
+
+@contextmanager
+def _opened(path: str | Path) -> Iterator[Any]:
+    """Open a session, or the one in a folder, and put what is wrong with it into a sentence."""
     import h5py
 
     path = Path(path)
@@ -247,7 +287,12 @@ def read_session(path: str | Path) -> Session:
     with about(path.name):
         try:
             with h5py.File(path, "r") as file:
-                return _session_in(file)
+                version = int(cast(int, file.attrs["format_version"]))
+                if version > VERSION:
+                    raise InvalidInput(
+                        f"its version is {version}, and this airtact reads up to {VERSION}.", code="newer_version"
+                    )
+                yield file
         except OSError as error:
             if error.errno is not None:
                 raise file_fault(path, error) from None
@@ -257,9 +302,6 @@ def read_session(path: str | Path) -> Session:
 
 
 def _session_in(file: Any) -> Session:
-    version = int(file.attrs["format_version"])
-    if version > VERSION:
-        raise InvalidInput(f"its version is {version}, and this airtact reads up to {VERSION}.", code="newer_version")
     drives, frames = file["drives"], file["frames"]
     count, foci = len(drives["time_in_air"]), len(file.attrs["places"])
     empty = {"foci": (foci, 3), "joints": (25, 3)}  # what a session without a drive lacks
@@ -296,15 +338,18 @@ def _scene_in(file: Any) -> LiveScene:
     fixed_array = PhasedArray(
         array["positions"][:], array["normals"][:], element, array["tangents"][:], array["gains"][:]
     )
-    side: Side = "left" if has["side"] == "left" else "right"
     return LiveScene(
         medium=Medium(float(has["sound_speed"]), float(has["density"]), float(has["absorption"])),
         frequency=float(has["frequency"]),
         array=fixed_array,
-        side=side,
+        side=_side_in(file),
         radii=fixed(file["hand/radii"][:]) if "hand/radii" in file else None,
         places=tuple(str(place) for place in has["places"]),
         offsets=fixed(has["offsets"]),
         method=str(has["method"]),
         modulation=AmplitudeModulation(*map(float, has["modulation"])) if len(has["modulation"]) else None,
     )
+
+
+def _side_in(file: Any) -> Side:
+    return "left" if file.attrs["side"] == "left" else "right"

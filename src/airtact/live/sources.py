@@ -2,9 +2,10 @@
 
 import time
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from threading import Event, Thread
+from threading import Event, Lock, Thread
 
 import numpy as np
 
@@ -19,6 +20,9 @@ from airtact.validation import positive
 
 PALM = (0, 5, 6, 10, 11, 15, 16, 20, 21)
 """Joints that hardly move against each other: the wrist and both ends of the metacarpals."""
+
+EARLY = 1024
+"""Frames that came before ``begin`` and are kept for it at most, the newest ones."""
 
 
 class HandSource(ABC):
@@ -122,20 +126,32 @@ class ReceivedHands(HandSource):
         receivers = {"websocket": WebSocketReceiver, "osc": OscReceiver}
         if kind not in receivers:
             raise InvalidInput(f"{kind!r} is not 1 of {len(receivers)} sockets: websocket, osc.", code="unknown_name")
-        self._on_frame: Callable[[HandFrame, float], None] = lambda frame, arrived: None
-        self._stream = _MovedStream(tracker, lambda frame: self._on_frame(frame, time.monotonic()))
+        self._early: deque[tuple[HandFrame, float]] = deque(maxlen=EARLY)
+        self._on_frame: Callable[[HandFrame, float], None] | None = None
+        self._lock = Lock()
+        self._stream = _MovedStream(tracker, self._arrived)
         self._receiver = receivers[kind](self._stream, port)
         scheme = "ws://" if kind == "websocket" else "OSC at "
         self.words: str = f"{scheme}127.0.0.1:{self._receiver.port}"
 
     def begin(self, on_frame: Callable[[HandFrame, float], None]) -> HandStream:
-        """Hand frames on from now; the socket was opened when this was made."""
-        self._on_frame = on_frame
+        """Hand on the frames that came since this was made, which opened the socket, and all that come."""
+        with self._lock:
+            self._on_frame = on_frame
+            while self._early:
+                on_frame(*self._early.popleft())
         return self._stream
 
     def close(self) -> None:
         """Stop listening."""
         self._receiver.close()
+
+    def _arrived(self, frame: HandFrame) -> None:
+        with self._lock:
+            if self._on_frame is None:
+                self._early.append((frame, time.monotonic()))
+            else:
+                self._on_frame(frame, time.monotonic())
 
 
 class PageHands(HandSource):

@@ -107,9 +107,7 @@ def verify_session(
     """
     scene = session.scene
     solver = BoundaryElement(accuracy=accuracy)  # elements may stand near the skin
-    playing = [
-        index for index, state in enumerate(session.states) if state == "playing" and session.amplitudes[index].any()
-    ]
+    playing = np.flatnonzero(session.playing).tolist()
     rows = []
     for number, index in enumerate(playing[:: max(every, 1)]):
         report_step(f"drive {number + 1} of {len(playing[:: max(every, 1)])}")

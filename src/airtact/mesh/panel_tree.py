@@ -22,12 +22,15 @@ class PanelTree:
     upper: Float64[np.ndarray, "boxes 3"]
 
     def closest(
-        self, points: Real[np.ndarray, "points 3"]
+        self, points: Real[np.ndarray, "points 3"], within: Float64[np.ndarray, "points"] | None = None
     ) -> tuple[Int64[np.ndarray, "points"], Float64[np.ndarray, "points 2"], Float64[np.ndarray, "points"]]:
-        """Find for points (P, 3) [m] the closest panel, its reference coordinates there, and how far it is [m]."""
+        """Find for points (P, 3) [m] the closest panel, its reference coordinates there, and how far it is [m].
+
+        Where no panel is nearer than ``within`` [m], any may be returned, infinitely far.
+        """
         points = np.ascontiguousarray(points, dtype=np.float64)
-        panel, reference = np.zeros(len(points), dtype=np.int64), np.empty((len(points), 2))
-        distance = np.empty(len(points))
+        panel, reference = np.zeros(len(points), dtype=np.int64), np.zeros((len(points), 2))
+        distance = np.full(len(points), np.inf) if within is None else np.array(within, dtype=np.float64)
         _kernels.closest_on_panels(
             points, self.quadratic_triangles, self.order, self.lower, self.upper, panel, reference, distance
         )

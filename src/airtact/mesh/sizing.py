@@ -37,9 +37,11 @@ PIECES = 8
 
 
 def bend_sizes(
-    vertices: Vertices, triangles: Triangles, ridges: Ridges, largest: float
+    vertices: Vertices, triangles: Triangles, ridges: Ridges, largest: float, share: float = 1.0
 ) -> Float64[np.ndarray, "vertices"]:
     """Longest edge at each vertex of a closed mesh along which the surface turns by one radian or little more.
+
+    ``share`` of that is taken where panels must lie nearer to the surface.
 
     Two triangles on the same side of all sharp edges, less than ``largest`` apart, that look in directions at least 75
     degrees apart, and lie as if on one arc, show the radius of that arc. ``largest`` [m] is the largest size returned.
@@ -50,7 +52,7 @@ def bend_sizes(
     patch = smooth_patches(edge_twins(triangles), are_among(edge_ends(triangles), ridges))
     size = np.full(len(triangles), largest)
     # over this chord an arc turns by 75 degrees whose radius asks for the largest size
-    reach = 2 * np.sin(np.radians(75.0) / 2) / WIDE_TURN * largest
+    reach = 2 * np.sin(np.radians(75.0) / 2) / (share * WIDE_TURN) * largest
     one, other = KDTree(centres).query_pairs(reach, output_type="ndarray").T
     cosine = np.einsum("pd,pd->p", normals[one], normals[other])
     bent = (cosine < LEAST) & (cosine > MOST) & (patch[one] == patch[other])
@@ -61,7 +63,8 @@ def bend_sizes(
     here, there = (np.einsum("pd,pd->p", chord, normals[end]) / distance for end in (one, other))
     arc = (np.abs(here + there) < AWRY) & (np.abs(np.abs(here - there) / 2 - half) < AWRY)
     radius = distance[arc] / (2 * half[arc])
-    fitting = radius * (TIGHT_TURN + (WIDE_TURN - TIGHT_TURN) * np.minimum(1.0, radius / (WIDE * largest)))
+    turn = TIGHT_TURN + (WIDE_TURN - TIGHT_TURN) * np.minimum(1.0, radius / (WIDE * largest))
+    fitting = share * radius * turn
     np.minimum.at(size, one[arc], fitting)
     np.minimum.at(size, other[arc], fitting)
     sizes = np.full(len(vertices), largest)

@@ -309,7 +309,7 @@ def _how(run: Run) -> dict[str, Any]:
 
 
 def _body(name: str, obstacle: Obstacle) -> str:
-    return f"{name} ({obstacle.boundary.replace('_', '-')}, {1e4 * obstacle.surface.area:.1f} cm²)"
+    return f"{name} ({obstacle.kind}, {1e4 * obstacle.surface.area:.1f} cm²)"
 
 
 def _plane(plane: Plane) -> str:

@@ -31,7 +31,7 @@ from airtact.solvers.problem import RadiatedField, Solver
 from airtact.transducers.boards import kind_of_array
 from airtact.transducers.layout import PhasedArray
 from airtact.transfer import Drive, TransferMatrix, check_drive, transfer_matrix
-from airtact.validation import counted, of_kind
+from airtact.validation import check_seed, counted, of_kind
 
 MOST_SAMPLES = 10_000
 """Largest number of samples; more are a slip."""
@@ -191,15 +191,12 @@ def matrices_at(
 
 def check_counts(samples: int, seed: int) -> None:
     """Raise "out_of_range" for a number of samples or a seed that cannot be."""
-    _check_count(samples, 1, MOST_SAMPLES, "the number of samples")
-    _check_count(seed, 0, 2**32, "the seed")
-
-
-def _check_count(value: int, least: int, most: int, what: str) -> None:
-    if not isinstance(value, int | np.integer) or isinstance(value, bool) or not least <= value <= most:
+    if not isinstance(samples, int | np.integer) or isinstance(samples, bool) or not 1 <= samples <= MOST_SAMPLES:
         raise InvalidInput(
-            f"{what} is {value!r}, but it must be a whole number from {least} to {most}.", code="out_of_range"
+            f"the number of samples is {samples!r}, but it must be a whole number from 1 to {MOST_SAMPLES}.",
+            code="out_of_range",
         )
+    check_seed(seed)
 
 
 def check_doubts(uncertainty: Uncertainty, scene: Scene, array: PhasedArray) -> None:

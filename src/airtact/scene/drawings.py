@@ -17,13 +17,20 @@ from airtact.conventions import (
     InvalidInput,
     Vector,
 )
-from airtact.file_access.bounded import bytes_of
+from airtact.file_access.apart import out_of_memory, read_apart
+from airtact.file_access.bounded import Arrays, bytes_of
 from airtact.scene.svg_limits import check_drawing, check_path
 from airtact.scene.target_points import Points, check_count, frame_of, spaced_apart
 from airtact.validation import check_finite, file_fault, positive, real_numbers
 
 PICTURE_FORMATS = ("PNG", "JPEG", "TIFF", "PPM")
 """What is opened, in the names of Pillow, whose PPM is PGM too; others start programs, such as Ghostscript."""
+
+TIFF_BEGINS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+"""First bytes of a TIFF, in both orders and of both sizes."""
+
+LARGEST_PLAIN = 200_000
+"""Longest SVG that is read by this process [bytes]; a longer one is read by one of its own."""
 
 FONT = "futural"
 """The Hershey font of single strokes without serifs: what is felt is the stroke, not the outline of a letter."""
@@ -127,30 +134,46 @@ def svg_path(
 
 def _svg_strokes(source: str | Path, name: str) -> Strokes:
     """Turn the lines of a drawing into corners close to each other, in its own units."""
-    import svgelements  # read only where something is drawn
-
-    is_file = isinstance(source, Path) or source.endswith(".svg")
-    raw = bytes_of(Path(source), LARGEST_DRAWING) if is_file else b""
-    if is_file:
+    if isinstance(source, Path) or source.endswith(".svg"):
+        path = Path(source)
+        raw = bytes_of(path, LARGEST_DRAWING)
         check_drawing(raw, name)
+        found = stroke_arrays(path) if len(raw) <= LARGEST_PLAIN else read_apart(stroke_arrays, path)
+        strokes = np.split(found["corners"], np.cumsum(found["counts"]))[:-1]
     else:
-        check_path(str(source), name)
-    try:
-        with np.errstate(all="ignore"):  # numbers that are too large are named below
-            if is_file:
-                drawing = svgelements.SVG.parse(io.BytesIO(raw))
-                paths = [svgelements.Path(one) for one in drawing.elements() if isinstance(one, svgelements.Shape)]
-            else:
-                paths = [svgelements.Path(source)]
-            strokes = [_stroke(svgelements.Path(part)) for path in paths for part in path.as_subpaths()]
-    except Exception as error:  # the reader has its own way to fail on each damage
-        raise InvalidInput(f"{name} is not SVG: {error}.", code="file_unreadable") from None
+        check_path(source, name)
+        strokes = _parsed(source, name)
     for stroke in strokes:
         farthest = np.abs(stroke).max(initial=0.0)
         if not farthest <= LARGEST_NUMBER:
             sentence = f"{name} has a line at {farthest:.3g}, but lines lie within {LARGEST_NUMBER:g} units."
             raise InvalidInput(sentence, code="out_of_range")
     return [stroke for stroke in strokes if len(stroke) > 1]
+
+
+def stroke_arrays(path: Path) -> Arrays:
+    """Read the "corners" (N, 2) of all strokes of an SVG file, and the "counts" (S,) of corners of each."""
+    strokes = _parsed(bytes_of(path, LARGEST_DRAWING), path.name)
+    corners = np.concatenate([np.empty((0, 2)), *strokes])
+    return {"corners": corners, "counts": np.array([len(stroke) for stroke in strokes], dtype=np.int64)}
+
+
+def _parsed(drawing: bytes | str, name: str) -> Strokes:
+    """Read the strokes of an SVG file or of one path."""
+    import svgelements  # read only where something is drawn
+
+    try:
+        with np.errstate(all="ignore"):  # numbers that are too large are named above
+            if isinstance(drawing, bytes):
+                elements = svgelements.SVG.parse(io.BytesIO(drawing)).elements()
+                paths = [svgelements.Path(one) for one in elements if isinstance(one, svgelements.Shape)]
+            else:
+                paths = [svgelements.Path(drawing)]
+            return [_stroke(svgelements.Path(part)) for path in paths for part in path.as_subpaths()]
+    except MemoryError:
+        raise out_of_memory(name) from None
+    except Exception as error:  # the reader has its own way to fail on each damage
+        raise InvalidInput(f"{name} is not SVG: {error}.", code="file_unreadable") from None
 
 
 def _stroke(line: Any) -> Float64[np.ndarray, "corners 2"]:
@@ -218,7 +241,7 @@ def picture(
 
 def _brightness(image: str | Path | Real[np.ndarray, "rows columns"]) -> Float64[np.ndarray, "rows columns"]:
     """Read the brightness of a picture; raise where it is black or not a picture."""
-    bright = _read(image) if isinstance(image, str | Path) else real_numbers(image, "the brightness")
+    bright = _read(Path(image)) if isinstance(image, str | Path) else real_numbers(image, "the brightness")
     check_finite(bright, "the brightness")
     if bright.ndim != 2 or bright.size == 0 or bright.min() < 0.0 or bright.max() == 0.0:
         least = f", its smallest value {bright.min():g}" if bright.size else ""
@@ -229,18 +252,28 @@ def _brightness(image: str | Path | Real[np.ndarray, "rows columns"]) -> Float64
     return bright
 
 
-def _read(path: str | Path) -> Float64[np.ndarray, "rows columns"]:
+def _read(path: Path) -> Float64[np.ndarray, "rows columns"]:
+    """Read a picture; a TIFF, of many makes and compressions, by a process of its own."""
+    if path.exists() and not path.is_file():
+        raise InvalidInput(f"{path.name} is 1 folder, device or pipe, not a picture.", code="file_unreadable")
+    try:
+        with path.open("rb") as file:
+            apart = file.read(4) in TIFF_BEGINS
+    except OSError as error:
+        raise file_fault(path, error) from None
+    return (read_apart(picture_arrays, path) if apart else picture_arrays(path))["brightness"]
+
+
+def picture_arrays(path: Path) -> Arrays:
+    """Read the "brightness" (R, C) of a picture file."""
     from PIL import Image  # comes with matplotlib
 
-    path = Path(path)
     try:
-        if path.exists() and not path.is_file():
-            raise InvalidInput(f"{path.name} is 1 folder, device or pipe, not a picture.", code="file_unreadable")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of damage that the reader passes over; pixels are counted here
             with Image.open(path, formats=PICTURE_FORMATS) as image:
                 _check_pixels(path.name, image.width * image.height)
-                return np.asarray(image.convert("L"), dtype=np.float64)
+                return {"brightness": np.asarray(image.convert("L"), dtype=np.float64)}
     except Image.UnidentifiedImageError:
         sentence = f"cannot read the file {path}: it is none of the 4 kinds of picture, PNG, JPEG, TIFF, PGM."
         raise InvalidInput(sentence, code="file_unreadable") from None
@@ -250,6 +283,8 @@ def _read(path: str | Path) -> Float64[np.ndarray, "rows columns"]:
         raise file_fault(path, error) from None
     except InvalidInput:
         raise
+    except MemoryError:
+        raise out_of_memory(path.name) from None
     except Exception as error:  # the reader has its own way to fail on each damage
         raise InvalidInput(f"{path.name} cannot be read as a picture: {error}.", code="file_unreadable") from None
 

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Real
 
 from airtact.conventions import InvalidInput, Vector
+from airtact.pose import Pose
 from airtact.printing import one_line
 from airtact.scene.sources import Monopoles
 from airtact.surfaces.checks import NEAREST
@@ -15,6 +16,9 @@ from airtact.validation import fixed, in_mm, of_kind, point_of
 
 ON_PLANE = 1e-9
 """Points up to this deep behind a plane count as on it [m]."""
+
+PARALLEL = 1e-6
+"""Sine of the angle between two planes up to which they are parallel."""
 
 LEAST_GAP = 0.5 * NEAREST
 """Air between a body and a plane at least [m]: the body and its image are then as far apart as two bodies must be."""
@@ -43,6 +47,15 @@ class Plane:
     def image(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
         """Mirror points (P, 3) [m] in the plane."""
         return points - 2.0 * self.height(points)[:, None] * self.normal
+
+    def kept_by(self, motion: Pose) -> bool:
+        """Whether a rigid motion brings the plane onto itself: along it, and turns about its normal.
+
+        After such a motion of the bodies a field solved before the plane still holds for them and the plane, which has
+        stayed where it was.
+        """
+        turned, moved = motion.rotate(self.normal[None])[0], motion.apply(self.point[None])
+        return bool(np.linalg.norm(turned - self.normal) < 1e-9 and np.abs(self.height(moved))[0] < ON_PLANE)
 
 
 def plane(point: Vector, normal: Vector, ratio: complex | float | None = None) -> Plane:
@@ -90,7 +103,7 @@ def planes_of(given: Sequence[Plane], surfaces: Sequence[Surface]) -> tuple[Plan
     planes = tuple(of_kind(one, Plane, f"plane {index}", "plane(point, normal)") for index, one in enumerate(given))
     if len(planes) > 1:
         raise InvalidInput(
-            f"the scene has {len(planes)} planes, but 1 is solved: sound between several has more images; leave out "
+            f"the scene has {len(planes)} planes, but 1 is solved: {_why_not_two(planes[0], planes[1])}; leave out "
             "those that are farther from the foci.",
             code="too_many_planes",
         )
@@ -98,6 +111,16 @@ def planes_of(given: Sequence[Plane], surfaces: Sequence[Surface]) -> tuple[Plan
         for index, surface in enumerate(surfaces):
             _check_before(one, index, surface)
     return planes
+
+
+def _why_not_two(one: Plane, other: Plane) -> str:
+    if np.linalg.norm(np.cross(one.normal, other.normal)) > PARALLEL:
+        return "planes that cross make a corner, which has other images"
+    apart = 1e3 * abs(float(one.height(other.point[None])[0]))
+    return (
+        f"rigid planes {apart:.3g} mm apart absorb nothing, so that the images between them fall off only as one over "
+        "their number and their sum does not converge"
+    )
 
 
 def _check_before(one: Plane, index: int, surface: Surface) -> None:

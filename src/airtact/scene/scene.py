@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float64, Real
+from jaxtyping import Complex128, Float64, Real
 
 from airtact.conventions import InvalidInput
 from airtact.printing import html_table, one_line, sides_in_mm
@@ -14,7 +14,7 @@ from airtact.scene.medium import Medium
 from airtact.scene.planes import Plane, check_before_planes, planes_of
 from airtact.scene.sources import Monopoles
 from airtact.scene.target import Beacons, Target
-from airtact.surfaces.checks import check_apart, check_surface
+from airtact.surfaces.checks import NEAREST, approach, check_apart, check_surface
 from airtact.surfaces.surface import Surface
 from airtact.validation import check_frequency, counted, in_mm, of_kind, points_of
 
@@ -41,17 +41,19 @@ class Obstacle:
     boundary : ``"sound_hard"`` (∂p/∂n = 0), ``"impedance"`` (∂p/∂n + (ik/ratio) p = 0) or ``"filled"`` (another fluid).
     ratio : Z/(ρc) of an impedance, else None.
     medium : fluid inside a filled body, else None.
+    board : whether it is boards of the array, with elements in its face; ``reflecting_boards`` makes those.
     """
 
     surface: Surface
     boundary: Literal["sound_hard", "impedance", "filled"]
     ratio: complex | float | None = None
     medium: Medium | None = None
+    board: bool = False
 
     @property
     def kind(self) -> str:
         """Its boundary in words."""
-        return self.boundary.replace("_", "-")
+        return "reflecting-board" if self.board else self.boundary.replace("_", "-")
 
     def __repr__(self) -> str:
         return one_line(self, self.kind, repr(self.surface))
@@ -101,7 +103,7 @@ def impedance(surface: Surface, ratio: complex | float) -> Obstacle:
     ----------
     surface : closed surface of the body.
     ratio : Z/(ρc), Z being pressure over the velocity into the surface for e^{-iωt}; finite, not zero, its real part
-        not negative. ``FiniteElement`` solves such bodies, ``SphereSeries`` one sphere; ``BoundaryElement`` does not.
+        not negative. ``BoundaryElement`` and ``FiniteElement`` solve such bodies, ``SphereSeries`` one sphere.
 
     Raises
     ------
@@ -179,7 +181,8 @@ class Scene:
         for obstacle in self.obstacles:
             check_surface(obstacle.surface)
         surfaces = [obstacle.surface for obstacle in self.obstacles]
-        check_apart(surfaces)
+        check_apart([obstacle.surface for obstacle in self.obstacles if not obstacle.board])
+        _check_off_boards(self.obstacles)
         object.__setattr__(self, "planes", planes_of(self.planes, surfaces))
 
     def _check_lengths(self) -> None:
@@ -227,6 +230,26 @@ class Scene:
         for obstacle in self.obstacles:
             depth = np.maximum(depth, obstacle.surface.depth(points))
         return depth
+
+
+def _check_off_boards(obstacles: Sequence[Obstacle]) -> None:
+    """Raise "board_cuts_body" where a body overlaps a reflecting board or comes nearer than ``NEAREST`` to it."""
+    for index, other in enumerate(obstacles):
+        for board in (one for one in obstacles if one.board and not other.board):
+            found = approach(other.surface, board.surface, NEAREST * (1.0 - 1e-9))
+            if found is not None:
+                how = "cuts into" if found.overlap is not None else f"is {1e3 * found.distance:.3g} mm off"
+                raise InvalidInput(
+                    f"body {index} {how} a reflecting board at {in_mm(found.position)}, but it must stay "
+                    f"{1e3 * NEAREST:g} mm or more off it: move the body or the array.",
+                    found.position,
+                    code="board_cuts_body",
+                )
+
+
+def admittances(scene: Scene) -> Complex128[np.ndarray, "bodies"]:
+    """Return ρc/Z of the surface of each body, 0 where it is no impedance."""
+    return np.array([1.0 / one.ratio if one.ratio is not None else 0.0 for one in scene.obstacles], dtype=np.complex128)
 
 
 def check_outside(scene: Scene, points: Real[np.ndarray, "points 3"], what: str) -> None:
@@ -281,12 +304,19 @@ def check_sources(scene: Scene, sources: Monopoles, planes: bool = False) -> Non
 
 
 def check_no_planes(scene: Scene, who: str) -> None:
-    """Raise "planes_not_taken" where the scene has planes, which ``who`` does not know."""
+    """Raise where the scene has planes or the array's boards, which ``who`` does not know."""
     if scene.planes:
         raise InvalidInput(
             f"the scene has {counted(len(scene.planes), 'plane', 'planes')}, which {who} does not take: leave the "
             "planes out, or solve with BoundaryElement, or FreeField where there is no body.",
             code="planes_not_taken",
+        )
+    boards = sum(one.board for one in scene.obstacles)
+    if boards:
+        raise InvalidInput(
+            f"the scene has {counted(boards, 'body', 'bodies')} of reflecting boards, which {who} does not take: leave "
+            "them out, or solve with BoundaryElement.",
+            code="boards_not_taken",
         )
 
 

@@ -32,17 +32,18 @@ from airtact.solvers.problem import Solver
 from airtact.synthesis.methods import FOR_SAMPLES, METHODS
 from airtact.synthesis.motion import ALONG, PATHS, Motion
 from airtact.transducers.boards import MURATA_RADIUS, board_named, poses_of_boards
-from airtact.transducers.calibration import load_calibration
+from airtact.transducers.calibration import calibrated_by
 from airtact.transducers.element import DEFAULT_SENSITIVITY, LARGEST_PISTON, Element, monopole, piston
 from airtact.transducers.layout import PhasedArray, board_array, flat_boards, surrounding_box
 from airtact.transducers.levels import Levels
 from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transducers.placement import check_placement
+from airtact.transducers.plates import reflecting_boards
 from airtact.transfer import Drive, TransferMatrix
 from airtact.validation import counted
 
 SOLVERS = {
-    "boundary_element": ("sound_hard",),
+    "boundary_element": ("sound_hard", "impedance"),
     "finite_element": ("sound_hard", "impedance", "filled"),
     "free_field": (),
 }
@@ -113,7 +114,7 @@ class Setup:
         return self.scene.medium
 
 
-def read_scene(path: str | Path, changes: Mapping[str, Value] | None = None) -> Setup:
+def read_scene(path: str | Path, changes: Mapping[str, Value] | None = None, followed: bool = False) -> Setup:
     """Read a scene file and build what it describes.
 
     Parameters
@@ -121,6 +122,8 @@ def read_scene(path: str | Path, changes: Mapping[str, Value] | None = None) -> 
     path : the TOML file; surfaces, hands, drawings and array files that it names are found beside it.
     changes : values that take the place of the file's, by the paths of their keys, such as ``{"foci[0].offset": 1e-3,
         "hand.gap": 0.01}``; None takes a key away. ``hand`` is the only obstacle of that kind.
+    followed : whether the hand will be followed live: a method for what is in doubt needs no ``[uncertainty]`` then, as
+        the prediction says how far it is in doubt.
 
     Raises
     ------
@@ -140,10 +143,10 @@ def read_scene(path: str | Path, changes: Mapping[str, Value] | None = None) -> 
         file = parse_scene(text, partial(with_changes, changes=changes) if changes else None)
         fault = not_finite(file)
         if fault is None:
-            return _set_up(path, text, file)
+            return _set_up(path, text, file, followed)
         try:
             with np.errstate(all="raise"):
-                _set_up(path, text, file)
+                _set_up(path, text, file, followed)
         except InvalidInput:
             raise
         except (ArithmeticError, ValueError):
@@ -151,7 +154,7 @@ def read_scene(path: str | Path, changes: Mapping[str, Value] | None = None) -> 
         raise fault
 
 
-def _set_up(path: Path, text: str, file: tables.SceneFile) -> Setup:
+def _set_up(path: Path, text: str, file: tables.SceneFile, followed: bool) -> Setup:
     with about("medium"):
         medium = medium_of(file.medium, file.frequency)
     bodies, obstacles, points, hands = bodies_of(file, path.parent, lambda table: medium_of(table, file.frequency))
@@ -159,9 +162,12 @@ def _set_up(path: Path, text: str, file: tables.SceneFile) -> Setup:
     for index, one in enumerate(file.planes):
         with about(f"planes[{index}]"):
             planes.append(plane(one.point, one.normal))
-    scene = Scene(medium, obstacles, frequency=file.frequency, planes=planes)
+    wavenumber = medium.wavenumber(file.frequency).real
     with about("array"):
-        array, board = _array(file.array, medium.wavenumber(file.frequency).real, path.parent)
+        array, board = _array(file.array, wavenumber, path.parent)
+        plates = reflecting_boards(array) if file.array.reflects else ()
+    bodies += ["boards"] if len(plates) == 1 else [f"board {index}" for index in range(len(plates))]
+    scene = Scene(medium, [*obstacles, *plates], frequency=file.frequency, planes=planes)
     surfaces = {name: obstacle.surface for name, obstacle in zip(bodies, scene.obstacles, strict=True)}
     target, foci = target_of(file.foci, file.suppression, points, surfaces, path.parent, file.most_points)
     with about("solver"):
@@ -177,7 +183,7 @@ def _set_up(path: Path, text: str, file: tables.SceneFile) -> Setup:
     with about("tracker"):
         tracker = Pose.identity() if file.tracker is None else pose_of(file.tracker)
     with about("drive"):
-        method = check_method(file.drive.method, file.uncertainty is not None)
+        method = check_method(file.drive.method, followed or file.uncertainty is not None)
         count = file.drive.levels
         levels = Levels.even(count, count) if isinstance(count, int) else Levels.even(count.amplitude, count.phase)
         with about("modulation"):
@@ -293,7 +299,7 @@ def _array(table: tables.ArrayTable, wavenumber: float, folder: Path) -> tuple[P
     array, board = _layout(table, _element(table, wavenumber), folder)
     if table.calibration is not None:
         with about("calibration"):
-            array = array.calibrated(load_calibration(folder / table.calibration, len(array)))
+            array = calibrated_by(folder / table.calibration, array)
     if table.pose is None:
         return array, board
     with about("pose"):

@@ -101,7 +101,8 @@ class ArrayTable(Table, frozen=True):
     """The transducers; ``pose`` places the whole array in the obstacles' frame.
 
     ``calibration`` is a .csv file beside the scene file with the gain of each element. ``source`` is "piston", of the
-    radius of the board's transducers or of ``piston_radius`` [m], or "monopole", alike in all directions.
+    radius of the board's transducers or of ``piston_radius`` [m], or "monopole", alike in all directions. ``reflects``
+    makes rigid bodies of the boards.
     """
 
     layout: SurroundingBoxTable | FlatBoardsTable | BoardsTable | ListedTable
@@ -109,6 +110,7 @@ class ArrayTable(Table, frozen=True):
     source: str = "piston"
     piston_radius: float | None = None
     sensitivity: float | None = None
+    reflects: bool = False
     pose: PoseTable | None = None
 
 

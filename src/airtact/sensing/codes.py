@@ -1,7 +1,7 @@
 """Codes: what the elements of an array emit in each transmission, so that echoes can be told apart."""
 
 import numpy as np
-from jaxtyping import Complex128
+from jaxtyping import Complex128, Integer
 from scipy.linalg import hadamard
 
 from airtact.conventions import InvalidInput
@@ -45,22 +45,26 @@ def hadamard_codes(elements: int, transmissions: int | None = None) -> Complex12
     return hadamard(size)[:elements, :count].astype(np.complex128)
 
 
-def random_codes(elements: int, transmissions: int, seed: int = 0) -> Complex128[np.ndarray, "elements transmissions"]:
+def random_codes(
+    elements: int, transmissions: int, seed: int = 0, parts: Integer[np.ndarray, "elements"] | None = None
+) -> Complex128[np.ndarray, "elements transmissions"]:
     """All elements at full scale with random phases, the same for the same seed: a field of speckles everywhere.
 
     Parameters
     ----------
     elements, transmissions : E and M.
     seed : of the random numbers, 0 or more.
+    parts : (E,) number of the part that each element belongs to, such as its board: the parts emit in turn, one in each
+        transmission, and the others can receive while it rings. All emit together unless given.
 
     Returns
     -------
-    (E, M) codes of magnitude 1.
+    (E, M) codes of magnitude 1, or 0 where a part is silent.
 
     Raises
     ------
     InvalidInput
-        "out_of_range": of elements, transmissions or seed.
+        "out_of_range": of elements, transmissions or seed; "sizes_differ": not one part for each element.
 
     Examples
     --------
@@ -69,7 +73,13 @@ def random_codes(elements: int, transmissions: int, seed: int = 0) -> Complex128
     """
     shape = _checked(elements, "elements"), _checked(transmissions, "transmissions")
     check_seed(seed)
-    return np.exp(2j * np.pi * np.random.default_rng(seed).random(shape))
+    codes = np.exp(2j * np.pi * np.random.default_rng(seed).random(shape))
+    if parts is None:
+        return codes
+    if len(parts) != elements:
+        raise InvalidInput(f"{len(parts)} parts are given for {elements} elements; give one each.", code="sizes_differ")
+    names = np.unique(parts)
+    return np.where(np.asarray(parts)[:, None] == names[np.arange(transmissions) % len(names)], codes, 0.0)
 
 
 def _checked(count: int, what: str, most: int = MOST_CODES) -> int:

@@ -1,8 +1,8 @@
 """What the elements of an array receive of each other's coded transmissions, and its file.
 
-Version 1 of the file is HDF5 with these datasets, those in brackets only where they are known:
+Version 2 of the file is HDF5 with these datasets, those in brackets only where they are known:
 
-- ``format_version``: 1.
+- ``format_version``: 2, or 1 where there is no ``valid``.
 - ``frequency`` [Hz].
 - ``codes_real``, ``codes_imaginary``: (E, M), what each of E elements emits in each of M transmissions, as a share of
   full scale; the element emits Re[c e^{−iωt}].
@@ -10,23 +10,25 @@ Version 1 of the file is HDF5 with these datasets, those in brackets only where 
   in the same phasor.
 - (``receivers``: (R,) the numbers of the elements that receive, from 0; all E in their order where it is missing.)
 - (``noise``: rms magnitude of the complex noise of one pressure [Pa], measured without a transmission.)
+- (``valid``: (R, M) 1 where a pressure was received, 0 where the receiver could not; all were where it is missing.)
 """
 
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Complex128, Int64, Integer, Num
+from jaxtyping import Bool, Complex128, Int64, Integer, Num
 
 from airtact.conventions import InvalidInput, about
 from airtact.file_access.atomic import whole_file
 from airtact.file_access.bounded import datasets_of
 from airtact.printing import one_line
+from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import FULL_SCALE
 from airtact.validation import check_finite, check_frequency, complex_numbers, counted, of_kind, positive, real_numbers
 
-VERSION = 1
-"""Version of the file that is written and read."""
+VERSIONS = 1, 2
+"""Versions of the file that are read; the second is written where some pressures are not valid."""
 
 _NUMBERS = "codes_real", "codes_imaginary", "pressures_real", "pressures_imaginary"
 
@@ -45,13 +47,15 @@ class Echoes:
     receivers : (R,) numbers of the elements that receive; None for all E in their order. Stored as numbers.
     frequency : of the sound [Hz].
     noise : rms magnitude of the complex noise in one pressure [Pa], measured without a transmission; None if unknown.
+    valid : (R, M) whether the receiver could receive in the transmission, which it cannot while it rings itself; None
+        if all could. Pressures that are not valid are stored as 0.
 
     Raises
     ------
     InvalidInput
         "wrong_shape", "empty", "sizes_differ": shapes that do not fit each other; "not_finite": leave dead receivers
         out of ``receivers``; "over_full_scale"; "out_of_range", "given_twice": of receivers; "silent": a transmission
-        of no element; "not_positive": noise.
+        of no element; "not_positive": noise; "nothing_received": no pressure is valid.
 
     Examples
     --------
@@ -64,6 +68,7 @@ class Echoes:
     receivers: Integer[np.ndarray, "receivers"] | None = None
     frequency: float = 40e3
     noise: float | None = None
+    valid: Bool[np.ndarray, "receivers transmissions"] | None = None
 
     def __repr__(self) -> str:
         elements, transmissions = self.codes.shape
@@ -83,9 +88,13 @@ class Echoes:
                 code="sizes_differ",
             )
         _check_codes(codes)
+        valid = None if self.valid is None else _valid(self.valid, pressures.shape)
+        if valid is not None:
+            pressures = np.where(valid, pressures, 0.0)
         receivers = _receivers(self.receivers, len(codes), len(pressures))
         noise = None if self.noise is None else positive(self.noise, "the noise of echoes", "Pa")
-        for name, value in (("codes", codes), ("pressures", pressures), ("receivers", receivers), ("noise", noise)):
+        stored = {"codes": codes, "pressures": pressures, "receivers": receivers, "noise": noise, "valid": valid}
+        for name, value in stored.items():
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
             object.__setattr__(self, name, value)
@@ -119,7 +128,7 @@ class Echoes:
 
         path = _checked_path(path)
         columns = {
-            "format_version": VERSION,
+            "format_version": 1 if self.valid is None else 2,
             "frequency": self.frequency,
             "codes_real": np.real(self.codes),
             "codes_imaginary": np.imag(self.codes),
@@ -127,6 +136,7 @@ class Echoes:
             "pressures_imaginary": np.imag(self.pressures),
             "receivers": self.receiving,
             "noise": self.noise,
+            "valid": None if self.valid is None else np.asarray(self.valid, dtype=np.uint8),
         }
         try:
             with whole_file(path) as partial, h5py.File(partial, "w") as file:
@@ -152,10 +162,10 @@ def load_echoes(path: str | Path) -> Echoes:
     raw = datasets_of(path)
     with about(path.name):
         version = raw.get("format_version")
-        if not isinstance(version, int | np.integer) or version != VERSION:
+        if not isinstance(version, int | np.integer) or version not in VERSIONS:
             raise InvalidInput(
-                f"its format_version is {version}, but version {VERSION} of echoes is read: write it as "
-                "Echoes.save does.",
+                f"its format_version is {version}, but versions {VERSIONS[0]} and {VERSIONS[1]} of echoes are read: "
+                "write it as Echoes.save does.",
                 code="unknown_version",
             )
         if missing := [name for name in ("frequency", *_NUMBERS) if name not in raw]:
@@ -176,6 +186,17 @@ def load_echoes(path: str | Path) -> Echoes:
             receivers,
             float(real_numbers(np.asarray(raw["frequency"]), "the frequency").reshape(-1)[0]),
             float(real_numbers(np.asarray(raw["noise"]), "the noise").reshape(-1)[0]) if "noise" in raw else None,
+            real_numbers(np.asarray(raw["valid"]), "valid") != 0 if "valid" in raw else None,
+        )
+
+
+def check_elements(echoes: Echoes, array: PhasedArray, what: str) -> None:
+    """Raise "element_count" where echoes, named in words, are of another array."""
+    if len(echoes.codes) != len(array):
+        raise InvalidInput(
+            f"the {what} are of an array of {counted(len(echoes.codes), 'element', 'elements')}, and this one has "
+            f"{len(array)}: give the one that they were measured with.",
+            code="element_count",
         )
 
 
@@ -216,6 +237,24 @@ def _check_codes(codes: Complex128[np.ndarray, "elements transmissions"]) -> Non
             f"{silent[0]}; leave them out.",
             code="silent",
         )
+
+
+def _valid(
+    given: Bool[np.ndarray, "receivers transmissions"], shape: tuple[int, ...]
+) -> Bool[np.ndarray, "receivers transmissions"]:
+    """Return which pressures were received, a value for each."""
+    valid = np.array(given)
+    if valid.dtype != np.bool_ or valid.shape != shape:
+        raise InvalidInput(
+            f"valid is {valid.dtype} of shape {valid.shape}, but it is True or False for each pressure, {shape}.",
+            code="sizes_differ",
+        )
+    if not valid.any():
+        raise InvalidInput(
+            f"0 of {valid.size} pressures are valid: let a part of the elements emit while the others receive.",
+            code="nothing_received",
+        )
+    return valid
 
 
 def _receivers(

@@ -8,15 +8,18 @@ Soc. Am. 45, 1417, 1969; P. A. Martin, Multiple Scattering, 2006, chapter 7.)
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from jaxtyping import Complex128, Float64
+import scipy.linalg
+from jaxtyping import Complex64, Complex128, Float32, Float64
 
 from airtact.conventions import InvalidInput
 from airtact.printing import one_line
 from airtact.scene.scene import Scene, check_no_planes
 from airtact.scene.sources import Monopoles
-from airtact.sensing.waves import harmonics, order_of, outgoing_radial, projected
+from airtact.sensing.incident import reaching_patterns
+from airtact.sensing.waves import Waves, harmonics, mixed, of_waves, order_of, outgoing_radial, projected
 from airtact.solvers.problem import Solver, SolveReport
 from airtact.solvers.spherical.multipole_field import ball_of
 from airtact.validation import counted, of_kind, within
@@ -24,8 +27,21 @@ from airtact.validation import counted, of_kind, within
 GAP = 1.0
 """Gap between the ball around the bodies and the sphere of sources, in wavelengths."""
 
-SPARE = 6
+SPARE = 3
 """Orders beyond those of the matrix that the quadrature on the sphere tells apart."""
+
+LEAST_REACHING = 1.0
+"""Least pressure on and under the surfaces of the patterns that the bodies are solved for, relative to the strongest,
+over the accuracy of the matrix. Two fingers' matrix is 0.0002 off at 0.005."""
+
+PATTERNS_LEFT_OUT = 3e-4
+"""Part of the matrix (Frobenius) that may be left out of products with it in single precision."""
+
+LOSSES = 1e-3
+"""Part of the matrix among the patterns (Frobenius) off its diagonal up to which that is taken for a solver's error."""
+
+SHARE = 0.618
+"""Part of the imaginary part that is added to the real one, so that different eigenvalues make different sums."""
 
 LARGEST_ORDER = 80
 """Highest order of a matrix: 6,561 waves."""
@@ -64,6 +80,50 @@ class ScatteringMatrix:
             f"asymmetry {100 * self.asymmetry:.2g} %",
         )
 
+    def scatter(self, regular: Waves) -> Waves:
+        """Return the waves (W, S) that the bodies radiate for regular ones (W, S), in single precision.
+
+        Few patterns of the waves reach the bodies where these fill little of their ball, which halves the work.
+        """
+        patterns = self.__dict__.get("patterns")  # not worth finding for a matrix that serves once
+        if patterns is None:
+            return self.single @ regular
+        some, among = patterns
+        inside = mixed(some.T, regular)
+        return mixed(some, among @ inside if among.shape[1] > 1 else among * inside)
+
+    @cached_property
+    def patterns(
+        self,
+    ) -> tuple[Float32[np.ndarray, "waves patterns"], Complex64[np.ndarray, "patterns others"]] | None:
+        """Orthonormal real patterns of waves, and the matrix among them; None where they save no work.
+
+        Bodies and air that absorb nothing make each of their patterns into itself, times a number: the matrix has real
+        orthogonal eigenvectors (R. J. Garbacz, R. H. Turpin, IEEE Trans. Antennas Propag. 19 (1971) 348), most of them
+        with an eigenvalue of about 0. The others (patterns, 1) are given then. ``locate`` asks for them, which takes
+        some tenths of a second. ``scatter`` uses them once they are found.
+        """
+        parts = np.concatenate([np.real(self.single), np.imag(self.single)])
+        squares, patterns = scipy.linalg.eigh(parts.T @ parts, overwrite_a=True, check_finite=False)
+        left_out = np.cumsum(np.maximum(squares, 0.0), dtype=np.float64)
+        count = len(squares)
+        kept = count - int(np.searchsorted(left_out, PATTERNS_LEFT_OUT**2 * left_out[-1]))
+        if kept * (count + kept) > count**2:
+            return None
+        some = np.ascontiguousarray(patterns[:, -kept:])
+        among = mixed(some.T, mixed(some.T, self.single).T)
+        own = _eigenvectors(among.astype(np.complex128)).astype(np.float32)
+        alone = mixed(own.T, mixed(own.T, among).T)
+        eigenvalues = np.diag(alone)[:, None]
+        if np.linalg.norm(alone - np.diag(eigenvalues[:, 0])) > LOSSES * np.linalg.norm(alone):
+            return some, among
+        return some @ own, eigenvalues.copy()
+
+    @cached_property
+    def single(self) -> Complex64[np.ndarray, "waves waves"]:
+        """(W, W) the matrix in single precision."""
+        return self.matrix.astype(np.complex64)
+
     @property
     def order(self) -> int:
         """Highest order n of the waves."""
@@ -79,7 +139,25 @@ class ScatteringMatrix:
         return float(np.linalg.norm(off) / np.linalg.norm(self.matrix))
 
 
-def scattering_matrix(solver: Solver, scene: Scene, accuracy: float = 0.005) -> ScatteringMatrix:
+def _eigenvectors(among: Complex128[np.ndarray, "patterns patterns"]) -> Float64[np.ndarray, "patterns patterns"]:
+    """Real eigenvectors of the matrix nearest to one that absorbs nothing.
+
+    1 + 2T is unitary then. One step of Newton and Schulz makes it that much more, which squares what a solver's error
+    is off (N. J. Higham, Functions of Matrices, 2008, section 8.3); real and imaginary part have the same eigenvectors.
+    """
+    one = np.eye(len(among))
+    unitary = one + 2.0 * among
+    unitary = unitary @ (1.5 * one - 0.5 * unitary.conj().T @ unitary)
+    both = unitary.real + SHARE * unitary.imag
+    return scipy.linalg.eigh(0.5 * (both + both.T), overwrite_a=True, check_finite=False)[1]
+
+
+def scattering_matrix(
+    solver: Solver,
+    scene: Scene,
+    accuracy: float = 0.005,
+    ball: tuple[Float64[np.ndarray, "3"], float] | None = None,
+) -> ScatteringMatrix:
     """Solve the bodies of a scene for all regular spherical waves about the middle of them.
 
     It takes one block solve of some hundreds of excitations; ``Stored(solver, folder)`` keeps it. Echoes for any rigid
@@ -90,6 +168,8 @@ def scattering_matrix(solver: Solver, scene: Scene, accuracy: float = 0.005) -> 
     solver : solves the bodies, such as ``BoundaryElement(accuracy=0.01, estimate=False)``; its accuracy is its own.
     scene : the bodies, in their own frame.
     accuracy : relative error by waves that are left out, 0.0001 to 0.1; it sets the order.
+    ball : centre (3,) of the waves and radius of a ball that holds the bodies [m]; hardly larger than the smallest
+        unless given.
 
     Raises
     ------
@@ -110,23 +190,49 @@ def scattering_matrix(solver: Solver, scene: Scene, accuracy: float = 0.005) -> 
     if not scene.obstacles:
         raise InvalidInput("the scene has 0 obstacles, so nothing is scattered; give bodies.", code="no_bodies")
     check_no_planes(scene, "a scattering matrix")
-    centre, radius = ball_of(scene)
+    return _about(solver, scene, *(ball_of(scene) if ball is None else ball), accuracy)
+
+
+def _about(
+    solver: Solver, scene: Scene, centre: Float64[np.ndarray, "3"], radius: float, accuracy: float
+) -> ScatteringMatrix:
+    """Solve the bodies of a scene for the regular waves about the middle of a ball that holds them."""
     order = _order(scene.wavenumber.real * radius, accuracy)
     outer = radius + GAP * scene.wavelength
     directions, weights = _quadrature(order + SPARE)
     waves = harmonics(order, directions)
-    radial = outgoing_radial(order, np.array([outer]), scene.wavenumber)
-    layer = (weights * waves).T / (4j * np.pi * scene.wavenumber * radial[:, 0])
+    radial = of_waves(order, outgoing_radial(order, np.array([outer]), scene.wavenumber))
+    patterns = reaching_patterns(scene, centre, order, LEAST_REACHING * accuracy)
+    amplitudes = 1.0 / (4j * np.pi * scene.wavenumber * radial)
+    amplitudes = np.diag(amplitudes[:, 0]) if patterns is None else amplitudes * patterns
+    layer = mixed((weights * waves).T, amplitudes)
     field = solver.radiate(scene, Monopoles(centre + outer * directions, layer))
     if (sources := field.scattering_sources) is not None:
-        matrix = projected(order, sources.positions - centre, sources.strengths, scene.wavenumber)
+        scattered = projected(order, sources.positions - centre, sources.strengths, scene.wavenumber)
     else:
-        scattered = _known(field.scattered_at(centre + outer * directions), outer)
-        matrix = (weights * waves) @ scattered / radial
-    asymmetry = float(np.linalg.norm(matrix - matrix.T) / np.linalg.norm(matrix))
-    matrix = 0.5 * (matrix + matrix.T)
+        known = _known(field.scattered_at(centre + outer * directions), outer)
+        scattered = (weights * waves) @ known / radial
+    among = scattered if patterns is None else mixed(patterns.T, scattered)
+    asymmetry = float(np.linalg.norm(among - among.T) / np.linalg.norm(among))
+    matrix = _symmetric(scattered, patterns)
     matrix.flags.writeable = False
     return ScatteringMatrix(matrix, centre, radius, scene, asymmetry, field.report)
+
+
+def _symmetric(
+    scattered: Complex128[np.ndarray, "waves patterns"], patterns: Float64[np.ndarray, "waves patterns"] | None
+) -> Complex128[np.ndarray, "waves waves"]:
+    """Return the symmetric matrix from what it makes of patterns.
+
+    By reciprocity it also follows what all other waves make of these. Only what the others make of each other is left
+    out, which is as little as they reach the bodies, squared.
+    """
+    if patterns is None:
+        return 0.5 * (scattered + scattered.T)
+    among = mixed(patterns.T, scattered)
+    half = scattered - mixed(patterns, among - 0.25 * (among + among.T))
+    whole = mixed(patterns, half.T)
+    return whole + whole.T
 
 
 def check_own(scattering: ScatteringMatrix, scene: Scene) -> None:

@@ -1,7 +1,8 @@
 """Echoes as a receiving array would measure them, from any solver: with noise, direct sound and dead receivers."""
 
 import numpy as np
-from jaxtyping import Complex128, Integer, Num
+from jaxtyping import Bool, Complex128, Int64, Integer, Num
+from scipy.spatial.distance import cdist
 
 from airtact.conventions import InvalidInput
 from airtact.scene.scene import Scene, check_no_planes
@@ -28,6 +29,7 @@ def simulate_echoes(
     noise: float | None = None,
     subtraction: float | None = None,
     dead: Integer[np.ndarray, "dead"] | None = None,
+    ring_down: float | None = None,
     seed: int = 0,
 ) -> Echoes:
     """Compute the echoes of coded transmissions, and spoil them as a measurement is spoilt.
@@ -36,8 +38,7 @@ def simulate_echoes(
 
     Parameters
     ----------
-    made_by : a solver, such as ``BoundaryElement(accuracy=0.01, estimate=False)``, which solves for each code, or the
-        scattering matrix of the scene, which takes milliseconds.
+    made_by : a solver, which solves for each code, or the scattering matrix of the scene, which takes milliseconds.
     scene : the bodies.
     array : the E transducers in the obstacles' frame, see ``PhasedArray.seen_from``.
     codes : (E, M), as of ``Echoes``.
@@ -46,13 +47,16 @@ def simulate_echoes(
     subtraction : how far the sound that arrives directly from each other element is suppressed [dB], the rest having a
         random phase; perfectly unless given.
     dead : numbers of elements that receive noise only.
+    ring_down : time from the beginning of a transmission until an element that emits in it can receive [s]: where its
+        first echo comes sooner, the pressure is not ``Echoes.valid``. At once unless given.
     seed : of the random numbers, 0 or more.
 
     Raises
     ------
     InvalidInput
         As ``Echoes`` and ``transfer_matrix``; "array_inside_ball"; "element_count": codes of another array;
-        "other_scene": the scattering matrix is of another scene; "out_of_range": of noise, subtraction, dead or seed.
+        "other_scene": the scattering matrix is of another scene; "out_of_range": of noise, subtraction, dead, ring_down
+        or seed; "nothing_received": all elements ring when the echoes come.
 
     Examples
     --------
@@ -64,20 +68,37 @@ def simulate_echoes(
     """
     of_kind(made_by, Solver | ScatteringMatrix, "what echoes are made by", "a solver or a scattering matrix")
     check_placement(scene, array)
-    checked = _checked(array, codes, receivers, seed)
-    given, receiving = np.asarray(checked.codes), checked.receiving
+    given, receiving = _checked(array, codes, receivers, seed)
     pressures = _scattered(made_by, scene, array, given)[receiving]
-    random = np.random.default_rng(seed)
-    size = float(np.sqrt(np.mean(np.abs(pressures) ** 2)))
+    valid = None if ring_down is None else received_after(ring_down, scene, array, given)[receiving]
+    random, size = np.random.default_rng(seed), _rms(pressures, valid)
     if subtraction is not None:
-        rest = _ratio(subtraction, "the subtraction of direct sound") * direct_sound(array, scene.wavenumber, given)
-        pressures = pressures + rest[receiving] * _normal(random, pressures.shape)
+        rest = ratio_of(subtraction, "the subtraction of direct sound") * direct_sound(array, scene.wavenumber, given)
+        pressures = pressures + rest[receiving] * normal_noise(random, pressures.shape)
     pressures[np.isin(receiving, _dead(dead, len(array)))] = 0.0
-    deviation = None
-    if noise is not None:
-        deviation = size * _ratio(noise, "the noise")
-        pressures = pressures + deviation * _normal(random, pressures.shape)
-    return Echoes(given, pressures, receiving, scene.frequency, deviation)
+    deviation = None if noise is None else size * ratio_of(noise, "the noise")
+    pressures += (deviation or 0.0) * normal_noise(random, pressures.shape)
+    return Echoes(given, pressures, receiving, scene.frequency, deviation, valid)
+
+
+def received_after(
+    ring_down: float, scene: Scene, array: PhasedArray, codes: Complex128[np.ndarray, "elements transmissions"]
+) -> Bool[np.ndarray, "elements transmissions"]:
+    """Whether an element is silent in a transmission, or its first echo comes after it has rung down, (E, M)."""
+    ring_down = between(ring_down, 0.0, 1.0, "the ring-down", "s", "is it in milliseconds? Give seconds.")
+    corners = np.unique(np.concatenate([one.surface.corners.reshape(-1, 3) for one in scene.obstacles]), axis=0)
+    away = cdist(array.positions, corners)
+    emits = codes != 0
+    first = np.stack([(away + away[some].min(axis=0)).min(axis=1) for some in emits.T], axis=1)
+    return ~emits | (first >= ring_down * scene.medium.sound_speed)
+
+
+def _rms(
+    pressures: Complex128[np.ndarray, "receivers transmissions"],
+    valid: Bool[np.ndarray, "receivers transmissions"] | None,
+) -> float:
+    some = pressures if valid is None else pressures[valid]
+    return float(np.linalg.norm(some) / np.sqrt(max(some.size, 1)))
 
 
 def _checked(
@@ -85,15 +106,16 @@ def _checked(
     codes: Num[np.ndarray, "elements transmissions"],
     receivers: Integer[np.ndarray, "receivers"] | None,
     seed: int,
-) -> Echoes:
-    """Return echoes of nothing, which check the shapes and values of what is given."""
+) -> tuple[Complex128[np.ndarray, "elements transmissions"], Int64[np.ndarray, "receivers"]]:
+    """Return the codes and the numbers of the receivers, checked."""
     if len(codes) != len(array):
         raise InvalidInput(
             f"the codes are for {len(codes)} elements, and the array has {len(array)}.", code="element_count"
         )
     check_seed(seed)
     count = len(array) if receivers is None else len(receivers)
-    return Echoes(codes, np.zeros((count, codes.shape[1])), receivers)
+    checked = Echoes(codes, np.zeros((count, codes.shape[1])), receivers)
+    return np.asarray(checked.codes), checked.receiving
 
 
 def _scattered(
@@ -114,12 +136,15 @@ def _scattered(
     return array.gains[:, None] * np.einsum("q,eqm->em", weights, scattered)
 
 
-def _ratio(decibels: float, what: str) -> float:
+def ratio_of(decibels: float, what: str) -> float:
+    """Amplitude of the rest relative to that of echoes so many decibels above it."""
     slip = "it is how far the echoes, or the direct sound, stand above the rest."
     return 10.0 ** (-between(decibels, -LARGEST_RATIO, LARGEST_RATIO, what, "dB", slip) / 20.0)
 
 
-def _normal(random: np.random.Generator, shape: tuple[int, ...]) -> Complex128[np.ndarray, "receivers transmissions"]:
+def normal_noise(
+    random: np.random.Generator, shape: tuple[int, ...]
+) -> Complex128[np.ndarray, "receivers transmissions"]:
     """Complex normal numbers of unit mean square."""
     return (random.normal(size=shape) + 1j * random.normal(size=shape)) / np.sqrt(2.0)
 

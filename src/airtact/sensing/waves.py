@@ -10,17 +10,21 @@ exp(τ·∇ + ω·(r × ∇)), and both operators are sparse between waves: r ×
 (P. A. Martin, Multiple Scattering, 2006, section 3.9). The other derivatives are commutators of these.
 """
 
+from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Complex128, Float64, Real
+from jaxtyping import Complex, Complex128, Float, Float64, Int, Real, Shaped
 from scipy.sparse import csr_matrix, diags
-from scipy.special import jv, sph_harm_y_all, spherical_jn
+from scipy.special import jv, spherical_jn
 
-Waves = Complex128[np.ndarray, "waves columns"]
+from airtact.solvers.loops import loop
+
+Waves = Complex[np.ndarray, "waves columns"]
+"""Coefficients of waves, in single or double precision."""
 
 CUT = 1e-7
-"""Terms of an exponential below this are left out."""
+"""Terms of an exponential below this are left out; in single precision those below ten times as much."""
 
 
 def wave_count(order: int) -> int:
@@ -40,30 +44,56 @@ def orders_of_waves(order: int) -> Float64[np.ndarray, "waves"]:
 
 def harmonics(order: int, offsets: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "waves points"]:
     """Real harmonics (waves, P) in the directions of offsets (P, 3) from the centre."""
-    x, y, z = offsets.T
-    polar, azimuth = np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)
-    alone = np.real(sph_harm_y_all(order, order, polar, np.zeros(len(offsets))))
-    turn = np.arange(order + 1)[:, None] * azimuth
-    sign = np.sqrt(2.0) * (-1.0) ** np.arange(order + 1)
-    sign[0] = 1.0
-    cosines, sines = sign[:, None] * np.cos(turn), sign[:, None] * np.sin(turn)
     out = np.empty((wave_count(order), len(offsets)))
-    for n in range(order + 1):
-        rows, legendre = out[n * n : (n + 1) ** 2], alone[n, : n + 1]
-        rows[n:] = legendre * cosines[: n + 1]
-        rows[:n] = (legendre * sines[: n + 1])[:0:-1]
+    for n, (legendre, cosines, sines) in enumerate(_by_order(order, offsets)):
+        np.multiply(legendre, cosines, out=out[n * n + n : (n + 1) ** 2])
+        np.multiply(legendre[:0:-1], sines, out=out[n * n : n * n + n])
     return out
 
 
-def outgoing_radial(order: int, radii: Real[np.ndarray, "points"], wavenumber: complex) -> Waves:
-    """Hankel functions h_n(kr) of every wave, (waves, P)."""
+def _by_order(
+    order: int, offsets: Real[np.ndarray, "points 3"], precision: type[np.floating] = np.float64
+) -> Iterator[tuple[Float[np.ndarray, "degrees points"], ...]]:
+    """For each order its Legendre functions (n + 1, P), √2 cos mφ from 0 to n, and √2 sin mφ from n to 1.
+
+    The normalised Legendre functions follow from those of the two orders below, for all degrees m at once (DLMF
+    14.10.3): stable, as they grow with n.
+    """
+    x, y, z = (np.asarray(offsets, dtype=np.float64) / np.linalg.norm(offsets, axis=1)[:, None]).T
+    sine, azimuth = np.hypot(x, y), np.arctan2(y, x)
+    turn = np.arange(order + 1)[:, None] * azimuth
+    cosines, sines = np.sqrt(2.0) * np.cos(turn), np.sqrt(2.0) * np.sin(turn)
+    cosines[0] = 1.0
+    cosines, sines = cosines.astype(precision, copy=False), sines.astype(precision, copy=False)
+    below, legendre = np.zeros((1, len(offsets))), np.full((1, len(offsets)), 1 / np.sqrt(4 * np.pi))
+    for n in range(order + 1):
+        if n:
+            m = np.arange(n)[:, None]
+            grown = np.empty((n + 1, len(offsets)))
+            grown[:n] = np.sqrt((4 * n**2 - 1) / (n**2 - m**2)) * z * legendre
+            factor = ((2 * n + 1) * ((n - 1) ** 2 - m**2)) / (max(2 * n - 3, 1) * (n**2 - m**2))
+            grown[: n - 1] -= np.sqrt(factor[: n - 1]) * below[: n - 1]
+            grown[n] = np.sqrt((2 * n + 1) / (2 * n)) * sine * legendre[n - 1]
+            below, legendre = legendre, grown
+        yield legendre.astype(precision, copy=False), cosines[: n + 1], sines[n:0:-1]
+
+
+def outgoing_radial(
+    order: int, radii: Real[np.ndarray, "points"], wavenumber: complex
+) -> Complex128[np.ndarray, "orders points"]:
+    """Hankel functions h_n(kr) of every order, (order + 1, P)."""
     argument = wavenumber * np.asarray(radii, dtype=np.complex128)
     hankel = np.empty((order + 2, len(argument)), dtype=np.complex128)
     hankel[0] = -1j * np.exp(1j * argument) / argument
     hankel[1] = hankel[0] * (1.0 / argument - 1j)
     for n in range(1, order):  # upwards h_n grows, so that its recurrence is stable
         hankel[n + 1] = (2 * n + 1) / argument * hankel[n] - hankel[n - 1]
-    return np.repeat(hankel[: order + 1], 2 * np.arange(order + 1) + 1, axis=0)
+    return hankel[: order + 1]
+
+
+def of_waves(order: int, radial: Shaped[np.ndarray, "orders points"]) -> Shaped[np.ndarray, "waves points"]:
+    """Repeat what each order has for each of its waves."""
+    return np.repeat(radial, 2 * np.arange(order + 1) + 1, axis=0)
 
 
 def projected(
@@ -72,17 +102,45 @@ def projected(
     strengths: Complex128[np.ndarray, "points columns"],
     wavenumber: complex,
 ) -> Waves:
-    """Outgoing waves (waves, S) of monopoles at offsets (P, 3) from the centre with strengths (P, S) [Pa·m]."""
-    radii = np.linalg.norm(offsets, axis=1)
-    radial = spherical_jn(np.arange(order + 1)[:, None], wavenumber * radii[None, :])
-    waves = np.repeat(radial, 2 * np.arange(order + 1) + 1, axis=0) * harmonics(order, offsets)
-    return 4j * np.pi * wavenumber * (waves @ strengths)
+    """Outgoing waves (waves, S) of monopoles at offsets (P, 3) from the centre with strengths (P, S) [Pa·m].
+
+    The sums are in single precision: strengths that a solver gives are not right to more.
+    """
+    waves = regular_waves(order, offsets, wavenumber)
+    given = np.ascontiguousarray(strengths, dtype=np.complex64)
+    if wavenumber.imag:
+        summed = waves.astype(np.complex64) @ given
+    else:  # half the work
+        summed = (waves.astype(np.float32) @ given.view(np.float32)).view(np.complex64)
+    return 4j * np.pi * wavenumber * summed.astype(np.complex128)
 
 
-def monopole_waves(order: int, offsets: Real[np.ndarray, "points 3"], wavenumber: complex) -> Waves:
-    """Regular waves (waves, P) about the centre of unit monopoles at offsets (P, 3) from it, of 1 Pa·m each."""
+def regular_waves(
+    order: int, offsets: Real[np.ndarray, "points 3"], wavenumber: complex
+) -> Shaped[np.ndarray, "waves points"]:
+    """Regular waves j_n(kr) Z_nm themselves at offsets (P, 3) from the centre, (waves, P); real for a real k."""
+    argument = np.linalg.norm(offsets, axis=1) * (wavenumber if wavenumber.imag else wavenumber.real)
+    radial = spherical_jn(np.arange(order + 1)[:, None], argument[None, :])
+    return of_waves(order, radial) * harmonics(order, offsets)
+
+
+def monopole_waves(
+    order: int,
+    offsets: Real[np.ndarray, "points 3"],
+    wavenumber: complex,
+    strengths: Complex128[np.ndarray, "points"] | None = None,
+    single: bool = False,
+) -> Waves:
+    """Regular waves (waves, P) about the centre of monopoles at offsets (P, 3) from it, of 1 Pa·m each unless given."""
     radial = outgoing_radial(order, np.linalg.norm(offsets, axis=1), wavenumber)
-    return 4j * np.pi * wavenumber * radial * harmonics(order, offsets)
+    radial *= 4j * np.pi * wavenumber if strengths is None else 4j * np.pi * wavenumber * strengths
+    radial = radial.astype(np.complex64 if single else np.complex128, copy=False)
+    out = np.empty((wave_count(order), len(offsets)), dtype=radial.dtype)
+    for n, (legendre, cosines, sines) in enumerate(_by_order(order, offsets, np.float32 if single else np.float64)):
+        grown = legendre * radial[n]
+        np.multiply(grown, cosines, out=out[n * n + n : (n + 1) ** 2])
+        np.multiply(grown[:0:-1], sines, out=out[n * n : n * n + n])
+    return out
 
 
 @lru_cache(maxsize=8)
@@ -116,6 +174,14 @@ def motions(order: int) -> tuple[csr_matrix, ...]:
     return tuple(made)
 
 
+def along_motions(waves: Waves, wavenumber: float) -> Complex[np.ndarray, "6 waves columns"]:
+    """Differentiate regular waves by the six motions, translations [1/m] and turns [1/rad]."""
+    real = as_real(waves)
+    found = np.stack([one @ real for one in _six(order_of(waves), real.dtype.name)])
+    found[:3] *= wavenumber
+    return found.view(waves.dtype)
+
+
 def moved(twist: Real[np.ndarray, "6"], waves: Waves, wavenumber: float) -> Waves:
     """Regular waves about a centre that moves by a twist: translation [m] and turn [rad] in its own frame, (6,).
 
@@ -126,16 +192,45 @@ def moved(twist: Real[np.ndarray, "6"], waves: Waves, wavenumber: float) -> Wave
     size = wavenumber * float(np.linalg.norm(twist[:3])) + order * float(np.linalg.norm(twist[3:]))
     if size == 0.0:
         return waves
-    parts = np.concatenate([wavenumber * np.asarray(twist[:3]), twist[3:]]) / size
-    whole = csr_matrix(sum(part * one for part, one in zip(parts, motions(order), strict=True)))
+    total = as_real(waves.copy())
+    single = total.dtype == np.float32
     bessel = jv(np.arange(int(size + 8 * np.cbrt(size)) + 12), size)
-    bessel = bessel[: int(np.flatnonzero(np.abs(bessel) > CUT)[-1]) + 1]
-    before = np.ascontiguousarray(waves).view(np.float64)  # the matrices are real
-    here, total = whole @ before, bessel[0] * before
-    for factor in bessel[1:]:
-        total += 2 * factor * here
-        before, here = here, 2 * (whole @ here) + before
-    return total.view(np.complex128)
+    bessel = bessel[: max(int(np.flatnonzero(np.abs(bessel) > (10 * CUT if single else CUT))[-1]) + 1, 2)]
+    bessel[1:] *= 2.0
+    parts = np.concatenate([wavenumber * np.asarray(twist[:3]), twist[3:]]) / size
+    values, columns, rows = _together(order)
+    sums = loop("chebyshev_sum", total.dtype.name)
+    sums((2 * parts @ values).astype(total.dtype), columns, rows, bessel.astype(total.dtype), total)
+    return total.view(waves.dtype)
+
+
+def as_real(waves: Waves) -> Float[np.ndarray, "waves both"]:
+    """Real and imaginary parts as columns, which real matrices take."""
+    return np.ascontiguousarray(waves).view(np.float32 if waves.dtype == np.complex64 else np.float64)
+
+
+def mixed(weights: Real[np.ndarray, "mixtures waves"], waves: Waves) -> Complex[np.ndarray, "mixtures columns"]:
+    """Multiply waves by a real matrix in their precision, with half the work of a complex one."""
+    real = as_real(waves)
+    return (weights.astype(real.dtype, copy=False) @ real).view(waves.dtype)
+
+
+@lru_cache(maxsize=16)
+def _six(order: int, precision: str) -> tuple[csr_matrix, ...]:
+    """Return the matrices of ``motions`` in a precision."""
+    return tuple(csr_matrix(one, dtype=precision) for one in motions(order))
+
+
+@lru_cache(maxsize=16)
+def _together(
+    order: int,
+) -> tuple[Float64[np.ndarray, "6 entries"], Int[np.ndarray, "entries"], Int[np.ndarray, "ends"]]:
+    """Return the entries of the six ``motions`` in one common pattern of a sparse matrix, its columns and rows."""
+    shared = csr_matrix(sum(abs(one) for one in motions(order)))
+    shared.sort_indices()
+    row, column = shared.tocoo().coords
+    values = np.stack([np.asarray(one[row, column]).reshape(-1) for one in motions(order)])
+    return values, shared.indices, shared.indptr
 
 
 def _to_real(order: int) -> csr_matrix:

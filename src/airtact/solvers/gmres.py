@@ -10,9 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Complex, Complex128, Float64
-from scipy.linalg import solve_triangular
 
 from airtact.conventions import NotConverged
+
+ORDINARY = 3.0
+"""Error of a solution over its relative residual, at most, of the equations of bodies without cavities: 1.3 to 2.7."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,12 +30,15 @@ def gmres(
     product: Callable[[np.ndarray], np.ndarray],
     right_sides: Complex[np.ndarray, "sides unknowns"],
     tolerance: float,
+    error: float = math.inf,
     most_iterations: int = 120,
 ) -> GmresResult:
     """Solve A x = b for several b, in the precision of the right-hand sides (S, M).
 
     ``product`` returns A v for each row v of (S, M); ``tolerance`` is the relative residual that all must reach, or
-    ``NotConverged`` is raised, as where the right-hand sides are not finite.
+    ``NotConverged`` is raised, as where the right-hand sides are not finite. Where A is ill-conditioned, as sound in a
+    cavity makes it, a small residual leaves a large error: beyond ``ORDINARY`` times the residual, iterations go on
+    until the relative error is at most about ``error``, or to the last one.
     """
     if not np.isfinite(right_sides).all():
         raise NotConverged(
@@ -53,7 +58,8 @@ def gmres(
             fit.add(_make_orthogonal(vector, vectors[: step + 1]))
         basis[:, step + 1] = grown
         residuals = np.where(norms > 0, [fit.residual for fit in fits], 0)
-        if residuals.max(initial=0) < tolerance:
+        last = step == most_iterations - 1
+        if residuals.max(initial=0) < tolerance and (last or all(fit.settled(error) for fit in fits)):
             sums = [_sum(fit.weights(), vectors) for fit, vectors in zip(fits, basis, strict=True)]
             return GmresResult(np.array(sums).reshape(sides, unknowns) * scale, residuals, step + 1)
     raise NotConverged(
@@ -92,14 +98,30 @@ class _Rotated:
         last = self._right[-1]
         self._right[-1:] = [cosine * last, -sine.conjugate() * last]
 
+    def settled(self, error: float) -> bool:
+        """Whether the solution's relative error is at most about ``error``, or ``ORDINARY`` times the residual.
+
+        The error is at most the residual over the least singular value of A; that of H stands for it.
+        """
+        if math.isinf(error):
+            return True
+        least = float(np.linalg.svd(self._triangle(), compute_uv=False)[-1])
+        size = least * float(np.linalg.norm(self.weights()))
+        return self.residual <= error * size or ORDINARY * size >= 1.0
+
     def weights(self) -> Complex128[np.ndarray, "steps"]:
         """Solve the remaining triangular system; a zero on the diagonal gives 0."""
+        triangle, right = self._triangle(), np.array(self._right[:-1])
+        zero = np.flatnonzero(triangle.diagonal() == 0)
+        triangle[zero, zero], right[zero] = 1.0, 0.0
+        return np.linalg.solve(triangle, right)
+
+    def _triangle(self) -> Complex128[np.ndarray, "steps steps"]:
         steps = len(self._columns)
         triangle = np.zeros((steps, steps), dtype=np.complex128)
         for index, column in enumerate(self._columns):
             triangle[: index + 1, index] = column
-        diagonal = np.diag(triangle)
-        return solve_triangular(triangle + np.diag(diagonal == 0), np.array(self._right[:-1]) * (diagonal != 0))
+        return triangle
 
 
 # Vector by vector, not by matrix products: BLAS threads keep spinning and would take a core from the next product.

@@ -19,6 +19,9 @@ from airtact.validation import counted, points_of
 PLANES = "rigid_planes"
 """Name of the setting of a report that counts the planes of the scene; there is none without planes."""
 
+BOARDS = "reflecting_boards"
+"""Name of the setting of a report that counts the bodies that are reflecting boards; there is none without them."""
+
 DIFFERENCE = 1.0 / 40.0
 """Step of the differences of a field without a closed form, in wavelengths."""
 
@@ -135,6 +138,14 @@ class RadiatedField(ABC):
     def scattering_sources(self) -> Monopoles | None:
         """Monopoles that radiate the scattered pressure away from the bodies; None where the solver has none."""
         return None
+
+    @property
+    def without_images(self) -> "RadiatedField | None":
+        """What sources and bodies radiate, as they do here, without their images in a plane; None if not known.
+
+        It is the field itself where the scene has no plane.
+        """
+        return None if self.scene.planes else self
 
     @abstractmethod
     def at(self, points: Points) -> Pressures:

@@ -99,7 +99,7 @@ class Stored(Solver):
             field = self._from_folder(key, scene, sources)
         if field is None:
             field = self.solver.radiate(scene, sources)
-            for sentence in self._into_folder(key, field):
+            for sentence in self._into_folder(key, field, scene):
                 field = _with_warning(field, sentence)
         self._memory[key] = field
         while len(self._memory) > MOST_IN_MEMORY:
@@ -120,8 +120,11 @@ class Stored(Solver):
             path.touch()  # when it was used last
         return _with_report(field, replace(field.report, seconds={"store": time.perf_counter() - begun}))
 
-    def _into_folder(self, key: str, field: RadiatedField) -> Iterator[str]:
+    def _into_folder(self, key: str, field: RadiatedField, scene: Scene) -> Iterator[str]:
         """Write an entry and let the oldest-used go; yields a sentence if it could not be kept."""
+        if len(field.scene.obstacles) != len(scene.obstacles):  # an entry has the scene that is asked for
+            yield "this field is kept in memory only: it is that around the bodies other than reflecting boards"
+            return
         try:
             whole = written(field, key)
         except InvalidInput as unfit:

@@ -15,7 +15,7 @@ from airtact.mesh.thickness import thin_position
 from airtact.mesh.topology import shells
 from airtact.surfaces.flattening import AWAY, bulge, corners_of, flattened
 from airtact.surfaces.primitives import Capsule
-from airtact.surfaces.surface import Surface
+from airtact.surfaces.surface import Body, Surface
 from airtact.validation import counted, in_mm
 
 TOUCH = 1e-9
@@ -36,17 +36,17 @@ FEW = 2000
 SAMPLES = 200
 """Vertices that show a wide overlap."""
 
-_PASSED: WeakSet[Surface] = WeakSet()  # surfaces never change, so one that passed is not checked again
+_PASSED: WeakSet[Body] = WeakSet()  # surfaces never change, so one that passed is not checked again, wherever it moves
 
 APART = "move them apart, or merge them: airtact.surfaces.merged([one, two]), in a scene file merge_bodies = true"
 
 
 def check_surface(surface: Surface) -> None:
     """Check that a surface does not cross itself, has no closed piece inside another, and is thick enough."""
-    if surface not in _PASSED:
+    if surface.body not in _PASSED:
         check_not_crossed(surface)
         check_not_thin(surface)
-        _PASSED.add(surface)
+        _PASSED.add(surface.body)
 
 
 def check_not_crossed(surface: Surface) -> None:
@@ -95,9 +95,10 @@ def thin_part(surface: Surface, thinnest: float, short: float) -> tuple[float, F
 
     Thin parts count where the body is nowhere thick enough within the distance ``short`` [m].
     """
-    known = surface.shape.thinnest
-    if known > 0.0:
-        return None if known >= thinnest * (1.0 - 1e-9) else (known, surface.vertices.mean(axis=0))
+    if surface.shape.least_thickness >= thinnest * (1.0 - 1e-9):
+        return None
+    if surface.shape.thinnest > 0.0:
+        return surface.shape.thinnest, surface.vertices.mean(axis=0)
     return thin_position(_curved_out(surface), surface.triangles, surface.depth, (1.0 - ROUGH) * thinnest, short)
 
 

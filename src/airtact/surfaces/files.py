@@ -1,30 +1,22 @@
 """Surfaces from files: STL, PLY, OBJ and GLB, read by trimesh after what they hold was counted."""
 
-import io
-import logging
-import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from airtact.conventions import LARGEST_MESH_FILE, InvalidInput, about
-from airtact.file_access.bounded import bytes_of
+from airtact.conventions import about
+from airtact.file_access.mesh_reading import arrays_of, mesh_arrays, node_arrays, vertex_arrays
 from airtact.mesh.curving import SHARP_DEGREES
 from airtact.mesh.repair.pipeline import repaired
 from airtact.pose import Pose
 from airtact.surfaces.checks import check_not_crossed
-from airtact.surfaces.file_limits import OwnFolder, check_counts, check_triangles
 from airtact.surfaces.mesh_shape import MeshShape
 from airtact.surfaces.quadratic_mesh import QuadraticMesh
 from airtact.surfaces.surface import Surface
 from airtact.timing import Progress, no_progress
 from airtact.validation import counted, fixed, of_kind, positive
-
-SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".gltf")
-"""File name endings that are read."""
 
 
 def load_surface(
@@ -40,8 +32,10 @@ def load_surface(
     The nodes of a scene graph are put where their transforms place them and joined; vertices at the same position are
     merged, whatever their texture or normal. ``repairs`` of the surface lists what was repaired, a sentence each; see
     ``airtact.mesh.repair.pipeline.repaired`` for what can be. Files of up to 100 MB and 250,000 triangles are read,
-    which takes up to some 10 s and 1 GB. What a file names is read from its own folder only; materials and pictures
-    never are.
+    which takes up to some 10 s and 1 GB. Files that are not plain (over 4 MB, or glTF with many nodes, extensions or
+    other files, or PLY with other elements; never an STL in binary) are read by a process of its own, which may take
+    60 s of processor time and 4 GB; on Windows by this one. What a file names is read from its own folder only;
+    materials and pictures never are.
 
     Parameters
     ----------
@@ -84,8 +78,8 @@ def node_positions(path: Path) -> Mapping[str, Float64[np.ndarray, "3"]]:
     InvalidInput
         When there is no such file, or it cannot be read.
     """
-    graph = _scene(path).graph
-    return {str(node): fixed(np.array(graph.get(node)[0][:3, 3], dtype=np.float64)) for node in graph.nodes}
+    found = arrays_of(path, node_arrays)
+    return {str(name): fixed(position) for name, position in zip(found["names"], found["positions"], strict=True)}
 
 
 def bare_mesh(path: Path) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
@@ -96,61 +90,10 @@ def bare_mesh(path: Path) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.n
     InvalidInput
         When there is no such file, it cannot be read, is beyond the limits, or holds no triangles.
     """
-    scene = _scene(path)
-    mesh = _read(path, scene.to_mesh)
-    if len(mesh.faces) == 0:
-        raise InvalidInput(
-            f"{path.name} holds 0 triangles; give a file with a closed triangle surface.", code="no_triangles"
-        )
-    with about(path.name):
-        check_triangles(len(mesh.faces))
-        if mesh.vertices.shape[1:] != (3,):
-            sentence = f"its vertices have {mesh.vertices.shape[1]} coordinates, not 3."
-            raise InvalidInput(sentence, code="file_unreadable")
-    return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
+    found = arrays_of(path, mesh_arrays)
+    return found["vertices"], found["triangles"]
 
 
 def bare_vertices(path: Path) -> Float64[np.ndarray, "vertices 3"]:
     """Read the vertices of a file or the points of a cloud in PLY, in units of the file; errors as of ``bare_mesh``."""
-    scene = _scene(path)
-    parts = [np.empty((0, 3))]
-    return _read(path, lambda: np.concatenate([*parts, *(one.vertices for one in scene.geometry.values())]))
-
-
-def _scene(path: Path) -> Any:
-    suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise InvalidInput(
-            f"{path.name} ends in {path.suffix!r}, but surfaces are read from {', '.join(SUFFIXES)}.",
-            code="unknown_ending",
-        )
-    if not path.is_file():
-        raise InvalidInput(f"there is no file {path}; 0 triangles were read.", code="file_missing")
-    raw = bytes_of(path, LARGEST_MESH_FILE)
-    with about(f"{path.name} ({len(raw)} bytes)"):
-        raw = check_counts(suffix, raw)
-    import trimesh  # takes as long to import as all the rest of airtact
-
-    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # or it would print tracebacks of its own
-    settings = {"file_type": suffix[1:], "resolver": OwnFolder(path), "process": False}
-    if suffix != ".stl":
-        settings["skip_materials"] = True
-    return _read(path, lambda: trimesh.load_scene(io.BytesIO(raw), **settings))
-
-
-def _read(path: Path, step: Callable[[], Any]) -> Any:
-    """Do a step of reading; whatever it raises, and a number that it would pass over, is a fault of the file."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            warnings.filterwarnings("error", category=RuntimeWarning)
-            warnings.filterwarnings("error", "string or file could not be read", DeprecationWarning)
-            return step()
-    except InvalidInput as fault:
-        raise InvalidInput(f"{path.name}: {fault}", code=fault.code) from None
-    except Exception as fault:  # every reader of trimesh has its own way to fail on a damaged file
-        size = path.stat().st_size
-        raise InvalidInput(
-            f"{path.name} ({size} bytes) cannot be read: it is damaged ({type(fault).__name__}: {fault}).",
-            code="file_unreadable",
-        ) from fault
+    return arrays_of(path, vertex_arrays)["vertices"]

@@ -57,6 +57,10 @@ OUTLYING = 0.3
 """A corner that would move by more than this share of the edge stays where MMG put it."""
 
 
+PLAIN = 0.00125
+"""Distance from the surface, over the edge, that is asked for at an accuracy of 1 %: bends are coarse enough for it."""
+
+
 def covered(mesh: QuadraticMesh, edge: float, away: float = np.inf) -> QuadraticTriangles:
     """Cover one closed piece with curved panels about as large as equilateral triangles of a given edge [m].
 
@@ -92,7 +96,7 @@ def _meshed_anew(mesh: QuadraticMesh, edge: float, away: float) -> QuadraticTria
     given = coarsened(fine, edge, wall)
     bounds = (
         strip_sizes(given.vertices, given.ridges, largest),
-        bend_sizes(given.vertices, given.triangles, given.ridges, largest),
+        bend_sizes(given.vertices, given.triangles, given.ridges, largest, min(1.0, away / (PLAIN * edge)) ** (1 / 3)),
         wall_sizes(given.vertices, given.triangles, largest),
     )
     sizes = np.min(bounds, axis=0)

@@ -32,8 +32,14 @@ LARGEST_TO_POINT = 1.7
 LARGEST_TO_GAP = 1.0
 """Panels that face another body, or another side of their own, have edges no longer than so many gaps."""
 
-LARGEST_TO_WALL = 4.0
-"""Panels of a thin wall have edges of at most this many thicknesses."""
+LARGEST_TO_WALL, LARGEST_TO_PLATE = 2.0, 4.0
+"""Panels of a thin wall have edges of at most this many thicknesses, flat ones more.
+
+Bent walls enclose cavities, whose resonances enlarge errors; plates in the open would cost four times as much.
+"""
+
+FLAT = 0.002
+"""Distance of the middles of a panel's edges from the plane of its corners, over its longest edge, if it is flat."""
 
 LEAST_IN_GAP = 0.25
 """Edge, over the smallest beside points, below which no panel is cut for a gap's or a wall's sake."""
@@ -147,8 +153,15 @@ def _allowed_by_own(panels: QuadraticTriangles, some: Bool[np.ndarray, "panels"]
     met = np.flatnonzero(distance < OPPOSITE * edges[some])
     across = np.einsum("nd,nd->n", centres[np.asarray(other)[met]] - own[met], outward[met])
     allowed = np.full(len(own), np.inf)
-    allowed[met] = np.abs(across) * np.where(across > 0, LARGEST_TO_GAP, LARGEST_TO_WALL)
+    to_wall = np.where(_are_flat(panels[some][met]), LARGEST_TO_PLATE, LARGEST_TO_WALL)
+    allowed[met] = np.abs(across) * np.where(across > 0, LARGEST_TO_GAP, to_wall)
     return allowed
+
+
+def _are_flat(panels: QuadraticTriangles) -> Bool[np.ndarray, "panels"]:
+    normals = unit(np.cross(panels[:, 1] - panels[:, 0], panels[:, 2] - panels[:, 0]))
+    off = np.einsum("pmd,pd->pm", panels[:, 3:] - panels[:, :1], normals)
+    return np.abs(off).max(axis=1) < FLAT * longest_edges(panels)
 
 
 def _allowed(

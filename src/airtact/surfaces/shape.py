@@ -41,6 +41,11 @@ class Shape(ABC):
         return 0.0
 
     @property
+    def least_thickness(self) -> float:
+        """Diameter [m] that the largest ball inside has at least, wherever it touches the surface; 0 if unknown."""
+        return self.thinnest
+
+    @property
     def crossings(self) -> Int64[np.ndarray, "crossings 2"]:
         """Pairs of triangles (K, 2) that cross or touch beyond what they share as neighbours."""
         return np.zeros((0, 2), dtype=np.int64)

@@ -27,6 +27,10 @@ from airtact.surfaces.shape import Shape
 from airtact.validation import between, check_finite, counted, fixed, in_mm, of_kind, points_of, positive, real_numbers
 
 
+class Body:
+    """What the surfaces of one rigid body, each moved elsewhere, have in common."""
+
+
 @dataclass(frozen=True, eq=False)
 class Surface:
     """The surface of a body: a closed mesh of triangles, anticlockwise seen from outside.
@@ -101,6 +105,16 @@ class Surface:
         return one_line(self, kind, triangles, sides_in_mm(self.vertices), notes)
 
     @cached_property
+    def body(self) -> "Body":
+        """The body that this is the surface of, wherever it was moved."""
+        return Body()
+
+    @cached_property
+    def pose(self) -> Pose:
+        """The motion from where the body was made to here."""
+        return Pose.identity()
+
+    @cached_property
     def corners(self) -> Float64[np.ndarray, "triangles 3 3"]:
         """Corners of each triangle (T, 3, 3) [m]."""
         return fixed(self.vertices[self.triangles])
@@ -164,13 +178,16 @@ class Surface:
         """Move the surface rigidly by a motion, with its midpoints and its exact shape."""
         of_kind(pose, Pose, "the motion of a surface", "Pose(rotation, translation)")
         shape = self.shape.moved(pose)
-        return replace(
+        moved = replace(
             self,
             vertices=fixed(pose.apply(self.vertices)),
             midpoints=None if self.midpoints is None else fixed(pose.apply(self.midpoints)),
             primitive=None if self.primitive is None else shape,
             _known_shape=shape,  # a rigid motion keeps all that was checked
         )
+        object.__setattr__(moved, "body", self.body)
+        object.__setattr__(moved, "pose", pose @ self.pose)
+        return moved
 
 
 def rigid_motion(before: Surface, after: Surface) -> tuple[Pose, float]:
@@ -181,6 +198,8 @@ def rigid_motion(before: Surface, after: Surface) -> tuple[Pose, float]:
     """
     if before is after:
         return Pose.identity(), 0.0
+    if before.body is after.body:
+        return after.pose @ before.pose.inverse(), 0.0
     same = before.triangles is after.triangles or np.array_equal(before.triangles, after.triangles)
     curved_alike = (
         type(before.shape) is type(after.shape)

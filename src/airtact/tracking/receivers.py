@@ -8,6 +8,7 @@ import re
 import socket
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from contextlib import suppress
 from threading import Lock, Thread
 from typing import TYPE_CHECKING
 
@@ -20,11 +21,17 @@ if TYPE_CHECKING:
 LARGEST_MESSAGE = 2**22
 """Longest message that is taken from a websocket [bytes]; a cloud of 50,000 points needs 2 million."""
 
+MOST_WAITING = 256
+"""Most messages of a websocket, or packets of OSC, that are taken at once, where they come faster than are read."""
+
 MOST_CONNECTIONS = 64
 """Trackers that may be connected at a time; others are turned away with the code 1013, "try again later"."""
 
 LARGEST_PACKET = 2**16
 """Longest packet of UDP [bytes]."""
+
+LOOKS = 0.1
+"""So often a receiver of UDP looks whether it was closed [s]."""
 
 OWN_PAGES = re.compile(r"https?://(localhost|127\.0\.0\.1)(:\d+)?")
 """Pages that may send frames; programs that are no browser name no page and may always."""
@@ -109,7 +116,7 @@ class WebSocketReceiver(_Receiver):
         self._thread.join()
 
     def _receive(self, connection: "ServerConnection") -> None:
-        from websockets.exceptions import ConnectionClosed
+        from websockets.exceptions import ConnectionClosed, ConnectionClosedOK
 
         with self._lock:
             if self._closed:
@@ -121,8 +128,10 @@ class WebSocketReceiver(_Receiver):
             connection.close(1013, f"{MOST_CONNECTIONS} trackers are connected already")
             return
         try:
-            for message in connection:
-                self.stream.feed_json(message)
+            while True:
+                self.stream.feed_waiting(_waiting(connection))
+        except ConnectionClosedOK:
+            pass
         except ConnectionClosed:
             self.stream.interrupt()
         finally:
@@ -130,12 +139,25 @@ class WebSocketReceiver(_Receiver):
                 self._connections.discard(connection)
 
 
+def _waiting(connection: "ServerConnection") -> list[bytes | str]:
+    """Wait for a message, and take those with it that have come as well, ``LARGEST_MESSAGE`` bytes in all at most."""
+    from websockets.exceptions import ConnectionClosed
+
+    found = [connection.recv()]
+    size = len(found[0])
+    with suppress(TimeoutError, ConnectionClosed):  # the next wait raises the latter again
+        while len(found) < MOST_WAITING and size < LARGEST_MESSAGE:
+            found.append(connection.recv(timeout=0))
+            size += len(found[-1])
+    return found
+
+
 class OscReceiver(_Receiver):
     """Listens for OSC over UDP; its parameters, its errors and its use are those of ``WebSocketReceiver``."""
 
     def __init__(self, stream: HandStream | None = None, port: int = 0, host: str = "127.0.0.1") -> None:
         super().__init__(stream, socket.SOCK_DGRAM, port, host)
-        self._socket.settimeout(0.1)  # so often it looks whether it was closed
+        self._socket.settimeout(LOOKS)
         self._start(self._listen)
 
     def close(self) -> None:
@@ -147,7 +169,17 @@ class OscReceiver(_Receiver):
     def _listen(self) -> None:
         while not self._closed:
             try:
-                packet = self._socket.recv(LARGEST_PACKET)
+                packets = self._waiting()
             except OSError:  # timeout; or of Windows, when an answer could not be delivered: the next packet comes
                 continue
-            self.stream.feed_osc(packet)
+            self.stream.feed_waiting_osc(packets)
+
+    def _waiting(self) -> list[bytes]:
+        """Wait for a packet, and take those with it that have come as well, ``MOST_WAITING`` at most."""
+        found = [self._socket.recv(LARGEST_PACKET)]
+        self._socket.settimeout(0.0)
+        with suppress(OSError):
+            while len(found) < MOST_WAITING:
+                found.append(self._socket.recv(LARGEST_PACKET))
+        self._socket.settimeout(LOOKS)
+        return found

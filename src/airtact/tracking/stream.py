@@ -7,13 +7,14 @@ hand that the tracker no longer sees, or of which nothing has come for a while, 
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from threading import Condition
+from typing import TypeVar
 
 from airtact.hand.hand import Side
 from airtact.tracking.frame import FaultyFrame, HandFrame
-from airtact.tracking.messages import from_json, from_osc
+from airtact.tracking.messages import from_json, from_osc, side_of, side_of_osc
 from airtact.validation import positive
 
 RESTART = 20
@@ -28,6 +29,8 @@ REMEMBERED = 256
 
 DRIFT = 1e-3
 """Clocks of trackers may run faster or slower than ours by this share."""
+
+_Message = TypeVar("_Message", bytes | str, bytes)
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,7 @@ class StreamHealth:
     repeated : frames that had come before; left out.
     out_of_order : frames older than one that had come before; left out.
     backwards : frames with a later number but no later time; left out.
+    overtaken : frames that waited while newer ones of the same hand came; left out, not even read.
     late : frames that came later than others after their time, but were used.
     skipped : frames missing between those that came.
     restarted : times that a tracker began anew.
@@ -66,6 +70,7 @@ class StreamHealth:
     repeated: int = 0
     out_of_order: int = 0
     backwards: int = 0
+    overtaken: int = 0
     late: int = 0
     skipped: int = 0
     restarted: int = 0
@@ -98,6 +103,8 @@ class HandStream:
     patience : a frame that takes longer on its way than the quickest one by more than this is counted as late [s].
     silence : a hand of which nothing came for so long is lost [s].
     on_frame : called with every frame that is used, in order, by the thread that received it; to record them.
+    every : whether frames that are overtaken while they wait are used too, as for a recording; without it those that
+        are used are new even where frames come faster than they can be read.
     clock : what time it is [s]; the computer's own unless given, another one to replay a recording.
 
     Raises
@@ -112,10 +119,11 @@ class HandStream:
         silence: float = 0.3,
         on_frame: Callable[[HandFrame], None] = lambda frame: None,
         clock: Callable[[], float] = time.monotonic,
+        every: bool = False,
     ) -> None:
         self._patience = positive(patience, "patience", "s")
         self._silence = positive(silence, "silence", "s")
-        self._on_frame, self._clock = on_frame, clock
+        self._on_frame, self._clock, self._every = on_frame, clock, every
         self._changed = Condition()
         self._counts = {one.name: 0 for one in fields(StreamHealth)}
         self._hands: dict[Side, _Seen] = {"left": _Seen(), "right": _Seen()}
@@ -134,6 +142,44 @@ class HandStream:
             return self.feed(from_json(text))
         except FaultyFrame as fault:
             return self.feed(fault)
+
+    def feed_waiting(self, messages: Sequence[bytes | str]) -> None:
+        """Take messages in JSON that waited together, oldest first: of each hand the newest that is good is used.
+
+        Those before it are overtaken, unless ``every`` frame is to be used.
+        """
+        self._feed_newest(messages, self.feed_json, side_of)
+
+    def feed_waiting_osc(self, packets: Sequence[bytes]) -> None:
+        """Take packets of OSC that waited together, as ``feed_waiting`` takes messages; bundles are used whole."""
+        self._feed_newest(packets, self.feed_osc, side_of_osc)
+
+    def _feed_newest(
+        self,
+        messages: Sequence[_Message],
+        feed: Callable[[_Message], FaultyFrame | None],
+        side_of: Callable[[_Message], Side | None],
+    ) -> None:
+        """Feed of some messages, oldest first, the newest good one of each hand, and those that name no hand."""
+        if self._every:
+            for message in messages:
+                feed(message)
+            return
+        waiting: dict[Side, list[_Message]] = {"left": [], "right": []}
+        for message in messages:
+            side = side_of(message)
+            if side is None:
+                feed(message)
+            else:
+                waiting[side].append(message)
+        for of_hand in waiting.values():
+            skipped = self._counts["skipped"]
+            while of_hand and feed(of_hand.pop()) is not None:
+                pass
+            with self._changed:
+                self._counts["received"] += len(of_hand)
+                self._counts["overtaken"] += len(of_hand)
+                self._counts["skipped"] -= min(len(of_hand), max(self._counts["skipped"] - skipped, 0))
 
     def feed_osc(self, packet: bytes) -> FaultyFrame | None:
         """Take a packet of OSC, whatever it is; return why it, or the last frame in it, was left out, or None."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Complex128, Float64, Num, Real
@@ -111,11 +112,11 @@ class PhasedArray:
     def __len__(self) -> int:
         return len(self.positions)
 
-    @property
+    @cached_property
     def face_points(self) -> Float64[np.ndarray, "elements face 3"]:
         """(E, Q, 3) points on the faces of the elements [m]."""
         frames = np.stack([self.tangents, np.cross(self.normals, self.tangents), self.normals], axis=1)
-        return self.positions[:, None, :] + np.einsum("qi,eij->eqj", self.element.points, frames)
+        return fixed(self.positions[:, None, :] + np.einsum("qi,eij->eqj", self.element.points, frames))
 
     def moved(self, pose: Pose) -> "PhasedArray":
         """Move the array rigidly: positions x become pose.apply(x), and the faces turn with it."""

@@ -10,6 +10,7 @@ from airtact.scene.scene import CONTACT, Scene, check_not_inside
 from airtact.transducers.boards import kind_of_array
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
+from airtact.transducers.plates import strength_in
 from airtact.validation import counted, in_mm, of_kind
 
 LET_IN = 1e-9
@@ -26,8 +27,9 @@ def check_placement(scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "fo
     ------
     InvalidInput
         "array_inside_body", "inside_body": an element reaches into a body; "behind_plane": or behind a plane;
-        "behind_faces": a focus or a body, or its image in a plane, is behind the face of a directional element;
-        "too_far", "piston_too_large", "wrong_kind".
+        "behind_faces": a focus or a body, or its image in a plane, is behind the face of a directional element; bodies
+        may be where the scene has the array's boards, which shade them; "array_off_boards": an element is not in the
+        face of these; "too_far", "piston_too_large", "wrong_kind".
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
@@ -36,7 +38,7 @@ def check_placement(scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "fo
     check_before_planes(scene.planes, array.face_points.reshape(-1, 3), "face")
     if foci is not None:
         check_reach(array, foci)
-    if not array.element.directional:
+    if strength_in(scene, array) != 1.0 or not array.element.directional:
         return
     for index, obstacle in enumerate(scene.obstacles):
         _check_body(array, obstacle.surface.corners.reshape(-1, 3), f"body {index} reaches")

@@ -12,6 +12,9 @@ from airtact.conventions import InvalidInput, about
 from airtact.figures.body_figure import draw_bodies, draw_fault
 from airtact.figures.picture_file import write_picture
 from airtact.file_access.atomic import writable_folder
+from airtact.file_access.mesh_reading import SUFFIXES
+from airtact.live.session import Session, read_session
+from airtact.live.verification import VerifiedSession, verify_session
 from airtact.scene.medium import air
 from airtact.scene.scene import Scene, sound_hard
 from airtact.scene.sources import Monopoles
@@ -19,7 +22,7 @@ from airtact.scene_file.bodies import Triangles, bare_triangles, drawable_bodies
 from airtact.scene_file.building import Setup, read_scene
 from airtact.solvers.bem.solver import ROUNDED, BoundaryElement
 from airtact.steps import reach_cautions as reach_cautions
-from airtact.surfaces.files import SUFFIXES, load_surface
+from airtact.surfaces.files import load_surface
 from airtact.timing import Progress, no_progress
 
 BODIES, FAULT = "bodies.png", "fault.png"
@@ -27,6 +30,9 @@ BODIES, FAULT = "bodies.png", "fault.png"
 
 PROCESS = 1.2e8
 """Memory of the process before a solve, the bodies included [bytes]."""
+
+DRIVES = 10
+"""Drives of a session that are held against the hand that was there, unless another number is given."""
 
 MOST_COUNTED = 50_000
 """Unknowns above which a check estimates them and makes no panels."""
@@ -89,6 +95,24 @@ def _draw(
         report_step(f"drawing {folder / BODIES}")
         surfaces = [one.surface for one in scene.obstacles]
         write_picture(folder / BODIES, draw_bodies(surfaces, names, foci, scene.planes))
+
+
+def check_session(
+    path: Path, drives: int = DRIVES, report_step: Progress = no_progress
+) -> tuple[Session, VerifiedSession]:
+    """Read a session, and hold drives spread evenly over it against the hand that was there.
+
+    Raises
+    ------
+    InvalidInput
+        "too_few" when no drive is asked for; as ``read_session`` and ``verify_session``.
+    """
+    if drives < 1:
+        raise InvalidInput(f"--drives is {drives}, but 1 or more are held against the hand.", code="too_few")
+    report_step(f"reading {path}")
+    session = read_session(path)
+    every = max(1, -(-int(session.playing.sum()) // drives))
+    return session, verify_session(session, every, report_step=report_step)
 
 
 def memory_of_a_solve(unknowns: float, accuracy: float) -> float:

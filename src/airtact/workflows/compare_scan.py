@@ -61,7 +61,7 @@ def compare_scan(
     made, notes = synthesise(setup.synthesise, transfer, setup.target)
     drive = quantise(made, setup.levels).drive()
     with clock.step("verify", "predicting by a more accurate solve with all transducers as sources"):
-        field = verification_solver(setup).radiate(setup.scene, drive_sources(setup.array, [drive]))
+        field = verification_solver(setup).radiate(setup.scene, drive_sources(setup.array, [drive], setup.scene))
     with clock.step("scan", f"evaluating the microphone at {len(scan.points)} positions"):
         predicted = microphone.read(field, scan.points)[:, 0]
     with about(scan_file.name):

@@ -34,7 +34,7 @@ def listen(
             f"the ending {file.suffix!r} is not 1 of those of recordings: {', '.join(ENDINGS)}.", code="unknown_ending"
         )
     frames: list[HandFrame] = []
-    stream = HandStream(on_frame=frames.append)
+    stream = HandStream(on_frame=frames.append, every=True)
     with ExitStack() as sockets:
         ports = [f"ws://127.0.0.1:{sockets.enter_context(WebSocketReceiver(stream, websocket)).port}"]
         if osc is not None:

@@ -67,6 +67,14 @@ def test_bodies_scatter_each_others_field(factorised):
     assert error(factorised.radiate(scene, beacons(foci[:1])).at(AROUND), alone) > 0.1
 
 
+def test_points_far_away_take_fewer_monopoles_for_the_same_field(factorised):
+    field, beside = factorised.radiate(scene_of(*BALLS), beacons()), np.array([[0, 9e-3, 0]])
+    far, near = field.at(AROUND), field.at(np.concatenate([AROUND, beside]))[:-1]
+    assert 0 < error(far, near) < factorised.report.settings["skeleton_error"]
+    for body in factorised.bodies:
+        assert len(body.far.positions) < 1.3 * len(body.rows)
+
+
 def test_a_motion_of_all_together_moves_the_field(factorised):
     pose = at.Pose.turn((1, 0, 1), 1.1, (2e-3, -7e-3, 5e-3))
     still = factorised.radiate(scene_of(*BALLS), beacons()).at(AROUND)

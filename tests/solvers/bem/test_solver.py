@@ -65,11 +65,9 @@ def test_open_air_is_rejected():
         at.BoundaryElement().radiate(at.Scene(AIR, []), SOURCE)
 
 
-@pytest.mark.parametrize("kind", ["impedance", "filled"])
-def test_boundaries_it_does_not_solve_are_rejected(kind):
-    ball = at.sphere(0.004, 0.002)
-    obstacle = at.impedance(ball, 5.0 + 0j) if kind == "impedance" else at.filled(ball, at.Medium(1481, 999.7))
-    with raises_code("solver_unsuitable", f"obstacle 1 is {kind}"):
+def test_filled_bodies_are_rejected():
+    obstacle = at.filled(at.sphere(0.004, 0.002), at.Medium(1481, 999.7))
+    with raises_code("solver_unsuitable", "obstacle 1 is filled"):
         at.BoundaryElement().radiate(
             scene(at.sound_hard(at.sphere(0.003, 0.002, centre=(0.02, 0, 0))), obstacle), SOURCE
         )

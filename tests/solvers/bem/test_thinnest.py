@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 import airtact as at
+from airtact.hand.shape import HandShape
+from airtact.hand.sphere_mesh import Hulls
 from airtact.solvers.bem.quadrature import place_nodes, thickness
 from airtact.surfaces.panels import panels_of
+from hand.hand_poses import example
 
 LARGEST = 60e-3
 
@@ -35,3 +38,21 @@ def test_a_thin_body_beside_a_thick_one_is_still_measured():
 def test_a_mesh_has_no_bound():
     ball = at.sphere(3e-3, 1e-3)
     assert at.Surface(ball.vertices, ball.triangles).shape.thinnest == 0.0
+
+
+def test_a_hull_is_nowhere_thinner_than_its_smallest_ball():
+    balls = np.array(
+        [[0.0, 0.0, 0.0, 6e-3], [0.0, 5e-3, 20e-3, 5e-3], [16e-3, 0.0, 0.0, 7e-3], [18e-3, 0.0, 20e-3, 6e-3]]
+    )
+    apart = np.array([[0.0, 1.0], [1.0, 0.0]])
+    hulls = Hulls(balls, np.array([[0, 1, -1], [2, 3, -1]]), np.zeros((2, 2)), apart)
+    shape = HandShape(hulls, at.Pose.identity())
+    panels = shape.panels(3e-3)
+    nodes = place_nodes(panels, np.zeros(len(panels), dtype=np.int64), np.zeros(len(panels)))
+    assert shape.least_thickness == 10e-3
+    assert thickness(nodes, 12e-3).min() == pytest.approx(10e-3, rel=0.06)
+
+
+def test_a_hand_has_creases_and_no_bound():
+    joints, radii = example("relaxed")
+    assert at.hands.hand_from_joints(joints, radii).surface.shape.least_thickness == 0.0

@@ -84,6 +84,31 @@ def test_a_rigid_motion_gives_the_transfer_matrix_of_the_surface_integral():
         assert np.isnan(found.estimated_error)  # a solution without an estimate has none here either
 
 
+def test_over_a_plane_one_solve_serves_the_motions_along_it():
+    """The body is lower over the plane than the ball around it reaches, and touched by a focus."""
+    table, finger = at.plane((0, 0, 0), (0, 0, 1)), at.capsule((-0.006, 0, 0.006), (0.006, 0, 0.006), 4e-3, edge=2e-3)
+    scene = at.Scene(AIR, [at.sound_hard(finger)], frequency=40e3, planes=[table])
+    target = at.Target(np.array([[0, 0, 0.0107], [0, -0.004, 0.006]]))
+    array = at.autd3_board(at.Pose(np.eye(3), np.array([-0.09, -0.07, 0.0])))
+    solver = at.BoundaryElement(accuracy=0.03)
+    field = solver.radiate(scene, target.beacons())
+    expanded = at.multipole_expansion(field)
+    assert expanded.report.settings["expansion_error"] < 1e-3
+    motion = at.Pose.turn((0, 0, 1), 0.4, (0.03, -0.02, 0.0))
+    assert table.kept_by(motion)
+    seen = array.seen_from(motion)
+    found, exact = at.transfer_matrix(expanded, seen), at.transfer_matrix(field, seen)
+    assert errors(found.matrix.T, exact.matrix.T).max() < 1e-3
+    moved = at.Scene(AIR, [at.sound_hard(finger.moved(motion))], frequency=40e3, planes=[table])
+    again = solver.radiate(moved, at.Target(motion.apply(target.points)).beacons())
+    assert errors(found.matrix.T, at.transfer_matrix(again, array).matrix.T).max() < 0.03
+    points = np.array([[0, 0, 0.0], [0.002, 0.001, 0.0], [0.1, 0.05, 0.0], [0.05, 0.02, -0.01]])
+    assert expanded.valid(points).tolist() == [True, True, True, False]
+    assert np.isnan(expanded.at(points)[3]).all()
+    np.testing.assert_allclose(expanded.at(points)[:3], field.at(points)[:3], rtol=2e-3)
+    np.testing.assert_array_equal(expanded.scattered_at(points), field.scattered_at(points))
+
+
 def test_near_the_bodies_the_solution_itself_serves():
     field = beside_a_ball(5e-3)
     expanded = at.multipole_expansion(field)

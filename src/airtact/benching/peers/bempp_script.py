@@ -1,7 +1,7 @@
 """Run one case with bempp-cl, in its own environment: ``python bempp_script.py case.npz answer.npz``.
 
-Galerkin with continuous linear elements, Burton-Miller, OpenCL, GMRES to 1e-3 in the strong form, one beacon in each
-focus. No part of airtact is imported.
+Galerkin with continuous linear elements, Burton-Miller, OpenCL (or Numba, where the case says so), GMRES to 1e-3 in the
+strong form, one beacon in each focus. No part of airtact is imported.
 """
 
 # pyright: reportMissingImports=false
@@ -22,8 +22,8 @@ def main(case_file: str, answer_file: str) -> None:
     from bempp_cl.api.operators.potential.helmholtz import double_layer
     from peak_memory import write_answer
 
-    bempp.DEFAULT_DEVICE_INTERFACE = "opencl"
     case = np.load(case_file)
+    bempp.DEFAULT_DEVICE_INTERFACE = str(case.get("device", "opencl"))
     wavenumber = float(case["wavenumber"])
     coupling = 1j / wavenumber
 

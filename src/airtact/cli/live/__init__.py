@@ -21,9 +21,9 @@ EXAMPLE = "live_pinch"
 @click.option(
     "--from",
     "source",
-    metavar="FILE.jsonl|websocket|osc|page",
-    help="Where the hand comes from: a recording, trackers (websocket:PORT for another port than 8765, osc:PORT than "
-    "9000), or the page; a motion that comes along by default.",
+    metavar="FILE.jsonl|SESSION.h5|websocket|osc|page",
+    help="Where the hand comes from: a recording, another run's session, trackers (websocket:PORT for another port "
+    "than 8765, osc:PORT than 9000), or the page; a motion that comes along by default.",
 )
 @click.option("--seconds", type=float, help="How long; until Ctrl-C, or the end of the recording, by default.")
 @click.option("--latency", type=float, default=0.0, help="Least time from picture to frame in seconds; 0 by default.")

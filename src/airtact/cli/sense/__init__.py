@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from airtact.cli.console import facts_table, progress, show
-from airtact.cli.options import FILE, as_json, quiet, results, scene, store
+from airtact.cli.console import facts_table, open_page, progress, show
+from airtact.cli.options import FILE, as_json, open_result, pictures, quiet, results, scene, store
 
 if TYPE_CHECKING:
-    from airtact.workflows.sense import Sensed
+    from airtact.pages.sense_page import Sensed
 
 
 @click.command(
@@ -22,9 +22,14 @@ if TYPE_CHECKING:
 @click.option("--noise", type=float, default=20.0, show_default=True, help="Echoes over noise in dB, if simulated.")
 @click.option("--offset", type=float, default=2e-3, show_default=True, help="Of the simulated hand in metres.")
 @click.option("--turn", type=float, default=3.0, show_default=True, help="Of the simulated hand in degrees.")
+@click.option(
+    "--opened", "wider", type=float, default=5e-4, show_default=True, help="Of the simulated pinch in metres."
+)
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the simulated noise and directions.")
 @results
 @store
+@pictures
+@open_result
 @as_json
 @quiet
 def sense(
@@ -34,24 +39,34 @@ def sense(
     noise: float,
     offset: float,
     turn: float,
+    wider: float,
     seed: int,
     folder: Path,
     store: Path | None,
+    pictures: bool,
+    opened: bool,
 ) -> None:
-    """Find the pose of the hand of SCENE from echoes, starting at the scene's own.
+    """Find the pose of the hand of SCENE from echoes, starting at the scene's own, and the gap of a pinch.
 
     No board that airtact drives today can receive: --echoes reads what a laboratory's own receivers measured. Writes
-    pose.json, and echoes.h5 where they were simulated.
+    pose.json, report.html, and echoes.h5 where they were simulated.
     """
     with progress() as report_step:
         report_step("starting")
         from airtact.workflows import sense as workflow
 
-        simulation = workflow.Simulation(noise, offset, turn, seed) if simulate else None
-        sensed = workflow.sense(scene, echoes, simulation, folder, report_step, store)
-    written = {name: str(folder / name) for name in workflow.FILES[: 2 if simulate else 1]}
-    lines = [f"Pose: {written[workflow.FILES[0]]}"]
-    show(facts_table(_facts(sensed)), lines=lines, record={**_record(sensed), "files": written})
+        simulation = workflow.Simulation(noise, offset, turn, seed, wider) if simulate else None
+        sensed = workflow.sense(scene, echoes, simulation, folder, report_step, store, pictures)
+    pose, page, measured = (folder / name for name in workflow.FILES)
+    files = [pose, *([page] if pictures else []), *([measured] if simulate else [])]
+    lines = [f"Report: {page}" if pictures else f"Pose: {pose}"]
+    show(
+        facts_table(_facts(sensed)),
+        lines=lines,
+        record={**_record(sensed), "files": {it.name: str(it) for it in files}},
+    )
+    if opened and pictures:
+        open_page(page)
 
 
 def _facts(sensed: "Sensed") -> list[tuple[str, str]]:
@@ -63,6 +78,7 @@ def _facts(sensed: "Sensed") -> list[tuple[str, str]]:
     facts = [
         ("the hand is off the scene's pose by", f"{1e3 * off:.3f} mm and {np.degrees(turn):.3f}°"),
         ("standard deviation", f"{1e3 * sure:.3f} mm and {np.degrees(sure_turn):.3f}°"),
+        *_gap_facts(sensed),
         ("not explained", f"{located.residual:.1%} of the echoes, {located.misfit:.1%} beyond noise"),
         ("weakest focus, drive for the scene's pose", f"{sensed.uncorrected:,.0f} Pa, {share:.0%} of the next"),
         ("weakest focus, drive for the pose found", f"{sensed.corrected:,.0f} Pa"),
@@ -75,6 +91,20 @@ def _facts(sensed: "Sensed") -> list[tuple[str, str]]:
     return facts
 
 
+def _gap_facts(sensed: "Sensed") -> list[tuple[str, str]]:
+    """Say how far fingers are open."""
+    located, gap, true = sensed.located, sensed.gap, sensed.true_gap
+    if gap is None or located.opening is None:
+        return []
+    facts = [
+        ("gap", f"{1e3 * located.opening:.3f} mm, standard deviation {1e3 * located.opening_deviation:.3f} mm"),
+        ("gap in the scene", f"{1e3 * gap:.3f} mm"),
+    ]
+    if true is not None:
+        facts.append(("gap off the simulated truth by", f"{1e3 * abs(located.opening - true):.3f} mm"))
+    return facts
+
+
 def _record(sensed: "Sensed") -> dict[str, Any]:
     """List what was found, for ``--json``."""
     located = sensed.located
@@ -84,6 +114,8 @@ def _record(sensed: "Sensed") -> dict[str, Any]:
         "covariance": located.covariance.tolist(),
         "off": list(sensed.off),
         "error": None if sensed.error is None else list(sensed.error),
+        "opening": located.opening,
+        "true_gap": sensed.true_gap,
         "residual": located.residual,
         "misfit": located.misfit,
         "left_out": located.left_out.tolist(),

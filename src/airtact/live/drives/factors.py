@@ -7,7 +7,7 @@ matrix of that pose, which is in closed form.
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Complex64, Complex128, Float64
@@ -18,6 +18,7 @@ from airtact.hand.hand import PLACES, Hand
 from airtact.hand.shape import HandShape
 from airtact.hand.skin_mesh import midpoints
 from airtact.hand.sphere_mesh import Hulls
+from airtact.live.drives.moving import moving_points
 from airtact.live.drives.riding import Riding, bone_of, ride
 from airtact.live.parts import LiveScene, Rule
 from airtact.pose import Pose
@@ -30,6 +31,9 @@ from airtact.surfaces.surface import Surface
 
 ACCURACY = 0.06
 """Accuracy of the solutions; a finer one brings less than 0.01 of the pressure."""
+
+RIGID_ACCURACY = 0.045
+"""Accuracy of parts that are factorised once, for which a finer one costs no time later."""
 
 SLOWLY, OUTGROWN = 0.02, 1.5e-3
 """Weight of the newest lengths of the bones in the usual ones, and how much these may differ from the bodies' [m]."""
@@ -51,7 +55,9 @@ class HandFactors:
     part : of the hand that was solved.
     time : that the pose was predicted for, of the tracker's clock [s].
     foci, distances, directions : of the pose, see ``Riding``.
-    factors : (F, E) on the open air pressure of each element at each focus.
+    factors : (P, E) on the open air pressure of each element at each focus, then at each focus of each frame where foci
+        move, as ``beacon_points`` has them.
+    share : of the pressure that a fresh solution keeps, what is left where it was carried from another pose.
     """
 
     part: Rule
@@ -59,9 +65,21 @@ class HandFactors:
     foci: Float64[np.ndarray, "foci 3"]
     distances: Float64[np.ndarray, "pairs"]
     directions: Float64[np.ndarray, "foci samples 3"]
-    factors: Complex64[np.ndarray, "foci elements"]
+    factors: Complex64[np.ndarray, "points elements"]
+    share: float = 1.0
 
     __repr__ = in_short
+
+    def at(self, scene: LiveScene, riding: Riding) -> Complex64[np.ndarray, "foci elements"]:
+        """Return the factors at the foci for a pose nearby, which here are the same."""
+        return self.factors[: len(riding.foci)]
+
+
+def beacon_points(scene: LiveScene, riding: Riding) -> Float64[np.ndarray, "points 3"]:
+    """Return the points for which a hand is solved (P, 3) [m]: its foci, and where they move."""
+    if scene.moving is None:
+        return riding.foci
+    return np.concatenate([riding.foci, moving_points(scene.moving, riding).reshape(-1, 3)])
 
 
 def hulls_of(part: Rule, places: Sequence[str]) -> list[int]:
@@ -75,11 +93,11 @@ def hulls_of(part: Rule, places: Sequence[str]) -> list[int]:
     return sorted(chosen) + (list(range(FREE, len(PARTS))) if "palm" in places else [])
 
 
-def part_of(hand: Hand, part: Rule, places: Sequence[str]) -> Surface:
-    """Make the surface of the part of a hand that foci at some places need."""
+def part_of(hand: Hand, part: Rule, places: Sequence[str], edge: float = EDGE) -> Surface:
+    """Make the surface of the part of a hand that foci at some places need, of triangles with an edge [m]."""
     whole, some = hand.shape.hulls, np.array(hulls_of(part, places))
     blend, apart = (np.ascontiguousarray(table[np.ix_(some, some)]) for table in (whole.blend, whole.apart))
-    return _surface(Hulls(whole.balls, whole.parts[some], blend, apart))
+    return _surface(Hulls(whole.balls, whole.parts[some], blend, apart), edge)
 
 
 def _surface(hulls: Hulls, edge: float = EDGE) -> Surface:
@@ -105,11 +123,12 @@ def solved(scene: LiveScene, joints: Float64[np.ndarray, "25 3"], part: Rule, ti
     NotConverged
         The iteration did not settle.
     """
-    riding = ride(scene, joints)
-    surface = part_of(riding.hand, part, scene.places)
+    riding, solver = ride(scene, joints), BoundaryElement(accuracy=ACCURACY, estimate=False)
+    edge = solver.panel_edge(scene.medium.wavelength(scene.frequency))  # so that both have the same mesh
+    surface = part_of(riding.hand, part, scene.places, edge)
     air = Scene(scene.medium, [sound_hard(surface)], frequency=scene.frequency)
     beside = bool((surface.depth(scene.array.positions) > -BESIDE).any())
-    field = BoundaryElement(accuracy=ACCURACY, estimate=beside).radiate(air, Target(riding.foci).beacons())
+    field = replace(solver, estimate=beside).radiate(air, Target(beacon_points(scene, riding)).beacons())
     return factors_of(scene, riding, part, time, field.at(scene.array.positions))
 
 
@@ -134,10 +153,10 @@ class RigidParts:
         self._scene, self._made = scene, ride(scene, joints)
         self._pads = np.array([place != "palm" for place in scene.places])
         pads = np.array(scene.places)[self._pads].tolist()
-        self._surfaces = [_rigid_part(self._made.hand, place) for place in pads]
+        self._surfaces = [rigid_part(self._made.hand, place) for place in pads]
         self._lengths = _lengths(scene, joints)
         air = self._air([Pose.identity()] * len(self._surfaces))
-        solver = BoundaryElement(accuracy=ACCURACY, estimate=False)
+        solver = BoundaryElement(accuracy=RIGID_ACCURACY, estimate=False)
         self._solver = solver.factorised(air, refined=self._made.foci)
 
     def solved(self, joints: Float64[np.ndarray, "25 3"], time: float) -> HandFactors:
@@ -147,10 +166,14 @@ class RigidParts:
         turns = np.swapaxes(riding.frames, 1, 2) @ self._made.frames
         shifts = riding.foci - np.einsum("fij,fj->fi", turns, self._made.foci)
         air = self._air([Pose(*motion) for motion in zip(turns[self._pads], shifts[self._pads], strict=True)])
-        field = self._solver.radiate(air, Target(riding.foci).beacons())
+        points = beacon_points(self._scene, riding)
+        field = self._solver.radiate(air, Target(points).beacons())
         found = factors_of(self._scene, riding, "phalanges", time, field.at(self._scene.array.positions))
-        for palm in np.flatnonzero(~self._pads):
-            found.factors[palm] += _mirrored(self._scene, riding, int(palm))
+        moving = self._scene.moving
+        places = np.arange(len(riding.foci))
+        places = places if moving is None else np.concatenate([places, moving.places.ravel()])
+        for index in np.flatnonzero(~self._pads[places]):
+            found.factors[index] += _mirrored(self._scene, riding, points[index])
         return found
 
     @property
@@ -185,7 +208,7 @@ class PartSolver:
         return solved(self._scene, joints, part, time)
 
 
-def _rigid_part(hand: Hand, place: str) -> Surface:
+def rigid_part(hand: Hand, place: str) -> Surface:
     """Make the surface of the last phalanx, or the palm, as a body by itself."""
     some = np.array(hulls_of("phalanges", [place]))
     whole = hand.shape.hulls
@@ -196,12 +219,12 @@ def _rigid_part(hand: Hand, place: str) -> Surface:
     return _surface(hulls, FINE)
 
 
-def _mirrored(scene: LiveScene, riding: Riding, focus: int) -> Complex64[np.ndarray, "elements"]:
-    """Pressure by way of a hard plane beside a focus, over the direct one: e^{2ikd cos θ}, d from the plane."""
-    point, normal = riding.hand.position(scene.places[focus])
-    away = scene.array.positions - riding.foci[focus]
+def _mirrored(scene: LiveScene, riding: Riding, focus: Float64[np.ndarray, "3"]) -> Complex64[np.ndarray, "elements"]:
+    """Pressure by way of a hard plane, the palm, over the direct one at a focus: e^{2ikd cos θ}, d from the plane."""
+    point, normal = riding.hand.position("palm")
+    away = scene.array.positions - focus
     slant = away @ normal / np.linalg.norm(away, axis=1)
-    path = 2.0 * float((riding.foci[focus] - point) @ normal) * slant
+    path = 2.0 * float((focus - point) @ normal) * slant
     wavenumber = scene.medium.wavenumber(scene.frequency).real
     return np.where(slant > 0.0, np.exp(1j * wavenumber * path), 0.0).astype(np.complex64)
 
@@ -213,13 +236,14 @@ def _lengths(scene: LiveScene, joints: Float64[np.ndarray, "25 3"]) -> Float64[n
 
 
 def factors_of(
-    scene: LiveScene, riding: Riding, part: Rule, time: float, received: Complex128[np.ndarray, "elements foci"]
+    scene: LiveScene, riding: Riding, part: Rule, time: float, received: Complex128[np.ndarray, "elements points"]
 ) -> HandFactors:
     """Divide the pressure of the beacons at the middles of the elements by that in open air."""
+    points = beacon_points(scene, riding)
     open_air = monopole_pressure(
         scene.array.positions,
-        riding.foci,
-        np.eye(len(riding.foci), dtype=np.complex128),
+        points,
+        np.eye(len(points), dtype=np.complex128),
         scene.medium.wavenumber(scene.frequency),
         "float64",
     )

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.hand.hand import PLACES, Hand
-from airtact.hand.joints import CHAINS, check_finger_order, cross, joints_of, radii_of, unit
-from airtact.live.distances import foci_on
+from airtact.hand.joints import CHAINS, cross, unit
+from airtact.live.distances import foci_on, hand_in
 from airtact.live.parts import LiveScene
 from airtact.printing import in_short
 
@@ -66,9 +66,7 @@ def ride(scene: LiveScene, joints: Float64[np.ndarray, "25 3"], offset: float | 
     InvalidInput
         As ``hand_from_joints``, or a place is unknown; the side is not checked.
     """
-    joints = joints_of(joints)
-    check_finger_order(joints)
-    hand = Hand(joints, radii_of(scene.radii, None, joints), scene.side)  # the side was checked with the frame
+    hand = hand_in(scene, joints)
     some = scene.array.positions[:: max(1, len(scene.array) // SAMPLES)]
     foci, frames, ends, directions = foci_on(hand, scene, offset), [], [], []
     for place, focus in zip(scene.places, foci, strict=True):

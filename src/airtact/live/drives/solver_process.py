@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from threading import Condition, Thread
+from threading import Condition, Thread, get_native_id
 from typing import BinaryIO
 
 import numpy as np
@@ -22,13 +22,15 @@ from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput, NotConverged
 from airtact.hand.joints import joints_of
+from airtact.live.drives.bending import BendingHand
 from airtact.live.drives.factors import HandFactors, PartSolver
 from airtact.live.drives.library import expected_kept
 from airtact.live.drives.riding import gap_change, ride
 from airtact.live.parts import LiveScene, Rule
 from airtact.printing import in_short
+from airtact.timing import give_way
 
-NICE: dict[tuple[Rule, ...], int] = {("phalanges",): 5, ("hand",): 15}
+NICE: dict[tuple[Rule, ...], int] = {("phalanges",): 5, ("hand",): 15, ("carried",): 5}
 """The parts of a hand that a process solves, one or the other, and how much lower its priority is."""
 
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -39,8 +41,14 @@ AHEAD = 1.5
 SMOOTHING = 0.3
 """Weight of the newest solving time in the usual one."""
 
-FIRST_SECONDS: dict[Rule, float] = {"phalanges": 0.015, "fingers": 0.06, "hand": 0.5}
+FIRST_SECONDS: dict[Rule, float] = {"phalanges": 0.015, "fingers": 0.06, "hand": 0.5, "carried": 0.02}
 """Solving times that are assumed before any was measured [s]."""
+
+BEHIND = 10
+"""How much lower the priority of the thread is that solves what another one carries."""
+
+CARRIED, SOLVED_AHEAD = 0.05, 0.1
+"""Least time between two poses that sound is carried to, and how far ahead of it a pose is solved [s]."""
 
 MOST_FOUND = 64
 """Solutions that wait for the loop at most; older ones are dropped."""
@@ -228,6 +236,42 @@ def _solve(scene: LiveScene, parts: tuple[Rule, ...], newest: _Newest, to: Binar
         to.flush()
 
 
+def _carry(scene: LiveScene, newest: _Newest, to: BinaryIO) -> None:
+    """Solve whole hands in a thread beside this one, and carry what it found to new hands until there are no more."""
+    hand, to_solve, plan = BendingHand(scene), _Newest(), Plan(("carried",))
+    beside = Thread(target=_solve_to_carry, args=(hand, to_solve))
+    beside.start()
+    try:
+        while (asked := newest.take(PATIENCE)) is not None:
+            to_solve.put(asked)
+            begun = time.monotonic()
+            try:
+                part, ahead = plan.next(scene, asked)
+                ahead = min(ahead + begun - asked.sent, FARTHEST)
+                answer = hand.carried(asked.after(ahead), asked.time + ahead)
+                plan.took(part, time.monotonic() - begun)
+            except InvalidInput as fault:
+                answer = str(fault)
+            if answer is not None:
+                pickle.dump(answer, to)
+                to.flush()
+            time.sleep(max(begun + CARRIED - time.monotonic(), 0.0))
+    finally:
+        to_solve.end()
+        beside.join()  # an interpreter that ends while a thread computes in a kernel is aborted
+
+
+def _solve_to_carry(hand: BendingHand, newest: _Newest) -> None:
+    with suppress(AttributeError, OSError):
+        os.setpriority(os.PRIO_PROCESS, get_native_id(), os.getpriority(os.PRIO_PROCESS, 0) + BEHIND)
+    while (asked := newest.take(PATIENCE)) is not None:
+        ahead = SOLVED_AHEAD + time.monotonic() - asked.sent
+        try:
+            hand.keep(hand.solved(asked.after(ahead), asked.time + ahead))
+        except (InvalidInput, NotConverged):
+            time.sleep(PAUSE)
+
+
 def _read(source: BinaryIO, newest: _Newest) -> None:
     with suppress(EOFError, OSError):
         while True:
@@ -240,9 +284,11 @@ def run() -> None:
     source, to = sys.stdin.buffer, os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what is printed must not get among the solutions
     scene, parts = pickle.load(source)
-    with suppress(AttributeError, OSError):
-        os.nice(NICE[parts])
+    give_way(NICE[parts])
     newest = _Newest()
     Thread(target=_read, args=(source, newest), daemon=True).start()
     with suppress(BrokenPipeError):
-        _solve(scene, parts, newest, to)
+        if parts == ("carried",):
+            _carry(scene, newest, to)
+        else:
+            _solve(scene, parts, newest, to)

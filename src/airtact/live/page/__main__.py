@@ -9,9 +9,10 @@ from threading import Lock, Thread
 from airtact.conventions import InvalidInput, extra
 from airtact.live.page.process import Fault, PageSettings, Shown
 from airtact.live.parts import Controls
+from airtact.timing import give_way
 from airtact.tracking.frame import HandFrame
 
-NICE = 10
+NICE = 5
 """Lower priority than the loop's."""
 
 
@@ -50,8 +51,6 @@ class Pipe:
 def main() -> None:
     """Serve the page until the input ends."""
     pipe = Pipe()
-    if hasattr(os, "nice"):
-        os.nice(NICE)
     settings = pipe.settings()
     try:
         with extra("live", "the page needs viser"):
@@ -62,6 +61,7 @@ def main() -> None:
         pipe.send(Fault(str(fault), fault.code))
         return
     pipe.send(address)
+    give_way(NICE)  # only now: to start is to compute, and who waits for the page waits
     pipe.listen()
     paint(server, settings, lambda: pipe.newest, pipe.send, lambda: pipe.ended)
     server.stop()

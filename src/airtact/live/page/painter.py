@@ -1,4 +1,4 @@
-"""Paints the newest moment, 15 times a second, and lets a hand be dragged."""
+"""Paints the newest moment, some times a second, and lets a hand be dragged."""
 
 import time
 from collections.abc import Callable
@@ -12,8 +12,8 @@ from airtact.live.page.process import PageSettings, Shown
 from airtact.live.page.view import View
 from airtact.live.parts import Moment
 
-INTERVAL = 1.0 / 15.0
-"""Time between two pictures [s]."""
+INTERVAL = 1.0 / 13.0
+"""Time between two updates [s]: each is a picture to draw, perhaps by a processor that has a loop to run, too."""
 
 REST = 0.3
 """Least share of the time in which the page does nothing, so that a slow computer has room for the loop."""
@@ -42,8 +42,9 @@ def paint(
             with server.atomic():
                 view.update(shown.moment, panel.look)
         if watched:
-            panel.update(shown, view.most)
+            panel.update(shown, view.sound, view.most)
         spent = time.monotonic() - start
         time.sleep(max(INTERVAL - spent, REST / (1.0 - REST) * spent))
+    view.close()
     if dragged is not None:
         dragged.close()

@@ -14,17 +14,20 @@ from matplotlib.colors import to_hex
 from viser import uplot
 
 from airtact.live.page.process import EMERGENCY, Shown
+from airtact.live.page.solved import Sound
 from airtact.live.page.view import AMPLITUDES, PHASES, PRESSURES, STEPS, Look
 from airtact.live.parts import Controls, LiveScene, Moment, Rule, State
 from airtact.synthesis.methods import METHODS
 from airtact.tracking.frame import HandFrame
-from airtact.transducers.modulation import AmplitudeModulation
 
 Send = Callable[[str | Controls | HandFrame], None]
 """How a message goes to the loop."""
 
 WIDTH = 310
 """Width of the panels at both sides [pixels]."""
+
+FIGURES = 0.33
+"""Time between two readings of the figures [s]."""
 
 SECONDS = 10.0
 """How far back the curves go [s]."""
@@ -34,6 +37,7 @@ RULES: dict[Rule, str] = {
     "phalanges": "last phalanges solved",
     "fingers": "fingers solved",
     "hand": "whole hand solved",
+    "carried": "whole hand solved, carried along",
 }
 
 STATES: dict[State, tuple[str, str]] = {
@@ -95,13 +99,20 @@ class Panel:
         panel.dock_left()
         panel.set_width(WIDTH)
 
-    def update(self, shown: Shown, most: float) -> None:
-        """Show the figures of a moment, 5 times a second; ``most`` is the pressure at the end of the colours [Pa]."""
+    def update(self, shown: Shown, sound: Sound | None, most: float) -> None:
+        """Show the figures of a moment, 3 times a second.
+
+        Parameters
+        ----------
+        shown : the moment.
+        sound : that skin and slice show, or None.
+        most : pressure at the end of the colours [Pa].
+        """
         now, moment = time.monotonic(), shown.moment
         age = 1e3 * (moment.time - moment.frame_time) if moment.joints is not None else np.nan
         kept = np.nan if moment.kept is None else 100 * moment.kept
         self._seen.append((now, shown.drives, age, kept))
-        if now - self._written < 0.2:
+        if now - self._written < FIGURES:
             return
         self._written = now
         while self._seen[0][0] < now - SECONDS:
@@ -110,7 +121,7 @@ class Panel:
         rates = rates_of(times, drives)
         with self._server.atomic():
             self._status.content = status_in_html(moment, self._scene, rates[-1], age)
-            self._legend.content = legend_in_html(self.look, most)
+            self._legend.content = legend_in_html(self.look, sound, most)
             for curve, values in zip(self._curves, (ages, rates, kepts), strict=True):
                 curve.data = (times - now, values)
 
@@ -163,13 +174,16 @@ class Panel:
         offset = float(np.clip(1e3 * offset, 0.0, 20.0).round(1))
         why = "drives from distances alone, to feel the difference"
         ignore = gui.add_checkbox("ignore the hand", first.ignore_hand, hint=why)
-        modulated = gui.add_checkbox(
-            "modulated", first.modulated, disabled=scene.modulation is None, hint=modulation_in_words(scene.modulation)
-        )
+        none = scene.modulation is None and scene.moving is None
+        words = modulation_in_words(scene)
+        modulated = gui.add_checkbox("modulated", first.modulated, disabled=none, hint=words)
         gap = gui.add_slider("gap [mm]", 0.0, 20.0, 0.1, offset, hint="of the foci from the skin")
         cap = gui.add_slider("level cap [%]", 0, 100, 1, round(100 * first.cap), hint="largest amplitude of an element")
         method = gui.add_dropdown(
-            "method", list(METHODS), initial_value=first.method or scene.method, hint="that makes the drives"
+            "method",
+            list(METHODS),
+            initial_value=first.method or scene.method,
+            hint="that makes the drives; robust: as the prediction doubts",
         )
         ignore.on_update(lambda _: self._set(ignore_hand=ignore.value))
         modulated.on_update(lambda _: self._set(modulated=modulated.value))
@@ -185,7 +199,7 @@ class Panel:
         across = gui.add_dropdown("slice across", ("x", "y", "z"), initial_value="y")
         offset = gui.add_slider("slice at [mm]", -60, 60, 1, 0, hint="from the middle of the foci, along that axis")
         dark = gui.add_checkbox("dark", False)
-        self._legend = gui.add_html(legend_in_html(self.look, 0.0))
+        self._legend = gui.add_html(legend_in_html(self.look, None, 0.0))
         array.on_update(lambda _: self._see(array=array.value))
         skin.on_update(lambda _: self._see(skin=skin.value))
         cut.on_update(lambda _: self._see(slice=cut.value))
@@ -213,8 +227,11 @@ CURVES = (
 """Title, colour and limits of each curve."""
 
 
-def modulation_in_words(modulation: AmplitudeModulation | None) -> str:
-    """Say how the amplitude varies."""
+def modulation_in_words(scene: LiveScene) -> str:
+    """Say how the amplitude varies, or how foci move."""
+    if scene.moving is not None:
+        return scene.moving.words
+    modulation = scene.modulation
     return "the scene has none" if modulation is None else f"the amplitude swings at {modulation.frequency:g} Hz"
 
 
@@ -222,7 +239,7 @@ def rates_of(times: Float64[np.ndarray, "times"], drives: Float64[np.ndarray, "t
     """Return drives a second over the last second before each time."""
     first = np.searchsorted(times, times - 1.0)
     spans = np.maximum(times - times[first], 1e-9)
-    return np.where(spans > 0.1, (drives - drives[first]) / spans, np.nan)
+    return np.where(spans > 0.5, (drives - drives[first]) / spans, np.nan)
 
 
 def status_in_html(moment: Moment, scene: LiveScene, rate: float, age: float) -> str:
@@ -252,16 +269,22 @@ def number(value: float, shape: str) -> str:
     return shape.format(value) if np.isfinite(value) else "-"
 
 
-def legend_in_html(look: Look, most: float) -> str:
+def legend_in_html(look: Look, sound: Sound | None, most: float) -> str:
     """Explain the colours: those of the elements, of the skin and of the slice."""
     array = bar(PHASES, "0", "phase of the elements", "2π") if look.array == "phase" else ""
     array = array or bar(AMPLITUDES, "0", "amplitude of the elements", "100 %")
     pressure = bar(PRESSURES, "0", "pressure, peak", f"≥ {most:,.0f} Pa" if most > 1.0 else "-")
-    note = (
-        "Skin: the direct sound, doubled where it meets the skin; the hand casts no shadow on itself here. "
-        "Slice: the drive in open air, without the hand."
-    )
-    return f'<div class="live">{array}{pressure}<small>{note}</small></div>'
+    return f'<div class="live">{array}{pressure}<small>{sound_in_words(sound)}</small></div>'
+
+
+def sound_in_words(sound: Sound | None) -> str:
+    """Say what skin and slice show, and how old it is."""
+    if sound is None:
+        return "Skin and slice: silent."
+    if sound.hand:
+        age = time.monotonic() - sound.time
+        return f"Skin and slice: all the sound, with the hand in its place as it was {age:.1f} s ago."
+    return "Skin and slice: the direct sound of now, doubled on the skin, without the hand's shadow until it is solved."
 
 
 def bar(colours: UInt8[np.ndarray, "steps 3"], low: str, name: str, high: str) -> str:

@@ -1,5 +1,6 @@
 """The page as the loop sees it: another process, which gets the newest moment and returns what was set on the page."""
 
+import os
 import pickle
 import subprocess
 import sys
@@ -15,6 +16,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput
+from airtact.live.drives.solver_process import ONE_THREAD
 from airtact.live.parts import Controls, LiveScene, Moment
 from airtact.tracking.frame import HandFrame
 from airtact.tracking.stream import HandStream
@@ -23,7 +25,7 @@ PORT = 8940
 """Port of the page unless another one is given."""
 
 LONGEST_INTERVAL = 1.0 / 20.0
-"""Moments go to the page no faster than one in this time [s]; it paints 15 times a second."""
+"""Moments go to the page no faster than one in this time [s]; it shows 13 a second."""
 
 PATIENCE = 30.0
 """How long the page may take to start [s]; it imports its server."""
@@ -117,7 +119,11 @@ class PageProcess:
         self._drives, self._newest, self._changed = 0, None, Condition()
         command = [sys.executable, "-m", "airtact.live.page"]
         self._process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env={**os.environ, **ONE_THREAD},
+            start_new_session=True,
         )  # in a session of its own, Ctrl-C is not for the page
         self._threads = [Thread(target=work, daemon=True) for work in (self._send, self._receive)]
         try:

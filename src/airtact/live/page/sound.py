@@ -1,9 +1,10 @@
-"""Pressures that the page can afford 15 times a second: the direct sound of a drive, without what the hand scatters."""
+"""The direct sound of a drive, without what the hand scatters: what a hand receives, and shown until it was solved."""
 
 import numpy as np
 from jaxtyping import Complex128, Float64
 
 from airtact.live.parts import LiveScene
+from airtact.scene.sources import Monopoles
 from airtact.solvers.monopoles import monopole_pressure
 
 ALIKE = 0.99
@@ -34,6 +35,10 @@ class DirectSound:
     ) -> Complex128[np.ndarray, "points"]:
         """Return the pressure in open air at points (P, 3) [m]: (P,) [Pa]."""
         return self._of_faces(points, self._strengths(amplitudes, middle)[:, None])[:, 0]
+
+    def sources(self, amplitudes: Complex128[np.ndarray, "elements"], middle: Float64[np.ndarray, "3"]) -> Monopoles:
+        """Return the elements as points that radiate towards ``middle`` [m] as they do."""
+        return Monopoles(self._array.positions, self._strengths(amplitudes, middle)[:, None])
 
     def on_skin(
         self,

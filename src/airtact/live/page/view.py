@@ -1,6 +1,8 @@
 """What the page shows in three dimensions: the array, the hand, the foci and a slice of the field."""
 
+import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import matplotlib
@@ -8,20 +10,14 @@ import numpy as np
 import viser
 from jaxtyping import Complex128, Float64, Int64, UInt8
 from scipy.spatial.transform import Rotation
+from viser._messages import RunJavascriptMessage
 
 from airtact.figures.array_figures import spacing, view_of
+from airtact.live.page.section import ACROSS, Across, Section, enlarged
 from airtact.live.page.skin import MovingSkin
+from airtact.live.page.solved import Asked, SolvedSound, Sound
 from airtact.live.page.sound import DirectSound
 from airtact.live.parts import LiveScene, Moment
-
-ACROSS = 0.12
-"""Side of the slice [m]."""
-
-PIXELS = 56
-"""Points along a side of the slice at which the field is computed."""
-
-ENLARGED = 2
-"""Each of them is so many pixels wide, the field between being interpolated."""
 
 HAND = 0.15
 """How far a hand reaches from the middle of its foci, more or less [m]."""
@@ -29,8 +25,20 @@ HAND = 0.15
 SATURATED = 0.6
 """Pressures above this share of the largest have the last colour, so that the others differ."""
 
-AMBIENT, ABOVE = 2.3, 1.2
-"""Intensities of the light from all sides and of that from above; more of it would wash out the colours."""
+AMBIENT = 3.0
+"""Intensity of the light; colours are lit by it alone."""
+
+OLD = 20.0
+"""A sound that was solved longer ago gives way to the direct sound of now [s]."""
+
+DIRECT = 0.25
+"""Time between two direct sounds [s]."""
+
+FOLLOWING = 0.3
+"""How much of a change of the largest pressure the colours follow at once."""
+
+CORNERS = 6
+"""Corners of an element's disc; a processor that draws it feels each."""
 
 STEPS = 256
 """Colours of a colour map."""
@@ -38,8 +46,18 @@ STEPS = 256
 SILENT = np.array([150, 150, 155], dtype=np.uint8)
 """Colour of an element that emits nothing, where colours mean phases."""
 
+SKIN, FOCUS = (205, 180, 165), (0, 190, 90)
+"""Colours of a hand without sound, and of foci."""
+
+LIGHT = 255 * np.where(
+    np.arange(256) <= 10, np.arange(256) / 255 / 12.92, ((np.arange(256) / 255 + 0.055) / 1.055) ** 2.4
+)
+LIGHT = LIGHT.round().astype(np.uint8)
+"""Amount of light of each value of a screen's colours."""
+
+DRAWING = Path(__file__).with_name("drawing.js")
+
 Shown = Literal["phase", "amplitude"]
-Across = Literal["x", "y", "z"]
 
 
 def colour_map(name: str) -> UInt8[np.ndarray, "steps 3"]:
@@ -81,18 +99,18 @@ class View:
 
     def __init__(self, server: viser.ViserServer, scene: LiveScene) -> None:
         self._server, self._scene = server, scene
-        self._sound, self._skin = DirectSound(scene), MovingSkin(scene.radii)
+        self._direct, self._skin, self._solving = DirectSound(scene), MovingSkin(scene.radii), SolvedSound(scene)
         self._middle = focal_point(scene)
-        self._peaks, self._turn = {"skin": 0.0, "slice": 0.0}, 0
-        self._pressures = np.zeros(0)
+        self._peak = 0.0
+        self._sound: Sound | None = None
+        server._websock_server.queue_message(RunJavascriptMessage(DRAWING.read_text(encoding="utf-8")))
         server.scene.set_up_direction("+z")
         server.scene.configure_environment_map(None)
         server.scene.configure_default_lights(False)
         server.scene.add_light_ambient("/lights/ambient", intensity=AMBIENT)
-        server.scene.add_light_directional("/lights/above", intensity=ABOVE, position=(0.3, -0.5, 1.0))
         self._set_camera()
         self._array = self._add_array()
-        self._foci = [self._add_focus(*named) for named in enumerate(scene.places)]
+        self._foci, self._labels = self._add_foci()
         self._hand: tuple[viser.MeshHandle, viser.PointCloudHandle] | None = None
         blank = np.zeros((2, 2, 4), dtype=np.uint8)
         self._slice = server.scene.add_image(
@@ -100,56 +118,84 @@ class View:
         )
 
     def update(self, moment: Moment, look: Look) -> None:
-        """Show a moment; the pressure on the skin and that in the slice follow in turn, each at every other call."""
-        silent = not np.any(moment.amplitudes)
-        self._array.batched_colors = element_colours(moment.amplitudes, look.array)
-        if moment.foci is not None:
-            self._middle = moment.foci.mean(axis=0)
+        """Show a moment, with the newest sound on the skin and in the slice."""
+        self._array.colors = np.repeat(in_light(element_colours(moment.amplitudes, look.array)), CORNERS, axis=0)
         self._show_foci(moment)
-        self._turn += 1
-        self._show_hand(moment, look.skin and not silent)
-        self._slice.visible = look.slice and not silent
-        if look.slice and not silent and self._turn % 2 == 0:
-            self._show_slice(moment, look)
+        before, self._sound = self._sound, None
+        if moment.joints is None or moment.foci is None:
+            for part in (*(self._hand or ())[:1], self._slice):
+                part.visible = False
+            return
+        self._middle = moment.foci.mean(axis=0)
+        vertices, normals = self._skin.at(moment.joints)
+        if np.any(moment.amplitudes):
+            self._sound = self._heard(moment, vertices, normals, look, before)
+        if self._sound is not None and self._sound is not before:
+            self._follow(self._sound)
+            self._show_slice(self._sound)
+        self._show_hand(vertices, normals, None if self._sound is None or not look.skin else self._sound.skin)
+        self._slice.visible = self._sound is not None and look.slice
+
+    def close(self) -> None:
+        """End what runs beside."""
+        self._solving.close()
 
     @property
     def most(self) -> float:
         """Pressure at the end of the colours of skin and slice [Pa]."""
-        return max(SATURATED * max(self._peaks.values()), 1.0)
+        return max(SATURATED * self._peak, 1.0)
 
-    def _show_hand(self, moment: Moment, pressed: bool) -> None:
-        if moment.joints is None:
-            for part in self._hand or ():
-                part.visible = False
-            return
-        vertices, normals, triangles = self._skin.at(moment.joints)
-        points, directions = between(vertices, triangles), between(normals, triangles)
+    @property
+    def sound(self) -> Sound | None:
+        """What skin and slice show; None where there is silence."""
+        return self._sound
+
+    def _heard(
+        self,
+        moment: Moment,
+        vertices: Float64[np.ndarray, "vertices 3"],
+        normals: Float64[np.ndarray, "vertices 3"],
+        look: Look,
+        before: Sound | None,
+    ) -> Sound:
+        """Return the sound with the hand in its place, or the direct one, new or as before, where none was solved."""
+        assert moment.joints is not None
+        assert moment.foci is not None
+        section, now = Section(self._middle, look.across, look.offset), time.monotonic()
+        self._solving.ask(Asked(now, moment.joints, moment.foci, moment.amplitudes, vertices, section))
+        solved = self._solving.newest
+        if solved is not None and len(solved.skin) == len(vertices) and now - solved.time < OLD:
+            return solved
+        if before is not None and len(before.skin) == len(vertices) and now - before.time < DIRECT:
+            return before
+        skin = self._direct.on_skin(vertices, normals, moment.amplitudes, self._middle)
+        field = self._direct.at(section.points(), moment.amplitudes, self._middle)
+        return Sound(now, False, skin, section, field)
+
+    def _follow(self, sound: Sound) -> None:
+        """Let the colours follow the largest pressure, slowly, so that they do not flicker."""
+        most = max(float(np.quantile(np.abs(part), 0.998)) for part in (sound.skin, sound.field))
+        self._peak += (1.0 if self._peak == 0.0 else FOLLOWING) * (most - self._peak)
+
+    def _show_hand(
+        self,
+        vertices: Float64[np.ndarray, "vertices 3"],
+        normals: Float64[np.ndarray, "vertices 3"],
+        pressures: Float64[np.ndarray, "vertices"] | None,
+    ) -> None:
+        """Show the hand with the pressure on it; its colours are those of points that nobody sees."""
+        colours = np.broadcast_to(SKIN, vertices.shape) if pressures is None else self._coloured(pressures)
+        colours = in_light(shaded(colours, normals))
         if self._hand is None:
-            self._hand = self._add_hand(vertices, triangles)
-        mesh, cloud = self._hand
-        mesh.vertices, mesh.visible, cloud.visible = vertices.astype(np.float32), True, pressed
-        if not pressed:
-            return
-        if self._turn % 2 == 1 or len(self._pressures) != len(points):
-            found = self._sound.on_skin(vertices, normals, moment.amplitudes, self._middle)
-            self._pressures = between(found[:, None], triangles)[:, 0]
-            self._scale_to("skin", float(np.quantile(found, 0.995)))
-        with self._server.atomic():
-            cloud.points = (points + 0.3e-3 * directions).astype(np.float32)
-            cloud.colors = shaded(self._coloured(self._pressures), directions)
+            self._hand = self._add_coloured("/hand", vertices, self._skin.triangles, colours)
+        mesh, points = self._hand
+        if len(mesh.vertices) != len(vertices):
+            mesh.faces, points.points = self._skin.triangles.astype(np.uint32), np.zeros(vertices.shape, np.float16)
+        mesh.vertices, points.colors, mesh.visible = vertices.astype(np.float32), colours, True
 
-    def _show_slice(self, moment: Moment, look: Look) -> None:
-        along, up, across = axes_across(look.across)
-        middle = self._middle + look.offset * across
-        steps = np.linspace(-0.5, 0.5, PIXELS) * ACROSS
-        grid = middle + steps[None, :, None] * along - steps[:, None, None] * up
-        field = self._sound.at(grid.reshape(-1, 3), moment.amplitudes, self._middle).reshape(PIXELS, PIXELS)
-        pressures = np.abs(enlarged(field))
-        self._scale_to("slice", float(np.quantile(pressures, 0.999)))
-        with self._server.atomic():
-            self._slice.image = self._with_edges_clear(pressures)
-            self._slice.position = middle
-            self._slice.wxyz = quaternion(np.stack([along, up, np.cross(along, up)], axis=1))
+    def _show_slice(self, sound: Sound) -> None:
+        self._slice.image = self._with_edges_clear(enlarged(sound.field))
+        self._slice.position, self._slice.wxyz = sound.section.middle, quaternion(sound.section.axes.T)
 
     def _coloured(self, pressures: Float64[np.ndarray, "*some"]) -> UInt8[np.ndarray, "*some 3"]:
         return PRESSURES[np.clip(pressures / self.most * (STEPS - 1), 0, STEPS - 1).astype(np.int64)]
@@ -159,18 +205,14 @@ class View:
         opaque = 255 * np.clip(0.1 + 3.0 * pressures / self.most, 0.0, 0.95)
         return np.dstack([self._coloured(pressures), opaque.astype(np.uint8)])
 
-    def _scale_to(self, what: str, most: float) -> None:
-        """Follow the largest pressure slowly, so that colours do not flicker."""
-        before = self._peaks[what]
-        self._peaks[what] = most if before == 0.0 else 0.9 * before + 0.1 * most
-
     def _show_foci(self, moment: Moment) -> None:
-        for index, (ball, label) in enumerate(self._foci):
-            ball.visible = label.visible = moment.foci is not None
-            if moment.foci is None:
-                continue
-            ball.position = label.position = moment.foci[index]
-            label.text = focus_in_words(self._scene.places[index], index, moment)
+        for part in (self._foci, *self._labels):
+            part.visible = moment.foci is not None
+        if moment.foci is None:
+            return
+        self._foci.points = moment.foci.astype(np.float32)
+        for index, label in enumerate(self._labels):
+            label.position, label.text = moment.foci[index], focus_in_words(self._scene.places[index], index, moment)
 
     def _set_camera(self) -> None:
         towards = view_of(self._scene.array.normals).towards_viewer
@@ -182,48 +224,45 @@ class View:
         camera.position, camera.look_at, camera.up = middle + 2.5 * reach * towards, middle, (0.0, 0.0, 1.0)
         camera.fov, camera.near, camera.far = np.radians(50.0), 0.005, 20.0
 
-    def _add_array(self) -> viser.BatchedMeshHandle:
+    def _add_array(self) -> viser.PointCloudHandle:
         array = self._scene.array
         corners, triangles = disc(0.46 * spacing(array.positions))
-        turns = np.array([quaternion(np.stack(frame, axis=1)) for frame in zip(*frames_of(array.normals), strict=True)])
-        return self._server.scene.add_batched_meshes_simple(
-            "/array",
-            corners,
-            triangles,
-            turns.astype(np.float32),
-            array.positions.astype(np.float32),
-            batched_colors=np.tile(SILENT, (len(array), 1)),
-            lod="off",
-            flat_shading=True,
-            cast_shadow=False,
-            receive_shadow=False,
-        )
+        frames = np.stack(frames_of(array.normals), axis=1)
+        vertices = array.positions[:, None] + np.einsum("cj,ejk->eck", corners, frames)
+        faces = CORNERS * np.arange(len(array))[:, None, None] + triangles
+        colours = np.tile(SILENT, (vertices.size // 3, 1))
+        return self._add_coloured("/array", vertices.reshape(-1, 3), faces.reshape(-1, 3), colours)[1]
 
-    def _add_focus(self, index: int, place: str) -> tuple[viser.IcosphereHandle, viser.LabelHandle]:
-        ball = self._server.scene.add_icosphere(
-            f"/foci/{place}", 2e-3, color=(0, 190, 90), cast_shadow=False, receive_shadow=False, visible=False
+    def _add_foci(self) -> tuple[viser.PointCloudHandle, list[viser.LabelHandle]]:
+        places = self._scene.places
+        points = np.zeros((len(places), 3), dtype=np.float32)
+        balls = self._server.scene.add_point_cloud(
+            "/foci", points, FOCUS, point_size=4e-3, point_shape="circle", precision="float32", visible=False
         )
-        anchor = "bottom-left" if index % 2 == 0 else "top-right"  # neighbours' labels stay apart
-        label = self._server.scene.add_label(f"/labels/{place}", place, anchor=anchor, visible=False)
-        return ball, label
+        labels = []
+        for index, place in enumerate(places):
+            anchor = "bottom-left" if index % 2 == 0 else "top-right"  # neighbours' labels stay apart
+            labels.append(self._server.scene.add_label(f"/labels/{place}", place, anchor=anchor, visible=False))
+        return balls, labels
 
-    def _add_hand(
-        self, vertices: Float64[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"]
+    def _add_coloured(
+        self,
+        name: str,
+        vertices: Float64[np.ndarray, "vertices 3"],
+        faces: Int64[np.ndarray, "triangles 3"],
+        colours: UInt8[np.ndarray, "vertices 3"],
     ) -> tuple[viser.MeshHandle, viser.PointCloudHandle]:
-        mesh = self._server.scene.add_mesh_simple(
-            "/hand",
+        """Add a mesh, and points that nobody sees, whose colours ``drawing.js`` gives to its vertices."""
+        scene, nowhere = self._server.scene, np.zeros(vertices.shape, dtype=np.float16)
+        mesh = scene.add_mesh_simple(
+            name,
             vertices.astype(np.float32),
-            triangles.astype(np.uint32),
-            color=(205, 180, 165),
+            faces.astype(np.uint32),
+            color=SKIN,
             cast_shadow=False,
             receive_shadow=False,
         )
-        points = between(vertices, triangles)
-        colours = np.zeros(points.shape, dtype=np.uint8)
-        cloud = self._server.scene.add_point_cloud(
-            "/pressure", points.astype(np.float32), colours, point_size=3.4e-3, point_shape="circle"
-        )
-        return mesh, cloud
+        return mesh, scene.add_point_cloud(f"{name}-colours", nowhere, colours, visible=False)
 
 
 def focal_point(scene: LiveScene) -> Float64[np.ndarray, "3"]:
@@ -248,36 +287,16 @@ def element_colours(amplitudes: Complex128[np.ndarray, "elements"], shown: Shown
     return np.where((amplitudes == 0.0)[:, None], SILENT, colours)
 
 
-def between(
-    values: Float64[np.ndarray, "vertices kinds"], triangles: Int64[np.ndarray, "triangles 3"]
-) -> Float64[np.ndarray, "points kinds"]:
-    """Return values at vertices, and their means over triangles after them."""
-    return np.concatenate([values, values[triangles].mean(axis=1)])
+def in_light(colours: UInt8[np.ndarray, "*some 3"]) -> UInt8[np.ndarray, "*some 3"]:
+    """Return colours in amounts of light, as a mesh takes them, of those of a screen (sRGB, IEC 61966-2-1)."""
+    return LIGHT[colours]
 
 
 def shaded(
     colours: UInt8[np.ndarray, "points 3"], normals: Float64[np.ndarray, "points 3"]
 ) -> UInt8[np.ndarray, "points 3"]:
     """Darken colours of a surface a little where it looks down, as light from above does."""
-    return (colours * (0.82 + 0.18 * normals[:, 2:])).astype(np.uint8)
-
-
-def enlarged(field: Complex128[np.ndarray, "rows columns"]) -> Complex128[np.ndarray, "more_rows more_columns"]:
-    """Interpolate a field linearly along both sides, to so many times as many points."""
-    steps = np.arange(len(field))
-    finer = np.linspace(0, len(field) - 1, ENLARGED * len(field))
-    low = np.minimum(finer.astype(np.int64), len(steps) - 2)
-    share = finer - low
-    rows = field[low] * (1.0 - share)[:, None] + field[low + 1] * share[:, None]
-    return rows[:, low] * (1.0 - share) + rows[:, low + 1] * share
-
-
-def axes_across(
-    across: Across,
-) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
-    """Return the axes along a slice, up in it and across it."""
-    x, y, z = np.eye(3)
-    return {"x": (y, z, x), "y": (x, z, y), "z": (x, y, z)}[across]
+    return (colours * (0.8 + 0.2 * normals[:, 2:])).astype(np.uint8)
 
 
 def frames_of(
@@ -292,10 +311,10 @@ def frames_of(
 
 def disc(radius: float) -> tuple[Float64[np.ndarray, "corners 3"], Int64[np.ndarray, "triangles 3"]]:
     """Return a disc of a radius [m] in the plane z = 0, its front to +z."""
-    angles = 2.0 * np.pi * np.arange(12) / 12
+    angles = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
     rim = radius * np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1)
-    steps = np.arange(12)
-    return np.vstack([np.zeros(3), rim]), np.stack([0 * steps, 1 + steps, 1 + (steps + 1) % 12], axis=1)
+    steps = np.arange(CORNERS - 2)
+    return rim, np.stack([0 * steps, 1 + steps, 2 + steps], axis=1)
 
 
 def quaternion(turn: Float64[np.ndarray, "3 3"]) -> Float64[np.ndarray, "4"]:

@@ -1,1 +1,1 @@
-"""The boundary element method (BEM) for sound-hard bodies."""
+"""The boundary element method (BEM) for sound-hard and impedance bodies."""

@@ -8,13 +8,12 @@ import numpy as np
 from jaxtyping import Complex, Float64
 
 from airtact.conventions import InvalidInput
-from airtact.mesh.quadratic_triangles import longest_edges
 from airtact.pose import Pose
 from airtact.printing import one_line
 from airtact.scene.scene import Obstacle, Scene, check_sources
 from airtact.scene.sources import Monopoles
 from airtact.solvers.bem.layer_potentials import project_contacts
-from airtact.solvers.bem.placed_body import Coupling, FactorisedField, PlacedBody
+from airtact.solvers.bem.placed_body import Coupling, FactorisedField, PlacedBody, product
 from airtact.solvers.bem.quadrature import OFF_SURFACE
 from airtact.solvers.bem.reduced_body import ReducedBody
 from airtact.solvers.gmres import GmresResult, gmres
@@ -85,20 +84,20 @@ class FactorisedBodies(Solver):
         """Warn of sources so near a surface that its panels should be smaller than they are."""
         for body, one in enumerate(placed):
             distance, node = one.reduced.tree.query(one.local.apply(sources.positions))
-            panels = one.reduced.surface.nodes.quadratic_triangles[np.asarray(node) // 6]
-            for source, edge in enumerate(longest_edges(panels)):
-                if edge > 1.001 * max(LONGEST_TO_EQUILATERAL * self.smallest, LARGEST_TO_POINT * distance[source]):
-                    yield (
-                        f"source {source} is {1e3 * distance[source]:.2g} mm from a node of body {body}, where "
-                        f"panels are {1e3 * edge:.2g} mm long: its error may exceed the accuracy asked for; "
-                        "factorise the bodies with that point in refined"
-                    )
+            edges = one.reduced.panel_edges[np.asarray(node) // 6]
+            allowed = np.maximum(LONGEST_TO_EQUILATERAL * self.smallest, LARGEST_TO_POINT * np.asarray(distance))
+            for source in np.flatnonzero(edges > 1.001 * allowed):
+                yield (
+                    f"source {source} is {1e3 * distance[source]:.2g} mm from a node of body {body}, where "
+                    f"panels are {1e3 * edges[source]:.2g} mm long: its error may exceed the accuracy asked for; "
+                    "factorise the bodies with that point in refined"
+                )
 
     def _together(self, coupling: Coupling, alone: Complex[np.ndarray, "sounds rows"]) -> GmresResult:
         """Densities of all bodies from those that each would have alone; by an inverse where none has moved."""
         if coupling is self._at_rest:
             inverse, residual = self._inverse
-            return GmresResult(alone @ inverse, np.full(len(alone), residual), 0)
+            return GmresResult(product(inverse, alone, transposed=True), np.full(len(alone), residual), 0)
         return gmres(coupling.times, alone, self.tolerance)
 
     @cached_property
@@ -119,7 +118,7 @@ class FactorisedBodies(Solver):
         """Place the bodies where the scene has them; None where they are too near each other."""
         self._check_others(scene)
         pairs = list(zip(self.scene.obstacles, scene.obstacles, self.bodies, strict=True))
-        if all(before.surface is after.surface and before.boundary == after.boundary for before, after, _ in pairs):
+        if all(before.surface is after.surface and _alike(before, after) for before, after, _ in pairs):
             return self._at_rest
         return Coupling.of([self._where(index, *pair) for index, pair in enumerate(pairs)])
 
@@ -139,16 +138,21 @@ class FactorisedBodies(Solver):
 
     def _where(self, index: int, before: Obstacle, after: Obstacle, body: ReducedBody) -> PlacedBody:
         pose, off = rigid_motion(before.surface, after.surface)
-        if off > MOVED * self.scene.wavelength or after.boundary != before.boundary:
+        if off > MOVED * self.scene.wavelength or not _alike(before, after):
             why = f"its vertices are up to {1e3 * off:.3g} mm off"
             why = why if np.isfinite(off) else "it has other triangles, or is curved otherwise"
-            why = why if after.boundary == before.boundary else f"it is {after.boundary}"
+            why = why if _alike(before, after) else f"it is {after.kind}, ratio {after.ratio}"
             raise InvalidInput(
                 f"body {index} is not the one that was factorised, moved rigidly: {why}; factorise the scene again, or "
                 "solve it with BoundaryElement.",
                 code="not_factorised",
             )
         return PlacedBody(body, pose)
+
+
+def _alike(before: Obstacle, after: Obstacle) -> bool:
+    """Whether the surfaces of two bodies do the same to sound."""
+    return (before.boundary, before.ratio) == (after.boundary, after.ratio)
 
 
 def _projected(

@@ -1,4 +1,4 @@
-"""The field around sound-hard bodies that ``BoundaryElement`` returns: which solution serves where."""
+"""The field around bodies that ``BoundaryElement`` returns: which solution serves where."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,6 +12,7 @@ from airtact.mesh.quadratic_triangles import points_at
 from airtact.scene.planes import before_planes, with_images
 from airtact.scene.scene import Scene
 from airtact.scene.sources import STANDS_ON, Monopoles, nearest_source
+from airtact.solvers.bem.images import surface_without_images, values_without_images
 from airtact.solvers.bem.layer_potentials import Located, find_contacts, locate, near_surface, project_contacts
 from airtact.solvers.bem.operator import DualSurface
 from airtact.solvers.bem.solutions import DirectSolution, TransposedSolution, incident_pressure, surface_gradient
@@ -35,7 +36,7 @@ LEAST_HEIGHT = 1.0 / 60.0
 
 @dataclass(frozen=True, eq=False)
 class BoundaryField(RadiatedField):
-    """The field of some monopoles around sound-hard bodies, as ``BoundaryElement`` solved it.
+    """The field of some monopoles around bodies, as ``BoundaryElement`` solved it.
 
     ``pressure`` is the direct solution: the pressure at the nodes [Pa], None where it was not asked for; ``density``
     and ``factors`` are those of the transposed solution. The accuracy is that which was asked for. Where the scene has
@@ -82,6 +83,20 @@ class BoundaryField(RadiatedField):
         Before a plane there are none either, because the sources' images would be missing.
         """
         return None if (self.factors > 1).any() or self.scene.planes else self.transposed.scattering
+
+    @property
+    def without_images(self) -> "BoundaryField":
+        """What sources and bodies radiate, as they do here, without their images in a plane."""
+        planes = self.scene.planes
+        if not planes:
+            return self
+        return replace(
+            self,
+            scene=replace(self.scene, planes=()),
+            surface=surface_without_images(self.surface, planes),
+            pressure=None if self.pressure is None else values_without_images(self.pressure, planes),
+            density=values_without_images(self.density, planes),
+        )
 
     @property
     def on_surface(self) -> SurfaceField:
@@ -249,9 +264,9 @@ class BoundaryField(RadiatedField):
         """Particle velocity [m/s] at points (P, 3) for each of the S excitations; NaN inside the bodies.
 
         On the surface it is the tangential gradient of the direct solution (at accuracy = 0.01 it was 1.5 % off on a
-        sphere of 10 mm, 6 % on one of 6 mm), near the surface the difference of that solution's pressure, between the
-        two within 1/60 of a wavelength, and elsewhere the gradient of the transposed solution in closed form.
-        ``InvalidInput`` is raised as by ``at``.
+        sphere of 10 mm, 6 % on one of 6 mm) and, along the normal, what an impedance makes of its pressure; near the
+        surface it is the difference of that solution's pressure, between the two within 1/60 of a wavelength, and
+        elsewhere the gradient of the transposed solution in closed form. ``InvalidInput`` is raised as by ``at``.
         """
         points = receivers(points, self.sources)
         located = self._located(points)
@@ -284,6 +299,11 @@ class BoundaryField(RadiatedField):
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         height = np.where(close.distance < nodes.contact[close.panel], 0.0, close.distance / least)
         gradient = surface_gradient(nodes, close.panel, close.reference, self.direct_at)
+        yielding = nodes.admittance[close.panel] != 0
+        if yielding.any():
+            rates = -1j * self.scene.wavenumber * nodes.admittance[close.panel[yielding], None]
+            rises = rates * self.direct_at(projections[yielding])
+            gradient[yielding] += normals[yielding, :, None] * rises[:, None]
         off = height > 0.0
         weight, lifted = height[off, None, None], projections[off] + least * normals[off]
         gradient[off] = (1.0 - weight) * gradient[off] + weight * self._gradient_near(lifted)

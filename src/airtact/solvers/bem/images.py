@@ -1,10 +1,10 @@
 """Bodies and their images in rigid planes: one is solved for, both carry the field."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
-from jaxtyping import Complex128, Int64
+from jaxtyping import Complex128, Int64, Shaped
 
 from airtact.scene.planes import Plane
 from airtact.solvers.bem.operator import DualSurface
@@ -41,10 +41,27 @@ def values_with_images(
     return values
 
 
+def surface_without_images(surface: DualSurface, planes: Sequence[Plane]) -> DualSurface:
+    """Return the surface of the bodies alone, from one that that of their images follows."""
+    part = {one.name: _own(getattr(surface.nodes, one.name), planes) for one in fields(surface.nodes)}
+    return replace(surface, nodes=Nodes(**part), shifted=_own(surface.shifted, planes))
+
+
+def values_without_images(
+    values: Complex128[np.ndarray, "all sounds"], planes: Sequence[Plane]
+) -> Complex128[np.ndarray, "nodes sounds"]:
+    """Return what the nodes of the bodies alone have."""
+    return _own(values, planes)
+
+
+def _own(values: Shaped[np.ndarray, "all ..."], planes: Sequence[Plane]) -> Shaped[np.ndarray, "own ..."]:
+    return values[: len(values) >> len(planes)]
+
+
 def _with_image(nodes: Nodes, plane: Plane) -> Nodes:
     panels = nodes.quadratic_triangles
     mirrored = plane.image(panels.reshape(-1, 3)).reshape(panels.shape)[:, TURNED]
     bodies = nodes.body[::6]
     both = np.concatenate([panels, mirrored]), np.concatenate([bodies, bodies + bodies.max() + 1])
-    placed = place_nodes(*both, np.zeros(2 * len(panels)))
+    placed = place_nodes(*both, np.zeros(2 * len(panels)), np.tile(nodes.admittance, 2))
     return replace(placed, contact=np.tile(nodes.contact, 2))

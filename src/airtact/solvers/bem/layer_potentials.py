@@ -1,4 +1,8 @@
-"""The double layer on curved panels, at any points: far panels by their nodes, near ones by near integrals.
+"""The layers on curved panels, at any points: far panels by their nodes, near ones by near integrals.
+
+With n outward and p_inc that of the sources alone, Green's formula outside the bodies is p = p_inc + D[p], D being the
+double layer. A surface of impedance Z, on which ∂p/∂n = −(ikρc/Z) p, adds the single layer of (ikρc/Z) p; wherever
+"double layer" stands, that is included.
 
 Its solid angle also locates points: inside the bodies, outside, near the surface, or on it.
 """
@@ -73,7 +77,8 @@ def near_rows(
     first, panel = near_lists(nodes, points, near_rule.reach * nodes.radii)
     excess = np.empty((len(panel), 6), dtype=np.complex128)
     points = np.ascontiguousarray(points, dtype=np.float64)
-    panels = nodes.quadratic_triangles, nodes.contact, nodes.points, nodes.weighted_normals, NODAL
+    panels = nodes.quadratic_triangles, nodes.contact, nodes.points, nodes.weighted_normals
+    panels = *panels, nodes.single_layer(wavenumber), NODAL
     rules = *gauss_rules(LARGEST_RULE), LARGEST_RULE, *near_rule.gauss_points
     loop("near_excess", precision)(points, first, panel, *panels, complex(wavenumber), least, *rules, excess)
     return NearRows(first, panel, excess)
@@ -100,11 +105,11 @@ def double_layer_pressure(
     if cells is None:
         least, precision = _least_distance(nodes, near_rule, precision)
         out = np.empty((len(points), pressure.shape[1]), dtype=np.complex128)
-        layer = nodes.points, nodes.weighted_normals, np.ascontiguousarray(pressure)
+        layer = nodes.points, nodes.weighted_normals, nodes.single_layer(wavenumber), np.ascontiguousarray(pressure)
         loop("apply_double_layer", precision)(points, *layer, complex(wavenumber), least, out)
     else:
-        least = 0.05 * float(nodes.radii.min())
-        out = cells.sums(nodes.points, nodes.weighted_normals, pressure, wavenumber, least)
+        least, single = 0.05 * float(nodes.radii.min()), nodes.single_layer(wavenumber)
+        out = cells.sums(nodes.points, nodes.weighted_normals, pressure, wavenumber, least, single)
     near = near_surface(nodes, points, near_rule.reach)
     precise = precision if nodal else "float64" if cells is None else "float32"
     for some, there in _by_contact(nodes, points, near, contact):
@@ -155,11 +160,14 @@ def double_layer_transposed(
     ``contact`` marks the points that were projected onto a panel.
     """
     near = near_surface(nodes, points, near_rule.reach)
-    total = np.zeros((len(nodes.points), strengths.shape[1]), dtype=np.complex128)
+    total, single = np.zeros((len(nodes.points), strengths.shape[1]), np.complex128), nodes.single_layer(wavenumber)
     for some, there in _by_contact(nodes, points, near, contact):
         rows = near_rows(there, points[some], wavenumber, near_rule, "float64")
-        total += rows.sparse(len(nodes.points)).T @ strengths[some]
+        pairs = strengths[np.repeat(np.flatnonzero(some), np.diff(rows.first))]
+        np.add.at(total.reshape(-1, 6, total.shape[1]), rows.panel, rows.excess[:, :, None] * pairs[:, None])
     for chosen, kind in ((near, "float64"), (~near, precision)):
+        if not chosen.any():
+            continue
         some = np.ascontiguousarray(points[chosen], dtype=np.float64)
         weights = strengths[chosen]
         for start in range(0, len(some), ROWS_AT_ONCE):
@@ -167,7 +175,7 @@ def double_layer_transposed(
             shape = (len(some[block]), len(nodes.points))
             rows = np.empty(shape, dtype=np.complex64 if kind == "float32" else np.complex128)
             fill = loop("double_layer_matrix", kind)
-            fill(some[block], nodes.points, nodes.weighted_normals, complex(wavenumber), rows)
+            fill(some[block], nodes.points, nodes.weighted_normals, single, complex(wavenumber), rows)
             total += rows.T @ weights[block].astype(rows.dtype)
     return total
 
@@ -205,6 +213,8 @@ def project_contacts(
     points = np.array(points, dtype=np.float64)
     found = find_contacts(nodes, points)
     contact = np.zeros(len(points), dtype=bool)
+    if not len(found.target):
+        return points, contact
     contact[found.target] = True
     shape = shape_functions(found.reference)
     points[found.target] = np.einsum("en,end->ed", shape, nodes.quadratic_triangles[found.panel])
@@ -282,7 +292,7 @@ def _unfilled(nodes: Nodes, points: Float64[np.ndarray, "points 3"]) -> Bool[np.
     whole = nodes.weighted_normals.reshape(-1, 6, 3).sum(axis=1)
     filled = np.empty((len(points), 1), dtype=np.complex128)
     ones = np.ones((len(whole), 1), dtype=np.complex128)
-    _kernels.apply_double_layer_float32(points, nodes.centres, whole, ones, 0j, 0.0, filled)
+    _kernels.apply_double_layer_float32(points, nodes.centres, whole, ones[:0, 0], ones, 0j, 0.0, filled)
     return _less_than_half(filled)
 
 

@@ -5,8 +5,9 @@ x' = x − δ n inside,
 
     p(x)/2 − D[p](x) + i D[p](x') = p_inc(x) − i p_inc(x'),
 
-where D is the double layer. The second point makes the equation uniquely solvable at every frequency; with the other
-sign of i GMRES takes many times the iterations.
+where D is the double layer; a locally reacting surface adds a single layer to it (``layer_potentials``). The second
+point makes the equation uniquely solvable at every frequency; with the other sign of i GMRES takes many times the
+iterations.
 
 Sources: A. Mohsen, R. Piscoya and M. Ochmann, "The application of the dual surface method to treat the nonuniqueness in
 solving acoustic exterior problems", Acta Acustica united with Acustica 97 (2011) 699.
@@ -55,9 +56,11 @@ Geometry = tuple[
     Float64[np.ndarray, "groups 3"],
     Float64[np.ndarray, "nodes 3"],
     Float64[np.ndarray, "nodes 3"],
+    Complex128[np.ndarray, "some"],
     complex,
 ]
-"""What the entries of a matrix follow from: x and x' of its rows, nodes and weighted normals of its columns, k."""
+"""What the entries of a matrix follow from: x and x' of its rows; nodes, weighted normals and single layer of its
+columns; k."""
 
 
 def dual_surface(
@@ -208,7 +211,8 @@ def assemble(surface: DualSurface, store: Store, error: float | None = None, ima
         beside = near_lists(nodes, centres, 2 * nodes.radii + APART * 2 * np.pi / surface.wavenumber.real)
         met = [beside, *((rows.first, rows.panel) for rows in near)]
         whole = np.any([near_blocks(len(nodes.centres), *one) for one in met], axis=0)
-    geometry = *placed, nodes.points, nodes.weighted_normals, surface.wavenumber
+    single = nodes.single_layer(surface.wavenumber)
+    geometry = *placed, nodes.points, nodes.weighted_normals, single, surface.wavenumber
     matrix = _with_low_rank(geometry, store, whole, error or 0.0)
     of_rows = [part for rows in near for part in (rows.first, rows.panel, rows.excess)]
     diagonal = 0.5 if image is None else 0.0

@@ -20,6 +20,21 @@ from airtact.solvers.monopoles import monopole_pressure
 from airtact.solvers.problem import RadiatedField, SolveReport, SurfaceField, receivers
 from airtact.validation import points_of
 
+FEW = 8
+"""Vectors up to which a compiled loop multiplies them: BLAS is slower and leaves threads spinning."""
+
+
+def product(
+    matrix: Complex[np.ndarray, "rows columns"], vectors: Complex[np.ndarray, "vectors inner"], transposed: bool = False
+) -> Complex[np.ndarray, "vectors outer"]:
+    """Multiply a matrix, or its transpose, by vectors, which are rows here; in the precision of the matrix."""
+    if len(vectors) > FEW:
+        return vectors.astype(matrix.dtype, copy=False) @ (matrix if transposed else matrix.T)
+    vectors = np.ascontiguousarray(vectors, dtype=matrix.dtype)
+    out = np.empty((len(vectors), matrix.shape[int(transposed)]), dtype=matrix.dtype)
+    loop("few_products", "float32" if matrix.dtype == np.complex64 else "float64")(matrix, vectors, transposed, out)
+    return out
+
 
 @dataclass(frozen=True, eq=False)
 class PlacedBody:
@@ -41,11 +56,11 @@ class PlacedBody:
         tree = self.reduced.tree
         return self.pose.apply(0.5 * (tree.mins + tree.maxes)), 0.5 * float(np.linalg.norm(tree.maxes - tree.mins))
 
-    def clear_of(self, points: Real[np.ndarray, "points 3"]) -> bool:
-        """Whether all points (P, 3) [m] are beyond the reach by the distance from the ball alone."""
+    def clear_of(self, points: Real[np.ndarray, "points 3"], reach: float) -> bool:
+        """Whether all points (P, 3) [m] are beyond a reach [m] of all nodes by the distance from the ball alone."""
         centre, radius = self.ball
         off = points - centre
-        return bool(np.einsum("pd,pd->p", off, off).min(initial=np.inf) > (radius + self.reduced.reach) ** 2)
+        return bool(np.einsum("pd,pd->p", off, off).min(initial=np.inf) > (radius + reach) ** 2)
 
     def reaches(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
         """Which points (P, 3) [m] are too near for the skeletons."""
@@ -74,19 +89,16 @@ class PlacedBody:
         surface, solved = self.reduced.surface, self.reduced.solved
         given = strengths, surface.wavenumber, surface.near_rule, surface.precision
         right = double_layer_transposed(self.local.apply(positions), surface.nodes, *given, contact)
-        return solved @ right.astype(solved.dtype)
+        return product(solved, right.T).T
 
     def coupling_from(self, other: "PlacedBody") -> Complex[np.ndarray, "rows columns"]:
         """−D(x) + i D(x') at the skeleton of the rows, D the double layer of the other's skeleton of the columns."""
         count, surface = len(self.reduced.rows), self.reduced.surface
-        nodes, normals = other.reduced.column_nodes
-        both = np.empty((2 * count, len(nodes)), dtype=self.reduced.solved.dtype)
+        nodes, normals, single = other.reduced.column_nodes
+        block = np.empty((count, len(nodes)), dtype=self.reduced.solved.dtype)
         receivers = self.pose.apply(self.reduced.row_points)
-        fill = loop("double_layer_matrix", surface.precision)
-        fill(receivers, other.pose.apply(nodes), other.pose.rotate(normals), complex(surface.wavenumber), both)
-        block = both[count:]
-        block *= 1j
-        block -= both[:count]
+        columns = other.pose.apply(nodes), other.pose.rotate(normals), single, complex(surface.wavenumber)
+        loop("dual_matrix", surface.precision)(receivers[:count], receivers[count:], *columns, block)
         return block
 
 
@@ -112,8 +124,9 @@ class Coupling:
         each = np.split(densities, np.cumsum([len(one.reduced.rows) for one in self.placed])[:-1], axis=1)
         out = []
         for body, own in enumerate(self.placed):
-            emitted = [density @ self.blocks[other, body] for other, density in enumerate(each) if other != body]
-            out.append(each[body] + sum(emitted) @ own.reduced.scattering.T if emitted else each[body])
+            others = [(density, self.blocks[other, body]) for other, density in enumerate(each) if other != body]
+            emitted = np.array([product(block, density, transposed=True) for density, block in others]).sum(axis=0)
+            out.append(each[body] + product(own.reduced.scattering, emitted) if others else each[body])
         return np.concatenate(out, axis=1)
 
 
@@ -146,7 +159,7 @@ class FactorisedField(RadiatedField):
     def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
         """Whether points (P, 3) [m] lie outside the bodies and farther from them than the skeletons' reach."""
         points = points_of(points, "points", least=0)
-        if all(body.clear_of(points) for body in self.placed):
+        if all(body.clear_of(points, body.reduced.reach) for body in self.placed):
             return np.ones(len(points), dtype=bool)
         known = ~np.any([body.reaches(points) for body in self.placed], axis=0)
         within = known & np.any([body.in_box(points) for body in self.placed], axis=0)
@@ -174,16 +187,23 @@ class FactorisedField(RadiatedField):
         out, known = np.full((len(points), self.densities.shape[1]), np.nan, dtype=np.complex128), self.valid(points)
         wavenumber, precision = self.scene.wavenumber, self.placed[0].reduced.surface.precision
         out[known] = monopole_pressure(points[known], positions, free, wavenumber, "float64")
-        out[known] += monopole_pressure(points[known], *self._scattered, wavenumber, precision)
+        out[known] += monopole_pressure(points[known], *self._scattered(points[known]), wavenumber, precision)
         return out
 
-    @property
-    def _scattered(self) -> tuple[Float64[np.ndarray, "points 3"], Complex128[np.ndarray, "points sounds"]]:
-        """Monopoles at the skeletons and at their shifted points inside."""
-        points, strengths, begin = [], [], 0
+    def _scattered(
+        self, points: Float64[np.ndarray, "points 3"]
+    ) -> tuple[Float64[np.ndarray, "monopoles 3"], Complex[np.ndarray, "monopoles sounds"]]:
+        """Monopoles that radiate to some points: those at the skeletons and their shifted points, or fewer if far."""
+        positions, strengths, begin = [], [], 0
         for body in self.placed:
-            own = self.densities[begin : begin + len(body.reduced.rows)]
-            points.append(body.pose.apply(body.reduced.row_points))
-            strengths += [own, -1j * own]
+            reduced, far = body.reduced, body.reduced.far
+            own = self.densities[begin : begin + len(reduced.rows)]
+            if body.clear_of(points, far.reach):
+                positions.append(far.positions)
+                strengths.append(product(far.combinations, own.T).T)
+            else:
+                positions.append(reduced.row_points)
+                strengths += [own, -1j * own]
+            positions[-1] = body.pose.apply(positions[-1])
             begin += len(own)
-        return np.concatenate(points), np.concatenate(strengths)
+        return np.concatenate(positions), np.concatenate(strengths)

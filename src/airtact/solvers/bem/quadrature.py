@@ -5,7 +5,7 @@ them (a Nyström method that needs no continuity between panels).
 """
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 from jaxtyping import Complex128, Float64, Int64, Real
@@ -58,6 +58,7 @@ class Nodes:
 
     ``weights`` are the areas that nodes stand for [m²], ``body`` their obstacles. Points nearer to a panel than its
     ``contact`` are taken to lie on it; ``radii`` reach from a panel's centre to the farthest of its six nodes [m].
+    ``admittance`` is ρc/Z of a panel's surface, 0 for a sound-hard one.
     """
 
     points: Float64[np.ndarray, "nodes 3"]
@@ -68,19 +69,35 @@ class Nodes:
     contact: Float64[np.ndarray, "panels"]
     centres: Float64[np.ndarray, "panels 3"]
     radii: Float64[np.ndarray, "panels"]
+    admittance: Complex128[np.ndarray, "panels"]
 
     __repr__ = in_short
 
-    @property
+    @cached_property
     def weighted_normals(self) -> Float64[np.ndarray, "nodes 3"]:
         """(M, 3) normals times area [m²]."""
         return self.normals * self.weights[:, None]
 
+    def single_layer(self, wavenumber: complex) -> Complex128[np.ndarray, "some"]:
+        """(M,) ikρc/Z times area [m], by which the pressure enters a single layer; (0,) where that is 0 everywhere.
+
+        It is −∂p/∂n over p: Green's formula adds the single layer of it to the double layer of the pressure.
+        """
+        if not self.admittance.any():
+            return np.empty(0, dtype=np.complex128)
+        return 1j * wavenumber * np.repeat(self.admittance, 6) * self.weights
+
 
 def place_nodes(
-    quadratic_triangles: QuadraticTriangles, body: Int64[np.ndarray, "panels"], deviation: Float64[np.ndarray, "panels"]
+    quadratic_triangles: QuadraticTriangles,
+    body: Int64[np.ndarray, "panels"],
+    deviation: Float64[np.ndarray, "panels"],
+    admittance: Complex128[np.ndarray, "panels"] | None = None,
 ) -> Nodes:
-    """Put the six nodes of the degree-4 rule on every panel, which deviates from the true surface by a length [m]."""
+    """Put the six nodes of the degree-4 rule on every panel, which deviates from the true surface by a length [m].
+
+    Without an ``admittance`` of each panel all are sound-hard.
+    """
     shape = shape_functions(RULE_POINTS)
     along_u, along_v = shape_gradients(RULE_POINTS)
     points = shape @ quadratic_triangles
@@ -97,6 +114,7 @@ def place_nodes(
         contact=np.maximum(CONTACT * radii, 1.5 * deviation),
         centres=np.ascontiguousarray(centres),
         radii=radii,
+        admittance=np.zeros(len(body), dtype=np.complex128) if admittance is None else admittance,
     )
 
 
@@ -198,12 +216,12 @@ def thickness(
     tree = panel_tree(nodes.quadratic_triangles)
     for _ in range(SHRINKINGS):
         centres = nodes.points[some] - 0.5 * diameter[some, None] * nodes.normals[some]
-        panel, reference, distance = tree.closest(centres)
+        panel, reference, distance = tree.closest(centres, 0.49 * diameter[some])
         touched, facing = points_at(nodes.quadratic_triangles[panel], reference)
         gap = nodes.points[some] - touched
         depth = np.einsum("nd,nd->n", gap, nodes.normals[some])
         opposite = np.einsum("nd,nd->n", facing, nodes.normals[some]) <= 0  # or a concave edge would count as thin
-        inside = (distance < 0.49 * diameter[some]) & opposite & (depth > 0)
+        inside = np.isfinite(distance) & opposite & (depth > 0)
         some = some[inside]
         diameter[some] = np.minimum(diameter[some], np.einsum("nd,nd->n", gap, gap)[inside] / depth[inside])
     return diameter

@@ -11,7 +11,7 @@ Journal of Computational Physics 205 (2005) 1.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 import scipy.linalg
@@ -20,6 +20,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
 from airtact import _kernels
+from airtact.mesh.quadratic_triangles import longest_edges
 from airtact.printing import in_short
 from airtact.solvers.bem.layer_potentials import double_layer_transposed
 from airtact.solvers.bem.operator import DualSurface, assemble
@@ -41,11 +42,32 @@ BESIDE = 0.06
 FIRST, TIGHTER, TRIES = 0.3, 0.4, 4
 """Tolerance of the first skeletons over the error wanted, the factor from one to the next, and the most trials."""
 
+FAR = 1.0
+"""Distance from all nodes in wavelengths beyond which fewer monopoles radiate the same, such as at an array."""
+
+FAR_ERROR = 0.5
+"""Tolerance of those monopoles over the error wanted."""
+
 GROUPS_AT_ONCE = 100
 """Shifted points, and three times as many nodes, at which the proxies are evaluated at once."""
 
 FULLEST = 0.7
 """Largest rank of a skeleton over the number of combinations."""
+
+
+@dataclass(frozen=True, eq=False)
+class FarMonopoles:
+    """The few monopoles that radiate, to points beyond ``reach`` of all nodes [m], what the skeleton of the rows does.
+
+    Their strengths are ``combinations`` times the densities there; ``error`` is relative, at points near the reach.
+    """
+
+    reach: float
+    positions: Float64[np.ndarray, "few 3"]
+    combinations: Complex[np.ndarray, "few rows"]
+    error: float
+
+    __repr__ = in_short
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +78,8 @@ class ReducedBody:
     columns, which radiate. ``solved`` is the transposed solution on the skeleton of the rows from the right-hand side
     at all nodes, ``scattering`` that from the right-hand side at the skeleton of the columns: the scattering matrix.
     ``error`` is the relative error of the scattering against all nodes, to points as near as the reach, from there and
-    from beside the surface. ``tree`` holds the nodes, for distances.
+    from beside the surface. ``tree`` holds the nodes, for distances. Points beyond the reach of ``far`` take fewer
+    monopoles.
     """
 
     surface: DualSurface
@@ -67,20 +90,29 @@ class ReducedBody:
     scattering: Complex[np.ndarray, "rows columns"]
     error: float
     tree: KDTree
+    far: FarMonopoles
 
     __repr__ = in_short
 
-    @property
+    @cached_property
+    def panel_edges(self) -> Float64[np.ndarray, "panels"]:
+        """Longest edge of each panel [m]."""
+        return longest_edges(self.surface.nodes.quadratic_triangles)
+
+    @cached_property
     def row_points(self) -> Float64[np.ndarray, "both 3"]:
         """Collocation points of the skeleton of the rows (2 R, 3) [m]: its nodes, then their shifted points inside."""
-        surface = self.surface
-        return np.concatenate([surface.nodes.points[self.rows], surface.shifted[self.rows // _kernels.sharing]])
+        return _row_points(self.surface, self.rows)
 
-    @property
-    def column_nodes(self) -> tuple[Float64[np.ndarray, "columns 3"], Float64[np.ndarray, "columns 3"]]:
-        """Nodes of the skeleton of the columns (Q, 3) [m], and their normals times area [m²]."""
-        nodes = self.surface.nodes
-        return nodes.points[self.columns], nodes.weighted_normals[self.columns]
+    @cached_property
+    def column_nodes(
+        self,
+    ) -> tuple[
+        Float64[np.ndarray, "columns 3"], Float64[np.ndarray, "columns 3"], Complex128[np.ndarray, "some_columns"]
+    ]:
+        """Nodes of the skeleton of the columns (Q, 3) [m], normals times area [m²], ``Nodes.single_layer`` [m]."""
+        nodes, single = self.surface.nodes, self.surface.nodes.single_layer(self.surface.wavenumber)
+        return nodes.points[self.columns], nodes.weighted_normals[self.columns], single[self.columns[: len(single)]]
 
 
 def reduced_body(surface: DualSurface, reach: float, wanted: float) -> ReducedBody:
@@ -103,8 +135,35 @@ def reduced_body(surface: DualSurface, reach: float, wanted: float) -> ReducedBo
         error = error_of(rows, columns, solved, scattering)
         trials += 1
         if error <= wanted or trials == TRIES:
-            return ReducedBody(surface, reach, rows, columns, solved, scattering, error, tree)
+            far = _far_monopoles(surface, tree, rows, FAR_ERROR * wanted, kind)
+            error = max(error, far.error)
+            return ReducedBody(surface, reach, rows, columns, solved, scattering, error, tree, far)
         tolerance *= TIGHTER
+
+
+def _row_points(surface: DualSurface, rows: Int64[np.ndarray, "rows"]) -> Float64[np.ndarray, "both 3"]:
+    return np.concatenate([surface.nodes.points[rows], surface.shifted[rows // _kernels.sharing]])
+
+
+def _far_monopoles(
+    surface: DualSurface,
+    tree: KDTree,
+    rows: Int64[np.ndarray, "rows"],
+    tolerance: float,
+    kind: type[np.complexfloating],
+) -> FarMonopoles:
+    """Find the few of the monopoles at the rows' points, and their strengths, that radiate the same to far points."""
+    reach = FAR * 2 * np.pi / surface.wavenumber.real
+    candidates, points = _row_points(surface, rows), _proxies(surface.nodes, tree, reach)
+    open_air = _open_air(points, candidates, surface.wavenumber)
+    radiated = open_air[:, : len(rows)] - 1j * open_air[:, len(rows) :]
+    decomposed = scipy.linalg.qr(open_air, mode="economic", pivoting=True, check_finite=False)
+    unitary, upper, order = (np.asarray(one) for one in decomposed)
+    few = int(np.count_nonzero(np.abs(np.diag(upper)) > tolerance * np.abs(upper[0, 0])))
+    wanted = unitary[:, :few].conj().T @ radiated
+    combinations = scipy.linalg.solve_triangular(upper[:few, :few], wanted, check_finite=False)
+    error = float(np.linalg.norm(open_air[:, order[:few]] @ combinations - radiated) / np.linalg.norm(radiated))
+    return FarMonopoles(reach, candidates[order[:few]], np.ascontiguousarray(combinations, dtype=kind), error)
 
 
 def _checks(

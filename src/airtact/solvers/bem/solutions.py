@@ -11,7 +11,6 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Int64, Real
-from scipy.spatial import KDTree
 
 from airtact import _kernels
 from airtact.mesh.quadratic_triangles import cut, shape_functions, shape_gradients
@@ -106,11 +105,12 @@ class DirectSolution:
         close = np.zeros(len(nodes.centres), dtype=bool)
         close[find_near(nodes, points, self.surface.near_rule.reach)[1]] = True
         pieces, parents = cut(nodes.quadratic_triangles[close], np.full(int(close.sum()), 2))
-        contact = nodes.contact[close][parents]
-        fine = place_nodes(pieces, np.zeros(len(pieces), dtype=np.int64), contact)
+        contact, admittance = nodes.contact[close][parents], nodes.admittance[close][parents]
+        fine = place_nodes(pieces, np.zeros(len(pieces), dtype=np.int64), contact, admittance)
         fine_pressure = self.at(fine.points, np.ones(len(fine.points), dtype=bool), nodal=True)
         mixed = np.concatenate([nodes.quadratic_triangles[~close], pieces])
-        placed = place_nodes(mixed, np.zeros(len(mixed), dtype=np.int64), np.zeros(len(mixed)))
+        admittance = np.concatenate([nodes.admittance[~close], admittance])
+        placed = place_nodes(mixed, np.zeros(len(mixed), dtype=np.int64), np.zeros(len(mixed)), admittance)
         placed = replace(placed, contact=np.concatenate([nodes.contact[~close], contact]))
         return placed, np.concatenate([self.pressure[np.repeat(~close, 6)], fine_pressure])
 
@@ -177,7 +177,9 @@ def incident_pressure(
     close = np.ones(len(points), dtype=bool)
     if surface.precision == "float32":
         wavelength = 2 * np.pi / surface.wavenumber.real
-        close = KDTree(sources.positions).query(points, distance_upper_bound=wavelength)[0] < wavelength
+        close = nearest_source(points, sources, wavelength)[0] < wavelength
+    if not close.any():
+        return monopole_pressure(points, sources.positions, sources.strengths, surface.wavenumber, "float32")
     out = np.empty((len(points), sources.strengths.shape[1]), dtype=np.complex128)
     given = sources.positions, sources.strengths, surface.wavenumber
     for chosen, precision in ((close, "float64"), (~close, "float32")):

@@ -1,22 +1,43 @@
-"""BoundaryElement: the field of monopoles around sound-hard bodies, from the pressure on their surfaces alone."""
+"""BoundaryElement: the field of monopoles around bodies, from the pressure on their surfaces alone."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Complex128, Float64, Int64, Real
+from jaxtyping import Bool, Complex128, Float64, Int64, Real
 
 from airtact.conventions import InvalidInput
 from airtact.mesh.quadratic_triangles import QuadraticTriangles
 from airtact.scene.planes import with_images
-from airtact.scene.scene import Obstacle, Scene, check_near, check_no_planes, check_outside, check_sources
+from airtact.scene.scene import (
+    Obstacle,
+    Scene,
+    admittances,
+    check_near,
+    check_no_planes,
+    check_outside,
+    check_sources,
+)
 from airtact.scene.sources import Monopoles
 from airtact.solvers.bem.blocks import block_order, blocks_of
+from airtact.solvers.bem.board_field import (
+    NOT_ESTIMATED,
+    BoardField,
+    Emitting,
+    elements_and_boards,
+    in_boards,
+    reach_of,
+    without_boards,
+)
+from airtact.solvers.bem.elimination import check_elimination, eliminate, worth_eliminating
 from airtact.solvers.bem.factorised_bodies import FactorisedBodies
 from airtact.solvers.bem.field import BoundaryField
 from airtact.solvers.bem.images import surface_with_images, values_with_images
 from airtact.solvers.bem.layer_potentials import NearRule
+from airtact.solvers.bem.moving_panels import MovingPanels
 from airtact.solvers.bem.operator import (
     DualMatrix,
     DualSurface,
@@ -30,9 +51,10 @@ from airtact.solvers.bem.operator import (
 )
 from airtact.solvers.bem.quadrature import Nodes, place_nodes
 from airtact.solvers.bem.reduced_body import ReducedBody, reduced_body
+from airtact.solvers.free_field import FreeField
 from airtact.solvers.gmres import GmresResult, gmres
 from airtact.solvers.probes import surrounding_points
-from airtact.solvers.problem import PLANES, Solver, SolveReport
+from airtact.solvers.problem import BOARDS, PLANES, Solver, SolveReport
 from airtact.surfaces.panels import Panels, panels_of
 from airtact.surfaces.shape import BEND
 from airtact.timing import Clock, Progress
@@ -62,11 +84,26 @@ SKELETON_ERROR = 0.5
 LOW_RANK_ERROR = 0.2
 """Error of the low-rank blocks of the matrix over the accuracy."""
 
+SOLUTION_ERROR = 0.5
+"""Error of the solution of the equations over the accuracy, where a cavity makes them ill-conditioned."""
+
+YIELDING = 1.25
+"""Nodes of a scene with an impedance over those without: the pressure on it bends more."""
+
+LEAST_ADMITTANCE = 0.1
+"""|ρc/Z| below which a surface takes no more nodes than a sound-hard one."""
+
 PREVIEWS = 0.02
 """Accuracy from which on panels are integrated coarsely."""
 
 ROUNDED = 0.003
 """Accuracy from which on the matrix may be rounded to bfloat16: that changes the field by a thousandth."""
+
+AMONG_BOARDS = 0.1
+"""Residual to stop at among reflecting boards, over that elsewhere."""
+
+MOST_ITERATIONS, MOST_AMONG_BOARDS = 120, 600
+"""Iterations after which a solve is given up: between boards that face each other sound stays for long."""
 
 DRIVES = 0.06
 """Accuracy from which on a solution serves drives only, for which twice the residual is enough."""
@@ -74,11 +111,12 @@ DRIVES = 0.06
 
 @dataclass(frozen=True)
 class BoundaryElement(Solver):
-    """Boundary elements for sound-hard bodies, without spurious interior resonances.
+    """Boundary elements for sound-hard and impedance bodies, without spurious interior resonances.
 
     A discontinuous quadratic Nyström method on curved six-node panels solves the dual-surface equation by GMRES, twice:
     the transposed solution is accurate away from the bodies for sources on or near their surfaces, the direct solution
-    is the pressure on and near the surfaces, and the difference of both estimates the error.
+    is the pressure on and near the surfaces, and the difference of both estimates the error. Hundreds of excitations
+    are solved by Gaussian elimination.
 
     Attributes
     ----------
@@ -136,42 +174,70 @@ class BoundaryElement(Solver):
         """Count the nodes (unknowns) of a solve, from its panels alone."""
         return 6 * len(self._panels(scene, sources.refined_positions).quadratic_triangles)
 
-    def radiate(self, scene: Scene, sources: Monopoles) -> BoundaryField:
+    def radiate(self, scene: Scene, sources: Monopoles) -> BoundaryField | BoardField:
         """Solve the scene for the monopoles.
 
         Parameters
         ----------
-        scene : sound-hard bodies; their images in a rigid plane take no unknowns of their own.
-        sources : monopoles outside the bodies or on their surfaces, before a plane or on it.
+        scene : bodies, sound-hard or of an impedance; their images in a plane take no unknowns of their own.
+        sources : monopoles outside the bodies or on their surfaces, before a plane or on it. For those in the faces of
+            reflecting boards the field around the other bodies is returned, and no refined panels are beside them.
 
         Raises
         ------
         InvalidInput
-            No bodies, a boundary other than sound-hard, a source inside a body or behind a plane, or too little memory.
+            No bodies, a filled body, a source inside a body or behind a plane, or too little memory.
         NotConverged
             GMRES did not reach its tolerance.
         """
         check_sources(scene, sources, planes=True)
         _check_bodies(scene)
+        inside = in_boards(scene, sources)
+        return self._from_boards(scene, sources, inside) if inside.any() else self._radiate(scene, sources)
+
+    def _from_boards(self, scene: Scene, sources: Monopoles, inside: Bool[np.ndarray, "sources"]) -> BoardField:
+        """Solve for sources of which some are in reflecting boards: for what these reflect, then around the others."""
+        refined, rest = sources.positions[~inside], without_boards(scene)
+        emitting = Emitting(sources.positions, sources.strengths, refined)
+        whole = replace(self, estimate=False)._radiate(scene, emitting, 0.1 * self.accuracy)
+        from_all = elements_and_boards(whole, refined)
+        around = self._radiate(rest, from_all) if rest.obstacles else FreeField().radiate(rest, from_all)
+        boards = replace(scene, obstacles=[one for one in scene.obstacles if one.board], planes=())
+        report = replace(
+            whole.report,
+            estimated_error=around.report.estimated_error,
+            warnings=(*whole.report.warnings, NOT_ESTIMATED, *around.report.warnings),
+        )
+        return BoardField(rest, sources, boards, around, reach_of(whole), report)
+
+    def _radiate(self, scene: Scene, sources: Monopoles, tolerance: float | None = None) -> BoundaryField:
+        """Solve for sources of which none is in a board's face, to a tolerance that the accuracy gives by default."""
         clock = Clock(self.progress)
         with clock.step("panels", "covering the bodies with panels"):
             panels = self._panels(scene, sources.refined_positions)
-            nodes = place_nodes(*_in_block_order(panels))
+            nodes = place_nodes(*_in_block_order(panels, scene))
+        count = sources.strengths.shape[1]
+        by_elimination = worth_eliminating(len(nodes.points), count)
         with clock.step("matrix", f"filling the matrix of {len(nodes.points)} unknowns"):
             surface = self._surface(nodes, scene, scene.obstacles)
-            parts = None, *scene.planes
-            matrices = [assemble(surface, self._store(), self._low_rank_error(), part) for part in parts]
-        count = sources.strengths.shape[1]
+            how = self._store(), self._low_rank_error()
+            if by_elimination:
+                check_elimination(len(nodes.points), self.precision)
+                how = self.precision, None
+            matrices = [assemble(surface, *how, part) for part in (None, *scene.planes)]
+        tolerance = self._tolerance(scene) if tolerance is None else tolerance
+        most = MOST_AMONG_BOARDS if any(one.board for one in scene.obstacles) else MOST_ITERATIONS
+        solved_by = eliminate if by_elimination else partial(self._solved, tolerance=tolerance, most_iterations=most)
         with clock.step("gmres", f"solving for {counted(count, 'excitation', 'excitations')}"):
             right, factors = transposed_right_side(surface, sources.positions, sources.strengths, scene.planes)
-            solved = [self._solved(matrices, right, transposed=True)]
+            solved = [solved_by(matrices, right, transposed=True)]
             if self.estimate:
                 emitting = with_images(scene.planes, sources)
                 right = direct_right_side(surface, emitting.positions, emitting.strengths)
-                solved.append(self._solved(matrices, right, transposed=False))
+                solved.append(solved_by(matrices, right, transposed=False))
             release(matrices[0])
         report = replace(
-            self._report(scene, panels, [nodes], self._tolerance(), clock),
+            self._report(scene, panels, [nodes], tolerance, clock),
             residual=float(max(result.residuals.max() for result in solved)),
             iterations=max(result.iterations for result in solved),
             citations=CITATIONS + ((LOW_RANK_SOURCE,) if matrices[0].far.column.size else ()),
@@ -199,13 +265,13 @@ class BoundaryElement(Solver):
 
         Parameters
         ----------
-        scene : sound-hard bodies.
+        scene : bodies, sound-hard or of an impedance.
         refined : (P, 3) points [m], such as the foci to come, beside which the panels are smaller.
 
         Raises
         ------
         InvalidInput
-            No bodies, a boundary other than sound-hard, or too little memory.
+            No bodies, a filled body, or too little memory.
         """
         points = np.empty((0, 3)) if refined is None else points_of(refined, "refined points", least=0)
         check_no_planes(scene, "a factorisation of bodies")
@@ -231,11 +297,27 @@ class BoundaryElement(Solver):
         )
         return FactorisedBodies(scene, bodies, self, tolerance, self._smallest(scene), report)
 
+    def moving_panels(self, scene: Scene, refined: Real[np.ndarray, "points 3"]) -> MovingPanels:
+        """Cover one body with panels that whoever gets them may move, in single precision.
+
+        Parameters
+        ----------
+        scene : with the body.
+        refined : (P, 3) points [m], such as foci, beside which the panels are smaller.
+        """
+        _check_bodies(scene)
+        corners, body, deviation, admittance = _in_block_order(self._panels(scene, refined), scene)
+        surface = self._surface(place_nodes(corners, body, deviation, admittance), scene, scene.obstacles)
+        rules = surface.near_rule, LOW_RANK_ERROR * self.accuracy
+        return MovingPanels(corners, surface.shifted, deviation, admittance, surface.wavenumber, *rules)
+
     def _report(
         self, scene: Scene, panels: Panels, nodes: Sequence[Nodes], tolerance: float, clock: Clock
     ) -> SolveReport:
         """Report what a solve and a factorisation have in common."""
-        planes = {PLANES: len(scene.planes)} if scene.planes else {}
+        boards = sum(one.board for one in scene.obstacles)
+        around = {PLANES: len(scene.planes)} if scene.planes else {}
+        around |= {BOARDS: boards} if boards else {}
         count, area = sum(len(one.points) for one in nodes), float(sum(one.weights.sum() for one in nodes))
         return SolveReport(
             solver="BoundaryElement",
@@ -243,7 +325,7 @@ class BoundaryElement(Solver):
             nodes_per_square_wavelength=count * scene.wavelength**2 / area,
             estimated_error=float("nan"),
             seconds=clock.seconds,
-            settings={"accuracy": self.accuracy, "precision": self.precision, "gmres_tolerance": tolerance, **planes},
+            settings={"accuracy": self.accuracy, "precision": self.precision, "gmres_tolerance": tolerance, **around},
             warnings=tuple(_off_triangles(panels, scene.wavelength)),
             farthest_off_triangles=float(panels.farthest.max()),
             mean_off_triangles=float(panels.mean_distance.max()),
@@ -252,7 +334,8 @@ class BoundaryElement(Solver):
     def _reduced(self, panels: Panels, body: int, scene: Scene) -> ReducedBody:
         """Factorise one body."""
         own = np.flatnonzero(panels.body == body)
-        nodes = place_nodes(panels.quadratic_triangles[own], np.zeros(len(own), dtype=np.int64), panels.deviation[own])
+        given = panels.quadratic_triangles[own], np.zeros(len(own), dtype=np.int64), panels.deviation[own]
+        nodes = place_nodes(*given, admittances(scene)[panels.body[own]])
         whole = blocks_of(len(nodes.points)) ** 2
         copies = 4  # the matrix, its factors, right-hand sides and solutions
         check_memory(len(nodes.points), self.precision, copies * whole, factors=0)
@@ -260,7 +343,12 @@ class BoundaryElement(Solver):
         return reduced_body(surface, REACH * scene.wavelength, SKELETON_ERROR * self.accuracy)
 
     def _solved(
-        self, matrices: Sequence[DualMatrix], right: Complex128[np.ndarray, "nodes sounds"], transposed: bool
+        self,
+        matrices: Sequence[DualMatrix],
+        right: Complex128[np.ndarray, "nodes sounds"],
+        transposed: bool,
+        tolerance: float,
+        most_iterations: int,
     ) -> GmresResult:
         """Solve with the sum of some matrices: those of the bodies themselves and of their images."""
         sides = np.ascontiguousarray(right.T, dtype=matrices[0].precision)
@@ -271,10 +359,10 @@ class BoundaryElement(Solver):
                 first += one
             return first
 
-        return gmres(product, sides, self._tolerance())
+        return gmres(product, sides, tolerance, SOLUTION_ERROR * self.accuracy, most_iterations=most_iterations)
 
     def _surface(self, nodes: Nodes, scene: Scene, obstacles: Sequence[Obstacle]) -> DualSurface:
-        thinnest = np.array([obstacle.surface.shape.thinnest for obstacle in obstacles])
+        thinnest = np.array([obstacle.surface.shape.least_thickness for obstacle in obstacles])
         return dual_surface(nodes, scene.wavenumber, self._near_rule(), self.precision, thinnest)
 
     def _panels(self, scene: Scene, refined: Real[np.ndarray, "points 3"]) -> Panels:
@@ -285,9 +373,14 @@ class BoundaryElement(Solver):
         image = scene.planes[0].image if scene.planes else None
         return panels_of(shapes, 2 * smallest, near, smallest, self._bend(), away, image)
 
+    def panel_edge(self, wavelength: float) -> float:
+        """Edge of equilateral triangles as large as sound-hard bodies' panels off the sources, at a wavelength [m]."""
+        return wavelength * float(np.sqrt(6 / self.nodes_per_square_wavelength * 4 / np.sqrt(3)))
+
     def _smallest(self, scene: Scene) -> float:
         """Edge below which no panel is refined for a source, half of that of the others [m]."""
-        return 0.5 * scene.wavelength * float(np.sqrt(6 / self.nodes_per_square_wavelength * 4 / np.sqrt(3)))
+        yielding = np.abs(admittances(scene)).max(initial=0.0) > LEAST_ADMITTANCE
+        return 0.5 * self.panel_edge(scene.wavelength) / math.sqrt(YIELDING if yielding else 1.0)
 
     def _bend(self) -> float:
         """Angle that a panel of a round surface may bend by [rad]: 10, 8 or (for far fields only) 6 go around."""
@@ -308,7 +401,11 @@ class BoundaryElement(Solver):
         """Relative error of the low-rank blocks of the matrix; None, for no such blocks, in double precision."""
         return None if self.precision == "float64" else LOW_RANK_ERROR * self.accuracy
 
-    def _tolerance(self) -> float:
+    def _tolerance(self, scene: Scene) -> float:
+        """Residual to stop at: smaller among boards, between which what is left of it goes to and fro."""
+        return self._open_tolerance() * (AMONG_BOARDS if any(one.board for one in scene.obstacles) else 1.0)
+
+    def _open_tolerance(self) -> float:
         if self.precision == "float64":
             return min(0.1 * self.accuracy, 1e-8)
         if not self.estimate:  # for receivers far away only
@@ -317,21 +414,27 @@ class BoundaryElement(Solver):
 
 
 def _in_block_order(
-    panels: Panels,
-) -> tuple[QuadraticTriangles, Int64[np.ndarray, "panels"], Float64[np.ndarray, "panels"]]:
-    """Sort panels, their bodies and deviations so that those of a block of the matrix lie together."""
+    panels: Panels, scene: Scene
+) -> tuple[
+    QuadraticTriangles,
+    Int64[np.ndarray, "panels"],
+    Float64[np.ndarray, "panels"],
+    Complex128[np.ndarray, "panels"],
+]:
+    """Sort panels, their bodies, deviations and admittances so that those of a block of the matrix lie together."""
     order = block_order(panels.quadratic_triangles[:, :3].mean(axis=1))
-    return panels.quadratic_triangles[order], panels.body[order], panels.deviation[order]
+    body = panels.body[order]
+    return panels.quadratic_triangles[order], body, panels.deviation[order], admittances(scene)[body]
 
 
 def _check_bodies(scene: Scene) -> None:
     if not scene.obstacles:
         raise InvalidInput("the scene has 0 obstacles; use FreeField for open air.", code="no_bodies")
     for index, obstacle in enumerate(scene.obstacles):
-        if obstacle.boundary != "sound_hard":
+        if obstacle.boundary == "filled":
             raise InvalidInput(
-                f"obstacle {index} is {obstacle.boundary}, but BoundaryElement solves sound-hard bodies only; use "
-                "SphereSeries for a single sphere.",
+                f"obstacle {index} is filled, but BoundaryElement solves sound-hard and impedance bodies only; use "
+                "FiniteElement, or SphereSeries for a single sphere.",
                 code="solver_unsuitable",
             )
 

@@ -26,6 +26,9 @@ FLAT = 1e-5
 MOST = 2**16
 """Cells that points may be sorted into."""
 
+HARD = np.empty(0, dtype=np.complex128)
+"""The single layer of sound-hard surfaces."""
+
 PAYS = 0.5
 """Most points of the grids over the points themselves for the cells to pay."""
 
@@ -55,14 +58,15 @@ class Cells:
         strengths: Complex[np.ndarray, "sources sounds"],
         wavenumber: complex,
         least: float = 0.0,
+        single: Complex128[np.ndarray, "some"] = HARD,
     ) -> Complex128[np.ndarray, "points sounds"]:
         """Sum monopoles, or with normals (times area) a double layer, at the points in their original order.
 
         The sums are in float32, with the centre of each cell as origin. The double layer leaves out nodes nearer than
-        ``least`` [m].
+        ``least`` [m], and has the ``single`` layer of ``Nodes.single_layer`` with it.
         """
         strengths = np.ascontiguousarray(strengths, dtype=np.complex128)
-        given = np.ascontiguousarray(sources), normals, strengths, complex(wavenumber), least
+        given = np.ascontiguousarray(sources), normals, single, strengths, complex(wavenumber), least
         near = np.empty((len(self.points), strengths.shape[1]), dtype=np.complex128)
         _kernels.apply_in_cells(self.points, self.first, self.centres, self.reach, True, *given, near)
         far = np.empty((len(self.grids), strengths.shape[1]), dtype=np.complex128)

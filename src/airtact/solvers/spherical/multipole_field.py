@@ -5,6 +5,9 @@ the radius of the ball are negligible. The coefficients are found on one sphere,
 interpolation spheres around the bodies, and the field is interpolated between their points: along the angles as a
 Fourier series by a kernel of few points (A. H. Barnett, J. Magland, L. af Klinteberg, SIAM J. Sci. Comput. 41 (2019)
 C479), along 1/r by Chebyshev polynomials.
+
+Before a rigid plane what the bodies alone radiate is expanded, u: with what their images radiate the scattered pressure
+at x is u(x) + u(x*), x* being the image of x, besides that of the sources' images.
 """
 
 from dataclasses import dataclass, replace
@@ -17,11 +20,13 @@ from scipy.special import sph_harm_y_all
 from airtact import _kernels
 from airtact.conventions import InvalidInput
 from airtact.printing import in_short
-from airtact.scene.scene import Scene, check_no_planes
+from airtact.scene.planes import before_planes, images_in, with_images
+from airtact.scene.scene import Scene
 from airtact.scene.sources import Monopoles
 from airtact.solvers.arrays import Gradients, Indices, Lengths, Mask, Points, Pressures, Vectors
 from airtact.solvers.chebyshev import chebyshev_weights
 from airtact.solvers.memory import available_memory
+from airtact.solvers.monopoles import monopole_pressure
 from airtact.solvers.problem import RadiatedField, SolveReport, SurfaceField, receivers
 from airtact.solvers.spherical.radial_functions import outgoing_shapes
 from airtact.timing import Clock, Progress
@@ -117,14 +122,14 @@ class MultipoleField(RadiatedField):
     def valid(self, points: Points) -> Mask:
         """Whether the field exists at points (P, 3) [m]."""
         points = points_of(points, "points", least=0)
-        valid = self._distance(points) >= self.spheres.radius
+        valid = self._expanded(points)
         valid[~valid] = self.solved.valid(points[~valid])
         return valid
 
     def at(self, points: Points) -> Pressures:
         """Total pressure [Pa] at points (P, 3): from the expansion, or as it was solved nearer to the bodies."""
         points = receivers(points, self.sources)
-        away = self._distance(points) >= self.spheres.radius
+        away = self._expanded(points)
         if away.all():
             return self._away(points)
         out = np.empty((len(points), self.sources.strengths.shape[1]), dtype=np.complex128)
@@ -133,9 +138,14 @@ class MultipoleField(RadiatedField):
         return out
 
     def scattered_at(self, points: Points) -> Pressures:
-        """Scattered pressure [Pa] at points (P, 3), also at the sources: from the expansion, or as solved nearer by."""
+        """Scattered pressure [Pa] at points (P, 3), also at the sources: from the expansion, or as solved nearer by.
+
+        Before a plane it is as solved everywhere.
+        """
         points = points_of(points, "points", least=0)
-        away = self._distance(points) >= self.spheres.radius
+        if self.scene.planes:
+            return self.solved.scattered_at(points)
+        away = self._expanded(points)
         out = np.empty((len(points), self.sources.strengths.shape[1]), dtype=np.complex128)
         out[away] = self.spheres.at(points[away] - self.spheres.centre, self.scene.wavenumber)
         out[~away] = self.solved.scattered_at(points[~away])
@@ -150,12 +160,18 @@ class MultipoleField(RadiatedField):
         return self.errors
 
     def _away(self, points: Vectors) -> Pressures:
-        scattered = self.spheres.at(points - self.spheres.centre, self.scene.wavenumber)
-        return scattered + self._incident(points)
+        planes, emitting = self.scene.planes, with_images(self.scene.planes, self.sources)
+        offsets = images_in(planes, points) - self.spheres.centre
+        scattered = self.spheres.at(offsets, self.scene.wavenumber).reshape(1 + len(planes), len(points), -1)
+        given = emitting.positions, emitting.strengths, self.scene.wavenumber, "float64"
+        return scattered.sum(axis=0) + monopole_pressure(points, *given)
 
-    def _distance(self, points: Vectors) -> Lengths:
-        offsets = points - self.spheres.centre
-        return np.sqrt(np.einsum("pd,pd->p", offsets, offsets))
+    def _expanded(self, points: Vectors) -> Mask:
+        """Whether the expansion serves points (P, 3): before the planes, they and their images outside the spheres."""
+        planes, most = self.scene.planes, self.spheres.radius**2
+        offsets = images_in(planes, points) - self.spheres.centre
+        outside = (np.einsum("pd,pd->p", offsets, offsets) >= most).reshape(1 + len(planes), -1).all(axis=0)
+        return outside & before_planes(planes, points)
 
 
 def multipole_expansion(field: RadiatedField, *, progress: Progress | None = None) -> RadiatedField:
@@ -163,6 +179,7 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
 
     Evaluation then takes the same short time whatever the number of unknowns: a transfer matrix of 996 elements after a
     rigid motion in about 2 ms. Points inside the ball around the bodies (plus a wavelength) are evaluated as before.
+    Over a plane that stands still one solve serves the motions that keep it (``Plane.kept_by``).
 
     Parameters
     ----------
@@ -177,7 +194,7 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
     Raises
     ------
     InvalidInput
-        If there are no bodies, or a plane, or the field is not known all around them.
+        If there are no bodies, or the field is not known all around them.
 
     Examples
     --------
@@ -189,34 +206,53 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
     True
     """
     of_kind(field, RadiatedField, "the field", "solver.radiate(scene, sources)")
-    check_no_planes(field.scene, "the multipole expansion")
     if not field.scene.obstacles:
         raise InvalidInput(
             "the scene of the field has 0 obstacles, so nothing is scattered; evaluate it as it is.", code="no_bodies"
         )
+    alone = _alone(field)
     clock = Clock(progress)
     with clock.step("expansion", "expanding the field in outgoing waves"):
         centre, radius = ball_of(field.scene)
         spheres = interpolation_spheres(
-            field, centre, radius + MARGIN * field.scene.wavelength, *_enough(radius * field.scene.wavenumber.real)
+            alone, centre, radius + MARGIN * field.scene.wavelength, *_enough(radius * field.scene.wavenumber.real)
         )
     with clock.step("expansion", f"comparing it with the field at {CHECKED} points"):
         points = _around(spheres)
-        expanded = MultipoleField(
-            field.scene, field.sources, field, spheres, field.report, np.zeros(field.sources.strengths.shape[1])
-        )
-        found, exact = expanded.at(points), field.at(points)
-        size = np.linalg.norm(exact, axis=0)
-        own = np.linalg.norm(found - exact, axis=0) / np.where(size > 0, size, 1)
-    worst = float(own.max())
-    warning = f"the multipole expansion is {100 * worst:.2g} % off, in addition to the error of the solution"
-    report = replace(
-        field.report,
-        seconds={**field.report.seconds, **clock.seconds},
-        settings={**field.report.settings, "expansion_error": worst, "expansion_order": spheres.order},
-        warnings=field.report.warnings + ((warning,) if worst > WARNED_ABOVE else ()),
-    )
+        points = points[before_planes(field.scene.planes, points)]
+        own = np.zeros(field.sources.strengths.shape[1])
+        expanded = MultipoleField(field.scene, field.sources, field, spheres, field.report, own)
+        own = _difference(expanded.at(points), field.at(points))
+    report = _reported(field.report, clock, float(own.max()), spheres.order)
     return replace(expanded, report=report, errors=np.hypot(field.error_at(points), own))
+
+
+def _reported(report: SolveReport, clock: Clock, worst: float, order: int) -> SolveReport:
+    """Add the times of the expansion, its error and its order to the report of the field."""
+    warning = f"the multipole expansion is {100 * worst:.2g} % off, in addition to the error of the solution"
+    return replace(
+        report,
+        seconds={**report.seconds, **clock.seconds},
+        settings={**report.settings, "expansion_error": worst, "expansion_order": order},
+        warnings=report.warnings + ((warning,) if worst > WARNED_ABOVE else ()),
+    )
+
+
+def _alone(field: RadiatedField) -> RadiatedField:
+    """Return what is expanded: the field without images in a plane."""
+    if (alone := field.without_images) is None:
+        raise InvalidInput(
+            f"a field by {field.report.solver} before 1 plane is not known without the images of its bodies; solve "
+            "with BoundaryElement.",
+            code="planes_not_taken",
+        )
+    return alone
+
+
+def _difference(found: Pressures, exact: Pressures) -> Float64[np.ndarray, "excitations"]:
+    """Relative difference of each excitation over some points."""
+    size = np.linalg.norm(exact, axis=0)
+    return np.linalg.norm(found - exact, axis=0) / np.where(size > 0, size, 1)
 
 
 def ball_of(scene: Scene) -> tuple[Float64[np.ndarray, "3"], float]:

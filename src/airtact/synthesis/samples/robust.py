@@ -50,6 +50,12 @@ ITERATIONS = 60
 ALIKE = 1e-9
 """Samples that differ from the nominal matrix by less than this share of its largest entry are the same."""
 
+EXPONENT = -2.0
+"""Of the power mean that stands for the lowest tenth."""
+
+STEPS, TURN, SLOPE_KEPT, SQUARE_KEPT = 20, 0.1, 0.8, 0.95
+"""Steps with momentum, root mean square turn of the phases in each [rad], shares that both means keep of the last."""
+
 BALANCED = 2000
 """Steps that balance the foci of one matrix where that is the result."""
 
@@ -120,6 +126,34 @@ def robust(ensemble: TransferMatrix, target: Target, goal: Goal = "lowest tenth"
 def robust_phase_only(ensemble: TransferMatrix, target: Target, goal: Goal = "lowest tenth") -> Drive:
     """Make the drive of ``robust`` with every element at full scale; parameters and errors as there."""
     return robust(ensemble, target, goal, limit="phases")
+
+
+def improved(
+    samples: Complex128[np.ndarray, "samples foci elements"], start: Complex128[np.ndarray, "elements"], limit: Limit
+) -> Complex128[np.ndarray, "elements"]:
+    """Raise the lowest tenth over few samples in one descent from a start, in milliseconds.
+
+    Parameters
+    ----------
+    samples : rows of the foci in each sample.
+    start : a drive that is good where nothing is in doubt.
+    limit : "energy" by the descent of ``robust``, else every element at full scale by a few steps with momentum.
+
+    Returns
+    -------
+    The drive with the largest magnitude 1; the start where the power mean over the samples does not rise.
+    """
+    if limit != "energy":
+        return _with_momentum(samples, start)
+    search = _Search(samples, np.empty((0, len(start)), dtype=np.complex128), "lowest tenth", limit)
+
+    def mean(drive: Amplitudes) -> float:
+        reached, _ = _power_mean(search.rows @ drive / np.linalg.norm(drive), samples.shape[:2], EXPONENT)
+        return reached
+
+    with one_thread():
+        best = max(start, _by_energy(search, start, 0.0, (EXPONENT,)), key=mean)
+    return best / np.abs(best).max()
 
 
 def goal_value(ensemble: TransferMatrix, target: Target, drive: Drive, goal: Goal = "lowest tenth") -> float:
@@ -331,6 +365,25 @@ def _by_element(search: _Search, start: Amplitudes, weight: float, exponents: tu
     for exponent in exponents:
         numbers = minimize(value, numbers, (exponent,), jac=True, method="L-BFGS-B", options={"maxiter": ITERATIONS}).x
     return drive_of(numbers)
+
+
+def _with_momentum(samples: Complex128[np.ndarray, "samples foci elements"], start: Amplitudes) -> Amplitudes:
+    """Raise the power mean over the phases of all elements, each step of one size: Adam with one second moment.
+
+    Source: D. P. Kingma, J. Ba, "Adam: a method for stochastic optimization", ICLR 2015, algorithm 1.
+    """
+    rows, shape = samples.reshape(-1, len(start)).astype(np.complex64), samples.shape[:2]
+    phases, slope, square, found = np.angle(start), np.zeros(len(start)), 0.0, (-np.inf, start)
+    for step in range(1, STEPS + 2):
+        drive = np.exp(1j * phases)
+        reached, by_pressure = _power_mean((rows @ drive.astype(np.complex64)).astype(np.complex128), shape, EXPONENT)
+        found = max(found, (reached, drive), key=lambda one: one[0])
+        by_phase = -np.imag((by_pressure.conj().astype(np.complex64) @ rows) * drive)
+        slope = SLOPE_KEPT * slope + (1.0 - SLOPE_KEPT) * by_phase
+        square = SQUARE_KEPT * square + (1.0 - SQUARE_KEPT) * float(np.mean(by_phase**2))
+        size = np.sqrt(square / (1.0 - SQUARE_KEPT**step)) + np.finfo(float).tiny
+        phases = phases + TURN / size * slope / (1.0 - SLOPE_KEPT**step)
+    return found[1]
 
 
 def _climbed(

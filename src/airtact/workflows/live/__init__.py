@@ -15,9 +15,9 @@ from airtact.live.drives.maker import HandAware
 from airtact.live.loop import Followed, Status, follow
 from airtact.live.output import Boards, Nowhere, Output
 from airtact.live.page.process import PageProcess
-from airtact.live.parts import Controls, LiveScene
+from airtact.live.parts import Controls, LiveScene, MovingFoci
 from airtact.live.scene import live_scene
-from airtact.live.session import FILE, SessionWriter
+from airtact.live.session import FILE, SessionWriter, recording_of
 from airtact.live.sources import HandSource, PageHands, ReceivedHands, RecordedHands, checked_seconds, moved_to
 from airtact.scene_file.building import Setup, read_scene
 from airtact.timing import Progress, no_progress
@@ -86,8 +86,8 @@ def prepare(
     ----------
     scene : file of a scene whose foci ride on a hand.
     folder : where the session is written.
-    source : a recording, "websocket" or "osc", with ":PORT" for another port and 0 for a free one; the motion that
-        comes along, again and again, unless given; "page" for the hand on the page.
+    source : a recording, a session or its folder, "websocket" or "osc", with ":PORT" for another port and 0 for a free
+        one; the motion that comes along, again and again, unless given; "page" for the hand on the page.
     cap : largest amplitude of an element, a share of full scale; with boards and unless given the one that keeps a head
         to 110 dB for the scene's hand at rest.
     board, link, where : the boards and the way to them, as for ``link_to``; none unless given.
@@ -99,14 +99,14 @@ def prepare(
     """
     cap = None if cap is None else check_cap(cap)
     report_step("reading the scene")
-    setup = read_scene(scene)
+    setup = read_scene(scene, followed=True)
     fixed = live_scene(setup)
-    output = _output(setup, folder, board, link, where)
+    output = _output(setup, fixed.moving, folder, board, link, where)
     full = None
     if board is not None and cap is None and link != "file":
         report_step("choosing a level that keeps a head to 110 dB")
         cap, full = safe_cap(_at_rest(fixed, setup), board)
-    hands = _hands(setup, source)
+    hands = _hands(setup, source, folder / FILE)
     return Prepared(setup, fixed, hands, output, board, FULL if cap is None else cap, full, folder / FILE)
 
 
@@ -180,8 +180,8 @@ def live(
         )
 
 
-def _hands(setup: Setup, source: str | None) -> HandSource:
-    """Return where frames come from."""
+def _hands(setup: Setup, source: str | None, session: Path) -> HandSource:
+    """Return where frames come from; the session that is written cannot be the one that they come from."""
     if source is None:
         return RecordedHands(moved_to(load_recording(example(MOTION)), setup.hands[0]), loop=True)
     if source == "page":
@@ -194,13 +194,28 @@ def _hands(setup: Setup, source: str | None) -> HandSource:
             )
         return ReceivedHands(kind, int(port) if colon else PORTS[kind], setup.tracker)
     path = Path(source)
+    path = path / FILE if path.is_dir() else path
+    if path.suffix == Path(FILE).suffix:
+        if path.resolve() == session.resolve():
+            raise InvalidInput(
+                f"--from {source} is the session of 1 run, and this run would write over it: give another --out.",
+                code="options_clash",
+            )
+        return RecordedHands(recording_of(path))  # its frames are in the scene's frame
     if not path.is_file() and path.name == source:
         path = example(source)
     recording = load_recording(path, leave_out=True)
     return RecordedHands(replace(recording, frames=tuple(one.moved(setup.tracker) for one in recording.frames)))
 
 
-def _output(setup: Setup, folder: Path, board: str | None, link: str | None, where: dict[str, str | None]) -> Output:
+def _output(
+    setup: Setup,
+    moving: MovingFoci | None,
+    folder: Path,
+    board: str | None,
+    link: str | None,
+    where: dict[str, str | None],
+) -> Output:
     """Return where drives go; the folder gets what the link writes."""
     if link is None and board is None:
         given = next((name for name, value in where.items() if value is not None), None)
@@ -220,4 +235,7 @@ def _output(setup: Setup, folder: Path, board: str | None, link: str | None, whe
         )
     out = str(folder / "frames.npz") if link == "file" else None
     folder.mkdir(parents=True, exist_ok=True)
-    return Boards(link_to(link, board, setup.poses, setup.medium.sound_speed, **where, out=out), folder / LOG)
+    opened = link_to(link, board, setup.poses, setup.medium.sound_speed, **where, out=out)
+    if moving is not None:
+        opened.check_sequence(len(moving.places), moving.rate)
+    return Boards(opened, folder / LOG)

@@ -1,34 +1,46 @@
 """From a scene file and echoes to where the hand is, and what knowing it brings. Prints nothing."""
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float64
 
 from airtact.conventions import InvalidInput, NotConverged
 from airtact.file_access.atomic import whole_file, writable_folder
+from airtact.pages.sense_page import Sensed, write_sense_page
 from airtact.pose import Pose
+from airtact.scene.scene import Scene
+from airtact.scene_file import tables
 from airtact.scene_file.building import Setup, read_scene
+from airtact.scene_file.parsing import parse_scene
 from airtact.sensing.codes import random_codes
 from airtact.sensing.echoes import Echoes, load_echoes
+from airtact.sensing.family import ScatteringFamily, scattering_family
 from airtact.sensing.registration import Located, locate
+from airtact.sensing.residual import unexplained
 from airtact.sensing.scattering import ScatteringMatrix, scattering_matrix
 from airtact.sensing.simulation import simulate_echoes
 from airtact.solvers.bem.solver import BoundaryElement
-from airtact.solvers.problem import RadiatedField
+from airtact.solvers.problem import RadiatedField, Solver
 from airtact.solvers.spherical.multipole_field import multipole_expansion
 from airtact.steps import stored, synthesise
 from airtact.timing import Clock, Progress, no_progress
-from airtact.transfer import transfer_matrix
+from airtact.transfer import TransferMatrix, transfer_matrix
 from airtact.validation import between, check_seed
 
-FILES = ("pose.json", "echoes.h5")
-"""What sensing writes; the second only where echoes were simulated."""
+FILES = ("pose.json", "report.html", "echoes.h5")
+"""What sensing writes; the last only where echoes were simulated."""
 
 MODEL = BoundaryElement(accuracy=0.02, estimate=False)
 TRUTH = BoundaryElement(accuracy=0.01, estimate=False)
 """Solvers of the scattering matrix and, with other panels, of simulated echoes."""
+
+SPREAD, NARROWEST = 2e-3, 5e-4
+"""How much wider and narrower the gap of fingers may be than in the scene file, and the least gap sought [m]."""
 
 TRANSMISSIONS = 16
 """Codes of random phases that are simulated."""
@@ -43,32 +55,14 @@ class Simulation:
     noise : rms of the echoes over that of the noise [dB].
     position, degrees : how far the hand is off and turned [m, degree].
     seed : of noise and directions.
+    opened : how much wider the gap of fingers is than in the scene file, where that has a pinch [m].
     """
 
     noise: float
     position: float = 2e-3
     degrees: float = 3.0
     seed: int = 0
-
-
-@dataclass(frozen=True, eq=False)
-class Sensed:
-    """Where the hand is, relative to the scene file, and the pressures of the weakest focus there [Pa].
-
-    Attributes
-    ----------
-    located : its pose maps the obstacles' frame of the scene file to where they are, in the same frame.
-    off : distance of the middle of the bodies from the scene file's [m], and angle of the turn [rad].
-    error : the same from the simulated truth; None for measured echoes.
-    uncorrected, corrected : weakest focus with the drive for the scene file's pose, and for the one found [Pa].
-    """
-
-    located: Located
-    echoes: Echoes
-    off: tuple[float, float]
-    error: tuple[float, float] | None
-    uncorrected: float
-    corrected: float
+    opened: float = 5e-4
 
 
 def sense(
@@ -78,10 +72,12 @@ def sense(
     folder: Path,
     report_step: Progress = no_progress,
     store: Path | None = None,
+    pictures: bool = True,
 ) -> Sensed:
     """Locate the hand of a scene file by measured or simulated echoes, and compare the drives for both poses.
 
-    The pose of the scene file is the start. ``FILES`` go into the folder, which is made if it is not there.
+    The pose of the scene file is the start. Where the body is a pinch, its gap is found, too. ``FILES`` go into the
+    folder, which is made if it is not there; without ``pictures`` there is no page.
 
     Raises
     ------
@@ -96,32 +92,106 @@ def sense(
     with clock.step("scene", f"reading {scene_file.name}"):
         setup = read_scene(scene_file)
         writable_folder(folder)
+    for name in FILES[:2]:  # an older run's must not stand beside this run's echoes
+        (folder / name).unlink(missing_ok=True)
+    gap = _gap_of(setup)
     with clock.step("scattering", "solving the bodies for spherical waves"):
-        scattering = scattering_matrix(stored(MODEL, store), setup.scene)
-    true = None if simulation is None else _off(scattering, simulation)
-    if echoes_file is not None:
+        model = _model(scene_file, setup, gap, stored(MODEL, store))
+    scattering = model if isinstance(model, ScatteringMatrix) else model.at(model.start)
+    true, true_gap = (None, None) if simulation is None else (_off(scattering, simulation), _opened(gap, simulation))
+    really = setup if true_gap is None else _with_gap(scene_file, true_gap)
+    if simulation is None:
+        assert echoes_file is not None
         echoes = load_echoes(echoes_file)
     else:
-        assert simulation is not None
         with clock.step("echoes", f"simulating echoes of {TRANSMISSIONS} codes by smaller panels"):
-            codes, seen = random_codes(len(setup.array), TRANSMISSIONS), setup.array.seen_from(true or Pose.identity())
-            echoes = simulate_echoes(TRUTH, setup.scene, seen, codes, noise=simulation.noise, seed=simulation.seed)
-        echoes.save(folder / FILES[1])
+            echoes = _simulated(simulation, really, true)
+        echoes.save(folder / FILES[2])
     with clock.step("locate", "fitting the pose to the echoes"):
-        located = locate(echoes, setup.scene, setup.array, Pose.identity(), scattering=scattering)
-    if not located.converged:
-        raise NotConverged(
-            f"no pose near that of {scene_file.name} explains the echoes: the best one leaves {located.misfit:.2g} of "
-            "them unexplained beyond noise. The hand is another one than the scene's, or more than 5 mm away.",
-            code="pose_not_found",
-        )
+        located = _located(echoes, setup, model)
+    _check_found(located, model, scene_file)
     with clock.step("drives", "making the drives for both poses"):
-        beacons = multipole_expansion(stored(setup.solver, store).radiate(setup.scene, setup.target.beacons(True)))
-        pressures = [_weakest(setup, beacons, pose, true or located.pose) for pose in (Pose.identity(), located.pose)]
+        found = setup if located.opening is None else _with_gap(scene_file, located.opening)
+        solved = cache(partial(_waves, store=store))  # all three are one scene where there is no gap
+        there = _transfer(solved, found if true is None else really, true or located.pose)
+        pairs = (setup, Pose.identity()), (found, located.pose)
+        before, after = (_pressures(there, one, _transfer(solved, one, pose)) for one, pose in pairs)
+    with clock.step("residual", "comparing echoes at each receiver"):
+        left = _unexplained(echoes, setup, model, located)
     _write(folder / FILES[0], located)
-    error = None if true is None else _apart(scattering, located.pose, true)
-    off = _apart(scattering, located.pose, Pose.identity())
-    return Sensed(located, echoes, off, error, pressures[0], pressures[1])
+    made = (setup, found, located, echoes, true, scattering.centre, before, after, left, gap, true_gap, clock.seconds)
+    sensed = Sensed(*made)
+    if pictures:
+        report_step("drawing the report")
+        write_sense_page(folder / FILES[1], sensed)
+    return sensed
+
+
+def _simulated(simulation: Simulation, setup: Setup, true: Pose | None) -> Echoes:
+    """Simulate what the array receives of codes of random phases."""
+    codes, seen = random_codes(len(setup.array), TRANSMISSIONS), setup.array.seen_from(true or Pose.identity())
+    return simulate_echoes(TRUTH, setup.scene, seen, codes, noise=simulation.noise, seed=simulation.seed)
+
+
+def _located(echoes: Echoes, setup: Setup, model: ScatteringMatrix | ScatteringFamily) -> Located:
+    if isinstance(model, ScatteringFamily):
+        return locate(echoes, model, setup.array, Pose.identity())
+    return locate(echoes, setup.scene, setup.array, Pose.identity(), scattering=model)
+
+
+def _unexplained(
+    echoes: Echoes, setup: Setup, model: ScatteringMatrix | ScatteringFamily, located: Located
+) -> Float64[np.ndarray, "2 receivers"]:
+    """Return what the scene file's pose and the one found leave at each receiver, over the rms of all echoes."""
+    if isinstance(model, ScatteringMatrix):
+        matrices = model, model
+    else:
+        assert located.opening is not None  # that of a family is found
+        matrices = model.at(model.start), model.at(located.opening)
+    poses = Pose.identity(), located.pose
+    return np.stack([unexplained(echoes, one, setup.array, pose) for one, pose in zip(matrices, poses, strict=True)])
+
+
+def _gap_of(setup: Setup) -> float | None:
+    """Return the gap of the only body that is a pinch [m]."""
+    bodies = [one.body for one in parse_scene(setup.text).obstacles]
+    gaps = [body.gap for body in bodies if isinstance(body, tables.PinchTable)]
+    return gaps[0] if len(gaps) == 1 else None
+
+
+def _with_gap(scene_file: Path, gap: float) -> Setup:
+    return read_scene(scene_file, {"pinch.gap": gap})
+
+
+def _model(scene_file: Path, setup: Setup, gap: float | None, solver: Solver) -> ScatteringMatrix | ScatteringFamily:
+    """Solve the bodies for spherical waves, at several gaps where they have one."""
+    if gap is None:
+        return scattering_matrix(solver, setup.scene)
+
+    def opened(value: float) -> Scene:
+        return _with_gap(scene_file, value).scene
+
+    return scattering_family(solver, opened, max(gap - SPREAD, min(NARROWEST, 0.5 * gap)), gap + SPREAD, start=gap)
+
+
+def _opened(gap: float | None, simulation: Simulation) -> float | None:
+    """Return the gap of the simulated pinch [m]."""
+    opened = between(simulation.opened, -SPREAD, SPREAD, "the opening", "m", "is it in millimetres? Give metres.")
+    return None if gap is None else max(gap + opened, 0.25 * gap)
+
+
+def _check_found(located: Located, model: ScatteringMatrix | ScatteringFamily, scene_file: Path) -> None:
+    """Raise "pose_not_found" where a pose is not to be believed."""
+    if located.converged:
+        return
+    words = "or more than 5 mm away"
+    if isinstance(model, ScatteringFamily):
+        words += f", or its gap is not between {1e3 * model.low:.3g} and {1e3 * model.high:.3g} mm"
+    raise NotConverged(
+        f"no pose near that of {scene_file.name} explains the echoes: the best one leaves {located.misfit:.2g} of "
+        f"them unexplained beyond noise. The hand is another one than the scene's, {words}.",
+        code="pose_not_found",
+    )
 
 
 def _off(scattering: ScatteringMatrix, simulation: Simulation) -> Pose:
@@ -135,18 +205,20 @@ def _off(scattering: ScatteringMatrix, simulation: Simulation) -> Pose:
     return Pose(turn.rotation, scattering.centre - turn.rotation @ scattering.centre + position * along)
 
 
-def _apart(scattering: ScatteringMatrix, one: Pose, other: Pose) -> tuple[float, float]:
-    """Distance of the middle of the bodies [m] and angle between two poses [rad]."""
-    centre = scattering.centre[None]
-    sine = np.linalg.norm(one.rotation.T @ other.rotation - np.eye(3)) / np.sqrt(8.0)
-    return float(np.linalg.norm(one.apply(centre) - other.apply(centre))), 2 * float(np.arcsin(min(sine, 1.0)))
+def _waves(setup: Setup, store: Path | None) -> RadiatedField:
+    """Solve for the foci of a scene, for any pose of its hand."""
+    return multipole_expansion(stored(setup.solver, store).radiate(setup.scene, setup.target.beacons(True)))
 
 
-def _weakest(setup: Setup, beacons: RadiatedField, believed: Pose, true: Pose) -> float:
-    """Pressure of the weakest focus when the drive is made for one pose and the hand has another [Pa]."""
-    made, _ = synthesise(setup.synthesise, transfer_matrix(beacons, setup.array.seen_from(believed)), setup.target)
-    there = transfer_matrix(beacons, setup.array.seen_from(true))
-    return float(np.abs(there.pressure(made)[: len(setup.target.points)]).min())
+def _transfer(solved: Callable[[Setup], RadiatedField], setup: Setup, pose: Pose) -> TransferMatrix:
+    """Return the transfer matrix of a hand that has a pose relative to the scene file's."""
+    return transfer_matrix(solved(setup), setup.array.seen_from(pose))
+
+
+def _pressures(there: TransferMatrix, setup: Setup, believed: TransferMatrix) -> Float64[np.ndarray, "foci"]:
+    """Pressures of the foci where the hand is, of the drive made for where it is believed to be [Pa]."""
+    made, _ = synthesise(setup.synthesise, believed, setup.target)
+    return np.abs(there.pressure(made)[: len(setup.target.points)])
 
 
 def _write(path: Path, located: Located) -> None:
@@ -156,6 +228,7 @@ def _write(path: Path, located: Located) -> None:
         "rotation": np.asarray(located.pose.rotation).tolist(),
         "translation": np.asarray(located.pose.translation).tolist(),
         "centre": located.centre.tolist(),
+        "opening": located.opening,
         "covariance": located.covariance.tolist(),
         "residual": located.residual,
         "misfit": located.misfit,

@@ -1,7 +1,8 @@
 """What a file of a surface holds, counted before a reader expands it, and which files it may lead to.
 
 Materials, textures, normals and colours are never read. A GLB or glTF says in its JSON how much it will become; the
-lines of a text are counted. So no process of its own is needed to bound a reader's time and memory.
+lines of a text are counted. That bounds what a reader takes for a plain file; for others it works in a process of its
+own (``airtact.file_access.apart``).
 """
 
 import json
@@ -27,6 +28,12 @@ MOST_PROPERTIES = 256
 
 MOST_COMMAS = 1_000_000
 """Values in the JSON of a GLB or glTF file."""
+
+LARGEST_PLAIN = 4_000_000
+"""Longest file that its counts alone bound [bytes] ..."""
+
+PLAIN_NODES = 128
+"""... and most nodes of its graph."""
 
 SHAPES = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 SIZES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
@@ -81,6 +88,29 @@ def check_counts(suffix: str, raw: bytes) -> bytes:
     else:
         _check_graph(_json_of(raw) if suffix == ".glb" else _parsed(raw))
     return raw
+
+
+def is_plain(suffix: str, raw: bytes, needed: bytes) -> bool:
+    """Whether its counts bound what a reader takes for a file.
+
+    A binary STL is plain. Others are where what is ``needed`` has ``LARGEST_PLAIN`` bytes at most, and if a PLY has no
+    elements but vertices and faces, or a glTF scene is in one file without extensions and has ``PLAIN_NODES`` at most.
+    """
+    if suffix == ".stl" and len(raw) == 84 + 50 * int.from_bytes(raw[80:84], "little"):
+        return True
+    if len(needed) > LARGEST_PLAIN:
+        return False
+    if suffix == ".ply":
+        elements = re.findall(rb"^element\s+(\w+)", raw.partition(b"end_header")[0], re.MULTILINE)
+        return set(elements) <= {b"vertex", b"face"}
+    if suffix in (".glb", ".gltf"):
+        tree = _json_of(raw) if suffix == ".glb" else _parsed(raw)
+        return (
+            not tree.get("extensionsUsed")
+            and len(tree.get("nodes", [])) <= PLAIN_NODES
+            and all(str(one.get("uri", "data:")).startswith("data:") for one in tree.get("buffers", []))
+        )
+    return True
 
 
 def check_triangles(count: int) -> None:

@@ -1,0 +1,86 @@
+"""``airtact calibrate``: boards, gains and sound speed, from what the elements of an array receive of each other."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from airtact.cli.console import facts_table, progress, show
+from airtact.cli.options import FILE, INPUT, as_json, quiet
+
+if TYPE_CHECKING:
+    from airtact.sensing import Calibrated
+
+
+@click.command(
+    short_help="Calibrate an array from its own transmissions.",
+    epilog="Example: airtact calibrate --simulate --scene pinch --out out/calibration.csv",
+)
+@click.argument("echoes", type=FILE, required=False)
+@click.option("--scene", type=INPUT, default="scene.toml", show_default=True, help="Scene file with the array.")
+@click.option("--simulate", is_flag=True, help="Simulate the transmissions of an array that is a little off.")
+@click.option("--noise", type=float, default=30.0, show_default=True, help="Sound over noise in dB, if simulated.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Of the simulated noise and array.")
+@click.option("--out", type=FILE, default="calibration.csv", show_default=True, help="Table of the elements.")
+@as_json
+@quiet
+def calibrate(echoes: Path | None, scene: Path, simulate: bool, noise: float, seed: int, out: Path) -> None:
+    """Find where the boards of a scene's array are, what its elements are worth, and the sound speed.
+
+    ECHOES is a file (.h5) of what the elements of the empty array receive of each other's transmissions, with nothing
+    subtracted, in codes that tell the elements apart. Boards must face each other. Writes a table that a scene reads
+    by calibration = "calibration.csv" in its [array].
+    """
+    with progress() as report_step:
+        report_step("starting")
+        from airtact.workflows.sense import calibrate as workflow
+
+        found, error = workflow.calibrate_array(echoes, scene, noise if simulate else None, seed, out, report_step)
+    lines = [
+        f"Calibration: {out}",
+        f'In the scene file: sound_speed = {found.sound_speed:.2f} in [medium], calibration = "{out.name}" in [array].',
+    ]
+    show(
+        facts_table(_facts(found, error)),
+        lines=lines,
+        record={**_record(found, error), "files": {"calibration.csv": str(out)}},
+    )
+
+
+def _facts(found: "Calibrated", error: tuple[float, float] | None) -> list[tuple[str, str]]:
+    """Say what was found and how sure it is."""
+    import numpy as np
+
+    position, turn, speed = found.deviation
+    facts = [("sound speed", f"{found.sound_speed:.3f} m/s, standard deviation {speed:.1g}")]
+    for board, motion in enumerate(found.motions[1:], 1):
+        x, y, z = 1e3 * found.shifts[board]
+        angle = np.degrees(np.linalg.norm(motion.rotation - np.eye(3)) / np.sqrt(2.0))
+        facts.append((f"board {board} is off by", f"({x:.3f}, {y:.3f}, {z:.3f}) mm, turned by {angle:.3f}°"))
+    gains = np.abs(found.emission[found.emission != 0.0])
+    facts += [
+        ("standard deviation of a board", f"{1e3 * position:.2g} mm and {np.degrees(turn):.2g}°"),
+        ("gains", f"{gains.min():.2f} to {gains.max():.2f}, standard deviation {found.gain_deviation:.1%}"),
+        ("not explained", f"{found.residual:.1%} of the direct sound, {found.misfit:.1%} beyond noise"),
+    ]
+    if len(found.dead):
+        facts.append(("dead elements", ", ".join(str(one) for one in found.dead[:20])))
+    if error is not None:
+        facts.append(("off the simulated truth by", f"{1e3 * error[0]:.4f} mm and {error[1]:.4f} m/s"))
+    return facts
+
+
+def _record(found: "Calibrated", error: tuple[float, float] | None) -> dict[str, Any]:
+    """List what was found, for ``--json``."""
+    return {
+        "sound_speed": found.sound_speed,
+        "boards": [
+            {"rotation": one.rotation.tolist(), "translation": one.translation.tolist()} for one in found.motions
+        ],
+        "covariance": found.covariance.tolist(),
+        "gain_deviation": found.gain_deviation,
+        "residual": found.residual,
+        "misfit": found.misfit,
+        "dead": found.dead.tolist(),
+        "error": None if error is None else list(error),
+    }

@@ -1,0 +1,313 @@
+"""The whole hand, solved on panels that bend with it, and its sound carried to the pose of now.
+
+A whole hand takes some 0.2 s to solve, and its factors (see ``factors``) are out of date after 20 ms, as sound that
+goes by way of a neighbouring finger changes its phase with every millimetre. What hardly changes is the strength of the
+sources that the solution puts on the skin, over the sound that the beacon sends straight there: a smooth function of
+position on each bone. So the sources are moved with their bones, their phases follow the paths from the focus, and they
+radiate to the array from where they are now: in 20 ms, after which a solution of 0.1 s ago is nearly right. For the
+milliseconds until the next time the sources of each bone are taken together, and the phase of what they radiate follows
+the path by way of their middle.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex64, Complex128, Float, Float32, Float64
+
+from airtact.hand.anatomy_parts import FREE, OWNER, PARTS
+from airtact.hand.hand import PLACES, Hand
+from airtact.hand.joints import CHAINS, cross, unit
+from airtact.live.drives.factors import ACCURACY, HandFactors, part_of
+from airtact.live.drives.riding import Riding, gap_change, ride
+from airtact.live.parts import LiveScene
+from airtact.mesh.quadratic_triangles import QuadraticTriangles
+from airtact.printing import in_short
+from airtact.scene.scene import Scene, sound_hard
+from airtact.scene.sources import Monopoles
+from airtact.scene.target import Target
+from airtact.solvers.bem.solutions import DirectSolution
+from airtact.solvers.bem.solver import BoundaryElement
+from airtact.solvers.monopoles import monopole_pressure
+
+SEEN, SETTLED = 0.5, 0.2
+"""Panels that face fewer of the elements are left out: half the unknowns, for 0.01 of the pressure; relative residual
+of the iteration, below which the panels are the larger error."""
+
+SOFT, LEAST_WEIGHT = 3e-3, 1e-3
+"""How fast skin goes over from one bone to the next [m], and the smallest weight of a bone that counts."""
+
+LIFTED = 2e-3
+"""Panels that bent off the skin by less than this are put back onto it [m]."""
+
+OTHER_POSE = 5e-3
+"""Poses whose ``gap_change`` is larger are solved on other panels [m]."""
+
+LOST, LOST_GAP = 0.17, 5e-3
+"""Share of the pressure that is lost where sound is carried far, and the ``gap_change`` over which most of it is [m]:
+fitted to 32 pairs of poses of an open hand whose fingers wave, with foci at its palm and all fingertips."""
+
+MADE, KEPT = 6, 60
+"""Sets of panels and solutions that are kept."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bones:
+    """The axes of the bones under all ``PARTS`` of a hand (H, 3, 3), one a row, and a point of each (H, 3) [m]."""
+
+    axes: Float64[np.ndarray, "hulls 3 3"]
+    starts: Float64[np.ndarray, "hulls 3"]
+
+    __repr__ = in_short
+
+    def motions_to(self, now: "Bones") -> tuple[Float64[np.ndarray, "hulls 3 3"], Float64[np.ndarray, "hulls 3"]]:
+        """Return the rotation (from the right) and the shift that carry each bone to where it is now."""
+        turns = np.einsum("hij,hik->hjk", self.axes, now.axes)
+        return turns, now.starts - np.einsum("hj,hjk->hk", self.starts, turns)
+
+
+def bones_of(hand: Hand) -> Bones:
+    """Find the bones; a finger's hinges are across its last phalanx and the direction in which its pad faces."""
+    hinges = [unit(cross(_along(hand, *CHAINS[finger][-2:]), hand.position(PLACES[finger])[1])) for finger in range(5)]
+    palm, normal = hand.position("palm")
+    of_palm = _axes(_along(hand, *CHAINS[2][:2]), cross(_along(hand, *CHAINS[2][:2]), normal))
+    axes, starts = np.tile(of_palm, (len(PARTS), 1, 1)), np.tile(palm, (len(PARTS), 1))
+    for part in range(FREE + 1):  # the one after the phalanges is the thumb's metacarpal
+        start, end, _ = PARTS[part].tolist()
+        axes[part] = _axes(_along(hand, start, end), hinges[OWNER[part] if part < FREE else 0])
+        starts[part] = hand.joints[start]
+    return Bones(axes, starts)
+
+
+def _along(hand: Hand, start: int, end: int) -> Float64[np.ndarray, "3"]:
+    return unit(hand.joints[end] - hand.joints[start])
+
+
+def _axes(along: Float64[np.ndarray, "3"], hinge: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"]:
+    across = unit(hinge - along * (along @ hinge))
+    return np.stack([along, across, cross(along, across)])
+
+
+def _weights(hand: Hand, points: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points hulls"]:
+    """Find how much each bone moves points on the skin: the nearest one, and where two are as near, both."""
+    away = hand.shape.hulls.each(points)
+    weights = np.exp((away.min(axis=1, keepdims=True) - away) / SOFT)
+    weights[weights < LEAST_WEIGHT] = 0.0
+    return weights / weights.sum(axis=1, keepdims=True)
+
+
+def _moved(
+    points: Float64[np.ndarray, "points 3"], weights: Float64[np.ndarray, "points hulls"], before: Bones, now: Bones
+) -> Float64[np.ndarray, "points 3"]:
+    turns, shifts = before.motions_to(now)
+    return np.einsum("pj,pjk->pk", points, np.tensordot(weights, turns, 1)) + weights @ shifts
+
+
+@dataclass(frozen=True, eq=False)
+class SkinSources:
+    """The sources on the skin that a solution of a hand found for the beacons at its foci.
+
+    Attributes
+    ----------
+    time : that the pose was predicted for, of the tracker's clock [s].
+    riding, bones : of the pose.
+    points : (N, 3) of the sources [m].
+    weights : (N, H) how much each bone moves them.
+    strengths : (N, F) [Pa·m].
+    straight : (F,) strengths of the beacons: 2 where one touches the skin.
+    """
+
+    time: float
+    riding: Riding
+    bones: Bones
+    points: Float64[np.ndarray, "sources 3"]
+    weights: Float64[np.ndarray, "sources hulls"]
+    strengths: Complex128[np.ndarray, "sources foci"]
+    straight: Float64[np.ndarray, "foci"]
+
+    __repr__ = in_short
+
+    def carried(self, scene: LiveScene, riding: Riding, time: float) -> "CarriedFactors":
+        """Carry the sources to another pose, at a time [s]."""
+        wavenumber, bones = scene.medium.wavenumber(scene.frequency), bones_of(riding.hand)
+        points, elements = _moved(self.points, self.weights, self.bones, bones), scene.array.positions
+        longer = _distances(points, riding.foci) - _distances(self.points, self.riding.foci)
+        strengths = self.strengths * _phasors(wavenumber.real * longer)
+        beacons = np.eye(len(riding.foci), dtype=np.complex128)
+        straight = monopole_pressure(elements, riding.foci, beacons, wavenumber, "float32")
+        waves = np.zeros((len(PARTS), *straight.T.shape), dtype=np.complex64)
+        centres = np.zeros((len(PARTS), len(riding.foci), 3))
+        owner = self.weights.argmax(axis=1)
+        for part in np.unique(owner):
+            own = owner == part
+            size = np.abs(strengths[own]) ** 2
+            centres[part] = size.T @ points[own] / size.sum(axis=0)[:, None]
+            by_way = monopole_pressure(elements, points[own], strengths[own], wavenumber, "float32")
+            waves[part] = (by_way / straight).T
+        factors = (self.straight[:, None] + waves.sum(axis=0)).astype(np.complex64)
+        lost = 1.0 - np.exp(-float(gap_change(self.riding.distances, riding.distances)) / LOST_GAP)
+        found = CarriedFactors(
+            part="carried",
+            time=time,
+            foci=riding.foci,
+            distances=riding.distances,
+            directions=riding.directions,
+            factors=factors,
+            share=1.0 - LOST * lost,
+            straight=self.straight,
+            bones=bones,
+            centres=centres,
+            waves=waves,
+        )
+        waves *= _phasors(-wavenumber.real * found.detours(riding, bones, elements))
+        return found
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CarriedFactors(HandFactors):
+    """Factors that know by way of which bone the sound comes.
+
+    Attributes
+    ----------
+    straight : (F,) the part of ``factors`` that comes straight from the focus.
+    bones : of the pose.
+    centres : (H, F, 3) the middle of the sources of each bone for each focus [m].
+    waves : (H, F, E) the part of ``factors`` that comes by way of each bone, without the phase of the detour by the
+        middle of its sources.
+    """
+
+    straight: Float64[np.ndarray, "foci"]
+    bones: Bones
+    centres: Float64[np.ndarray, "hulls foci 3"]
+    waves: Complex64[np.ndarray, "hulls foci elements"]
+
+    __repr__ = in_short
+
+    def at(self, scene: LiveScene, riding: Riding) -> Complex64[np.ndarray, "foci elements"]:
+        """Return the factors for a pose nearby: each bone takes the middle of its sources along."""
+        wavenumber = np.float32(scene.medium.wavenumber(scene.frequency).real)
+        detours = self.detours(riding, bones_of(riding.hand), scene.array.positions)
+        by_way = np.einsum("hfe,hfe->fe", _phasors(wavenumber * detours), self.waves)
+        return self.straight.astype(np.complex64)[:, None] + by_way
+
+    def detours(
+        self, riding: Riding, bones: Bones, elements: Float64[np.ndarray, "elements 3"]
+    ) -> Float32[np.ndarray, "hulls foci elements"]:
+        """Return how much longer the path by way of each bone is than the straight one [m]."""
+        turns, shifts = self.bones.motions_to(bones)
+        centres = np.einsum("hfj,hjk->hfk", self.centres, turns) + shifts[:, None]
+        begun = np.linalg.norm(centres - riding.foci, axis=2).astype(np.float32)
+        near, far = centres.reshape(-1, 3).astype(np.float32), elements.astype(np.float32)
+        on = _distances(near, far).reshape(*begun.shape, -1)
+        return begun[..., None] + on - _distances(riding.foci.astype(np.float32), far)
+
+
+def _phasors(phases: Float[np.ndarray, "*any"]) -> Complex64[np.ndarray, "*any"]:
+    """Return e^{iφ} in single precision, in a third of the time of a complex exponential."""
+    phases, out = phases.astype(np.float32), np.empty(phases.shape, dtype=np.complex64)
+    out.real, out.imag = np.cos(phases), np.sin(phases)
+    return out
+
+
+def _distances(
+    points: Float[np.ndarray, "points 3"], foci: Float[np.ndarray, "foci 3"]
+) -> Float[np.ndarray, "points foci"]:
+    squares = np.einsum("pd,pd->p", points, points)[:, None] + np.einsum("fd,fd->f", foci, foci)
+    return np.sqrt(np.maximum(squares - 2.0 * points @ foci.T, 0.0))
+
+
+class BendingPanels:
+    """Panels of a whole hand that were made for one pose and bend to others.
+
+    Parameters
+    ----------
+    scene : of the live loop.
+    riding : the hand in the pose.
+    accuracy : of the solutions.
+    seen : least share of the elements that a panel faces; 0 keeps all.
+
+    Raises
+    ------
+    InvalidInput
+        A focus lies inside the body.
+    """
+
+    def __init__(self, scene: LiveScene, riding: Riding, accuracy: float = ACCURACY, seen: float = SEEN) -> None:
+        self._scene, self.riding, hand = scene, riding, riding.hand
+        air = Scene(scene.medium, [sound_hard(part_of(hand, "hand", scene.places))], frequency=scene.frequency)
+        solver = BoundaryElement(accuracy=accuracy, estimate=False)
+        self._panels = solver.moving_panels(air, riding.foci).facing(scene.array.positions, seen)
+        self._bones, corners = bones_of(hand), self._panels.corners.reshape(-1, 3)
+        self._of_corners, self._of_inside = (_weights(hand, points) for points in (corners, self._panels.inside))
+        of_panels = self._of_corners.reshape(-1, 6, len(PARTS)).mean(axis=1)
+        self._of_sources = np.concatenate([np.repeat(of_panels, 6, axis=0), self._of_inside])
+        self._depths = hand.shape.hulls.look(corners).distance
+
+    def solved(self, riding: Riding, time: float) -> SkinSources:
+        """Solve another pose, at a time [s]; ``NotConverged`` where the iteration does not settle."""
+        bones, corners, inside = self._bent(riding)
+        found = self._panels.radiated(corners, inside, Target(riding.foci).beacons(), SETTLED)
+        sources = found.scattering
+        weights, strengths = self._of_sources, sources.strengths
+        return SkinSources(time, riding, bones, sources.positions, weights, strengths, found.factors)
+
+    def received(self, riding: Riding, sources: Monopoles, residual: float) -> DirectSolution:
+        """Solve another pose for sources away from the hand; it needs all panels, and raises as ``solved``."""
+        _, corners, inside = self._bent(riding)
+        return self._panels.received(corners, inside, sources, residual)
+
+    def _bent(self, riding: Riding) -> tuple[Bones, QuadraticTriangles, Float64[np.ndarray, "groups 3"]]:
+        """Bend the panels and their inside to another pose."""
+        bones = bones_of(riding.hand)
+        corners = _moved(self._panels.corners.reshape(-1, 3), self._of_corners, self._bones, bones)
+        skin = riding.hand.shape.hulls.look(corners)
+        off = skin.distance - self._depths
+        corners -= np.where(np.abs(off) < LIFTED, off, 0.0)[:, None] * skin.gradient
+        return bones, corners.reshape(-1, 6, 3), _moved(self._panels.inside, self._of_inside, self._bones, bones)
+
+
+class BendingHand:
+    """Solves a whole hand in one pose after the other, and carries what it found to the pose of now.
+
+    ``solved`` and ``carried`` may run in two threads.
+
+    Parameters
+    ----------
+    scene : of the live loop.
+    accuracy, seen : of the panels, see ``BendingPanels``.
+    """
+
+    def __init__(self, scene: LiveScene, accuracy: float = ACCURACY, seen: float = SEEN) -> None:
+        self._scene, self._accuracy, self._seen = scene, accuracy, seen
+        self._panels: list[BendingPanels] = []
+        self._found: Sequence[SkinSources] = ()
+
+    def solved(self, joints: Float64[np.ndarray, "25 3"], time: float) -> SkinSources:
+        """Solve a pose (25, 3) [m], at a time [s]; errors are those of ``factors.solved``."""
+        riding = ride(self._scene, joints)
+        return self._panels_for(riding).solved(riding, time)
+
+    def received(self, joints: Float64[np.ndarray, "25 3"], sources: Monopoles, residual: float) -> DirectSolution:
+        """Solve what a pose receives of sources away from it, to a relative residual; errors as for ``solved``."""
+        riding = ride(self._scene, joints)
+        return self._panels_for(riding).received(riding, sources, residual)
+
+    def _panels_for(self, riding: Riding) -> BendingPanels:
+        off = [gap_change(one.riding.distances, riding.distances) for one in self._panels]
+        if not off or min(off) > OTHER_POSE:
+            made = BendingPanels(self._scene, riding, self._accuracy, self._seen)
+            self._panels = [*self._panels[1 - MADE :], made]
+            return made
+        return self._panels[int(np.argmin(off))]
+
+    def keep(self, found: SkinSources) -> None:
+        """Let a solution be carried from now on."""
+        self._found = [*self._found[1 - KEPT :], found]
+
+    def carried(self, joints: Float64[np.ndarray, "25 3"], time: float) -> CarriedFactors | None:
+        """Carry the solution of the pose most like this one to it; None before the first; errors as for ``solved``."""
+        found, riding = self._found, ride(self._scene, joints)
+        if not found:
+            return None
+        gaps = gap_change(np.array([one.riding.distances for one in found]), riding.distances)
+        return found[int(gaps.argmin())].carried(self._scene, riding, time)

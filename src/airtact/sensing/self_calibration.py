@@ -1,0 +1,356 @@
+"""Where the boards of an array are, what its elements are worth, and how fast sound is, by direct sound.
+
+Elements of boards that face each other receive each other's transmissions. From each element alone, which codes such as
+Hadamard's separate, element r receives p_re = ρ_r τ_e T_re: T is the direct sound between elements of unit gain, τ are
+the gains by which elements emit and ρ those by which they receive, which electronics make different ones. For given
+positions the gains follow by solving for ρ and τ in turn. Motions of the boards and the sound speed follow by damped
+Gauss-Newton steps on what is left once all gains have adapted (variable projection: G. Golub and V. Pereyra, SIAM J.
+Numer. Anal. 10, 413, 1973), with exact derivatives.
+
+Board 0 is held, as nothing tells a motion of the whole array. A factor that multiplies all ρ and divides all τ changes
+nothing either: both get the same geometric mean and mean phase (of two boards alone, in each direction for itself). The
+scale of the array follows from the positions of elements on their boards, which are taken as they were drawn.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Complex128, Float64, Int64
+
+from airtact.conventions import InvalidInput
+from airtact.pose import Pose
+from airtact.printing import one_line
+from airtact.scene.medium import Medium
+from airtact.sensing.calibration_fit import ArrayFit, ArrayState, Information, motion_of
+from airtact.sensing.echoes import Echoes, check_elements
+from airtact.sensing.transmission import Pairs, boards_of, facing
+from airtact.transducers.calibration import save_calibration
+from airtact.transducers.element import check_pattern
+from airtact.transducers.layout import PhasedArray, join
+from airtact.validation import counted, of_kind
+
+EXPLAINED = 0.1
+"""Direct sound that is left unexplained beyond noise, as a share of all, up to which a calibration is believed."""
+
+DEAD = 0.1
+"""Rms of the direct sound from or at an element, over that of the median, under which the element is dead."""
+
+APART = 1e-6
+"""Least over largest eigenvalue of codes that tell the elements apart."""
+
+CLIPPED = 0.05
+"""Share of pressures of one size, the largest, from which on they were clipped."""
+
+WORST_DEVIATION = 1e-3
+"""Largest standard deviation of a combination of unknowns that counts as determined [m]."""
+
+NAMED = 0.3
+"""Share of a combination from which on an unknown is named."""
+
+
+@dataclass(frozen=True, eq=False)
+class Calibrated:
+    """What ``calibrate`` finds of an array.
+
+    Attributes
+    ----------
+    array : with its boards where they are, and the gains by which the elements emit.
+    sound_speed : [m/s].
+    motions : of each board, from where it was believed to be to where it is, in the array's frame; board 0 stays.
+    emission, reception : (E,) gains by which elements emit and receive; 0 for dead ones, and 1 in ``reception`` for
+        elements that are no receivers. Their common factor is a convention.
+    covariance : (6 B − 5, 6 B − 5) of the translation of the middle of boards 1 to B − 1 [m] and a small turn about
+        it [rad], board by board along the array's axes, and last of the sound speed [m/s].
+    gain_deviation : rms standard deviation of the gains, relative, and so of their phases [rad].
+    residual : rms of what is left unexplained over that of the direct sound, noise included.
+    misfit : the same beyond noise.
+    converged : whether the steps settled and the misfit is at most 0.1. Believe nothing else.
+    steps : number of steps taken.
+    believed : the array as it was given.
+    dead : numbers of elements of which nothing is received.
+    """
+
+    array: PhasedArray
+    sound_speed: float
+    motions: tuple[Pose, ...]
+    emission: Complex128[np.ndarray, "elements"]
+    reception: Complex128[np.ndarray, "elements"]
+    covariance: Float64[np.ndarray, "unknowns unknowns"]
+    gain_deviation: float
+    residual: float
+    misfit: float
+    converged: bool
+    steps: int
+    believed: PhasedArray
+    dead: Int64[np.ndarray, "dead"]
+
+    def __repr__(self) -> str:
+        position, turn, speed = self.deviation
+        return one_line(
+            self,
+            "converged" if self.converged else "NOT converged",
+            f"boards sure to {1e3 * position:.2g} mm and {np.degrees(turn):.2g} degrees",
+            f"sound speed {self.sound_speed:.2f} m/s, sure to {speed:.2g}",
+            f"residual {self.residual:.2g}, misfit {self.misfit:.2g}",
+        )
+
+    @property
+    def deviation(self) -> tuple[float, float, float]:
+        """Standard deviations of the least sure board's position [m] and turn [rad], and of the sound speed [m/s]."""
+        variances = np.diag(self.covariance)
+        boards = variances[:-1].reshape(-1, 2, 3).sum(axis=2).max(axis=0)
+        return float(np.sqrt(boards[0])), float(np.sqrt(boards[1])), float(np.sqrt(variances[-1]))
+
+    @property
+    def shifts(self) -> Float64[np.ndarray, "boards 3"]:
+        """(B, 3) how far the middle of each board is off where it was believed to be [m]."""
+        middles = (one.positions.reshape(len(self.motions), -1, 3).mean(axis=1) for one in (self.array, self.believed))
+        return next(middles) - next(middles)
+
+    def as_emitted(self, echoes: Echoes) -> Echoes:
+        """Return echoes as received by the gains by which the elements emit, which ``locate`` takes as those of both.
+
+        Raises
+        ------
+        InvalidInput
+            "element_count": echoes of another array; "dead_receivers": leave these out of ``receivers`` first.
+        """
+        if len(echoes.codes) != len(self.array):
+            raise InvalidInput(
+                f"the echoes are of {len(echoes.codes)} elements, and the array has {len(self.array)}.",
+                code="element_count",
+            )
+        received = self.reception[echoes.receiving]
+        if dead := echoes.receiving[received == 0.0].tolist():
+            raise InvalidInput(
+                f"{counted(len(dead), 'receiver is', 'receivers are')} dead, first element {dead[0]}: leave them out.",
+                code="dead_receivers",
+            )
+        factor = self.emission[echoes.receiving] / received
+        return replace(echoes, pressures=np.asarray(echoes.pressures) * factor[:, None])
+
+    def save(self, path: str | Path) -> None:
+        """Write the calibration as a table of elements (.csv), which the ``calibration`` of a scene file reads.
+
+        Raises
+        ------
+        InvalidInput
+            "unknown_ending" for another one than .csv, "file_not_writable".
+        """
+        motions = np.repeat(np.arange(len(self.motions)), len(self.array) // len(self.motions))
+        save_calibration(path, self.emission, [self.motions[index] for index in motions], self.believed)
+
+
+def calibrate(echoes: Echoes, array: PhasedArray, medium: Medium, boards: int | None = None) -> Calibrated:
+    """Find the boards' positions and angles, the elements' gains and the sound speed from direct transmissions.
+
+    Nothing may be between the boards, and nothing may be subtracted. Elements count that face each other within 60
+    degrees on different boards. Boards may be 2 mm and 1 degree off, and the sound speed 4 m/s (7 °C).
+
+    Parameters
+    ----------
+    echoes : transmissions of the empty array, in codes that separate all elements.
+    array : with its boards where they are believed to be; its gains are not used.
+    medium : the air as it is believed to be; its absorption is taken as given.
+    boards : how many of as many elements, one after the other; those of a kind that airtact knows unless given.
+
+    Raises
+    ------
+    InvalidInput
+        "element_count", "unknown_boards": of the array; "codes_alike": codes that do not separate the elements;
+        "facing_none": elements or boards that face no others; "all_noise", "clipped"; "calibration_undetermined": the
+        transmissions do not determine some combination, which is named.
+
+    Examples
+    --------
+    Two small boards 6 cm apart, of which the second stands 0.3 mm off:
+
+    >>> import airtact as at
+    >>> from airtact.sensing import hadamard_codes, simulate_transmissions
+    >>> facing = at.Pose.turn((1, 0, 0), np.pi, (0, 0.03, 0.06))
+    >>> believed = at.boards.board_array("nano16", [at.Pose.identity(), facing])
+    >>> off = at.Pose(np.eye(3), np.array([3e-4, 0, 0]))
+    >>> true = at.boards.board_array("nano16", [at.Pose.identity(), off @ facing])
+    >>> received = simulate_transmissions(true, at.air(celsius=20.0), hadamard_codes(24), boards=2, noise=80.0)
+    >>> found = calibrate(received, believed, at.air(celsius=21.0), boards=2)
+    >>> found.converged, f"{1e3 * found.shifts[1, 0]:.2f} mm"
+    (True, '0.30 mm')
+    """
+    parts = _checked(echoes, array, medium, boards)
+    alone, noise = _separated(echoes)
+    heard = _facing_pairs(echoes, parts)
+    dead = _dead(alone, heard, noise)
+    heard[dead], heard[:, dead] = False, False
+    _check_heard(alone, heard, len(parts), noise, dead)
+    fit = ArrayFit(np.where(heard, alone, 0.0), heard)
+    level = noise**2 * int(heard.sum()) / float(np.sum(np.abs(fit.measured) ** 2))
+    found = fit.best(tuple(parts), medium.wavenumber(echoes.frequency), 1.5 * level + EXPLAINED**2)
+    return _calibrated(fit, found, noise, array, echoes, dead)
+
+
+def _checked(echoes: Echoes, array: PhasedArray, medium: Medium, boards: int | None) -> list[PhasedArray]:
+    """Return the boards; raise for echoes of another array."""
+    of_kind(echoes, Echoes, "the transmissions", "Echoes(codes, pressures)")
+    of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
+    of_kind(medium, Medium, "the medium", "air(celsius=20.0)")
+    check_elements(echoes, array, "transmissions")
+    check_pattern(array.element, medium.wavenumber(echoes.frequency))
+    return boards_of(array, boards)
+
+
+def _separated(echoes: Echoes) -> tuple[Pairs, float]:
+    """Pressures (E, E) at each receiver from each element alone, and the rms noise of one of them [Pa]."""
+    codes, receivers = np.asarray(echoes.codes), echoes.receiving
+    squares = codes @ codes.conj().T
+    power = np.diag(np.diag(squares))
+    orthogonal = np.abs(squares - power).max() < APART * np.abs(power).max()
+    values = np.real(np.diag(squares)) if orthogonal else np.linalg.eigvalsh(squares)
+    apart = int(np.sum(values > APART * values.max()))
+    if apart < len(codes):
+        raise InvalidInput(
+            f"{counted(codes.shape[1], 'transmission tells', 'transmissions tell')} {apart} of {len(codes)} elements "
+            f"apart, and calibration needs each by itself: transmit the codes hadamard_codes({len(codes)}).",
+            code="codes_alike",
+        )
+    inverse = np.diag(1.0 / np.diag(squares)) if orthogonal else np.linalg.inv(squares)
+    alone = np.zeros((len(codes), len(codes)), dtype=np.complex128)
+    alone[receivers] = np.asarray(echoes.pressures) @ codes.conj().T @ inverse
+    return alone, (echoes.noise or 0.0) * float(np.sqrt(np.mean(np.real(np.diag(inverse)))))
+
+
+def _facing_pairs(echoes: Echoes, boards: list[PhasedArray]) -> Bool[np.ndarray, "elements elements"]:
+    """Return which receivers (E) face which emitters (E) on another board; raise "clipped"."""
+    size, total = len(boards[0]), len(echoes.codes)
+    heard = np.zeros((total, total), dtype=bool)
+    for one in range(len(boards)):
+        for other in range(len(boards)):
+            if one != other:
+                here, there = (slice(index * size, (index + 1) * size) for index in (one, other))
+                heard[here, there] = facing(boards[one], boards[other])
+    heard[np.setdiff1d(np.arange(total), echoes.receiving)] = False
+    emitting = np.asarray(echoes.codes) != 0.0
+    _check_clipped(np.abs(np.asarray(echoes.pressures))[heard[echoes.receiving] @ emitting])
+    return heard
+
+
+def _check_clipped(size: Float64[np.ndarray, "pressures"]) -> None:
+    """Raise where many pressures have the same largest size."""
+    equal = int(np.sum(size > (1.0 - 1e-6) * size.max())) if len(size) else 0
+    if equal > max(CLIPPED * len(size), 8):
+        raise InvalidInput(
+            f"{equal} of {len(size)} pressures have the same largest value of {size.max():.4g} Pa: they were clipped; "
+            "measure again with less gain.",
+            code="clipped",
+        )
+
+
+def _dead(alone: Pairs, heard: Bool[np.ndarray, "elements elements"], noise: float) -> Int64[np.ndarray, "dead"]:
+    """Elements that emit, or receive, much less than most."""
+    power, dead = np.where(heard, np.abs(alone) ** 2, 0.0), []
+    for axis in (0, 1):
+        count = heard.sum(axis=axis)
+        size = np.sqrt(np.maximum(power.sum(axis=axis) / np.maximum(count, 1) - noise**2, 0.0))
+        typical = np.median(size[count > 0]) if count.any() else 0.0
+        dead.append(np.flatnonzero((count > 0) & (size < DEAD * typical)))
+    return np.union1d(*dead)
+
+
+def _check_heard(
+    alone: Pairs, heard: Bool[np.ndarray, "e e"], boards: int, noise: float, dead: Int64[np.ndarray, "dead"]
+) -> None:
+    """Raise "facing_none" or "all_noise"."""
+    by_boards = heard.reshape(boards, -1, boards, len(heard) // boards).any(axis=(1, 3))
+    linked, known = np.linalg.matrix_power(np.eye(boards) + by_boards + by_boards.T, boards)[0] > 0, heard.any(axis=0)
+    known |= np.isin(np.arange(len(heard)), dead)
+    if not linked.all():
+        board = int(np.flatnonzero(~linked)[0])
+        raise InvalidInput(
+            f"board {board} of {boards} faces no other within 60 degrees, or none of its elements receives or is "
+            "received: nothing tells where it is. Leave it out of the array.",
+            code="facing_none",
+        )
+    if not known.all():
+        silent = np.flatnonzero(~known)
+        raise InvalidInput(
+            f"{counted(len(silent), 'element faces', 'elements face')} no receiver on another board within 60 degrees, "
+            f"first element {silent[0]}: their gains cannot be found.",
+            code="facing_none",
+        )
+    rms = float(np.sqrt(np.mean(np.abs(alone[heard]) ** 2)))
+    if rms == 0.0 or rms < 1.05 * noise:
+        raise InvalidInput(
+            f"each element alone arrives with {rms:.3g} Pa rms, hardly more than the noise of {noise:.3g} Pa: no "
+            "direct sound is left in the transmissions. Subtract nothing, and transmit more or longer.",
+            code="all_noise",
+        )
+
+
+def _calibrated(
+    fit: ArrayFit, found: ArrayState, noise: float, array: PhasedArray, echoes: Echoes, dead: Int64[np.ndarray, "dead"]
+) -> Calibrated:
+    """Say what was found, and how sure it is."""
+    whole, of_noise = float(np.sum(np.abs(fit.measured) ** 2)), noise**2 * int(fit.counted.sum())
+    misfit = float(np.sqrt(max(found.cost - of_noise, 0.0) / max(whole - of_noise, 1e-300)))
+    equations = fit.information(found)
+    variance = found.cost / max(int(fit.counted.sum()) - 2 * len(array), 1) / 2.0
+    converged = bool(found.settled and misfit <= EXPLAINED)
+    if converged:
+        _check_determined(equations, variance, echoes)
+    covariance = variance * np.linalg.pinv(equations.squares, hermitian=True)
+    speed = 2 * np.pi * echoes.frequency / found.wavenumber.real
+    scale = np.append(equations.units[:-1], -equations.units[-1] * speed / found.wavenumber.real)
+    emission, reception = _same_mean(fit, found, dead)
+    moved = join(found.boards).calibrated(emission)
+    return Calibrated(
+        array=moved,
+        sound_speed=speed,
+        motions=tuple(motion_of(*pair) for pair in zip(boards_of(array, len(found.boards)), found.boards, strict=True)),
+        emission=moved.gains,
+        reception=reception,
+        covariance=covariance * np.outer(scale, scale),
+        gain_deviation=float(np.sqrt(variance * equations.gain_variance)),
+        residual=float(np.sqrt(found.cost / whole)),
+        misfit=misfit,
+        converged=converged,
+        steps=found.steps,
+        believed=array,
+        dead=dead,
+    )
+
+
+def _check_determined(equations: Information, variance: float, echoes: Echoes) -> None:
+    """Raise "calibration_undetermined" where a combination of unknowns is not determined."""
+    values, vectors = np.linalg.eigh(equations.squares)
+    if values[0] > 1e-12 * values[-1] and variance < values[0] * WORST_DEVIATION**2:
+        return
+    boards = range(1, 1 + len(values) // 6)
+    names = [f"the {what} of board {board}" for board in boards for what in ("position", "angles")]
+    shares = np.append(np.linalg.norm(vectors[:-1, 0].reshape(-1, 3), axis=1), abs(vectors[-1, 0]))
+    named = [name for name, share in zip([*names, "the sound speed"], shares, strict=True) if share > NAMED]
+    sure = 1e3 * np.sqrt(variance / max(values[0], 1e-12 * values[-1]))
+    raise InvalidInput(
+        f"{counted(len(echoes.pressures), 'receiver', 'receivers')} of {len(echoes.codes)} elements do not determine "
+        f"{' together with '.join(named)}: known to {sure:.2g} mm only. Give more receivers or less noise, or leave "
+        "boards out.",
+        code="calibration_undetermined",
+    )
+
+
+def _same_mean(
+    fit: ArrayFit, found: ArrayState, dead: Int64[np.ndarray, "dead"]
+) -> tuple[Complex128[np.ndarray, "elements"], Complex128[np.ndarray, "elements"]]:
+    """Gains of emission and reception with a common factor in each group that makes both alike."""
+    emission, reception = found.emission.copy(), found.reception.copy()
+    receives, emits = fit.counted.any(axis=1), fit.counted.any(axis=0)
+    for group in np.unique(fit.groups[1][emits]):
+        some = emits & (fit.groups[1] == group), receives & (fit.groups[0] == group)
+        logarithms = [np.mean(np.log(np.abs(one[rows]))) for one, rows in zip((emission, reception), some, strict=True)]
+        phases = [np.angle(np.sum(one[rows])) for one, rows in zip((emission, reception), some, strict=True)]
+        factor = np.exp(0.5 * (logarithms[1] - logarithms[0]) + 0.5j * (phases[1] - phases[0]))
+        emission[some[0]] *= factor
+        reception[some[1]] /= factor
+    reception[~receives] = 1.0
+    emission[dead] = reception[dead] = 0.0
+    reception.flags.writeable = False
+    return emission, reception

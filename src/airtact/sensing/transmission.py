@@ -1,0 +1,174 @@
+"""Sound that goes directly from element to element of an array, and its derivatives by motions of the boards.
+
+An element of unit gain emits s Σ_q w_q e^{ikR}/R over the points of its face and receives the mean over its own face by
+the same weights, as everywhere in the project; s is the sensitivity. Where a board moves rigidly by a small translation
+t and a turn ω about its middle m, its face points x move by t + ω × (x − m), so that every derivative is a sum of the
+gradients of e^{ikR}/R over pairs of face points.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Complex128, Num
+
+from airtact.conventions import InvalidInput
+from airtact.scene.medium import Medium
+from airtact.sensing.echoes import Echoes
+from airtact.sensing.simulation import normal_noise, ratio_of
+from airtact.transducers.boards import kind_of_array
+from airtact.transducers.element import check_pattern
+from airtact.transducers.layout import PhasedArray
+from airtact.validation import check_seed, complex_numbers, of_kind
+
+AT_ONCE = 1 << 18
+"""Pairs of face points whose sums are taken at once."""
+
+STEEPEST = 0.5
+"""Least cosine between a normal and the way of sound that counts: 60 degrees, beyond which real pistons differ."""
+
+NEAREST = 0.02
+"""Least distance of two elements whose direct sound counts [m]."""
+
+Pairs = Complex128[np.ndarray, "receivers emitters"]
+
+
+@dataclass(frozen=True, eq=False)
+class Transmission:
+    """Direct sound from the elements of one board to those of another.
+
+    Attributes
+    ----------
+    pressures : (R, E) at receiver r from emitter e, both of unit gain [Pa]; the same in the other direction.
+    slopes : (13, R, E) derivatives by a translation of the receiving board [Pa/m] and a turn about its middle [Pa/rad],
+        by those of the emitting board, and by the wavenumber [Pa·m].
+    """
+
+    pressures: Pairs
+    slopes: Complex128[np.ndarray, "13 receivers emitters"]
+
+
+def transmission(receiving: PhasedArray, emitting: PhasedArray, wavenumber: complex) -> Transmission:
+    """Sum the direct sound over the faces of all elements of two boards, with its derivatives."""
+    weights, faces = receiving.element.weights, receiving.face_points
+    sources = emitting.face_points.reshape(-1, 3)
+    emitters, count = len(emitting), len(weights)
+    pressures = np.empty((len(receiving), emitters), dtype=np.complex128)
+    slopes = np.empty((13, *pressures.shape), dtype=np.complex128)
+    strengths = receiving.element.sensitivity * np.outer(weights, weights)
+    rows = max(1, AT_ONCE // (len(sources) * count))
+    for first in range(0, len(receiving), rows):
+        block = slice(first, first + rows)
+        points = faces[block].reshape(-1, 3)
+        away = points[:, None, :] - sources
+        distance = np.sqrt(np.einsum("psd,psd->ps", away, away))
+        wave = np.exp(1j * wavenumber * distance).reshape(-1, count, emitters, count) * strengths[:, None, :]
+        wave = wave.reshape(distance.shape)
+        slopes[12, block] = 1j * _summed(wave, count, emitters)
+        wave /= distance
+        pressures[block] = _summed(wave, count, emitters)
+        slope = (wave * (1j * wavenumber - 1.0 / distance) / distance)[..., None] * away
+        for place, arms, sign in (
+            (0, (points - receiving.positions.mean(axis=0))[:, None, :], 1.0),
+            (6, (sources - emitting.positions.mean(axis=0))[None, :, :], -1.0),
+        ):
+            for axis in range(3):
+                one, two = (axis + 1) % 3, (axis + 2) % 3
+                moment = arms[..., one] * slope[..., two] - arms[..., two] * slope[..., one]
+                slopes[place + axis, block] = sign * _summed(slope[..., axis], count, emitters)
+                slopes[place + 3 + axis, block] = sign * _summed(moment, count, emitters)
+    return Transmission(pressures, slopes)
+
+
+def _summed(pairs: Complex128[np.ndarray, "points sources"], count: int, emitters: int) -> Pairs:
+    """Sum over the face points of each receiver and each emitter."""
+    return pairs.reshape(-1, count, emitters, count).sum(axis=(1, 3))
+
+
+def facing(
+    receiving: PhasedArray, emitting: PhasedArray, cosine: float = STEEPEST, nearest: float = NEAREST
+) -> Bool[np.ndarray, "receivers emitters"]:
+    """Whether elements of two boards face each other, within 60 degrees, and are not side by side at an edge."""
+    away = receiving.positions[:, None, :] - emitting.positions
+    distance = np.linalg.norm(away, axis=2)
+    ahead = np.einsum("red,ed->re", away, emitting.normals)
+    back = -np.einsum("red,rd->re", away, receiving.normals)
+    return (np.minimum(ahead, back) >= cosine * distance) & (distance > nearest)
+
+
+def boards_of(array: PhasedArray, count: int | None = None) -> list[PhasedArray]:
+    """Take an array of 2 or more boards apart: so many of as many elements, or those of a known kind.
+
+    Raises
+    ------
+    InvalidInput
+        "unknown_boards".
+    """
+    if count is None:
+        count = len((kind_of_array(array.positions, array.normals) or (None, ()))[1])
+        found = f"its {len(array)} elements make {count} boards of a known kind; give the number of boards"
+    else:
+        found = f"{len(array)} elements do not make {count} boards of as many elements"
+    if count < 2 or len(array) % count:
+        raise InvalidInput(
+            f"an array is calibrated by 2 or more boards that face each other, but {found}.", code="unknown_boards"
+        )
+    parts = zip(*(np.split(part, count) for part in (array.positions, array.normals, array.tangents)), strict=True)
+    return [PhasedArray(positions, normals, array.element, tangents) for positions, normals, tangents in parts]
+
+
+def simulate_transmissions(
+    array: PhasedArray,
+    medium: Medium,
+    codes: Num[np.ndarray, "elements transmissions"],
+    *,
+    boards: int | None = None,
+    frequency: float = 40e3,
+    reception: Num[np.ndarray, "elements"] | None = None,
+    noise: float | None = None,
+    seed: int = 0,
+) -> Echoes:
+    """Compute what the elements of an empty array's boards receive of each other's coded transmissions, directly.
+
+    Elements of the same board are taken not to receive each other, and none to emit or receive behind its face.
+
+    Parameters
+    ----------
+    array : elements emit by its gains.
+    medium : the air.
+    codes : (E, M), as of ``Echoes``.
+    boards : how many of as many elements, one after the other; those of a kind that airtact knows unless given.
+    frequency : of the sound [Hz].
+    reception : (E,) gains by which the elements receive; the array's unless given.
+    noise : rms of the pressures over that of added complex noise [dB]; none unless given.
+    seed : of the noise, 0 or more.
+
+    Raises
+    ------
+    InvalidInput
+        As ``Echoes``; "element_count", "unknown_boards", "out_of_range", "piston_too_large".
+    """
+    of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
+    parts, wavenumber = boards_of(array, boards), medium.wavenumber(frequency)
+    check_pattern(array.element, wavenumber)
+    check_seed(seed)
+    received = array.gains if reception is None else complex_numbers(reception, "the gains of reception")
+    if len(codes) != len(array) or received.shape != (len(array),):
+        raise InvalidInput(
+            f"{len(codes)} codes and {len(received)} gains of reception are given for {len(array)} elements.",
+            code="element_count",
+        )
+    size = len(parts[0])
+    pairs = np.zeros((len(array), len(array)), dtype=np.complex128)
+    front = 0.0 if array.element.directional else -1.0
+    for one in range(len(parts)):
+        for other in range(one):
+            seen = facing(parts[one], parts[other], front, 0.0)
+            between = transmission(parts[one], parts[other], wavenumber).pressures * seen
+            here, there = (slice(index * size, (index + 1) * size) for index in (one, other))
+            pairs[here, there], pairs[there, here] = between, between.T
+    pressures = received[:, None] * (pairs @ (array.gains[:, None] * codes))
+    deviation = None
+    if noise is not None:
+        deviation = float(np.sqrt(np.mean(np.abs(pressures) ** 2))) * ratio_of(noise, "the noise")
+        pressures = pressures + deviation * normal_noise(np.random.default_rng(seed), pressures.shape)
+    return Echoes(codes, pressures, None, frequency, deviation)

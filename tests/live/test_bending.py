@@ -1,0 +1,102 @@
+"""A hand on panels that bend with it: against whole solutions of the bent hand, and against a rigid motion of it."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import airtact as at
+from airtact.hand.kinematics import turned
+from airtact.live.drives.bending import BendingHand
+from airtact.live.drives.factors import HandFactors, OpenAir, solved
+from airtact.live.drives.maker import solved_for
+from airtact.live.drives.riding import ride
+from airtact.live.drives.solver_process import Asked, SolverProcess
+from airtact.solvers.monopoles import monopole_pressure
+from hand.hand_poses import example
+from live.live_scenes import one_board
+
+
+@pytest.fixture(scope="module")
+def joints():
+    return example("relaxed")[0]
+
+
+@pytest.fixture(scope="module")
+def scene(joints):
+    """A board before an open hand, foci off its palm and two of its fingers."""
+    radii = example("relaxed")[1]
+    hand = at.hand_from_joints(joints, radii)
+    array = at.autd3_board().facing(tuple(joints.mean(axis=0)), tuple(hand.position("palm")[1]), 0.2)
+    places, offsets = ("palm", "index.pad", "ring.pad"), np.full(3, 3e-3)
+    return replace(one_board(), array=array, side=hand.side, radii=radii, places=places, offsets=offsets)
+
+
+def bent(joints: np.ndarray, scene: at.live.LiveScene, angle: float) -> np.ndarray:
+    for finger in (1, 2, 3, 4):
+        joints = turned(joints, scene.side, finger, -angle * (1.0 + 0.2 * finger))
+    return joints
+
+
+@pytest.fixture(scope="module")
+def bending(scene, joints):
+    """A hand that was solved a little bent, on panels that were made for the straight one."""
+    found = BendingHand(scene)
+    found.solved(joints, 0.0)
+    found.keep(found.solved(bent(joints, scene, 0.04), 0.0))
+    return found
+
+
+def alike(scene, joints, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """How alike the rows of two transfer matrices are, 1 where they are the same but for a factor."""
+    rows = OpenAir(scene).rows(ride(scene, joints).foci)
+    one, other = rows * one, rows * other
+    overlap = np.abs(np.sum(one.conj() * other, axis=1))
+    return overlap / np.linalg.norm(one, axis=1) / np.linalg.norm(other, axis=1)
+
+
+def test_the_pose_that_was_solved_is_the_whole_solution(scene, joints, bending):
+    pose = bent(joints, scene, 0.04)
+    found = bending.carried(pose, 1.0)
+    assert (found.part, found.time, found.share) == ("carried", 1.0, pytest.approx(1.0))
+    assert alike(scene, pose, found.factors, solved(scene, pose, "hand", 0.0).factors).min() > 0.96
+
+
+def test_sound_that_is_carried_is_nearer_to_a_bent_hand_than_sound_that_is_not(scene, joints, bending):
+    pose = bent(joints, scene, 0.08)
+    truth = solved(scene, pose, "hand", 0.0).factors
+    carried = alike(scene, pose, bending.carried(pose, 0.0).factors, truth)
+    left = alike(scene, pose, bending.carried(bent(joints, scene, 0.04), 0.0).factors, truth)
+    assert carried.min() > 0.9
+    assert ((1.0 - carried) < 0.5 * (1.0 - left))[1:].all()  # of the fingers; the palm stays where it is
+    assert bending.carried(pose, 0.0).share < 1.0
+
+
+def test_a_hand_that_moves_as_a_whole_carries_its_sources_along(scene, joints, bending):
+    pose = at.Pose.turn((0.3, 1.0, 0.2), 0.1, translation=(0.004, -0.003, 0.005))
+    start = bent(joints, scene, 0.04)
+    found = bending.carried(pose.apply(start), 0.0)
+    sources, elements = bending.solved(start, 0.0), pose.inverse().apply(scene.array.positions)
+    wavenumber = scene.medium.wavenumber(scene.frequency)
+    straight = monopole_pressure(elements, sources.riding.foci, np.eye(3, dtype=complex), wavenumber, "float64")
+    scattered = monopole_pressure(elements, sources.points, sources.strengths, wavenumber, "float64")
+    np.testing.assert_allclose(found.factors.T, 1.0 + scattered / straight, atol=5e-3)
+
+
+def test_a_process_carries_what_its_thread_solves_and_ends_without_a_fault(scene, joints):
+    assert solved_for(scene) == [("carried",)]
+    assert ("carried",) not in solved_for(one_board())
+    process = SolverProcess(scene, ("carried",))
+    try:
+        until = time.monotonic() + 300.0
+        while not (found := process.found()) and time.monotonic() < until:
+            process.ask(Asked(0.0, joints, np.zeros((25, 3)), time.monotonic()))
+            time.sleep(0.02)
+        assert isinstance(found[-1], HandFactors)
+        assert found[-1].factors.shape == (3, len(scene.array))
+        process.ask(Asked(0.1, joints, np.zeros((25, 3)), time.monotonic()))
+        process._newest.end()  # as where the loop is gone, in the middle of what its thread solves
+        assert process._process.wait(300.0) == 0
+    finally:
+        process.close()

@@ -1,0 +1,109 @@
+"""The sound that the page shows with the hand in its place, against a finer solution and the rules of reciprocity."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import airtact as at
+from airtact.hand.hand import hand_from_joints
+from airtact.live.drives.factors import OpenAir, part_of, solved
+from airtact.live.drives.riding import ride
+from airtact.live.page.section import ACROSS, ENLARGED, PIXELS, Section, enlarged
+from airtact.live.page.skin import MovingSkin
+from airtact.live.page.solved import Asked, SolvedSound, SoundSolver
+from airtact.live.page.sound import DirectSound
+from airtact.live.parts import LiveScene, Moment
+from live.live_scenes import one_board, playing
+
+
+def asked(scene: LiveScene, moment: Moment, section: Section | None = None) -> Asked:
+    vertices, _ = MovingSkin(scene.radii).at(moment.joints)
+    section = section or Section(moment.foci.mean(axis=0), "y", 0.0)
+    return Asked(time.monotonic(), moment.joints, moment.foci, moment.amplitudes, vertices, section)
+
+
+@pytest.mark.parametrize(
+    ("across", "along", "up", "normal"),
+    [
+        ("x", (0, 1, 0), (0, 0, 1), (1, 0, 0)),
+        ("y", (1, 0, 0), (0, 0, 1), (0, 1, 0)),
+        ("z", (1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    ],
+)
+def test_a_slice_begins_at_the_upper_left(across, along, up, normal) -> None:
+    middle, half = np.array([0.01, 0.02, 0.03]), 0.5 * ACROSS
+    section = Section(middle, across, 5e-3)
+    points = section.points()
+    centre = middle + 5e-3 * np.array(normal)
+    np.testing.assert_allclose(section.middle, centre, atol=1e-12)
+    np.testing.assert_allclose(points[0], centre - half * np.array(along) + half * np.array(up), atol=1e-12)
+    np.testing.assert_allclose(points[PIXELS - 1], centre + half * np.array(along) + half * np.array(up), atol=1e-12)
+    assert np.linalg.det(section.axes) == pytest.approx(1.0)
+
+
+def test_a_plane_wave_is_as_strong_between_the_points_of_a_slice() -> None:
+    points = Section(np.zeros(3), "y", 0.0).points()
+    wave = np.exp(1j * 732.0 * (points @ [0.6, 0.0, 0.8]))
+    magnitude = enlarged(wave)
+    assert magnitude.shape == (ENLARGED * PIXELS, ENLARGED * PIXELS)
+    assert np.abs(magnitude[4:-4, 4:-4] - 1.0).max() < 0.1
+
+
+def test_a_focus_gets_what_a_beacon_there_sends_to_the_array() -> None:
+    """The direct equation here and the transposed one, which drives are made with, agree by reciprocity."""
+    scene, moment = one_board(), playing(one_board(), 0.2)
+    scene = replace(scene, places=("middle.pad", "ring.pad"), offsets=np.full(2, 5e-3))
+    foci = ride(scene, moment.joints).foci
+    rows = OpenAir(scene).rows(foci)
+    amplitudes = rows.conj().sum(axis=0) / np.abs(rows.sum(axis=0)).max()
+    sent = np.abs((rows * solved(scene, moment.joints, "hand", 0.0).factors) @ amplitudes)
+    solver, skin = SoundSolver(scene), np.zeros((1, 3))
+    for focus, expected in zip(foci, sent, strict=True):
+        section = Section(focus + 0.5 * ACROSS / (PIXELS - 1) * np.array([1.0, 0.0, 1.0]), "y", 0.0)
+        sound = solver.solved(Asked(0.0, moment.joints, foci, amplitudes, skin, section))
+        nearest = np.argmin(np.linalg.norm(section.points() - focus, axis=1))
+        np.testing.assert_allclose(section.points()[nearest], focus, atol=1e-9)
+        print(np.abs(sound.field[nearest]) / expected)
+        assert np.abs(sound.field[nearest]) == pytest.approx(expected, rel=0.1)
+
+
+@pytest.mark.slow
+def test_skin_and_slice_are_those_of_a_finer_solution() -> None:
+    scene = one_board()
+    first, moment = playing(scene, 0.0), playing(scene, 0.26)
+    solver = SoundSolver(scene)
+    solver.solved(asked(scene, first))
+    what = asked(scene, moment)
+    sound, points = solver.solved(what), what.section.points()
+    fine = at.BoundaryElement(accuracy=0.03)
+    hand = hand_from_joints(moment.joints, scene.radii, side="left")
+    body = part_of(hand, "hand", scene.places, fine.panel_edge(scene.medium.wavelength(40e3)))
+    air = at.Scene(scene.medium, [at.sound_hard(body)], frequency=40e3)
+    every = np.vstack([points, what.skin])
+    truth = np.abs(at.field_map(air, scene.array, at.Drive(moment.amplitudes), every, solver=fine))
+    direct = np.abs(DirectSound(scene).at(points, moment.amplitudes, what.section.foci))
+    for found, true, least in (
+        (np.abs(sound.field), truth[: len(points)], 2000),
+        (sound.skin, truth[len(points) :], 500),
+    ):
+        known = np.isfinite(true)
+        error = np.linalg.norm((found - true)[known]) / np.linalg.norm(true[known])
+        print(f"{known.sum()} points: {error:.3f} off")
+        assert known.sum() > least
+        assert error < 0.25
+    known = np.isfinite(truth[: len(points)])
+    assert np.linalg.norm((direct - truth[: len(points)])[known]) > 0.4 * np.linalg.norm(truth[: len(points)][known])
+
+
+def test_a_solver_that_has_died_leaves_the_page_with_the_direct_sound() -> None:
+    scene = one_board()
+    solving = SolvedSound(scene)
+    solving._process.kill()
+    solving._process.join()
+    what = asked(scene, playing(scene))
+    for _ in range(3):
+        solving.ask(what)
+    assert solving.newest is None
+    solving.close()

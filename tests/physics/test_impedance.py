@@ -1,0 +1,193 @@
+"""Locally reacting surfaces by boundary elements, against series, multipoles, finite elements and laws."""
+
+import numpy as np
+import pytest
+
+import airtact as at
+from airtact.solvers.problem import RadiatedField
+from benchmarks.accuracy import PAPER_AIR, directions, one_each
+
+RATIOS = [0.5, 2.0, 2 + 2j, 20.0]
+K = PAPER_AIR.wavenumber(40e3).real
+RADII = {"off": 8e-3, "monopole": np.pi / K, "dipole": 4.493409 / K, "higher": 6.98793 / K}
+"""The interior of a sphere resonates where j_n(ka) = 0: n = 0, 1, 3."""
+
+SKIN = 1.6e6 / 415
+"""Impedance of soft tissue over that of air (F. A. Duck, Physical Properties of Tissue, 1990, chapter 4)."""
+
+
+def relative(found: np.ndarray, exact: np.ndarray) -> float:
+    """Largest error of an excitation, over its points together."""
+    return float((np.linalg.norm(found - exact, axis=0) / np.linalg.norm(exact, axis=0)).max())
+
+
+def sphere_scene(ratio: complex, radius: float = 8e-3) -> at.Scene:
+    return at.Scene(PAPER_AIR, [at.impedance(at.sphere(radius, radius), ratio)])
+
+
+def power_into(field: RadiatedField) -> float:
+    """Power that enters the bodies [W], from pressure and velocity on their surfaces."""
+    surface = field.on_surface
+    inwards = -np.einsum("nds,nd->ns", field.velocity(surface.points), surface.normals)
+    return float(0.5 * np.real(np.conj(surface.pressure) * inwards)[:, 0] @ surface.areas)
+
+
+CASES = [
+    pytest.param(radius, ratio, marks=() if name == "higher" or ratio == 2 + 2j else pytest.mark.slow)
+    for name, radius in RADII.items()
+    for ratio in RATIOS
+]
+
+
+@pytest.mark.parametrize(("radius", "ratio"), CASES)
+def test_a_sphere_is_its_series_on_and_off_its_resonances(radius, ratio):
+    scene = sphere_scene(ratio, radius)
+    sources = one_each(np.concatenate([directions(3, 1) * (radius + 0.5e-3), directions(3, 2) * (radius + 0.03)]))
+    found, exact = (one.radiate(scene, sources) for one in (at.BoundaryElement(), at.SphereSeries()))
+    away, near = directions(40, 3) * (radius + 0.05), directions(40, 4) * (radius + 2e-3)
+    assert relative(found.at(away), exact.at(away)) < 0.01
+    assert relative(found.at(near)[:, 3:], exact.at(near)[:, 3:]) < 0.01
+    assert relative(found.scattered_at(away), exact.scattered_at(away)) < 0.02
+    assert found.report.estimated_error < 0.02
+
+
+def test_finer_panels_and_double_precision_converge_on_the_surface_too():
+    scene, sources = sphere_scene(2 + 2j), one_each(directions(2, 1) * 0.02)
+    exact = at.SphereSeries().radiate(scene, sources)
+    lit = directions(400, 5) * 8e-3
+    lit = lit[(lit @ sources.positions.T > 0).all(axis=1)]
+    errors = []
+    for solver in (at.BoundaryElement(0.01), at.BoundaryElement(1e-3, "float64")):
+        found = solver.radiate(scene, sources)
+        errors.append((relative(found.at(lit), exact.at(lit)), relative(found.at(10 * lit), exact.at(10 * lit))))
+    assert errors[0][0] < 0.02
+    assert errors[1][0] < 2e-3
+    assert errors[1][1] < 1e-3
+
+
+def test_the_velocity_on_the_surface_goes_into_it():
+    scene, sources = sphere_scene(2 + 2j), one_each(directions(1, 1) * 0.02)
+    found, exact = (one.radiate(scene, sources) for one in (at.BoundaryElement(0.003), at.SphereSeries()))
+    points = directions(30, 6) * 8e-3
+    points = points[points @ sources.positions[0] > 0]
+    true = exact.velocity(points * (1 + 1e-9))
+    for height in (0.0, 1e-4, 1e-3):
+        there = points * (1 + height / 8e-3)
+        true = exact.velocity(there * (1 + 1e-9))
+        assert relative(found.velocity(there).reshape(-1, 1), true.reshape(-1, 1)) < 0.05
+
+
+@pytest.mark.parametrize("ratio", [0.5, 5j])
+def test_the_power_that_enters_is_what_the_field_around_has_lost(ratio):
+    """The power that leaves a sphere round body and source, and what enters the body, are the source's own."""
+    source = np.array([[0.0, 0.004, 0.02]])
+    field = at.BoundaryElement(0.003).radiate(sphere_scene(ratio), one_each(source))
+    own = field.scattered_at(source)[0, 0] + 1j * K  # p − 1/r at the source
+    emitted = 2 * np.pi * np.imag(own) / (PAPER_AIR.density * 2 * np.pi * 40e3)
+    cosine, weight = np.polynomial.legendre.leggauss(40)
+    turn = 2 * np.pi * np.arange(80) / 80
+    sine = np.sqrt(1 - cosine**2)
+    way = np.stack([np.outer(sine, np.cos(turn)), np.outer(sine, np.sin(turn)), np.outer(cosine, np.ones(80))], -1)
+    far = way.reshape(-1, 3) * 10.0
+    intensity = 0.5 * np.abs(field.at(far)[:, 0]) ** 2 / (PAPER_AIR.density * PAPER_AIR.sound_speed)
+    left = 100.0 * np.repeat(weight, 80) @ intensity * 2 * np.pi / 80
+    assert left + power_into(field) == pytest.approx(emitted, rel=5e-3)
+    assert (power_into(field) > 0.02 * emitted) == (complex(ratio).real > 0)
+
+
+def test_source_and_receiver_change_places_and_ever_more_so():
+    scene = at.Scene(PAPER_AIR, [at.impedance(at.capsule((-0.01, 0, 0), (0.01, 0, 0), 6e-3, 3e-3), 1.5 + 0.5j)])
+    here, there = directions(3, 1) * 0.018, directions(4, 2) * 0.03
+    worst = []
+    for asked in (0.03, 0.003):
+        solver = at.BoundaryElement(asked, estimate=False)
+        forth, back = solver.radiate(scene, one_each(here)).at(there), solver.radiate(scene, one_each(there)).at(here)
+        worst.append(np.abs(forth - back.T).max() / np.abs(forth).mean())
+    assert worst[1] < min(3e-3, worst[0])
+
+
+def two_kinds() -> tuple[at.Scene, tuple[complex, complex]]:
+    """A hard ball and an absorbing one, 2 mm apart."""
+    balls = [at.sphere(9e-3, 9e-3), at.sphere(6e-3, 6e-3, centre=(0.017 * 0.6, 0.0, 0.017 * 0.8))]
+    ratio = 1.5 + 0.5j
+    return at.Scene(PAPER_AIR, [at.sound_hard(balls[0]), at.impedance(balls[1], ratio)]), (0.0, 1 / ratio)
+
+
+@pytest.fixture(scope="module")
+def between() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Sources about two balls of two kinds, points away, and the pressure there by multipoles."""
+    from references import two_spheres
+
+    scene, admittances = two_kinds()
+    balls = [one.surface.primitive for one in scene.obstacles]
+    sources = np.array([[0.006, 0.0, 0.008 + 1e-4], [-0.0095, 0, 0], [0.02, 0.01, 0.03]])
+    away = directions(30, 3) * 0.1
+    exact, own = two_spheres.pressure_at(balls, scene.wavenumber, sources, away, admittances=admittances)
+    assert own < 1e-4
+    return sources, away, exact
+
+
+def test_bodies_of_two_kinds_stand_in_one_scene(between):
+    sources, away, exact = between
+    field = at.BoundaryElement().radiate(two_kinds()[0], one_each(sources))
+    assert relative(field.at(away), exact) < 0.01
+    expansion = at.multipole_expansion(field)
+    assert relative(expansion.at(away), field.at(away)) < 2e-3
+
+
+def test_bodies_of_two_kinds_are_factorised(between):
+    sources, away, exact = between
+    scene, _ = two_kinds()
+    ready = at.BoundaryElement(0.05).factorised(scene, sources)
+    assert relative(ready.radiate(scene, one_each(sources)).at(away), exact) < 0.05
+    other = at.Scene(PAPER_AIR, [scene.obstacles[0], at.impedance(scene.obstacles[1].surface, 3.0)])
+    with pytest.raises(at.InvalidInput, match="ratio"):
+        ready.radiate(other, one_each(sources))
+
+
+def test_an_absorbing_ball_over_a_plane_is_the_series_of_two():
+    from references import before_a_plane
+
+    ball = at.sphere(8e-3, 8e-3, centre=(0, 0, 10e-3))
+    table = at.plane((0, 0, 0), (0, 0, 1))
+    scene = at.Scene(PAPER_AIR, [at.impedance(ball, 2 + 1j)], planes=[table])
+    sources = np.array([[0.03, 0.02, 0.06], [0.0, 9e-3, 10e-3], [0.04, 0.0, 0.0]])
+    points = np.array([[0.05, 0.01, 0.03], [-0.06, 0.02, 0.09], [0.012, 0, 0], [0.05, 0.03, 0]])
+    exact, own = before_a_plane.sphere_pressure(scene, sources, points)
+    assert own < 1e-4
+    assert relative(at.BoundaryElement().radiate(scene, one_each(sources)).at(points), exact) < 0.01
+
+
+def test_a_hand_s_skin_is_as_good_as_rigid():
+    """The share of the pressure that soft tissue lets in is of the order of 1/ratio."""
+    finger = at.capsule((-0.012, 0, 0), (0.012, 0, 0), 8e-3, 4e-3)
+    sources = one_each(np.array([[0, 0, 8.5e-3], [0.05, 0.02, 0.1]]))
+    points = directions(40, 3) * 0.2
+    solver = at.BoundaryElement(0.003)
+    rigid, skin = (
+        solver.radiate(at.Scene(PAPER_AIR, [body]), sources).at(points)
+        for body in (at.sound_hard(finger), at.impedance(finger, SKIN))
+    )
+    assert 0 < relative(skin, rigid) < 1e-3
+
+
+def test_a_picture_in_cells_is_the_same_as_point_by_point():
+    scene, sources = sphere_scene(1 + 1j), one_each(directions(2, 1) * 0.02)
+    field = at.BoundaryElement().radiate(scene, sources)
+    across = np.linspace(-0.03, 0.03, 60)
+    points = np.stack([*np.meshgrid(across, across), np.full((60, 60), 0.002)], axis=-1).reshape(-1, 3)
+    picture, some = field.at(points), slice(0, None, 97)
+    known = np.isfinite(picture[some, 0])
+    assert known.sum() > 20
+    assert relative(picture[some][known], field.at(points[some][known])) < 0.01
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ratio", [0.5, 2 + 2j])
+def test_a_plate_beside_a_source_is_what_finite_elements_find(box, ratio):
+    plate = box((-0.01, -0.01, -0.001), (0.01, 0.01, 0.001))
+    scene = at.Scene(PAPER_AIR, [at.impedance(plate, ratio)])
+    sources, away = one_each(np.array([[0.002, 0.001, 0.006]])), directions(60, 3) * 0.1
+    found = at.BoundaryElement(0.003).radiate(scene, sources).at(away)
+    other = at.FiniteElement(order=4, symmetry=()).radiate(scene, sources).at(away)
+    assert relative(found, other) < 0.02

@@ -1,0 +1,125 @@
+"""Pose and gap together: matrices between the solved gaps, their derivatives, and what echoes determine of both."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import airtact as at
+from airtact.sensing import ScatteringFamily, scattering_family
+from airtact.sensing.array_waves import array_waves
+from airtact.sensing.echo_model import EchoModel, motion_of
+from faults import raises_code
+from sensing.sensed_scenes import AIR, BOX, TRUE, capsules, off_by, relative
+
+CODES = at.sensing.random_codes(996, 8, seed=2)
+COARSE = at.BoundaryElement(accuracy=0.03, estimate=False)
+
+
+@cache
+def family() -> ScatteringFamily:
+    return scattering_family(COARSE, capsules, 12e-3, 14e-3, values=4)
+
+
+@cache
+def measured(gap: float, noise: float = 30.0) -> at.Echoes:
+    """Echoes that the boundary elements make with smaller panels than the model's."""
+    solver = at.BoundaryElement(accuracy=0.01, estimate=False)
+    return at.simulate_echoes(solver, capsules(gap), BOX.seen_from(TRUE), CODES, noise=noise, seed=1)
+
+
+def off(pose: at.Pose) -> tuple[float, float]:
+    """Distance of the middle of the bodies [m] and angle [rad] from the truth."""
+    centre = family().matrices[0].centre[None]
+    apart = float(np.linalg.norm(pose.apply(centre) - TRUE.apply(centre)))
+    return apart, float(np.linalg.norm(pose.rotation.T @ TRUE.rotation - np.eye(3)) / np.sqrt(2))
+
+
+def test_between_the_values_the_matrix_is_that_of_a_solve() -> None:
+    made, value = family(), 12.55e-3
+    ball = made.matrices[0].centre, made.matrices[0].radius
+    solved = at.scattering_matrix(COARSE, capsules(value), ball=ball)
+    assert relative(made.at(value).matrix, solved.matrix) < 0.01
+    nodes = [0.5 * (12e-3 + 14e-3) + 1e-3 * x for x in np.polynomial.chebyshev.chebpts1(4)]
+    assert all(relative(made.at(x).matrix, one.matrix) < 1e-10 for x, one in zip(nodes, made.matrices, strict=True))
+    assert 1e-4 < made.error < 0.02
+
+
+def test_the_derivative_is_that_of_the_interpolation() -> None:
+    made, step = family(), 1e-6
+    differences = (made.at(12.7e-3 + step).matrix - made.at(12.7e-3 - step).matrix) / (2 * step)
+    assert relative(made.derivative(12.7e-3).matrix, differences) < 1e-6
+
+
+def test_the_effect_of_a_motion_is_that_of_a_motion() -> None:
+    def moved(height: float) -> at.Scene:
+        one = at.sphere(4e-3, 2e-3, (0, 0, height))
+        return at.Scene(AIR, [at.sound_hard(one)], frequency=40e3)
+
+    assert scattering_family(at.SphereSeries(), moved, -5e-4, 5e-4).effect == pytest.approx(1.0, rel=0.02)
+
+
+def test_pose_and_gap_are_found_together() -> None:
+    found = at.locate(measured(13.6e-3), family(), BOX, off_by(TRUE, 1e-3, np.radians(2), seed=0))
+    position, angle = off(found.pose)
+    assert found.converged, found
+    assert found.opening == pytest.approx(13.6e-3, abs=1e-5)
+    assert position < 1e-5
+    assert angle < np.radians(0.1)
+    assert found.covariance.shape == found.bound.shape == (7, 7)
+    assert 0.0 < found.opening_deviation < 1e-5
+    assert "opening 0.0136" in repr(found)
+
+
+def test_the_derivatives_by_the_gap_are_those_of_the_echoes() -> None:
+    waves = array_waves(family().at(13e-3), BOX.seen_from(TRUE), family().matrices[0].order + 9)
+    motion, some = motion_of(np.array([9e-4, -4e-4, 7e-4, 0.02, 0.03, -0.01])), np.arange(0, 996, 50)
+
+    def echoes(scattering: at.sensing.ScatteringMatrix) -> np.ndarray:
+        return EchoModel.of(scattering, waves, CODES[:, :2], some).echoes(motion)
+
+    differences = (echoes(family().at(13.1e-3)) - echoes(family().at(12.9e-3))) / 2e-4
+    assert relative(echoes(family().derivative(13e-3)), differences) < 5e-3
+
+
+def test_a_gap_outside_the_range_is_not_believed() -> None:
+    far, some = measured(15e-3), np.arange(0, 996, 12)
+    echoes = at.Echoes(CODES[:, :4], far.pressures[some, :4], some, noise=far.noise)
+    found = at.locate(echoes, family(), BOX, off_by(TRUE, 1e-3, np.radians(2), seed=0))
+    assert not found.converged
+
+
+def test_an_opening_that_is_a_motion_is_named() -> None:
+    def lifted(height: float) -> at.Scene:
+        balls = [at.sphere(3e-3, 2e-3, (x, y, height)) for x, y in ((-5e-3, 0), (5e-3, 2e-3), (0, 7e-3))]
+        return at.Scene(AIR, [at.sound_hard(one) for one in balls], frequency=40e3)
+
+    made = scattering_family(at.BoundaryElement(accuracy=0.1, estimate=False), lifted, -5e-4, 5e-4)
+    echoes = at.simulate_echoes(made.matrices[0], made.scene, BOX, CODES[:, :2])
+    with raises_code("pose_undetermined", "a change of the opening together with a translation along"):
+        at.locate(echoes, made, BOX, at.Pose.identity())
+    few = at.simulate_echoes(made.matrices[0], made.scene, BOX, CODES[:, :1], receivers=np.arange(3))
+    with raises_code("pose_undetermined", "3 receivers", "1 transmission"):
+        at.locate(few, made, BOX, at.Pose.identity())
+
+
+def test_bad_families_are_rejected() -> None:
+    with raises_code("out_of_range", "0.014", "0.012"):
+        scattering_family(COARSE, capsules, 14e-3, 12e-3)
+    with raises_code("out_of_range", "0.02"):
+        scattering_family(COARSE, capsules, 12e-3, 14e-3, start=0.02)
+    with raises_code("out_of_range", "2"):
+        scattering_family(COARSE, capsules, 12e-3, 14e-3, values=2)
+    ball = at.Scene(AIR, [at.sound_hard(at.sphere(4e-3, 2e-3))], frequency=40e3)
+    with raises_code("no_effect", "scene_of must use the number"):
+        scattering_family(at.SphereSeries(), lambda value: ball, 0.0, 1.0)
+    with raises_code("scenes_differ", "1 and 2 bodies"):
+        scattering_family(COARSE, lambda value: ball if value < 0.5 else capsules(), 0.0, 1.0)
+
+    def far(height: float) -> at.Scene:
+        return at.Scene(AIR, [at.sound_hard(at.sphere(4e-3, 2e-3, (0, 0, height)))], frequency=40e3)
+
+    with raises_code("too_few_values", "3 values"):
+        scattering_family(at.SphereSeries(), far, -5e-3, 5e-3, values=3)
+    with raises_code("given_twice", "4"):
+        at.locate(measured(13.6e-3), family(), BOX, TRUE, scattering=family().matrices[0])
