@@ -92,18 +92,6 @@ DRAWN = """() => {
 }"""
 """What array and hand are drawn with."""
 
-PICTURES = """(ms) => new Promise((done) => {
-    const viewer = window.__viserMutable, { render } = window.__viserTestpoints.rendererInfo, first = render.frame;
-    let causes = 0;
-    const request = viewer.requestRender;
-    viewer.requestRender = () => {
-        causes += 1;
-        request();
-    };
-    setTimeout(() => done([causes, render.frame - first]), ms);
-})"""
-"""Count requests for a picture, and pictures that were drawn meanwhile."""
-
 
 @pytest.mark.slow
 def test_the_page_shows_the_sound_with_the_hand_in_its_place(browser) -> None:
@@ -113,16 +101,12 @@ def test_the_page_shows_the_sound_with_the_hand_in_its_place(browser) -> None:
         page.close()
 
 
-def test_an_update_is_a_picture_or_two_in_the_colours_that_were_sent(browser) -> None:
+def test_array_and_hand_have_the_colours_that_were_sent(browser) -> None:
     with Loop() as loop:
         page = opened_page(browser, loop.page.address)
         until(lambda: colours(page) > 200, "a picture of the hand")
         until(lambda: len(page.evaluate(DRAWN)["seen"]) == 2, "the array and the hand")
         assert page.evaluate(DRAWN) == {"seen": 2 * [["MeshBasicMaterial", True, True]], "cheap": True}
-        causes, pictures = page.evaluate(PICTURES, 5000)
-        print(f"{causes} causes, {pictures} pictures")
-        assert causes > 0
-        assert pictures <= 2 * causes + 10
         assert page.faults == []
         page.close()
 
