@@ -154,7 +154,7 @@ class Wire:
                         os.close(self.master)
                         return
 
-    def settle(self, count: int, seconds: float = 2.0) -> None:
+    def settle(self, count: int, seconds: float = 60.0) -> None:
         """Wait until so many bytes were heard."""
         waiter = threading.Event()
         for _ in range(int(seconds / 0.002)):
@@ -163,7 +163,7 @@ class Wire:
             waiter.wait(0.002)
         raise AssertionError(f"{self.heard} of {count} bytes were heard")
 
-    def silent(self, seconds: float = 20.0) -> bool:
+    def silent(self, seconds: float = 120.0) -> bool:
         """Wait until what was written has made the board silent."""
         end = time.monotonic() + seconds
         while self.board.pulses().any() and time.monotonic() < end:

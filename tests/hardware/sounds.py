@@ -11,7 +11,7 @@ from airtact.hardware.link import RecordingLink
 from airtact.transfer import Drive
 
 EVENT = re.compile(r"\d+\.\d+ (opened|frame \d+ loudest \S+|silence confirmed|closed)")
-ENOUGH = 30.0
+ENOUGH = 120.0
 
 
 def tone(elements: int = 249, loudness: float = 1.0) -> Drive:

@@ -72,7 +72,7 @@ def starve(times: int, patience: float) -> None:
                 for _ in range(random.integers(1, 5)):
                     emission.send(tone())
             last = time.monotonic()
-            while not link.frames[-1].silent and time.monotonic() - last < 30.0:
+            while not link.frames[-1].silent and time.monotonic() - last < 120.0:
                 time.sleep(0.005)
             assert ended(link)
             with pytest.raises(LinkFailed, match=f"over because no call came for {patience:g} s, after"):
@@ -93,7 +93,7 @@ def test_one_that_resumes_is_silent_while_no_call_comes() -> None:
     link = RecordingLink()
     with Emission(link, ramp=0.0, patience=0.2, resumes=True) as emission:
         emission.send(tone())
-        until = time.monotonic() + 30.0
+        until = time.monotonic() + 120.0
         while not link.frames[-1].silent and time.monotonic() < until:
             time.sleep(0.02)
         assert link.frames[-1].silent

@@ -194,7 +194,7 @@ def test_the_process_solves_says_what_it_cannot_and_ends(scene, joints):
     crossed[[2, 3, 4]] = joints[[7, 8, 9]]  # the thumb within the index finger
 
     def wait_for(kind: type, hand: np.ndarray) -> object:
-        until = time.monotonic() + 60.0
+        until = time.monotonic() + 120.0
         while time.monotonic() < until:
             process.ask(Asked(0.0, hand, np.zeros((25, 3)), time.monotonic()))
             found = [one for one in process.found() if isinstance(one, kind)]

@@ -193,15 +193,15 @@ class Behind(at.live.Distances):
 @pytest.mark.parametrize(
     ("maker", "settings", "late", "least", "words"),
     [
-        (at.live.Distances, {"output": Slow()}, "link", 0.015, r"late: link \d+ ms a drive"),
-        (at.live.Distances, {"latency": 0.08}, "frames", 0.08, r"late: frames \d+ ms old"),
-        (Behind, {}, "solver", 0.14, r"late: solver 140 ms behind"),
+        (at.live.Distances, {"output": Slow()}, "link", 0.015, r"late: .*link \d+ ms a drive"),
+        (at.live.Distances, {"latency": 0.08}, "frames", 0.08, r"late: .*frames \d+ ms old"),
+        (Behind, {}, "solver", 0.14, r"late: .*solver 140 ms behind"),
     ],
 )
 def test_the_status_names_what_is_late(scene, maker, settings, late, least, words):
     said = []
     hands = recorded(reaching_recording()[:60])
-    at.live.follow(scene, hands, maker(scene), report=said.append, seconds=0.9, **settings)
+    at.live.follow(scene, hands, maker(scene), report=said.append, seconds=3.0, **settings)
     playing = next(one for one in said if one.rate)
     assert playing.late[late] >= least
     assert re.search(words, str(playing))

@@ -59,7 +59,7 @@ def alive(process: int) -> bool:
 
 
 def wait_for(condition) -> None:
-    end = time.monotonic() + 60.0
+    end = time.monotonic() + 120.0
     while not condition():
         assert time.monotonic() < end
         time.sleep(0.02)
