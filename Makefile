@@ -19,6 +19,7 @@ help:
 	@echo "make bench-compare  the rows of airtact bench beside the last tag's; red and failed where 20 % slower"
 
 $(VENV)/installed: $(KERNELS)
+	@echo "Installing into $(VENV) takes some minutes: packages are downloaded and the loops are compiled."
 	python3 -m venv $(VENV)
 	PIP_CONSTRAINT=constraints.txt $(BIN)/pip install --quiet --editable '.[fem,mesh]'
 	@touch $@

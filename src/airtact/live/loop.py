@@ -69,7 +69,7 @@ class _Played(NamedTuple):
 
 @dataclass(frozen=True)
 class Status:
-    """How the live loop does, over the last half second.
+    """How the live loop does, over the last second.
 
     Attributes
     ----------
@@ -87,15 +87,14 @@ class Status:
     late: dict[str, float]
 
     def __str__(self) -> str:
-        """Write it on one line."""
+        """Write it on one line, of under 80 columns while it plays and nothing is late."""
         parts = [self.state]
         if self.rate:
             parts += [f"{self.rate:.0f} drives/s", f"age {1e3 * self.age:.0f} ms"]
-        if np.isfinite(self.kept):
-            parts.append(f"{self.kept:.0%} of the attainable pressure expected")
-        if self.rate:
             late = [IN_WORDS[name].format(1e3 * seconds) for name, seconds in self.late.items()]
             parts.append(f"late: {', '.join(late)}" if late else "nothing late")
+        if np.isfinite(self.kept):
+            parts.append(f"{self.kept:.0%} of attainable expected")
         return ", ".join(parts)
 
 
@@ -429,6 +428,8 @@ class _Loop:
         state = "playing" if self._fault is None else self._fault
         usual = {name: _median([getattr(one, name) for one in recent]) for name in ("age", "kept", *LATE)}
         late = {name: usual[name] for name, most in LATE.items() if usual[name] > most}
+        if self._played:  # the first drive was less than a second ago
+            span = min(span, max(now - self._played[0].sent, REPORTED))
         return Status(state, len(recent) / span, usual["age"], usual["kept"], late)
 
     def followed(self, seconds: float, health: StreamHealth, state: str) -> Followed:

@@ -253,8 +253,8 @@ class BoundaryField(RadiatedField):
             warnings = (
                 *warnings,
                 f"at {in_mm(points[parts.argmax()])} and the points beside it the pressure is estimated to be "
-                f"{100 * error:.1f} % off, and {100 * self.accuracy:.1f} % was asked: solve with "
-                f"BoundaryElement(accuracy={self.accuracy / 3:.2g}) for points in a narrow gap or a cavity.",
+                f"{100 * error:.1f} % off, and {100 * self.accuracy:.1f} % was asked of this solution: points in a "
+                f"narrow gap or a cavity need a smaller accuracy, such as {self.accuracy / 3:.2g}.",
             )
         return replace(
             self.report, estimated_error=float(np.fmax(error, self.report.estimated_error)), warnings=warnings

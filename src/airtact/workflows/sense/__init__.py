@@ -87,7 +87,7 @@ def sense(
         "pose_not_found": no pose near that of the scene file explains the echoes.
     """
     if (echoes_file is None) == (simulation is None):
-        raise InvalidInput("give 1 of 2: a file of echoes, or the noise of simulated ones.", code="echoes_missing")
+        raise InvalidInput("give 1 of 2: a file of echoes (--echoes FILE), or --simulate.", code="echoes_missing")
     clock = Clock(report_step)
     with clock.step("scene", f"reading {scene_file.name}"):
         setup = read_scene(scene_file)
