@@ -1,6 +1,7 @@
 """Build the body of a hand from joints and radii: its hulls of balls, and which of them are one or stand apart."""
 
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -111,6 +112,7 @@ def part_name(part: int) -> str:
     return f"{bones[part - first]} phalanx of the {finger}{'' if finger == 'thumb' else ' finger'}"
 
 
+@cache
 def _open_hand() -> Float64[np.ndarray, "hulls hulls"]:
     """Return the blend radii between the parts that are one in every pose."""
     count = len(PARTS)
@@ -128,7 +130,7 @@ def _open_hand() -> Float64[np.ndarray, "hulls hulls"]:
                 blend[i, j] = BASE
     for one, other in pairwise(roots[1:]):
         blend[other, one] = WEB
-    return blend + blend.T
+    return fixed(blend + blend.T)
 
 
 def _near(

@@ -7,6 +7,7 @@ Sources
 - A. Buryanov, V. Kotiuk, "Proportions of hand segments", Int. J. Morphol. 28, 755 (2010): lengths of phalanges.
 """
 
+import math
 from collections.abc import Mapping
 from itertools import pairwise
 from typing import Literal
@@ -226,7 +227,7 @@ def check_finger_order(joints: Float64[np.ndarray, "25 3"], rough: float = 0.0) 
 
 def unit(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
     """Bring a vector (3,) to length 1."""
-    return vector / np.linalg.norm(vector)
+    return vector / math.sqrt(vector @ vector)
 
 
 def cross(one: Float64[np.ndarray, "3"], other: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:

