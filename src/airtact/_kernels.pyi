@@ -152,6 +152,15 @@ def surface_integral(
 def normal_derivative(
     points: np.ndarray, normals: np.ndarray, sources: np.ndarray, strength: np.ndarray, k: complex, out: np.ndarray
 ) -> None: ...
+def detoured_waves(
+    centres: np.ndarray,
+    foci: np.ndarray,
+    elements: np.ndarray,
+    straight: np.ndarray,
+    waves: np.ndarray,
+    k: float,
+    out: np.ndarray,
+) -> None: ...
 def interpolate(
     table: np.ndarray,
     first: np.ndarray,

@@ -218,6 +218,41 @@ void apply_monopoles(const double *targets, std::int64_t n, const double *source
                    });
 }
 
+void detoured_waves(const double *centres, std::int64_t bones, const double *foci, std::int64_t count, const double *elements,
+                    std::int64_t n, const double *straight, const std::complex<float> *waves, double k,
+                    std::complex<float> *out) {
+    const Origin origin(foci, count);
+    const Planes<float> x(elements, n, origin.at), y(foci, count, origin.at), c(centres, bones * count, origin.at);
+    const float half_waves = float(k / pi), *const ex = x[0], *const ey = x[1], *const ez = x[2];
+    const auto distance = [=](float px, float py, float pz, std::int64_t e) {
+        return std::sqrt((ex[e] - px) * (ex[e] - px) + (ey[e] - py) * (ey[e] - py) + (ez[e] - pz) * (ez[e] - pz));
+    };
+    std::vector<float> away(n), re(n), im(n);
+    for (std::int64_t f = 0; f < count; f++) {
+        const float fx = y[0][f], fy = y[1][f], fz = y[2][f];
+#pragma omp simd
+        for (std::int64_t e = 0; e < n; e++) {
+            away[e] = distance(fx, fy, fz, e);
+            re[e] = float(straight[f]), im[e] = 0;
+        }
+        for (std::int64_t h = 0; h < bones; h++) {
+            const std::int64_t way = h * count + f;
+            const float cx = c[0][way], cy = c[1][way], cz = c[2][way];
+            const float begun = std::sqrt((cx - fx) * (cx - fx) + (cy - fy) * (cy - fy) + (cz - fz) * (cz - fz));
+            const float *const wave = reinterpret_cast<const float *>(waves + way * n);
+            float *const a = re.data(), *const b = im.data(), *const r = away.data();
+#pragma omp simd
+            for (std::int64_t e = 0; e < n; e++) {
+                float sine, cosine;
+                sincospi(half_waves * (begun + distance(cx, cy, cz, e) - r[e]), sine, cosine);
+                a[e] += wave[2 * e] * cosine - wave[2 * e + 1] * sine;
+                b[e] += wave[2 * e] * sine + wave[2 * e + 1] * cosine;
+            }
+        }
+        for (std::int64_t e = 0; e < n; e++) out[f * n + e] = {re[e], im[e]};
+    }
+}
+
 #define AIRTACT_FAR(Real)                                                                                             \
     template void double_layer_matrix<Real>(const double *, std::int64_t, const double *, const double *,             \
                                             const std::complex<double> *, std::int64_t, Wavenumber,                   \

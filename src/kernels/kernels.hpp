@@ -112,6 +112,12 @@ void apply_monopoles(const double *targets, std::int64_t n, const double *source
                      const std::complex<double> *strength, std::int64_t sounds, Wavenumber k,
                      std::complex<double> *out);
 
+// out[f, e] = straight[f] + sum_h waves[h, f, e] e^{ik(|c_hf - y_f| + |c_hf - x_e| - |y_f - x_e|)}: sound from the foci y to the
+// elements x that comes straight, and by way of the centres c (bones, foci, 3). In single precision, on one thread.
+void detoured_waves(const double *centres, std::int64_t bones, const double *foci, std::int64_t count, const double *elements,
+                    std::int64_t n, const double *straight, const std::complex<float> *waves, double k,
+                    std::complex<float> *out);
+
 // The surface integral of finite elements, with G = e^{ikr}/r:
 // out[i, s] = sum_j monopoles[j, s] G(x_i, y_j) + dipoles[j, s] dG/dn(y_j)
 void surface_integral(const double *points, std::int64_t n, const double *sources, const double *normals,

@@ -50,6 +50,7 @@ struct Variant {
     Far<double> twice;
     decltype(&baseline::apply_in_cells) apply_in_cells;
     decltype(&baseline::interpolate) interpolate;
+    decltype(&baseline::detoured_waves) detoured_waves;
     decltype(&baseline::near_pairs) near_pairs;
     decltype(&baseline::closest_on_panels) closest_on_panels;
     decltype(&baseline::near_integrals) near_integrals;
@@ -71,7 +72,7 @@ struct Variant {
 #define AIRTACT_DUAL(v, Store)                                                                                       \
     Dual<Store> { &v::dual_blocks<Store>, &v::dual_low_rank<Store>, &v::dual_product<Store> }
 #define AIRTACT_TABLE(v)                                                                                             \
-    { #v, {AIRTACT_DUAL(v, std::uint32_t), AIRTACT_DUAL(v, float), AIRTACT_DUAL(v, double)}, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::apply_in_cells, &v::interpolate, &v::near_pairs, &v::closest_on_panels,      \
+    { #v, {AIRTACT_DUAL(v, std::uint32_t), AIRTACT_DUAL(v, float), AIRTACT_DUAL(v, double)}, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::apply_in_cells, &v::interpolate, &v::detoured_waves, &v::near_pairs, &v::closest_on_panels,      \
       &v::near_integrals, &v::hull_distances, &v::blended_distance, &v::hull_gaps, &v::project_on_hulls, &v::grade_sizes, \
       &v::even_pass, &v::gerchberg_saxton, &v::surface_integral, &v::normal_derivative }
 
@@ -265,6 +266,16 @@ void monopoles(Points x, Points y, Read<Complex, -1, -1> strength, Complex k, Wr
     nb::gil_scoped_release release;
     far<Real>().apply_monopoles(x.data(), x.shape(0), y.data(), y.shape(0), strength.data(), strength.shape(1), wave(k),
                           out.data());
+}
+
+static void detoured(Read<double, -1, -1, 3> centres, Points foci, Points elements, Line straight,
+                     Read<std::complex<float>, -1, -1, -1> waves, double k, Write<std::complex<float>, -1, -1> out) {
+    const std::size_t bones = centres.shape(0), count = foci.shape(0), n = elements.shape(0);
+    same(centres.shape(1), count), same(straight.shape(0), count), same(out.shape(0), count), same(out.shape(1), n);
+    same(waves.shape(0), bones), same(waves.shape(1), count), same(waves.shape(2), n);
+    nb::gil_scoped_release release;
+    active->detoured_waves(centres.data(), bones, foci.data(), count, elements.data(), n, straight.data(), waves.data(), k,
+                           out.data());
 }
 
 static void whole_surface(Points x, Points y, Points a, Read<Complex, -1, -1> single, Read<Complex, -1, -1> twin,
@@ -531,6 +542,7 @@ NB_MODULE(_kernels, m) {
     m.def("near_excess_float32", &excess<float>);
     m.def("near_excess_float64", &excess<double>);
     m.def("interpolate", &interpolated);
+    m.def("detoured_waves", &detoured);
     m.def("chebyshev_sum_float32", &chebyshev<float>);
     m.def("chebyshev_sum_float64", &chebyshev<double>);
     m.def("count_near", &count_near);

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex64, Complex128, Float, Float32, Float64
 
+from airtact import _kernels
 from airtact.hand.anatomy_parts import FREE, OWNER, PARTS
 from airtact.hand.hand import Hand
 from airtact.hand.joints import CHAINS, cross
@@ -182,24 +183,28 @@ class CarriedFactors(HandFactors):
 
     def at(self, scene: LiveScene, riding: Riding) -> Complex64[np.ndarray, "foci elements"]:
         """Return the factors for a pose nearby: each bone takes the middle of its sources along."""
-        wavenumber = np.float32(scene.medium.wavenumber(scene.frequency).real)
-        detours = self.detours(riding, bones_of(riding.hand), scene.array.positions)
-        by_way = _phasors(wavenumber * detours)
-        by_way *= self.waves
-        return self.straight.astype(np.complex64)[:, None] + by_way.sum(axis=0)
+        elements, wavenumber = scene.array.positions, scene.medium.wavenumber(scene.frequency).real
+        centres = self._centres_on(bones_of(riding.hand))
+        out = np.empty((len(riding.foci), len(elements)), dtype=np.complex64)
+        _kernels.detoured_waves(centres, riding.foci, elements, self.straight, self.waves, wavenumber, out)
+        return out
 
     def detours(
         self, riding: Riding, bones: Bones, elements: Float64[np.ndarray, "elements 3"]
     ) -> Float32[np.ndarray, "hulls foci elements"]:
         """Return how much longer the path by way of each bone is than the straight one [m]."""
-        turns, shifts = self.bones.motions_to(bones)
-        centres = np.einsum("hfj,hjk->hfk", self.centres, turns) + shifts[:, None]
+        centres = self._centres_on(bones)
         begun = np.linalg.norm(centres - riding.foci, axis=2).astype(np.float32)
         near, far = centres.reshape(-1, 3).astype(np.float32), elements.astype(np.float32)
         longer = _distances(near, far).reshape(*begun.shape, -1)
         longer -= _distances(riding.foci.astype(np.float32), far)
         longer += begun[..., None]
         return longer
+
+    def _centres_on(self, bones: Bones) -> Float64[np.ndarray, "hulls foci 3"]:
+        """Return where the middles of the sources are once their bones have moved [m]."""
+        turns, shifts = self.bones.motions_to(bones)
+        return self.centres @ turns + shifts[:, None]
 
 
 def _phasors(phases: Float[np.ndarray, "*any"]) -> Complex64[np.ndarray, "*any"]:
