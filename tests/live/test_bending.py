@@ -8,11 +8,12 @@ import pytest
 
 import airtact as at
 from airtact.hand.kinematics import turned
-from airtact.live.drives.bending import BendingHand
+from airtact.live.drives.bending import BendingHand, bones_of
 from airtact.live.drives.factors import HandFactors, OpenAir, solved
 from airtact.live.drives.maker import solved_for
 from airtact.live.drives.riding import ride
 from airtact.live.drives.solver_process import Asked, SolverProcess
+from airtact.live.drives.some_elements import SomeElements
 from airtact.solvers.monopoles import monopole_pressure
 from hand.hand_poses import example
 from live.live_scenes import one_board
@@ -81,7 +82,31 @@ def test_a_hand_that_moves_as_a_whole_carries_its_sources_along(scene, joints, b
     wavenumber = scene.medium.wavenumber(scene.frequency)
     straight = monopole_pressure(elements, sources.riding.foci, np.eye(3, dtype=complex), wavenumber, "float64")
     scattered = monopole_pressure(elements, sources.points, sources.strengths, wavenumber, "float64")
-    np.testing.assert_allclose(found.factors.T, 1.0 + scattered / straight, atol=5e-3)
+    truth = 1.0 + scattered / straight
+    assert np.linalg.norm(found.factors.T - truth) < 0.05 * np.linalg.norm(truth)  # found at a quarter of the elements
+
+
+def test_what_comes_by_way_of_bones_is_added_up_with_the_phase_of_its_path(scene, joints, bending):
+    found, later = bending.carried(joints, 0.0), ride(scene, bent(joints, scene, 0.02))
+    moved = bones_of(later.hand)
+    turns = np.einsum("hij,hik->hjk", found.bones.axes, moved.axes)
+    centres = np.einsum("hfj,hjk->hfk", found.centres - found.bones.starts[:, None], turns) + moved.starts[:, None]
+    by_way = np.linalg.norm(centres[:, :, None] - scene.array.positions, axis=3)
+    straight = np.linalg.norm(later.foci[:, None] - scene.array.positions, axis=2)
+    longer = np.linalg.norm(centres - later.foci, axis=2)[..., None] + by_way - straight
+    phases = scene.medium.wavenumber(scene.frequency).real * longer
+    expected = found.straight[:, None] + np.sum(found.waves * np.exp(1j * phases), axis=0)
+    np.testing.assert_allclose(found.at(scene, later), expected, atol=1e-3 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("array", [at.flat_boards(2, 2), at.surrounding_box()])
+def test_what_varies_slowly_over_an_array_follows_from_some_elements(array):
+    some = SomeElements.of(array.positions, len(array) // 4)
+    waves = np.exp(1j * np.array([[20.0, -30.0, 10.0], [0.0, 25.0, 25.0]]) @ array.positions.T)
+    found = some.everywhere(waves[:, some.chosen].astype(np.complex64))
+    assert found.shape == waves.shape
+    np.testing.assert_allclose(found[:, some.chosen], waves[:, some.chosen], atol=1e-5)
+    assert np.linalg.norm(found - waves) < 0.1 * np.linalg.norm(waves)
 
 
 def test_a_process_carries_what_its_thread_solves_and_ends_without_a_fault(scene, joints):
