@@ -188,5 +188,28 @@ def test_the_first_slice_hides_no_focus(rendered):
     assert before.min() == pytest.approx(0.0, abs=0.5 * facts["slices"]["steps"][2])
 
 
+def test_a_plane_is_a_sheet_seen_from_its_front(browser, tmp_path):
+    """The first look at the whole array is from its front, where pointing beside the transducers names it."""
+    scene = tmp_path / "over.toml"
+    text = BALL.read_text(encoding="utf-8")
+    plane = "[[planes]]\npoint = [0.0, 0.0, -0.07]\nnormal = [0.0, 0.0, 1.0]\n"
+    scene.write_text(f"{text}\n{plane}", encoding="utf-8")
+    render(scene, tmp_path / "out")
+    page = opened_page(browser, tmp_path / "out" / "report.html")
+    (sheet,) = page.evaluate("JSON.parse(document.getElementById('viewer-facts').textContent).sheets")
+    np.testing.assert_allclose(np.array(sheet)[:, 2], -70.0)
+    page.click("text=the whole array")
+    assert "a rigid plane" in page.get_attribute("canvas", "aria-label")
+    still(page)
+    box, words = page.locator(".stage").bounding_box(), set()
+    for share in np.linspace(0.1, 0.9, 60):
+        page.mouse.move(box["x"] + share * box["width"], box["y"] + 0.6 * box["height"])
+        words.add(page.inner_text("output").split(" at ")[0] if page.is_visible("output") else "")
+    assert "rigid plane" in words
+    assert any(word.startswith("transducer") for word in words)
+    assert page.said == []
+    page.close()
+
+
 def test_pages_stay_small(rendered):
     assert rendered[0].stat().st_size < 3e6

@@ -23,6 +23,8 @@ from matplotlib.colors import to_hex
 from airtact.evaluation.slices import Slices, SurfacePressure
 from airtact.figures.array_figures import spacing, unfold
 from airtact.figures.field_figure import COLOURS
+from airtact.figures.plane_figure import sheet_of
+from airtact.scene.planes import Plane
 from airtact.validation import counted
 
 SHADES = 128
@@ -53,6 +55,7 @@ class SceneView:
     slices : the pressure of each drive in parallel planes.
     held_equal : what is held equal between the drives, in words.
     paths : (P, N, 3) closed paths that foci run along [m]; none where all stand still.
+    planes : the rigid planes of the scene.
     """
 
     drives: Mapping[str, Complex[np.ndarray, "elements"]]
@@ -66,6 +69,7 @@ class SceneView:
     slices: Slices
     held_equal: str
     paths: Float64[np.ndarray, "paths frames 3"]
+    planes: Sequence[Plane]
 
     @property
     def most(self) -> float:
@@ -73,6 +77,17 @@ class SceneView:
         air = self.slices.pressures[self.slices.depth < 0.0]
         walls = 0.0 if self.surfaces is None else self.surfaces.pressures.max()
         return float(max(air.max(initial=1e-9), self.reached.max(), walls))
+
+    @property
+    def solid(self) -> Float64[np.ndarray, "points 3"]:
+        """Positions of the transducers and corners of the bodies [m]."""
+        bodies = np.empty((0, 3)) if self.surfaces is None else self.surfaces.vertices
+        return np.concatenate([self.positions, bodies])
+
+    @property
+    def sheets(self) -> list[Float64[np.ndarray, "4 3"]]:
+        """Corners of the part of each plane that is drawn [m], counter-clockwise as seen from its front."""
+        return [sheet_of(plane, np.concatenate([self.solid, self.points])) for plane in self.planes]
 
 
 def viewer_values(
@@ -101,6 +116,7 @@ def viewer_alternative(view: SceneView) -> str:
     if len(got) <= MOST_WORDS:
         words = ", ".join(f"{pressure:,.0f} Pa at {name}" for name, pressure in zip(view.foci, got, strict=True))
     bodies = "" if view.surfaces is None else ", the bodies"
+    bodies += ", a rigid plane" if view.planes else ""
     elements, first = counted(len(view.positions), "transducer", "transducers"), next(iter(view.drives))
     return f"{elements}{bodies} and a slice through the field in space; {first} gives {words}."
 
@@ -114,6 +130,7 @@ def _caption(view: SceneView) -> str:
     held = f" Drives are shown at {view.held_equal}."
     words = [f"One colour scale for the slice and the surfaces of all drives, to {view.most:,.0f} Pa."]
     words += [held] if len(view.drives) > 1 else []
+    words += [" The rigid plane is a sheet, from behind its edge alone."] if view.planes else []
     words += [" Foci run along the dashed lines; the field is that of the foci at rest."] if len(view.paths) else []
     return "".join([*words, near] if view.surfaces else words)
 
@@ -157,6 +174,7 @@ def _facts(view: SceneView, title: str) -> tuple[dict[str, Any], bytes]:
             for name, point, asked, got in zip(view.foci, view.points, view.asked, view.reached, strict=True)
         ],
         "paths": [[_rounded(1e3 * point) for point in path] for path in view.paths],
+        "sheets": [[_rounded(1e3 * corner) for corner in sheet] for sheet in view.sheets],
         "slices": _planes(view),
         **_views(view),
     }, bytes(data)
@@ -200,8 +218,7 @@ def _planes(view: SceneView) -> dict[str, Any]:
     counts = slices.depth.shape[::-1]
     focus = (view.points.mean(axis=0) - slices.corner) @ slices.axes.T / slices.steps
     # The slice goes through the focus farthest from the viewer, or it would hide others behind it.
-    azimuth, elevation = _side(slices.axes[2], view.normals)
-    seen = [np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)]
+    seen = _towards(*_side(slices.axes[2], view.normals))
     heights = ((view.points - slices.corner) @ slices.axes[2]) / slices.steps[2]
     focus[2] = heights.min() if slices.axes[2] @ seen > 0.0 else heights.max()
     start = [int(np.clip(round(at), 0, count - 1)) for at, count in zip(focus, counts, strict=True)]
@@ -221,7 +238,7 @@ def _views(view: SceneView) -> dict[str, Any]:
     slices = view.slices
     sides = slices.steps * (np.array(slices.depth.shape[::-1]) - 1)
     middle = slices.corner + (sides / 2.0) @ slices.axes
-    everything = view.positions if view.surfaces is None else np.concatenate([view.positions, view.surfaces.vertices])
+    everything = np.concatenate([view.solid, *view.sheets])
     lowest, highest = everything.min(axis=0), everything.max(axis=0)
     away = [1.2 * np.linalg.norm(path - middle, axis=1).max() for path in view.paths]
     azimuth, elevation = _side(slices.axes[2], view.normals)
@@ -231,7 +248,22 @@ def _views(view: SceneView) -> dict[str, Any]:
         "focus": _rounded(1e3 * middle),
         "close": 1e3 * float(max([0.54 * np.linalg.norm(sides[:2]), *away])),
         "seen": [azimuth, elevation],
+        "seen_whole": _from_the_front(view.planes, azimuth, elevation),
     }
+
+
+def _from_the_front(planes: Sequence[Plane], azimuth: float, elevation: float) -> list[float]:
+    """Azimuth and elevation [rad] of the view, or of its image in a plane that would be seen from behind."""
+    seen = _towards(azimuth, elevation)
+    for plane in planes:
+        seen = seen - 2.0 * min(0.0, float(seen @ plane.normal)) * plane.normal
+    return [float(np.arctan2(seen[1], seen[0])), float(np.arcsin(np.clip(seen[2], -1.0, 1.0)))]
+
+
+def _towards(azimuth: float, elevation: float) -> Float64[np.ndarray, "3"]:
+    """Return the unit vector to the viewer."""
+    level = np.cos(elevation)
+    return np.array([np.cos(azimuth) * level, np.sin(azimuth) * level, np.sin(elevation)])
 
 
 def _side(normal: Float64[np.ndarray, "3"], radiated: Real[np.ndarray, "elements 3"]) -> tuple[float, float]:

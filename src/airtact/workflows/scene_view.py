@@ -50,4 +50,5 @@ def scene_view(
         slices=replace(slices, pressures=slices.pressures * scales),
         held_equal=held_equal,
         paths=paths_of(setup),
+        planes=setup.scene.planes,
     )

@@ -3,6 +3,7 @@
 "use strict";
 
 const FAINT = 0.1; // share of the largest pressure below which a difference fades to grey
+const SHEET = 0x735c40; // colour of a rigid plane
 const SLOW = 60; // ms between frames above which a drag is drawn more coarsely
 
 // Colour of a pressure, or of the ratio of two, from the square roots of their shares of the largest.
@@ -148,8 +149,21 @@ class Viewer {
       this.surface.geometry.computeVertexNormals();
     }
     this.elements = this.discs();
+    this.sheets = facts.sheets.map((corners) => this.sheet(corners));
     for (const drawn of [this.slice, this.edge, this.elements]) drawn.frustumCulled = false;
-    this.scene.add(this.slice, this.edge, this.surface, this.elements);
+    this.scene.add(this.slice, this.edge, this.surface, this.elements, ...this.sheets);
+  }
+
+  // A rigid plane: from the front a translucent sheet, from behind its edge alone, so that it tints no pressure.
+  sheet(corners) {
+    const points = corners.map((corner) => new THREE.Vector3(...corner));
+    const geometry = new THREE.BufferGeometry().setFromPoints(points).setIndex([0, 1, 2, 0, 2, 3]);
+    const glass = { transparent: true, opacity: 0.3, depthWrite: false };
+    const behind = { polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 4 }; // elements may lie on it
+    const sheet = new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ color: SHEET, ...glass, ...behind }));
+    const line = new THREE.BufferGeometry().setFromPoints(points);
+    sheet.add(new THREE.LineLoop(line, new THREE.LineBasicMaterial({ color: SHEET })));
+    return sheet;
   }
 
   numbersOf(values, size, normalised = false) {
@@ -268,8 +282,9 @@ class Viewer {
   }
 
   look(name) {
-    const { middle, reach, focus, close, seen } = this.facts;
-    this.turning.look(name === "array" ? middle : focus, name === "array" ? reach : close, seen);
+    const { middle, reach, focus, close, seen, seen_whole } = this.facts;
+    if (name === "array") this.turning.look(middle, reach, seen_whole);
+    else this.turning.look(focus, close, seen);
   }
 
   draw() {

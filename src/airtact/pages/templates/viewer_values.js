@@ -27,7 +27,7 @@ class Values {
   // Lines of words for what is seen at a pixel; null for nothing.
   under(x, y, box) {
     const { viewer } = this;
-    const { facts, overlay, camera, surface, slice, elements } = viewer;
+    const { facts, overlay, camera, surface, slice, elements, sheets } = viewer;
     for (const focus of facts.foci) {
       const point = new THREE.Vector3(...focus.position);
       const [fromX, fromY] = overlay.seen(point);
@@ -37,6 +37,8 @@ class Values {
     this.ray.setFromCamera({ x: (2 * x) / box.width - 1, y: 1 - (2 * y) / box.height }, camera);
     const drawn = [surface, slice, elements].filter((one) => one.visible);
     const hit = this.ray.intersectObjects(drawn, false).find((one) => this.stands(one));
+    const [sheet] = this.ray.intersectObjects(sheets, false);
+    if (sheet && (!hit || sheet.distance < hit.distance - 0.01)) return [`rigid plane at ${this.place(sheet.point)}`];
     if (!hit) return null;
     if (hit.object === elements) return this.transducer(hit.instanceId);
     return hit.object === surface ? this.onSurface(hit) : this.inAir(hit.point);
@@ -95,7 +97,9 @@ class Values {
     const { axes, facts } = this.viewer;
     const { corner, steps } = facts.slices;
     const cell = axes.map((axis, number) => (point.dot(axis) - corner[number]) / steps[number]);
-    if (this.sampled("depth", cell) > 127.5) return [`inside a body, at ${this.place(point)}`];
+    if (this.sampled("depth", cell) > 127.5) {
+      return [`inside a body${facts.sheets.length ? " or behind the plane" : ""}, at ${this.place(point)}`];
+    }
     const pressures = facts.drives.map((_, index) => this.inPa(this.sampled(`field ${index}`, cell)));
     return [`air at ${this.place(point)}`, ...this.each(pressures)];
   }
