@@ -52,9 +52,11 @@ def sphere_rows() -> Iterator[str]:
         exact, own = before_a_plane.sphere_pressure(scene, sources, points)
         found = field.at(points)
         errors = [relative(found[some], exact[some]) for some in (slice(0, 8), slice(8, None))]
+        each = ", ".join(f"{relative(found[8:, one, None], exact[8:, one, None]):.2%}" for one in range(len(sources)))
         yield (
             f"sphere {1e3 * height:g} mm over a plane, 1 % asked: {errors[0]:.2%} in the field, {errors[1]:.2%} on the "
-            f"plane ({field.report.nodes} unknowns, estimated {field.report.estimated_error:.2%}; series {own:.0e})"
+            f"plane ({each} from each source; {field.report.nodes} unknowns, "
+            f"estimated {field.report.estimated_error:.2%}; series {own:.0e})"
         )
 
 
