@@ -44,10 +44,10 @@ SMOOTHING = 0.3
 FIRST_SECONDS: dict[Rule, float] = {"phalanges": 0.015, "fingers": 0.06, "hand": 0.5, "carried": 0.02}
 """Solving times that are assumed before any was measured [s]."""
 
-BEHIND = 10
+BEHIND = 5
 """How much lower the priority of the thread is that solves what another one carries."""
 
-CARRIED, SOLVED_AHEAD = 0.04, 0.1
+CARRIED, SOLVED_AHEAD = 0.03, 0.1
 """Least time between two poses that sound is carried to, and how far ahead of it a pose is solved [s]."""
 
 MOST_FOUND = 64
