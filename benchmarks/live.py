@@ -388,6 +388,9 @@ def record(
 def judge(played: Sequence[Played], title: str, judge: Judge, every: int) -> tuple[float, float]:
     """Print what drives brought to the true hand; return the median and the lowest tenth."""
     some = [one for one in played if one.time > WARMING][::every]
+    if not some:
+        print(f"  {title}: nothing to judge, the loop was silent", flush=True)
+        return float("nan"), float("nan")
     kept = np.array([judge.kept(one) for one in some])
     rules = ", ".join(f"{rule} {count}" for rule, count in Counter(one.rule for one in some).most_common())
     off = np.median([abs(one.kept - got) for one, got in zip(some, kept, strict=True)])
