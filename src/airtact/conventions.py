@@ -150,8 +150,8 @@ def extra(name: str, need: str) -> Iterator[None]:
     try:
         yield
     except (ImportError, OSError) as fault:
-        how = f"0 of its modules can be imported ({fault}): pip install 'airtact[{name}]'."
-        raise InvalidInput(f"{need}, but {how}", code="extra_not_installed") from None
+        how = f"and that does not load ({fault}): pip install 'airtact[{name}]'."
+        raise InvalidInput(f"{need}, {how}", code="extra_not_installed") from None
 
 
 class NotConverged(RuntimeError):  # noqa: N818

@@ -78,7 +78,8 @@ def test_a_name_of_no_file_and_no_example_lists_the_examples(capsys, monkeypatch
     monkeypatch.chdir(tmp_path)
     code, _, errors = output(capsys, "render", "pinhc", "--out", "out")
     assert code == 2
-    assert "'pinhc'" in errors
+    assert "there is no file pinhc here, and 'pinhc'" in errors
+    assert "did you mean pinch?" in errors
     assert "palm_circle, pinch, " in errors
     assert errors.endswith("[unknown_example]\n")
 

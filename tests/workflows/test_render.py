@@ -211,7 +211,7 @@ def test_the_first_sentence_has_both_drives_and_what_is_missing(tmp_path):
     assert "of 90.0 kPa" in missing
     assert "of 60.0 kPa" in missing
     assert missing.endswith("the transducers are at full scale.")
-    assert "of what no drive exceeds" in run.remarks[-1]
+    assert "of the upper bound for any drive" in run.remarks[-1]
 
 
 def test_in_open_air_there_is_nothing_to_compare_with(tmp_path):

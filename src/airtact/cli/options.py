@@ -31,10 +31,10 @@ class InputFile(click.ParamType):
             return path
         try:
             found = at.example(value)
-        except at.InvalidInput:
+        except at.InvalidInput as fault:
             if path.suffix:
                 return path
-            raise
+            raise at.InvalidInput(f"there is no file {value} here, and {fault}", code=fault.code) from None
         click.echo(f"There is no file {value} here: taking the example {found}", err=True)
         return found
 

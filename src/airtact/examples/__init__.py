@@ -1,5 +1,6 @@
 """The scenes, hands and the scan that come with airtact."""
 
+import difflib
 from pathlib import Path
 
 from airtact.conventions import InvalidInput
@@ -31,6 +32,7 @@ def example(name: str) -> Path:
     }
     found = files.get(name.removesuffix(".toml"))
     if found is None:
-        names = ", ".join(sorted(files))
-        raise InvalidInput(f"{name!r} is not 1 of the {len(files)} examples: {names}.", code="unknown_example")
+        names, close = ", ".join(sorted(files)), difflib.get_close_matches(name, files, 1)
+        meant = f"; did you mean {close[0]}?" if close else "."
+        raise InvalidInput(f"{name!r} is not 1 of the {len(files)} examples: {names}{meant}", code="unknown_example")
     return found

@@ -232,7 +232,8 @@ def _share_of_bound(setup: Setup, transfer: TransferMatrix, drive: Drive) -> str
     if np.abs(drive.amplitudes).max() < FULL:
         left = f"At full scale no drive exceeds {1.0 / exact:.1f} times that"
         return f"{left}; rounded to {levels} it is {rounded / exact:.1%} of it.".replace("%", " %")
-    return f"That is {exact:.0%} of what no drive exceeds, {rounded:.0%} rounded to {levels}.".replace("%", " %")
+    words = f"That is {exact:.0%} of the upper bound for any drive, {rounded:.0%} rounded to {levels}."
+    return words.replace("%", " %")
 
 
 def _doubts(setup: Setup, transfer: TransferMatrix, drive: Drive, reached: Float64[np.ndarray, "foci"]) -> list[str]:
