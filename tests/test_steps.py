@@ -39,6 +39,15 @@ def test_foci_that_no_method_separates_are_named() -> None:
     assert reach_cautions(PINCH) == ()
 
 
+def test_foci_where_no_skin_is_are_named() -> None:
+    points = PINCH.target.points + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.043]])
+    away = -PINCH.scene.depth(points)[1]
+    assert away > 0.02
+    (words,) = reach_cautions(replace(PINCH, target=Target(points)))
+    assert words.startswith(f"finger.pad is {1e3 * away:.2g} mm from the nearest body, and 0 other foci over 10 mm")
+    assert reach_cautions(replace(PINCH, target=Target(points), bodies=())) == ()
+
+
 @dataclass(frozen=True)
 class Warned(Solver):
     """A closed form that warns as boundary elements do where their direct solution is 5 % off."""

@@ -41,6 +41,9 @@ REFINEMENT = 1.8
 MOST_UNKNOWNS = 19_000
 """Unknowns above which the verification solve is refined no further: its matrix would pass 3 GB."""
 
+FELT = 10e-3
+"""Distance from the nearest body, beyond which no skin feels a focus: a wavelength and more [m]."""
+
 LEAST_REACH = 0.1
 """Least share of the array's strongest pressure at a focus: a tenth of the pressure is a hundredth of the force."""
 
@@ -91,7 +94,7 @@ def _verification_accuracy(setup: Setup) -> float:
 
 
 def reach_cautions(setup: Setup) -> tuple[str, ...]:
-    """Name foci that are hard to reach or to separate, pressures beyond full scale, and paths that leave the bodies.
+    """Name foci hard to reach or to separate or far from skin, pressures beyond full scale, paths that leave bodies.
 
     Nothing is solved for that.
 
@@ -106,6 +109,14 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
     most = np.inf if any(one.board for one in setup.scene.obstacles) else most
     asked = np.zeros(len(bounds)) if target.pressures is None else np.abs(target.pressures)
     found = list(_path_cautions(setup))
+    away = -setup.scene.depth(target.points) if setup.bodies else np.zeros(len(target.points))
+    if away.max() > FELT:
+        others = counted(int(np.count_nonzero(away > FELT)) - 1, "other focus", "other foci")
+        found.append(
+            f"{setup.foci[int(away.argmax())]} is {1e3 * away.max():.2g} mm from the nearest body, and {others} over "
+            f"{1e3 * FELT:g} mm: nobody feels it there, however far above a threshold it is; for a place of a hand "
+            'give at = "index.pad", say.'
+        )
     if len(target.points) > 1:
         one, other, apart = nearest_foci(target.points)
         if apart < NEAREST * setup.scene.wavelength:
