@@ -44,7 +44,9 @@ def test_foci_where_no_skin_is_are_named() -> None:
     away = -PINCH.scene.depth(points)[1]
     assert away > 0.02
     (words,) = reach_cautions(replace(PINCH, target=Target(points)))
-    assert words.startswith(f"finger.pad is {1e3 * away:.2g} mm from the nearest body, and 0 other foci over 10 mm")
+    assert words.startswith(f"finger.pad is {1e3 * away:.2g} mm from the nearest body: no skin")
+    far = replace(PINCH, target=Target(PINCH.target.points + [0.0, 0.0, 0.043]))
+    assert "and 1 other focus over 10 mm" in reach_cautions(far)[0]
     assert reach_cautions(replace(PINCH, target=Target(points), bodies=())) == ()
 
 

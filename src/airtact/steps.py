@@ -111,11 +111,11 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
     found = list(_path_cautions(setup))
     away = -setup.scene.depth(target.points) if setup.bodies else np.zeros(len(target.points))
     if away.max() > FELT:
-        others = counted(int(np.count_nonzero(away > FELT)) - 1, "other focus", "other foci")
+        others = int(np.count_nonzero(away > FELT)) - 1
+        beside = f", and {counted(others, 'other focus', 'other foci')} over {1e3 * FELT:g} mm" if others else ""
         found.append(
-            f"{setup.foci[int(away.argmax())]} is {1e3 * away.max():.2g} mm from the nearest body, and {others} over "
-            f"{1e3 * FELT:g} mm: nobody feels it there, however far above a threshold it is; for a place of a hand "
-            'give at = "index.pad", say.'
+            f"{setup.foci[int(away.argmax())]} is {1e3 * away.max():.2g} mm from the nearest body{beside}: no skin is "
+            "modelled there, so that how far it is above a threshold of touch says nothing."
         )
     if len(target.points) > 1:
         one, other, apart = nearest_foci(target.points)
