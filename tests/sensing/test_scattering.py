@@ -7,7 +7,7 @@ import pytest
 from scipy.special import spherical_jn, spherical_yn
 
 import airtact as at
-from airtact.sensing.incident import reaching_patterns
+from airtact.sensing.scattering import reaching_patterns
 from airtact.sensing.waves import monopole_waves, motions, moved, orders_of_waves, wave_count
 from faults import raises_code
 from paths import ROOT

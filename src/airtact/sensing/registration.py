@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Complex, Float64, Int64
-from scipy.cluster.vq import kmeans2
 from scipy.stats import qmc
 
 from airtact.conventions import InvalidInput
@@ -19,6 +18,7 @@ from airtact.pose import Pose
 from airtact.printing import one_line
 from airtact.scene.scene import Scene
 from airtact.sensing.array_waves import array_waves
+from airtact.sensing.doubt import disagreement, information_of, power
 from airtact.sensing.echo_model import EchoModel, Motion, Received, motion_of
 from airtact.sensing.echoes import Echoes, check_elements
 from airtact.sensing.family import ScatteringFamily
@@ -64,9 +64,6 @@ OF_ERROR = 10.0
 
 CLIPPED = 0.05
 """Share of pressures of one size, the largest, from which on they were clipped."""
-
-GROUPS = 16
-"""Groups of neighbouring receivers that are compared for how sure a pose is."""
 
 SOLVED = 0.05
 """Part of the echoes that errors of solvers and of interpolation leave unexplained, which is not the shape's."""
@@ -181,7 +178,7 @@ def locate(
     """
     family = scene if isinstance(scene, ScatteringFamily) else None
     scene = scene.scene if isinstance(scene, ScatteringFamily) else scene
-    seen = _seen(echoes, scene, array, start)
+    seen = check_start(echoes, scene, array, start)
     scattering = _scattering(family, scene, scattering, solver)
     waves = array_waves(scattering, seen, scattering.order + SPARE_ORDERS, single=True)
     model = EchoModel.of(scattering, waves, np.asarray(echoes.codes), echoes.receiving, echoes.valid)
@@ -232,7 +229,7 @@ class _Found:
     @property
     def cost(self) -> float:
         """Sum of the squares of the residual [Pa²]."""
-        return _power(self.residual)
+        return power(self.residual)
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,7 +269,7 @@ class _Fit:
         by = here.derivatives
         for count in range(steps + 1, steps + MOST_STEPS + 1):
             assert by is not None  # of the start
-            information = _information(by)
+            information = information_of(by)
             squares = units[:, None] * information * units
             slope = units * np.real(by.reshape(len(by), -1).conj() @ here.residual.reshape(-1))
             while True:
@@ -340,7 +337,7 @@ class _Fit:
     def misfit(self, found: _Found) -> float:
         """Rms of the residual beyond noise over that of the echoes beyond noise."""
         of_noise = self.noise**2 * np.count_nonzero(self.measured)  # those that are not valid are 0
-        whole = max(_power(self.measured) - of_noise, 1e-300)
+        whole = max(power(self.measured) - of_noise, 1e-300)
         return float(np.sqrt(max(found.cost - of_noise, 0.0) / whole))
 
     def of_shape(self, found: _Found) -> float:
@@ -349,7 +346,7 @@ class _Fit:
         Such a residual is one of few degrees of freedom, however many pressures there are. What a pose has taken up of
         it is about as much for each of its own, so that it is divided by these and not by the number of pressures.
         """
-        whole = _power(self.measured)
+        whole = power(self.measured)
         return 2.0 * max(self.misfit(found) ** 2 - SOLVED**2, 0.0) * whole / SHAPE_FREEDOM
 
     def explained(self, found: _Found) -> bool:
@@ -378,12 +375,12 @@ def _located(
     places: Float64[np.ndarray, "receivers 3"],
 ) -> Located:
     """Say what was found, and how sure it is; ``places`` are those of the receivers that count."""
-    scattering, size = fit.model.scattering, _power(fit.measured)
+    scattering, size = fit.model.scattering, power(fit.measured)
     centre, turn = scattering.centre, found.motion[:3, :3]
     pose = start @ Pose(turn, centre - turn @ centre + found.motion[:3, 3])
     by = found.derivatives
     assert by is not None  # the last pose of steps has them
-    information = _information(by)
+    information = information_of(by)
     least = UNDETERMINED if fit.family is None else max(UNDETERMINED_OPENING, OF_ERROR * fit.family.error)
     _check_determined(information, fit.units, least, pose, *fit.measured.shape)
     to_array = np.eye(len(information))
@@ -391,7 +388,7 @@ def _located(
     inverse = np.linalg.inv(information)
     unit = to_array @ inverse @ to_array.T / 2.0
     unexplained = found.cost / max(np.count_nonzero(fit.measured) - len(information) / 2, 1)
-    unexplained *= max(1.0, _disagreement(by, found.residual, inverse, places))
+    unexplained *= max(1.0, disagreement(by, found.residual, inverse, places))
     misfit, family = fit.misfit(found), fit.family
     inside = family is None or found.opening is None or family.low < found.opening < family.high
     return Located(
@@ -406,41 +403,6 @@ def _located(
         left_out=left_out,
         opening=found.opening,
     )
-
-
-def _power(pressures: Received) -> float:
-    """Sum of squares [Pa²]."""
-    return float(np.sum(np.abs(pressures) ** 2, dtype=np.float64))
-
-
-def _information(
-    by: Complex[np.ndarray, "unknowns receivers transmissions"],
-) -> Float64[np.ndarray, "unknowns unknowns"]:
-    """Real part of the products of derivatives."""
-    parts = np.ascontiguousarray(by).reshape(len(by), -1).view(np.float32)
-    return (parts @ parts.T).astype(np.float64)
-
-
-def _disagreement(
-    by: Complex[np.ndarray, "unknowns receivers transmissions"],
-    residual: Received,
-    inverse: Float64[np.ndarray, "unknowns unknowns"],
-    places: Float64[np.ndarray, "receivers 3"],
-) -> float:
-    """How much more receivers in different places disagree about the pose than noise would make them; about 1 for that.
-
-    What a wrong shape leaves unexplained is alike at neighbouring receivers, so that many of them make the pose no
-    surer. Groups of neighbours are taken as the independent data, as in K.-Y. Liang and S. L. Zeger, Biometrika 73, 13
-    (1986): the mean over all unknowns of the variance by groups over that of independent receivers.
-    """
-    count = min(GROUPS, len(places) // 4)
-    if count < 2:
-        return 1.0
-    groups = kmeans2(places, count, rng=0, minit="++")[1]
-    scores = np.real(by.conj() * residual).sum(axis=2, dtype=np.float64)
-    summed = np.stack([np.bincount(groups, one, count) for one in scores])
-    power = _power(residual) / max(np.count_nonzero(residual), 1) / 2.0
-    return float(np.sum(summed * (inverse @ summed))) * count / (count - 1) / (power * len(by))
 
 
 def _check_determined(
@@ -470,7 +432,7 @@ def _check_determined(
     )
 
 
-def _seen(echoes: Echoes, scene: Scene, array: PhasedArray, start: Pose) -> PhasedArray:
+def check_start(echoes: Echoes, scene: Scene, array: PhasedArray, start: Pose) -> PhasedArray:
     """Return the array in the frame of the bodies.
 
     Raise for echoes that are not of this scene and array, or hold nothing, and for a start that cannot be.

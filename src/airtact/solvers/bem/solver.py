@@ -1,7 +1,7 @@
 """BoundaryElement: the field of monopoles around bodies, from the pressure on their surfaces alone."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Literal
@@ -51,6 +51,7 @@ from airtact.solvers.bem.operator import (
 )
 from airtact.solvers.bem.quadrature import Nodes, place_nodes
 from airtact.solvers.bem.reduced_body import ReducedBody, reduced_body
+from airtact.solvers.bem.solutions import DirectSolution
 from airtact.solvers.free_field import FreeField
 from airtact.solvers.gmres import GmresResult, gmres
 from airtact.solvers.probes import surrounding_points
@@ -212,22 +213,10 @@ class BoundaryElement(Solver):
 
     def _radiate(self, scene: Scene, sources: Monopoles, tolerance: float | None = None) -> BoundaryField:
         """Solve for sources of which none is in a board's face, to a tolerance that the accuracy gives by default."""
-        clock = Clock(self.progress)
-        with clock.step("panels", "covering the bodies with panels"):
-            panels = self._panels(scene, sources.refined_positions)
-            nodes = place_nodes(*_in_block_order(panels, scene))
-        count = sources.strengths.shape[1]
-        by_elimination = worth_eliminating(len(nodes.points), count)
-        with clock.step("matrix", f"filling the matrix of {len(nodes.points)} unknowns"):
-            surface = self._surface(nodes, scene, scene.obstacles)
-            how = self._store(), self._low_rank_error()
-            if by_elimination:
-                check_elimination(len(nodes.points), self.precision)
-                how = self.precision, None
-            matrices = [assemble(surface, *how, part) for part in (None, *scene.planes)]
+        clock, count = Clock(self.progress), sources.strengths.shape[1]
         tolerance = self._tolerance(scene) if tolerance is None else tolerance
-        most = MOST_AMONG_BOARDS if any(one.board for one in scene.obstacles) else MOST_ITERATIONS
-        solved_by = eliminate if by_elimination else partial(self._solved, tolerance=tolerance, most_iterations=most)
+        panels, surface, matrices, solved_by = self._equations(scene, sources, tolerance, clock)
+        nodes = surface.nodes
         with clock.step("gmres", f"solving for {counted(count, 'excitation', 'excitations')}"):
             right, factors = transposed_right_side(surface, sources.positions, sources.strengths, scene.planes)
             solved = [solved_by(matrices, right, transposed=True)]
@@ -254,6 +243,40 @@ class BoundaryElement(Solver):
             estimate = float(solved_field.error_at(surrounding_points(scene, nodes.points)).max())
         warnings = (*_warnings(estimate, self.accuracy), *report.warnings)
         return replace(solved_field, report=replace(report, estimated_error=estimate, warnings=warnings))
+
+    def direct_solution(self, scene: Scene, sources: Monopoles) -> DirectSolution:
+        """Solve for the pressure on the surfaces alone, in half the time of ``radiate`` with its estimate.
+
+        Raises as ``radiate``, and "planes_not_taken" for a scene with planes or boards that reflect.
+        """
+        check_sources(scene, sources)
+        _check_bodies(scene)
+        tolerance, clock = replace(self, estimate=True)._tolerance(scene), Clock(self.progress)
+        _, surface, matrices, solved_by = self._equations(scene, sources, tolerance, clock)
+        with clock.step("gmres", f"solving for {counted(sources.strengths.shape[1], 'excitation', 'excitations')}"):
+            right = direct_right_side(surface, sources.positions, sources.strengths)
+            solved = solved_by(matrices, right, transposed=False)
+            release(matrices[0])
+        return DirectSolution(sources, surface, solved.solution.astype(np.complex128).T)
+
+    def _equations(
+        self, scene: Scene, sources: Monopoles, tolerance: float, clock: Clock
+    ) -> tuple[Panels, DualSurface, list[DualMatrix], Callable[..., GmresResult]]:
+        """Cover the bodies with panels, fill the matrices of them and of their images, and say how to solve."""
+        with clock.step("panels", "covering the bodies with panels"):
+            panels = self._panels(scene, sources.refined_positions)
+            nodes = place_nodes(*_in_block_order(panels, scene))
+        by_elimination = worth_eliminating(len(nodes.points), sources.strengths.shape[1])
+        with clock.step("matrix", f"filling the matrix of {len(nodes.points)} unknowns"):
+            surface = self._surface(nodes, scene, scene.obstacles)
+            how = self._store(), self._low_rank_error()
+            if by_elimination:
+                check_elimination(len(nodes.points), self.precision)
+                how = self.precision, None
+            matrices = [assemble(surface, *how, part) for part in (None, *scene.planes)]
+        most = MOST_AMONG_BOARDS if any(one.board for one in scene.obstacles) else MOST_ITERATIONS
+        iterate = partial(self._solved, tolerance=tolerance, most_iterations=most)
+        return panels, surface, matrices, eliminate if by_elimination else iterate
 
     def factorised(self, scene: Scene, refined: Real[np.ndarray, "points 3"] | None = None) -> FactorisedBodies:
         """Factorise each body by itself once: a solver for these bodies, for any sources and wherever they are moved.

@@ -1,0 +1,1 @@
+"""The shape of bodies, found with their pose from echoes."""
