@@ -25,7 +25,9 @@ from airtact.sensing import (
     Located,
     ScatteringFamily,
     ScatteringMatrix,
+    UnknownShape,
     hadamard_codes,
+    locate_shape,
     random_codes,
     scattering_family,
     simulate_transmissions,
@@ -248,48 +250,65 @@ def fitted(fingers: list[Capsule]) -> tuple[float, at.Pose]:
     return 1e-3 * float(np.sqrt(np.mean(found.fun**2))), motion(found.x)
 
 
-def before_pads(fingers: list[Capsule]) -> np.ndarray:
-    """Return the foci (2, 3) half a millimetre before fingers, where these are nearest to the pads of the pinch."""
-    foci = []
-    for pad, (root, tip, radius) in zip(at.pinch(gap=0.012).pads, fingers, strict=True):
-        axis = tip - root
-        nearest = root + np.clip((pad - root) @ axis / (axis @ axis), 0, 1) * axis
-        foci.append(nearest + (radius + 5e-4) * (pad - nearest) / np.linalg.norm(pad - nearest))
-    return np.array(foci)
+def before_tips(fingers: list[Capsule]) -> np.ndarray:
+    """Return the foci (2, 3) half a millimetre before fingers, on the line between the middles of their tips."""
+    (_, thumb, first), (_, finger, second) = fingers
+    along = (finger - thumb) / np.linalg.norm(finger - thumb)
+    return np.array([thumb + (first + 5e-4) * along, finger - (second + 5e-4) * along])
+
+
+def fingers_of(bodies: at.Scene) -> list[Capsule]:
+    """Both ends and the radius of each capsule."""
+    numbers = UnknownShape.of_capsules(bodies).expected.reshape(-1, 7)
+    return [(one[:3], one[3:6], float(one[6])) for one in numbers]
 
 
 def shape(count: int) -> None:
-    """Locate other fingers by the model of the pinch, and try drives for that on them."""
+    """Find other fingers by the model of the pinch and with their shape, and try drives for what was found on them."""
 
-    def beacons(bodies: at.Scene, foci: np.ndarray):
+    def beacons(bodies: at.Scene):
+        foci = before_tips(fingers_of(bodies))
         return at.multipole_expansion(at.BoundaryElement(accuracy=0.02).radiate(bodies, at.Target(foci).beacons()))
 
     def weakest(matrix: np.ndarray, drive: np.ndarray) -> float:
         return float(np.abs(matrix @ drive).min() / np.linalg.norm(drive))
 
-    def drive(field, pose: at.Pose, foci: np.ndarray) -> np.ndarray:
-        return at.weighted_gerchberg_saxton(at.transfer_matrix(field, BOX.seen_from(pose)), at.Target(foci)).amplitudes
+    def drive(bodies: at.Scene, pose: at.Pose) -> np.ndarray:
+        transfer = at.transfer_matrix(beacons(bodies), BOX.seen_from(pose))
+        return at.weighted_gerchberg_saxton(transfer, at.Target(before_tips(fingers_of(bodies)))).amplitudes
 
-    pads, rows = at.pinch(gap=0.012).foci(5e-4), []
-    own = beacons(scene(), pads)
+    rows = []
     for seed in range(count):
         fingers = other_fingers(seed)
         bodies = at.Scene(AIR, [at.sound_hard(at.capsule(*one, edge=2.5e-3)) for one in fingers], frequency=40e3)
         pure = at.simulate_echoes(TRUTH, bodies, BOX.seen_from(TRUE), random_codes(996, 16, seed=1))
-        there, from_here = before_pads(fingers), start(2e-3, 3.0, seed)
-        field = beacons(bodies, there)
-        matrix = at.transfer_matrix(field, BOX.seen_from(TRUE)).matrix
-        best = weakest(matrix, drive(field, TRUE, there))
-        found = at.locate(noisy(pure, 30.0, 996, seed), scene(), BOX, from_here, scattering=model())
-        kept = [weakest(matrix, drive(own, pose, pads)) / best for pose in (from_here, found.pose, TRUE)]
-        off = np.linalg.norm(found.pose.apply(pads) - TRUE.apply(there), axis=1)
-        rows.append((*kept, found.misfit, 1e3 * float(off.max()), 1e3 * found.deviation[0], found.converged))
-        print("  {:.2f} {:.2f} {:.2f} misfit {:.2f} off {:.2f} sure to {:.2f} mm, {}".format(*rows[-1]), flush=True)
-    before, after, aligned, misfit, off, sure = np.median(np.array(rows, dtype=float)[:, :6], axis=0)
+        echoes, from_here = noisy(pure, 30.0, 996, seed), start(2e-3, 3.0, seed)
+        rigid = at.locate(echoes, scene(), BOX, from_here, scattering=model())
+        begun = time.process_time()
+        unknown = UnknownShape.of_capsules(scene(), ends=6e-3, radius=1.5e-3)
+        found = locate_shape(echoes, unknown, BOX, from_here)
+        seconds = time.process_time() - begun
+        matrix = at.transfer_matrix(beacons(bodies), BOX.seen_from(TRUE)).matrix
+        best = weakest(matrix, drive(bodies, TRUE))
+        made = (scene(), from_here), (scene(), rigid.pose), (found.scene, found.pose)
+        kept = [weakest(matrix, drive(*one)) / best for one in made]
+        vertices = np.concatenate([one.surface.vertices for one in bodies.obstacles])
+        off = found.scene.depth(found.pose.inverse().apply(TRUE.apply(vertices)))
+        surfaces = 1e3 * float(np.sqrt(np.mean(off**2))), 1e3 * found.surface_deviation
+        rows.append((*kept, rigid.misfit, found.misfit, *surfaces, seconds, found.converged))
+        print(
+            "  {:.2f} {:.2f} {:.2f} misfit {:.2f}, {:.3f} surfaces off {:.3f} mm, sure to {:.3f}, {:.0f} s, {}".format(
+                *rows[-1]
+            ),
+            flush=True,
+        )
+    before, after, shaped, _, misfit, off, sure, seconds = np.median(np.array(rows, dtype=float)[:, :8], axis=0)
+    worst = min(row[2] for row in rows if row[-1])
     print(
-        f"fingers of another shape, 1.5 mm rms: pressure kept {before:.2f} from 2 mm, 3°, {after:.2f} after "
-        f"registration, {aligned:.2f} at the pose that fits the shape best | misfit {misfit:.2f} | foci off {off:.2f} "
-        f"mm, pose sure to {sure:.2f} mm | {sum(row[-1] for row in rows)} of {count} believed",
+        f"fingers of another shape, 1.5 mm rms: pressure kept {before:.2f} from 2 mm, 3°, {after:.2f} after rigid "
+        f"registration, {shaped:.2f} with the shape found (worst of those believed {worst:.2f}) | "
+        f"misfit {misfit:.3f} | surfaces off {off:.3f} mm, sure to {sure:.3f} mm | {sum(row[-1] for row in rows)} of {count} believed | "
+        f"{seconds:.0f} s of processor each",
         flush=True,
     )
 

@@ -19,10 +19,17 @@ from airtact.pose import Pose
 from airtact.scene_file.building import Setup
 from airtact.sensing.echoes import Echoes
 from airtact.sensing.registration import Located
+from airtact.sensing.shapes.fit import LocatedShape
+from airtact.sensing.shapes.unknown import UnknownShape
+from airtact.surfaces.primitives import Capsule
 from airtact.validation import counted
 
 NEARER = 3.0
 """The bodies are cut in a window smaller than a field's by so many wavelengths, to show motions of a millimetre."""
+
+CAPSULE = (*(f"{end} {axis}" for end in ("first end", "second end") for axis in "xyz"), "radius")
+SPHERE = ("centre x", "centre y", "centre z", "radius")
+"""What the numbers of a capsule are, and of one whose ends are one."""
 
 START, FOUND = "start: the scene's pose", "the pose found"
 
@@ -44,6 +51,7 @@ class Sensed:
     gap, true_gap : of the scene file's pinch, and of the simulated one [m]; None where there is none. The gap found is
         ``located.opening``.
     seconds : wall time by step [s].
+    surface_off : rms distance of the simulated surfaces from those found [m]; None unless a shape was simulated.
     """
 
     setup: Setup
@@ -58,6 +66,7 @@ class Sensed:
     gap: float | None
     true_gap: float | None
     seconds: Mapping[str, float]
+    surface_off: float | None = None
 
     @property
     def off(self) -> tuple[float, float]:
@@ -66,8 +75,13 @@ class Sensed:
 
     @property
     def error(self) -> tuple[float, float] | None:
-        """The same from the simulated truth; None for measured echoes."""
-        return None if self.true is None else _size(self._shift(self.true))
+        """The same from the simulated truth; None for measured echoes, and where a shape takes up motions."""
+        return None if self.true is None or self.shape is not None else _size(self._shift(self.true))
+
+    @property
+    def shape(self) -> LocatedShape | None:
+        """The shape that was found; None where a pose was."""
+        return self.located if isinstance(self.located, LocatedShape) else None
 
     @property
     def uncorrected(self) -> float:
@@ -81,7 +95,8 @@ class Sensed:
 
     def shifts(self) -> list[Float64[np.ndarray, "6"]]:
         """Return translation [m] and turn [rad] from the scene file's pose and, where known, from the true one."""
-        return [self._shift(one) for one in (Pose.identity(), self.true) if one is not None]
+        true = None if self.shape is not None else self.true
+        return [self._shift(one) for one in (Pose.identity(), true) if one is not None]
 
     def _shift(self, other: Pose) -> Float64[np.ndarray, "6"]:
         pose, centre = self.located.pose, self.centre[None]
@@ -109,6 +124,9 @@ def _pieces(sensed: Sensed) -> list[Markup]:
     elements, transmissions = echoes.codes.shape
     sure, sure_turn = located.deviation
     made = "Simulated echoes" if sensed.true is not None else "Measured echoes"
+    doubt = f"{1e3 * sure:.2g} mm, {np.degrees(sure_turn):.2g}°", "standard deviation of the pose found"
+    if sensed.shape is not None:
+        doubt = f"{1e3 * sensed.shape.surface_deviation:.2g} mm", "standard deviation of where the surfaces are"
     return [
         heading(f"{_name(sensed)}: where the hand is"),
         paragraph(
@@ -119,13 +137,14 @@ def _pieces(sensed: Sensed) -> list[Markup]:
         key_numbers(
             [
                 (f"{1e3 * off:.2f} mm, {np.degrees(turn):.2f}°", "off the scene's pose"),
-                (f"{1e3 * sure:.2g} mm, {np.degrees(sure_turn):.2g}°", "standard deviation of the pose found"),
+                doubt,
                 (f"{sensed.corrected / sensed.uncorrected:.2f} times", "at the weakest focus, by correcting it"),
                 (f"{located.misfit:.1%}".replace("%", " %"), "of the echoes not explained beyond noise"),
             ]
         ),
         section("The pose"),
         _pose_table(sensed),
+        *_shape(sensed),
         section("What correcting it brings"),
         _foci_table(sensed),
         _moved(sensed),
@@ -156,13 +175,38 @@ def _pose_table(sensed: Sensed) -> Markup:
         doubts = [f"{1e3 * one[6]:.4f} mm" if np.isfinite(one[6]) else "" for one in (sure, least)]
         rows.append([f"gap, {1e3 * sensed.gap:.2f} mm in the scene", digits[0], *doubts, *digits[1:]])
     header = ["", "from the scene's pose", "standard deviation", "least that the noise allows"]
-    true = ["off the simulated truth"] if sensed.true is not None else []
+    true = ["off the simulated truth"] if len(shifts) > 1 else []
     caption = (
         "Of the middle of the bodies, along the axes of the array. The standard deviation counts all that is left "
         "unexplained; the least is the Cramér-Rao bound"
         + ("." if np.isfinite(least).all() else ", which is not known where the noise was not measured.")
     )
     return table([*header, *true], rows, caption)
+
+
+def _shape(sensed: Sensed) -> list[Markup]:
+    """List ends and radii of capsules, where they were found."""
+    shape = sensed.shape
+    if shape is None:
+        return []
+    expected = UnknownShape.of_capsules(sensed.setup.scene).expected
+    deviations = np.sqrt(np.diag(shape.covariance))[6:]
+    rows = []
+    whats = [
+        f"{name}, {what}"
+        for name, one in zip(sensed.setup.bodies, sensed.setup.scene.obstacles, strict=True)
+        for what in (SPHERE if isinstance(one.surface.shape, Capsule) and one.surface.shape.length == 0 else CAPSULE)
+    ]
+    for what, *values in zip(whats, expected, shape.numbers, deviations, strict=True):
+        rows.append([what, *(f"{1e3 * value:.3f} mm".replace("-", "−") for value in values)])
+    caption = (
+        "Ends and radii of the capsules in the frame of the scene file, to be moved by the pose above. A motion of all "
+        "of them is one of the pose or one of these, so each of these is less sure than where the surfaces are."
+    )
+    if sensed.surface_off is not None:
+        caption += f" The simulated surfaces are {1e3 * sensed.surface_off:.3f} mm (rms) from those found."
+    header = ["", "in the scene file", "found", "standard deviation"]
+    return [section("The shape"), table(header, rows, caption)]
 
 
 def _foci_table(sensed: Sensed) -> Markup:
@@ -223,7 +267,8 @@ def _residuals(sensed: Sensed) -> list[Markup]:
 
 
 def _method(sensed: Sensed) -> str:
-    made = "The pose is the one whose echoes are nearest to those received, by least squares from the scene's own."
+    what = "The pose is the one" if sensed.shape is None else "Pose and shape are those"
+    made = f"{what} whose echoes are nearest to those received, by least squares from the scene's own."
     if sensed.true is not None:
         made += " The echoes were simulated with smaller panels than the model's, and noise."
     return f"{made} No board that airtact drives today can receive. {NOT_MODELLED}"

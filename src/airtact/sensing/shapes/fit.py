@@ -19,7 +19,7 @@ from airtact.scene.scene import Scene
 from airtact.sensing.doubt import disagreement, information_of, power
 from airtact.sensing.echo_model import Received, motion_of
 from airtact.sensing.echoes import Echoes
-from airtact.sensing.registration import EXPLAINED, check_start
+from airtact.sensing.registration import EXPLAINED, Located, check_start
 from airtact.sensing.shapes.derivative import solve_echoes
 from airtact.sensing.shapes.unknown import UnknownShape
 from airtact.sensing.simulation import simulate_echoes
@@ -47,54 +47,43 @@ SHORTEST = 1e-3
 SPREAD = 5e-3, np.radians(9.0)
 """Standard deviations of the start: each translation [m] and turn [rad]."""
 
-FIRST_STEP = 0.3
+NUDGE, SIZE = 1e-5, 0.02
+"""Motion by which the shift of surfaces is found by differences, and radius at which turns make it [m]."""
+
+FIRST_STEP = 0.1
 """Longest first step, in standard deviations."""
 
-STARTS, FOLLOWED = 32, 4
-"""Other starts whose echoes are computed, and those from which steps are taken, where the first explains nothing."""
+STARTS, FOLLOWED = 64, 4
+"""Other poses whose echoes are computed, and those from which steps are taken, where the first explains nothing."""
 
 AWAY = 0.4
-"""Standard deviation of other starts, in those of the unknowns."""
+"""Standard deviation of other poses, in those of the start."""
 
 
-@dataclass(frozen=True, eq=False)
-class LocatedShape:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LocatedShape(Located):
     """Where bodies are and what shape they have, as ``locate_shape`` finds it.
 
     A motion of all bodies can be one of the pose or one of the numbers: both together say where the surfaces are.
+    ``covariance`` and ``bound`` are (6 + K, 6 + K), of the pose and of the numbers, given the echoes and what was
+    expected; ``steps`` counts solves. ``left_out`` is empty.
 
     Attributes
     ----------
-    pose : of the bodies in the array's frame, as of ``PhasedArray.seen_from``.
     numbers : (K,) of the ``UnknownShape``.
     scene : the bodies of these numbers, in their own frame.
-    covariance : (6 + K, 6 + K) of the translation of ``centre`` [m], of a small turn about it [rad], along the array's
-        axes, and of the numbers: from all that is left unexplained, and larger where receivers in different places
-        disagree by more than noise would make them.
     surface_deviation : standard deviation of where the surfaces are along their normals, rms over them [m].
-    residual : rms of what is left unexplained over that of the echoes, noise included.
-    misfit : the same beyond noise.
-    converged : whether the steps settled and the misfit is at most 0.1. Believe no other shape.
-    steps : number of solves from the start that led there.
-    centre : (3,) middle of the expected bodies in the array's frame [m].
     """
 
-    pose: Pose
     numbers: Float64[np.ndarray, "numbers"]
     scene: Scene
-    covariance: Float64[np.ndarray, "unknowns unknowns"]
     surface_deviation: float
-    residual: float
-    misfit: float
-    converged: bool
-    steps: int
-    centre: Float64[np.ndarray, "3"]
 
     def __repr__(self) -> str:
         return one_line(
             self,
             "converged" if self.converged else "NOT converged",
-            f"surfaces sure to {1e3 * self.surface_deviation:.2g} mm",
+            f"surfaces sure to {1e3 * self.surface_deviation:.2g} mm" * self.converged,
             f"residual {self.residual:.2g}, misfit {self.misfit:.2g}",
         )
 
@@ -216,60 +205,44 @@ class _Fit:
         moved = self.start @ Pose(turn, self.centre - turn @ self.centre + motion[:3, 3])
         return moved, np.asarray(self.bodies.expected) + (self.deviations * x)[6:]
 
-    def solved(self, x: Float64[np.ndarray, "unknowns"]) -> tuple[Received, Received]:
+    def solved(
+        self, x: Float64[np.ndarray, "unknowns"]
+    ) -> tuple[Received, Complex[np.ndarray, "unknowns receivers transmissions"]]:
         """Echoes (R, M) [Pa] and their derivatives (U, R, M), per standard deviation of the unknowns."""
         pose, numbers = self.place(x)
         scene, receivers = self.bodies.scene_of(numbers), self.echoes.receiving[self.rows]
         seen, codes = self.array.seen_from(pose), np.asarray(self.echoes.codes)
         check_placement(scene, seen)
         made = solve_echoes(self.solver, scene, seen, codes, receivers)
-        by = made.derivatives(self._shifts(numbers, made.surface.points, made.surface.normals))
+        by = made.derivatives(self._shifts(numbers, made.surface.points))
         return made.echoes * self.valid, by * self.valid
 
     def _shifts(
-        self,
-        numbers: Float64[np.ndarray, "numbers"],
-        points: Float64[np.ndarray, "points 3"],
-        normals: Float64[np.ndarray, "points 3"],
+        self, numbers: Float64[np.ndarray, "numbers"], points: Float64[np.ndarray, "points 3"]
     ) -> Float64[np.ndarray, "points unknowns"]:
-        """How far standard deviations of the unknowns move the surfaces outward [m]."""
-        turns = np.cross(points - self.centre, normals)
-        return np.concatenate([normals, turns, self.bodies.shifts(numbers, points)], axis=1) * self.deviations
+        """How far standard deviations of the unknowns move the surfaces outward at points on them [m]."""
+        scene, away = self.bodies.scene_of(numbers), points - self.centre
+        axes = np.eye(3)
+        motions = [*(NUDGE * axis for axis in axes), *(NUDGE * np.cross(axis, away) / SIZE for axis in axes)]
+        by_motions = [(scene.depth(points - by) - scene.depth(points + by)) / (2.0 * NUDGE) for by in motions]
+        shifts = np.stack(by_motions, axis=1) * np.repeat([1.0, SIZE], 3)
+        return np.concatenate([shifts, self.bodies.shifts(numbers, points)], axis=1) * self.deviations
 
     def follow(self, x: Float64[np.ndarray, "unknowns"], steps: int = 0) -> _Found:
         """Take steps until the squares of what is left, and of how unexpected the unknowns are, settle."""
-        scale, known = 1.0 / self._doubt, {}
-
-        def left(step: Float64[np.ndarray, "unknowns"]) -> Float64[np.ndarray, "parts"]:
-            try:
-                echoes, by = self.solved(x + step)
-            except InvalidInput:
-                if not known:
-                    raise
-                return np.full(2 * self.measured.size + len(x), np.inf)  # no such bodies: a shorter step is taken
-            known.clear()
-            known[step.tobytes()] = np.concatenate([_parts(scale * by), np.eye(len(x))])
-            return np.concatenate([_parts(scale * (echoes - self.measured)[None])[:, 0], x + step])
-
+        made = _Steps(self, x)
         found = least_squares(
-            left,
+            made.left,
             np.zeros(len(x)),
-            lambda step: known[step.tobytes()],
+            made.derivatives,  # pyright: ignore[reportArgumentType]
             x_scale=FIRST_STEP,
             ftol=SETTLED,
             xtol=SHORTEST,
             max_nfev=MOST_STEPS,
         )
-        count = self.measured.size
-        residual = found.fun[: 2 * count].reshape(2, -1)
-        return _Found(
-            x=x + found.x,
-            residual=(residual[0] + 1j * residual[1]).reshape(self.measured.shape) / scale,
-            derivatives=(found.jac[:count] + 1j * found.jac[count : 2 * count]).T.reshape(len(x), *self.measured.shape)
-            / scale,
-            settled=found.status > 0,
-            steps=steps + found.nfev,
-        )
+        parts = self.doubt * np.concatenate([found.fun[:, None], found.jac], axis=1)[: -len(x)].T
+        both = (parts[:, : self.measured.size] + 1j * parts[:, self.measured.size :]).reshape(-1, *self.measured.shape)
+        return _Found(x + found.x, both[0], both[1:], bool(found.status > 0), steps + found.nfev)
 
     def misfit(self, found: _Found) -> float:
         """Rms of the residual beyond noise over that of the echoes beyond noise."""
@@ -278,16 +251,17 @@ class _Fit:
         return float(np.sqrt(max(power(found.residual) - of_noise, 0.0) / whole))
 
     @property
-    def _doubt(self) -> float:
+    def doubt(self) -> float:
         """Rms of what noise and the solver's error leave unexplained of one pressure [Pa]."""
         rms = np.sqrt(power(self.measured) / max(np.count_nonzero(self.measured), 1))
         return float(np.hypot(self.echoes.noise or 0.0, self.solver.accuracy * rms))
 
     def _others(self) -> list[Float64[np.ndarray, "unknowns"]]:
-        """Other starts, at random around the first, those whose echoes are nearest to the measured ones first."""
-        costs = []
+        """Other poses, at random around the first, those whose echoes are nearest to the measured ones first."""
+        costs, unmoved = [], np.zeros(len(self.bodies.expected))
         quick = BoundaryElement(accuracy=0.1, estimate=False)
-        for x in AWAY * np.random.default_rng(0).normal(size=(STARTS, len(self.deviations))):
+        for motion in AWAY * np.random.default_rng(0).normal(size=(STARTS, 6)):
+            x = np.concatenate([motion, unmoved])
             pose, numbers = self.place(x)
             codes, receivers = np.asarray(self.echoes.codes), self.echoes.receiving[self.rows]
             try:
@@ -307,12 +281,12 @@ class _Fit:
         left = power(found.residual) / count
         inverse = np.linalg.inv(information + 0.5 * left * np.eye(len(information)))
         left *= max(1.0, disagreement(found.derivatives, found.residual, inverse, places))
-        doubt = np.linalg.inv(np.eye(len(information)) + 2.0 * information / left)
+        noise = self.echoes.noise or np.nan
+        doubt, least = (np.linalg.inv(np.eye(len(information)) + 2.0 * information / one) for one in (left, noise**2))
         scene, misfit = self.bodies.scene_of(numbers), self.misfit(found)
         corners = np.concatenate([one.surface.corners for one in scene.obstacles])
-        normals = area_vectors(corners)
-        areas = np.linalg.norm(normals, axis=1)
-        shifts = self._shifts(numbers, corners.mean(axis=1), normals / areas[:, None])
+        areas = np.linalg.norm(area_vectors(corners), axis=1)
+        shifts = self._shifts(numbers, corners.mean(axis=1))
         turn = np.eye(len(doubt))
         turn[:6, :6] = np.kron(np.eye(2), pose.rotation)
         to_units = turn * self.deviations
@@ -321,16 +295,44 @@ class _Fit:
             numbers=numbers,
             scene=scene,
             covariance=to_units @ doubt @ to_units.T,
+            bound=to_units @ least @ to_units.T,
             surface_deviation=float(np.sqrt(areas @ np.einsum("pu,uv,pv->p", shifts, doubt, shifts) / areas.sum())),
             residual=float(np.sqrt(power(found.residual) / power(self.measured))),
             misfit=misfit,
             converged=bool(found.settled and misfit <= EXPLAINED),
             steps=found.steps,
             centre=pose.apply(self.centre[None])[0],
+            left_out=np.zeros(0, dtype=np.int64),
         )
+
+
+@dataclass(frozen=True, eq=False)
+class _Steps:
+    """What ``least_squares`` asks for, by steps from some unknowns: both of its questions are one solve."""
+
+    fit: _Fit
+    x: Float64[np.ndarray, "unknowns"]
+    known: dict[bytes, Float64[np.ndarray, "parts unknowns"]] = field(default_factory=dict)
+
+    def left(self, step: Float64[np.ndarray, "unknowns"]) -> Float64[np.ndarray, "parts"]:
+        """Return what is left over its doubt, then the unknowns; infinite where no such bodies can be."""
+        fit, x = self.fit, self.x + step
+        try:
+            echoes, by = fit.solved(x)
+        except InvalidInput:
+            if not self.known:
+                raise
+            return np.full(2 * fit.measured.size + len(x), np.inf)
+        self.known.clear()
+        self.known[step.tobytes()] = np.concatenate([_parts(by / fit.doubt), np.eye(len(x))])
+        return np.concatenate([_parts((echoes - fit.measured)[None] / fit.doubt)[:, 0], x])
+
+    def derivatives(self, step: Float64[np.ndarray, "unknowns"]) -> Float64[np.ndarray, "parts unknowns"]:
+        """Differentiate it where it was asked for last."""
+        return self.known[step.tobytes()]
 
 
 def _parts(values: Complex[np.ndarray, "rows receivers transmissions"]) -> Float64[np.ndarray, "parts rows"]:
     """Real parts, then imaginary ones, of each row."""
     rows = values.reshape(len(values), -1)
-    return np.concatenate([rows.real, rows.imag], axis=1).T
+    return np.concatenate([np.real(rows), np.imag(rows)], axis=1).T.astype(np.float64)

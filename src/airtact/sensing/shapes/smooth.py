@@ -73,7 +73,8 @@ def _fitted(
     same = np.einsum("pkd,pd->pk", nodes.normals[near], normals) > SAME_SIDE
     weights = np.exp(-FALL * (distance / reach) ** 2) * same
     powers = [(first, second) for first in range(DEGREE + 1) for second in range(DEGREE + 1 - first)]
-    terms = np.stack([along[..., 0] ** first * along[..., 1] ** second for first, second in powers], axis=1)
+    to_power = np.cumprod(np.stack([np.ones_like(along), *[along] * DEGREE]), axis=0)
+    terms = np.stack([to_power[first, ..., 0] * to_power[second, ..., 1] for first, second in powers], axis=1)
     weighted = terms * weights[:, None, :] ** 2
     squares = weighted @ terms.transpose(0, 2, 1)
     squares += RIDGE * np.trace(squares, axis1=1, axis2=2)[:, None, None] * np.eye(len(powers))
@@ -82,4 +83,4 @@ def _fitted(
         wanted[:, powers.index(power), column] = 1.0
     rows = np.einsum("ptc,ptk->cpk", np.linalg.solve(squares, wanted), weighted)
     rows[1:] /= reach
-    return near, rows.astype(np.float32)
+    return np.asarray(near), rows.astype(np.float32)

@@ -9,8 +9,8 @@ from jaxtyping import Float64, Real
 from airtact.conventions import InvalidInput
 from airtact.printing import one_line
 from airtact.scene.scene import Scene, sound_hard
-from airtact.surfaces.primitives import Capsule, capsule
-from airtact.validation import counted, fixed, positive, real_numbers
+from airtact.surfaces.primitives import Capsule, capsule, turn_from_z
+from airtact.validation import check_finite, counted, fixed, positive, real_numbers
 
 STEP = 0.02
 """Step of the differences by which a number moves a surface, in its standard deviations."""
@@ -42,7 +42,7 @@ class UnknownShape:
 
     scene_of: Callable[[Float64[np.ndarray, "numbers"]], Scene]
     expected: Real[np.ndarray, "numbers"]
-    deviations: Real[np.ndarray, "numbers"]
+    deviations: Real[np.ndarray, "deviations"]
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -56,6 +56,7 @@ class UnknownShape:
                 "of each, one or more.",
                 code="wrong_shape",
             )
+        check_finite(np.stack([expected, deviations]), "expected numbers and deviations")
         if (worst := float(deviations.min())) <= 0.0:
             raise InvalidInput(
                 f"the deviation of number {int(deviations.argmin())} is {worst:g}, but it must be above zero: leave "
@@ -75,9 +76,11 @@ class UnknownShape:
     def of_capsules(cls, scene: Scene, ends: float = 3e-3, radius: float = 1e-3) -> "UnknownShape":
         """Take both ends and the radius of each capsule of a scene as unknown: seven numbers each [m].
 
+        Of a sphere these are its centre and its radius, four numbers.
+
         Parameters
         ----------
-        scene : of capsules alone, such as the fingers of ``pinch``; the expected shape.
+        scene : of capsules and spheres alone, such as the fingers of ``pinch``; the expected shape.
         ends, radius : standard deviations of each coordinate of an end and of a radius [m].
 
         Raises
@@ -85,7 +88,8 @@ class UnknownShape:
         InvalidInput
             "wrong_kind": a body is no capsule.
         """
-        parts = []
+        ends, radius = positive(ends, "the deviation of ends", "m"), positive(radius, "the deviation of radii", "m")
+        parts, by = [], []
         for index, one in enumerate(scene.obstacles):
             shape = one.surface.shape
             if not isinstance(shape, Capsule):
@@ -95,15 +99,17 @@ class UnknownShape:
                     code="wrong_kind",
                 )
             half = 0.5 * shape.length * shape.pose.rotation[:, 2]
-            parts.append(np.r_[shape.pose.translation - half, shape.pose.translation + half, shape.radius])
+            places = [shape.pose.translation - half, shape.pose.translation + half][: 2 if shape.length else 1]
+            parts.append(np.concatenate([*places, [shape.radius]]))
+            by.append(np.append(np.full(3 * len(places), ends), radius))
         edge = min(float(one.surface.edge_lengths.max()) for one in scene.obstacles)
-        by = [positive(ends, "the deviation of ends", "m")] * 6 + [positive(radius, "the deviation of radii", "m")]
+        starts = np.cumsum([len(one) for one in parts])[:-1]
 
         def scene_of(numbers: Float64[np.ndarray, "numbers"]) -> Scene:
-            made = [capsule(one[:3], one[3:6], float(one[6]), edge) for one in numbers.reshape(-1, 7)]
+            made = [capsule(one[:3], one[-4:-1], float(one[-1]), edge) for one in np.split(numbers, starts)]
             return replace(scene, obstacles=[sound_hard(one) for one in made])
 
-        return cls(scene_of, np.concatenate(parts), np.tile(by, len(parts)))
+        return cls(scene_of, np.concatenate(parts), np.concatenate(by))
 
     def __repr__(self) -> str:
         numbers = counted(len(self.expected), "number", "numbers")
@@ -125,3 +131,28 @@ class UnknownShape:
             deeper = self.scene_of(numbers + by).depth(points) - self.scene_of(numbers - by).depth(points)
             out[:, index] = deeper / (2.0 * step)
         return out
+
+
+def carried_by_capsules(
+    points: Float64[np.ndarray, "points 3"], before: Scene, after: Scene
+) -> Float64[np.ndarray, "points 3"]:
+    """Move points with the capsule that each is nearest to, from the capsules of one scene to those of another.
+
+    A point keeps its distance from the skin, its share of the way along the axis and its side of it.
+    """
+    pairs = zip(before.obstacles, after.obstacles, strict=True)
+    depths = np.stack([one.surface.depth(points) for one in before.obstacles])
+    out = np.empty_like(points)
+    for body, (one, other) in enumerate(pairs):
+        old, new = one.surface.shape, other.surface.shape
+        assert isinstance(old, Capsule)  # of UnknownShape.of_capsules
+        assert isinstance(new, Capsule)
+        for index in np.flatnonzero(depths.argmax(axis=0) == body):
+            local = old.pose.inverse().apply(points[index][None])[0]
+            along = float(np.clip(local[2], -0.5 * old.length, 0.5 * old.length))
+            away = local - [0.0, 0.0, along]
+            distance = float(np.linalg.norm(away))
+            turn = turn_from_z(new.pose.rotation[:, 2]) @ turn_from_z(old.pose.rotation[:, 2]).T @ old.pose.rotation
+            axis = new.pose.translation + along * (new.length / max(old.length, 1e-9)) * new.pose.rotation[:, 2]
+            out[index] = axis + turn @ away * (distance + new.radius - old.radius) / distance
+    return out

@@ -23,6 +23,8 @@ from airtact.sensing.family import ScatteringFamily, scattering_family
 from airtact.sensing.registration import Located, locate
 from airtact.sensing.residual import unexplained
 from airtact.sensing.scattering import ScatteringMatrix, scattering_matrix
+from airtact.sensing.shapes.fit import LocatedShape, locate_shape
+from airtact.sensing.shapes.unknown import UnknownShape
 from airtact.sensing.simulation import simulate_echoes
 from airtact.solvers.bem.solver import BoundaryElement
 from airtact.solvers.problem import RadiatedField, Solver
@@ -31,6 +33,7 @@ from airtact.steps import stored, synthesise
 from airtact.timing import Clock, Progress, no_progress
 from airtact.transfer import TransferMatrix, transfer_matrix
 from airtact.validation import between, check_seed
+from airtact.workflows.sense.shape import reshaped, surface_off, unknown_shape, with_bodies
 
 FILES = ("pose.json", "report.html", "echoes.h5")
 """What sensing writes; the last only where echoes were simulated."""
@@ -73,11 +76,13 @@ def sense(
     report_step: Progress = no_progress,
     store: Path | None = None,
     pictures: bool = True,
+    shape: bool = False,
 ) -> Sensed:
     """Locate the hand of a scene file by measured or simulated echoes, and compare the drives for both poses.
 
-    The pose of the scene file is the start. Where the body is a pinch, its gap is found, too. ``FILES`` go into the
-    folder, which is made if it is not there; without ``pictures`` there is no page.
+    The pose of the scene file is the start. Where the body is a pinch, its gap is found, too; with ``shape``, the ends
+    and radii of all its capsules instead. ``FILES`` go into the folder, which is made if it is not there; without
+    ``pictures`` there is no page.
 
     Raises
     ------
@@ -94,12 +99,12 @@ def sense(
         writable_folder(folder)
     for name in FILES[:2]:  # an older run's must not stand beside this run's echoes
         (folder / name).unlink(missing_ok=True)
-    gap = _gap_of(setup)
+    gap, unknown = (None, unknown_shape(setup)) if shape else (_gap_of(setup), None)
     with clock.step("scattering", "solving the bodies for spherical waves"):
         model = _model(scene_file, setup, gap, stored(MODEL, store))
     scattering = model if isinstance(model, ScatteringMatrix) else model.at(model.start)
-    true, true_gap = (None, None) if simulation is None else (_off(scattering, simulation), _opened(gap, simulation))
-    really = setup if true_gap is None else _with_gap(scene_file, true_gap)
+    true = None if simulation is None else _off(scattering, simulation)
+    really, true_gap = _really(scene_file, setup, gap, unknown, simulation)
     if simulation is None:
         assert echoes_file is not None
         echoes = load_echoes(echoes_file)
@@ -108,10 +113,10 @@ def sense(
             echoes = _simulated(simulation, really, true)
         echoes.save(folder / FILES[2])
     with clock.step("locate", "fitting the pose to the echoes"):
-        located = _located(echoes, setup, model)
+        located = _located(echoes, setup, unknown or model, report_step)
     _check_found(located, model, scene_file)
     with clock.step("drives", "making the drives for both poses"):
-        found = setup if located.opening is None else _with_gap(scene_file, located.opening)
+        found = _as_found(scene_file, setup, located)
         solved = cache(partial(_waves, store=store))  # all three are one scene where there is no gap
         there = _transfer(solved, found if true is None else really, true or located.pose)
         pairs = (setup, Pose.identity()), (found, located.pose)
@@ -119,8 +124,11 @@ def sense(
     with clock.step("residual", "comparing echoes at each receiver"):
         left = _unexplained(echoes, setup, model, located)
     _write(folder / FILES[0], located)
-    made = (setup, found, located, echoes, true, scattering.centre, before, after, left, gap, true_gap, clock.seconds)
-    sensed = Sensed(*made)
+    off = None
+    if isinstance(located, LocatedShape) and true is not None:
+        off = surface_off(located.scene, located.pose, really.scene, true)
+    centre, seconds = scattering.centre, clock.seconds
+    sensed = Sensed(setup, found, located, echoes, true, centre, before, after, left, gap, true_gap, seconds, off)
     if pictures:
         report_step("drawing the report")
         write_sense_page(folder / FILES[1], sensed)
@@ -133,7 +141,30 @@ def _simulated(simulation: Simulation, setup: Setup, true: Pose | None) -> Echoe
     return simulate_echoes(TRUTH, setup.scene, seen, codes, noise=simulation.noise, seed=simulation.seed)
 
 
-def _located(echoes: Echoes, setup: Setup, model: ScatteringMatrix | ScatteringFamily) -> Located:
+def _really(
+    scene_file: Path, setup: Setup, gap: float | None, unknown: UnknownShape | None, simulation: Simulation | None
+) -> tuple[Setup, float | None]:
+    """Return the hand that is simulated, and its gap; the scene file's and None where none is."""
+    if simulation is None:
+        return setup, None
+    if unknown is not None:
+        return reshaped(setup, unknown, simulation.seed), None
+    opened = _opened(gap, simulation)
+    return (setup if opened is None else _with_gap(scene_file, opened)), opened
+
+
+def _as_found(scene_file: Path, setup: Setup, located: Located) -> Setup:
+    """Return the scene file with the gap or the shape that was found."""
+    if isinstance(located, LocatedShape):
+        return with_bodies(setup, located.scene)
+    return setup if located.opening is None else _with_gap(scene_file, located.opening)
+
+
+def _located(
+    echoes: Echoes, setup: Setup, model: ScatteringMatrix | ScatteringFamily | UnknownShape, report_step: Progress
+) -> Located:
+    if isinstance(model, UnknownShape):
+        return locate_shape(echoes, model, setup.array, Pose.identity(), progress=report_step)
     if isinstance(model, ScatteringFamily):
         return locate(echoes, model, setup.array, Pose.identity())
     return locate(echoes, setup.scene, setup.array, Pose.identity(), scattering=model)
@@ -143,7 +174,9 @@ def _unexplained(
     echoes: Echoes, setup: Setup, model: ScatteringMatrix | ScatteringFamily, located: Located
 ) -> Float64[np.ndarray, "2 receivers"]:
     """Return what the scene file's pose and the one found leave at each receiver, over the rms of all echoes."""
-    if isinstance(model, ScatteringMatrix):
+    if isinstance(located, LocatedShape) and isinstance(model, ScatteringMatrix):
+        matrices = model, scattering_matrix(MODEL, located.scene)
+    elif isinstance(model, ScatteringMatrix):
         matrices = model, model
     else:
         assert located.opening is not None  # that of a family is found
@@ -185,6 +218,8 @@ def _check_found(located: Located, model: ScatteringMatrix | ScatteringFamily, s
     if located.converged:
         return
     words = "or more than 5 mm away"
+    if isinstance(located, LocatedShape):
+        words = "has another body, or its pose or shape is farther from the scene's than 3 mm"
     if isinstance(model, ScatteringFamily):
         words += f", or its gap is not between {1e3 * model.low:.3g} and {1e3 * model.high:.3g} mm"
     raise NotConverged(
@@ -233,6 +268,7 @@ def _write(path: Path, located: Located) -> None:
         "residual": located.residual,
         "misfit": located.misfit,
         "left_out": located.left_out.tolist(),
+        **({"numbers": located.numbers.tolist()} if isinstance(located, LocatedShape) else {}),
     }
     with whole_file(path) as partial:
         partial.write_text(json.dumps(found, indent=1), encoding="utf-8")
