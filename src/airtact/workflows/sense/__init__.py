@@ -124,9 +124,7 @@ def sense(
     with clock.step("residual", "comparing echoes at each receiver"):
         left = _unexplained(echoes, setup, model, located)
     _write(folder / FILES[0], located)
-    off = None
-    if isinstance(located, LocatedShape) and true is not None:
-        off = surface_off(located.scene, located.pose, really.scene, true)
+    off = None if true is None else surface_off(located, really.scene, true)
     centre, seconds = scattering.centre, clock.seconds
     sensed = Sensed(setup, found, located, echoes, true, centre, before, after, left, gap, true_gap, seconds, off)
     if pictures:

@@ -8,6 +8,8 @@ from airtact.pose import Pose
 from airtact.scene.scene import Scene
 from airtact.scene.target import Target
 from airtact.scene_file.building import Setup
+from airtact.sensing.registration import Located
+from airtact.sensing.shapes.fit import LocatedShape
 from airtact.sensing.shapes.unknown import UnknownShape, carried_by_capsules
 
 SIMULATED = 0.3
@@ -37,7 +39,9 @@ def with_bodies(setup: Setup, scene: Scene) -> Setup:
     return replace(setup, scene=scene, target=Target(points, **given, suppression_points=suppressed))
 
 
-def surface_off(found: Scene, pose: Pose, true: Scene, true_pose: Pose) -> float:
-    """Distance of the true surfaces from those that were found, rms [m]."""
-    points = np.concatenate([one.surface.vertices for one in true.obstacles])
-    return float(np.sqrt(np.mean(found.depth(pose.inverse().apply(true_pose.apply(points))) ** 2)))
+def surface_off(located: Located, true: Scene, true_pose: Pose) -> float | None:
+    """Distance of the true surfaces from those that were found, rms [m]; None where only a pose was."""
+    if not isinstance(located, LocatedShape):
+        return None
+    points = true_pose.apply(np.concatenate([one.surface.vertices for one in true.obstacles]))
+    return float(np.sqrt(np.mean(located.scene.depth(located.pose.inverse().apply(points)) ** 2)))
