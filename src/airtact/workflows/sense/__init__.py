@@ -117,16 +117,14 @@ def sense(
     _check_found(located, model, scene_file)
     with clock.step("drives", "making the drives for both poses"):
         found = _as_found(scene_file, setup, located)
-        solved = cache(partial(_waves, store=store))  # all three are one scene where there is no gap
-        there = _transfer(solved, found if true is None else really, true or located.pose)
         pairs = (setup, Pose.identity()), (found, located.pose)
-        before, after = (_pressures(there, one, _transfer(solved, one, pose)) for one, pose in pairs)
+        before, after = _brought(pairs, (found, located.pose) if true is None else (really, true), store)
     with clock.step("residual", "comparing echoes at each receiver"):
         left = _unexplained(echoes, setup, model, located)
     _write(folder / FILES[0], located)
     off = None if true is None else surface_off(located, really.scene, true)
-    centre, seconds = scattering.centre, clock.seconds
-    sensed = Sensed(setup, found, located, echoes, true, centre, before, after, left, gap, true_gap, seconds, off)
+    known = gap, true_gap, clock.seconds, off
+    sensed = Sensed(setup, found, located, echoes, true, scattering.centre, before, after, left, *known)
     if pictures:
         report_step("drawing the report")
         write_sense_page(folder / FILES[1], sensed)
@@ -246,6 +244,15 @@ def _waves(setup: Setup, store: Path | None) -> RadiatedField:
 def _transfer(solved: Callable[[Setup], RadiatedField], setup: Setup, pose: Pose) -> TransferMatrix:
     """Return the transfer matrix of a hand that has a pose relative to the scene file's."""
     return transfer_matrix(solved(setup), setup.array.seen_from(pose))
+
+
+def _brought(
+    pairs: tuple[tuple[Setup, Pose], ...], there: tuple[Setup, Pose], store: Path | None
+) -> list[Float64[np.ndarray, "foci"]]:
+    """Return the pressures of the foci of the hand that is there, of the drives for hands and their poses [Pa]."""
+    solved = cache(partial(_waves, store=store))  # all are one scene where there is neither gap nor shape
+    matrix = _transfer(solved, *there)
+    return [_pressures(matrix, one, _transfer(solved, one, pose)) for one, pose in pairs]
 
 
 def _pressures(there: TransferMatrix, setup: Setup, believed: TransferMatrix) -> Float64[np.ndarray, "foci"]:
