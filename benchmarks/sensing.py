@@ -307,8 +307,8 @@ def shape(count: int) -> None:
     print(
         f"fingers of another shape, 1.5 mm rms: pressure kept {before:.2f} from 2 mm, 3°, {after:.2f} after rigid "
         f"registration, {shaped:.2f} with the shape found (worst of those believed {worst:.2f}) | "
-        f"misfit {misfit:.3f} | surfaces off {off:.3f} mm, sure to {sure:.3f} mm | {sum(row[-1] for row in rows)} of {count} believed | "
-        f"{seconds:.0f} s of processor each",
+        f"misfit {misfit:.3f} | surfaces off {off:.3f} mm, sure to {sure:.3f} mm | "
+        f"{sum(row[-1] for row in rows)} of {count} believed | {seconds:.0f} s of processor each",
         flush=True,
     )
 

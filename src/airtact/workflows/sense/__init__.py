@@ -105,12 +105,8 @@ def sense(
     scattering = model if isinstance(model, ScatteringMatrix) else model.at(model.start)
     true = None if simulation is None else _off(scattering, simulation)
     really, true_gap = _really(scene_file, setup, gap, unknown, simulation)
-    if simulation is None:
-        assert echoes_file is not None
-        echoes = load_echoes(echoes_file)
-    else:
-        with clock.step("echoes", f"simulating echoes of {TRANSMISSIONS} codes by smaller panels"):
-            echoes = _simulated(simulation, really, true)
+    echoes = _received(echoes_file, simulation, really, true, clock)
+    if simulation is not None:
         echoes.save(folder / FILES[2])
     with clock.step("locate", "fitting the pose to the echoes"):
         located = _located(echoes, setup, unknown or model, report_step)
@@ -131,10 +127,16 @@ def sense(
     return sensed
 
 
-def _simulated(simulation: Simulation, setup: Setup, true: Pose | None) -> Echoes:
-    """Simulate what the array receives of codes of random phases."""
-    codes, seen = random_codes(len(setup.array), TRANSMISSIONS), setup.array.seen_from(true or Pose.identity())
-    return simulate_echoes(TRUTH, setup.scene, seen, codes, noise=simulation.noise, seed=simulation.seed)
+def _received(
+    echoes_file: Path | None, simulation: Simulation | None, setup: Setup, true: Pose | None, clock: Clock
+) -> Echoes:
+    """Read echoes, or simulate what the array receives of codes of random phases."""
+    if simulation is None:
+        assert echoes_file is not None  # one of both is given
+        return load_echoes(echoes_file)
+    with clock.step("echoes", f"simulating echoes of {TRANSMISSIONS} codes by smaller panels"):
+        codes, seen = random_codes(len(setup.array), TRANSMISSIONS), setup.array.seen_from(true or Pose.identity())
+        return simulate_echoes(TRUTH, setup.scene, seen, codes, noise=simulation.noise, seed=simulation.seed)
 
 
 def _really(
