@@ -34,6 +34,25 @@ template <class Real> struct Layer {
     static constexpr double zero[3] = {0, 0, 0};
 };
 
+constexpr std::int64_t together = 4;  // targets at once: it hides the latency of the sums and reads the density once
+
+// Adds to a number of each of `some` targets, `step` apart, the products of their rows of the kernel with a density
+template <class Real>
+void add_products(const Real (*re)[block], const Real (*im)[block], const Real *a, const Real *b, std::int64_t count,
+                  std::int64_t some, std::complex<double> *out, std::int64_t step) {
+    Real x0 = 0, x1 = 0, x2 = 0, x3 = 0, y0 = 0, y1 = 0, y2 = 0, y3 = 0;
+#pragma omp simd reduction(+ : x0, x1, x2, x3, y0, y1, y2, y3)
+    for (std::int64_t l = 0; l < count; l++) {
+        const Real p = a[l], q = b[l];
+        x0 += re[0][l] * p, x1 += re[1][l] * p, x2 += re[2][l] * p, x3 += re[3][l] * p;
+        y0 += re[0][l] * q, y1 += re[1][l] * q, y2 += re[2][l] * q, y3 += re[3][l] * q;
+        x0 -= im[0][l] * q, x1 -= im[1][l] * q, x2 -= im[2][l] * q, x3 -= im[3][l] * q;
+        y0 += im[0][l] * p, y1 += im[1][l] * p, y2 += im[2][l] * p, y3 += im[3][l] * p;
+    }
+    const Real x[together] = {x0, x1, x2, x3}, y[together] = {y0, y1, y2, y3};
+    for (std::int64_t i = 0; i < some; i++) out[i * step] += std::complex<double>(x[i], y[i]);
+}
+
 template <class Real, class Row>
 void sum_rows(std::int64_t n, std::int64_t m, const std::complex<double> *density, std::int64_t sounds,
               std::complex<double> *out, const Row &row) {
@@ -43,22 +62,17 @@ void sum_rows(std::int64_t n, std::int64_t m, const std::complex<double> *densit
             re_density[s * m + j] = Real(density[j * sounds + s].real());
             im_density[s * m + j] = Real(density[j * sounds + s].imag());
         }
-    over_rows(n, m, [&](std::int64_t i) {
-        Real re[block], im[block];
-        for (std::int64_t s = 0; s < sounds; s++) out[i * sounds + s] = 0;
+    over_rows((n + together - 1) / together, together * m, [&](std::int64_t group) {
+        Real re[together][block] = {}, im[together][block] = {};
+        const std::int64_t top = together * group, some = std::min(together, n - top);
+        for (std::int64_t i = top; i < top + some; i++)
+            for (std::int64_t s = 0; s < sounds; s++) out[i * sounds + s] = 0;
         for (std::int64_t j = 0; j < m; j += block) {
             const std::int64_t count = std::min(block, m - j);
-            row(i, j, count, re, im);
-            for (std::int64_t s = 0; s < sounds; s++) {
-                const Real *a = re_density.data() + s * m + j, *b = im_density.data() + s * m + j;
-                Real sum_re = 0, sum_im = 0;
-#pragma omp simd reduction(+ : sum_re, sum_im)
-                for (std::int64_t l = 0; l < count; l++) {
-                    sum_re += re[l] * a[l] - im[l] * b[l];
-                    sum_im += re[l] * b[l] + im[l] * a[l];
-                }
-                out[i * sounds + s] += std::complex<double>(sum_re, sum_im);
-            }
+            for (std::int64_t i = 0; i < some; i++) row(top + i, j, count, re[i], im[i]);
+            for (std::int64_t s = 0; s < sounds; s++)
+                add_products(re, im, re_density.data() + s * m + j, im_density.data() + s * m + j, count, some,
+                             out + top * sounds + s, sounds);
         }
     });
 }
