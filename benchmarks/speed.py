@@ -21,6 +21,7 @@ from airtact.benching.bench import row_jobs
 from airtact.benching.real_time import Row
 from airtact.benching.scenes import two_fingers
 from airtact.benching.timing import correlation, timed
+from airtact.live.drives.bending import BendingHand
 from airtact.live.drives.factors import HandFactors, OpenAir, PartSolver, beacon_points, factors_of, part_of, solved
 from airtact.live.drives.riding import ride
 from airtact.scene.scene import Scene, sound_hard
@@ -126,6 +127,18 @@ def likeness(joints: np.ndarray, matrix: np.ndarray) -> list[float]:
     return [correlation(one, other) for one, other in zip(matrix, exact, strict=True)]
 
 
+def carried(runs: int = 8) -> list[Row]:
+    """Carry the sound of a solved hand to other poses, as the live loop does: the least processor time."""
+    setting, seconds = live.open_hand(), []
+    solver = BendingHand(setting.scene)
+    solver.keep(solver.solved(setting.motion(0.3), 0.0))
+    for frame in range(runs):
+        joints, began = setting.motion(0.32 + 0.02 * frame), time.process_time()
+        solver.carried(joints, 0.0)
+        seconds.append(time.process_time() - began)
+    return [Row("sound of a whole hand carried to a new pose", "-", f"{1e3 * min(seconds):.1f} ms of processor", "")]
+
+
 def codes(runs: int = 7) -> list[Row]:
     """Solve two fingers for 16 coded transmissions of the array, and for two foci at the same accuracy."""
     array, bodies, seconds = surrounding_box(monopole()), two_fingers(), []
@@ -153,6 +166,7 @@ def rows(runs: int = 7) -> dict[str, Callable[[], list[Row]]]:
         **row_jobs(CACHE, EXAMPLES / "hands/relaxed.json", runs),
         "phalanges": phalanges,
         "anew": meshed_anew,
+        "carried": carried,
         "codes": codes,
         "pinch": pinch,
         "render-pinch": partial(rendered, "pinch.toml", "-"),

@@ -140,10 +140,13 @@ class SkinSources:
         waves = np.zeros((len(PARTS), *straight.T.shape), dtype=np.complex64)
         centres = np.zeros((len(PARTS), len(riding.foci), 3))
         owner = self.weights.argmax(axis=1)
-        for part in np.unique(owner):
-            own = owner == part
-            size = np.abs(strengths[own]) ** 2
-            centres[part] = size.T @ points[own] / size.sum(axis=0)[:, None]
+        order = np.argsort(owner, kind="stable")
+        points, strengths = points[order], strengths[order]
+        sizes = np.real(strengths * np.conj(strengths))
+        parts, begin = np.unique(owner[order], return_index=True)
+        for part, first, last in zip(parts, begin, [*begin[1:], len(owner)], strict=True):
+            own = slice(first, last)
+            centres[part] = sizes[own].T @ points[own] / sizes[own].sum(axis=0)[:, None]
             by_way = monopole_pressure(elements, points[own], strengths[own], wavenumber, "float32")
             waves[part] = (by_way / straight).T
         waves *= _phasors(-wavenumber.real * detours(centres, riding.foci, elements))
