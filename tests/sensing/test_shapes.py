@@ -88,6 +88,7 @@ def test_doubt_grows_with_the_noise() -> None:
     assert loud > 2 * quiet
 
 
+@pytest.mark.slow
 def test_two_bodies_of_another_shape_are_found() -> None:
     true = at.Scene(
         AIR,

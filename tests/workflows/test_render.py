@@ -184,7 +184,7 @@ def test_the_page_says_what_was_computed_and_what_was_not(rendered):
         "dual-surface equation",
         "south pole",
         f"{run.reached[0]:,.0f}",
-        f"{run.comparison.ratios('equal energy')[1, 0]:.3f}",
+        f"<td>{1.0 / run.comparison.ratios('equal energy')[1, 0]:.3f}</td>",
         f"{run.beacons.nodes:,}",
     ):
         assert words in page

@@ -263,18 +263,19 @@ def _foci(run: Run) -> dict[str, Any]:
 
 
 def _comparison(run: Run, held_equal: str) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of what each focus gets from both drives."""
+    """Header and rows of what each focus gets from both drives, and how many times as much from the first."""
     pressures, ratios = run.comparison.pressures[held_equal], run.comparison.ratios(held_equal)
     rows = []
     for index, name in enumerate(run.foci):
         first, second = pressures[:, index]
         squares = _kilopascal_squared(first), _kilopascal_squared(second)
-        ratio = ratios[1, index]
-        rows.append([name, _pascal(first), _pascal(second), f"{ratio:.3f}", *squares, f"{ratio**2:.3f}"])
+        with np.errstate(divide="ignore"):  # the second may give it nothing
+            times = 1.0 / ratios[1, index]
+        rows.append([name, _pascal(first), _pascal(second), f"{times:.3f}", *squares, f"{times**2:.3f}"])
     pressure, squared = (
         [quantity.format(name) for name in run.comparison.names] for quantity in ("p {} [Pa]", "p² {} [kPa²]")
     )
-    return ["focus", *pressure, "ratio of p", *squared, "ratio of p²"], rows
+    return ["focus", *pressure, "times p", *squared, "times p²"], rows
 
 
 def _how(run: Run) -> dict[str, Any]:

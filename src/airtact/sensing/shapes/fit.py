@@ -281,6 +281,7 @@ class _Fit:
         left = power(found.residual) / count
         inverse = np.linalg.inv(information + 0.5 * left * np.eye(len(information)))
         left *= max(1.0, disagreement(found.derivatives, found.residual, inverse, places))
+        left += self.solver.accuracy**2 * power(self.measured) / len(information)  # as alike everywhere as a motion is
         noise = self.echoes.noise or np.nan
         doubt, least = (np.linalg.inv(np.eye(len(information)) + 2.0 * information / one) for one in (left, noise**2))
         scene, misfit = self.bodies.scene_of(numbers), self.misfit(found)
