@@ -81,7 +81,8 @@ def first_accuracy_that_refines(setup) -> float:
 
 @pytest.mark.parametrize("setup", [PINCH, replace(PINCH, accuracy=0.2), read_scene(SCENES / "ball.toml")])
 def test_verification_has_the_first_accuracy_that_refines_enough(setup) -> None:
-    assert verification_solver(setup) == BoundaryElement(accuracy=first_accuracy_that_refines(setup))
+    accuracy = first_accuracy_that_refines(setup)
+    assert verification_solver(setup) == BoundaryElement(accuracy=accuracy, enough=setup.accuracy)
 
 
 def test_few_accuracies_are_tried(monkeypatch) -> None:
@@ -93,7 +94,7 @@ def test_few_accuracies_are_tried(monkeypatch) -> None:
 
 
 def test_verification_of_the_best_accuracy_stays_there() -> None:
-    assert verification_solver(replace(PINCH, accuracy=FINEST)) == BoundaryElement(accuracy=FINEST)
+    assert verification_solver(replace(PINCH, accuracy=FINEST)) == BoundaryElement(accuracy=FINEST, enough=FINEST)
 
 
 def test_open_air_and_filled_bodies_have_solvers_of_their_own() -> None:
@@ -107,3 +108,16 @@ def test_open_air_and_filled_bodies_have_solvers_of_their_own() -> None:
     assert verification_solver(setup) == FiniteElement(order=5)
     lined = replace(PINCH.scene, obstacles=tuple(impedance(one.surface, 2.0) for one in PINCH.scene.obstacles))
     assert isinstance(verification_solver(replace(setup, scene=lined)), BoundaryElement)
+
+
+def test_the_verification_warns_against_what_the_scene_asks() -> None:
+    setup = read_scene(SCENES / "ball.toml")
+    solver = verification_solver(setup)
+    assert isinstance(solver, BoundaryElement)
+    assert solver.accuracy < setup.accuracy == solver.wanted
+    field = solver.radiate(setup.scene, setup.target.beacons())
+    assert field.wanted == setup.accuracy
+    (point,) = setup.target.points[:1]
+    assert field.report_at(point[None]).warnings == field.report.warnings
+    strict = replace(field, wanted=1e-9)
+    assert "3.3e-10" in strict.report_at(point[None]).warnings[-1]

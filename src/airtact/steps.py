@@ -57,13 +57,14 @@ LIKELY = 4
 def verification_solver(setup: Setup) -> Solver:
     """Choose a solver of higher accuracy than the one that makes the drive, to verify the drive.
 
-    Filled bodies get finite elements of the next order, other bodies boundary elements, open air the closed form.
+    Filled bodies get finite elements of the next order, other bodies boundary elements, open air the closed form. It
+    warns where the error exceeds what the scene asks.
     """
     if not setup.scene.obstacles:
         return FreeField()
     if isinstance(setup.solver, FiniteElement) and any(one.boundary == "filled" for one in setup.scene.obstacles):
         return replace(setup.solver, order=setup.solver.order + 1)
-    return BoundaryElement(accuracy=_verification_accuracy(setup))
+    return BoundaryElement(accuracy=_verification_accuracy(setup), enough=setup.accuracy)
 
 
 def _verification_accuracy(setup: Setup) -> float:

@@ -28,7 +28,7 @@ ERROR_OF_CELLS = 0.04
 """Part of the accuracy that the evaluation of many points in cells may cost."""
 
 WARN_ABOVE = 1.2
-"""Estimated error at the points asked for, over the accuracy, above which a warning names the worst of them."""
+"""Estimated error at the points asked for, over what is wanted, above which a warning names the worst of them."""
 
 LEAST_HEIGHT = 1.0 / 60.0
 """Height over the surface, in wavelengths, below which differences of the pressure are too noisy."""
@@ -39,8 +39,9 @@ class BoundaryField(RadiatedField):
     """The field of some monopoles around bodies, as ``BoundaryElement`` solved it.
 
     ``pressure`` is the direct solution: the pressure at the nodes [Pa], None where it was not asked for; ``density``
-    and ``factors`` are those of the transposed solution. The accuracy is that which was asked for. Where the scene has
-    a plane, the images of the bodies follow them in ``surface``, ``pressure`` and ``density``.
+    and ``factors`` are those of the transposed solution. The accuracy is that of the solver, and ``wanted`` the error
+    against which is warned. Where the scene has a plane, the images of the bodies follow them in ``surface``,
+    ``pressure`` and ``density``.
     """
 
     scene: Scene
@@ -50,6 +51,7 @@ class BoundaryField(RadiatedField):
     density: Complex128[np.ndarray, "nodes sounds"]
     factors: Float64[np.ndarray, "sources"]
     accuracy: float
+    wanted: float
     report: SolveReport
 
     __repr__ = RadiatedField.__repr__
@@ -249,12 +251,12 @@ class BoundaryField(RadiatedField):
             return self.report
         errors, parts = self._errors(points)
         error, warnings = float(errors.max()), self.report.warnings
-        if error > WARN_ABOVE * self.accuracy:
+        if error > WARN_ABOVE * self.wanted:
             warnings = (
                 *warnings,
                 f"at {in_mm(points[parts.argmax()])} and the points beside it the pressure is estimated to be "
-                f"{100 * error:.1f} % off, and {100 * self.accuracy:.1f} % was asked of this solution: points in a "
-                f"narrow gap or a cavity need a smaller accuracy, such as {self.accuracy / 3:.2g}.",
+                f"{100 * error:.1f} % off, and {100 * self.wanted:.1f} % was asked: points in a "
+                f"narrow gap or a cavity need a smaller accuracy, such as {self.wanted / 3:.2g}.",
             )
         return replace(
             self.report, estimated_error=float(np.fmax(error, self.report.estimated_error)), warnings=warnings

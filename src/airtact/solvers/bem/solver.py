@@ -127,12 +127,13 @@ class BoundaryElement(Solver):
         the matrix is stored in bfloat16.
     estimate : whether to solve the direct equation too. Without it a solve takes about half the time, the field raises
         ``InvalidInput`` on and near the surfaces, and the estimated error is NaN: enough for a transfer matrix.
+    enough : relative error that is wanted in the end, against which is warned; the accuracy unless given.
     progress : callback that gets the words of each step as it begins, such as ``print``.
 
     Raises
     ------
     InvalidInput
-        If the accuracy is not between 0.0001 and 0.3, or the precision is unknown.
+        If the accuracy, or what is enough, is not between 0.0001 and 0.3, or the precision is unknown.
 
     Examples
     --------
@@ -147,20 +148,26 @@ class BoundaryElement(Solver):
     accuracy: float = 0.01
     precision: Literal["float32", "float64"] = "float32"
     estimate: bool = True
+    enough: float | None = None
     progress: Progress | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Check both settings."""
-        number(self.accuracy, "accuracy", "parts of 1")
-        if not 1e-4 <= self.accuracy <= 0.3:
-            raise InvalidInput(
-                f"accuracy is {self.accuracy:g}, but it must lie between 0.0001 and 0.3 (0.01 is 1 %).",
-                code="out_of_range",
-            )
+        """Check the settings."""
+        for name, share in (("accuracy", self.accuracy), ("enough", self.wanted)):
+            number(share, name, "parts of 1")
+            if not 1e-4 <= share <= 0.3:
+                raise InvalidInput(
+                    f"{name} is {share:g}, but it must lie between 0.0001 and 0.3 (0.01 is 1 %).", code="out_of_range"
+                )
         if self.precision not in ("float32", "float64"):
             raise InvalidInput(
                 f"precision is {self.precision!r}, but it must be 'float32' or 'float64'.", code="unknown_name"
             )
+
+    @property
+    def wanted(self) -> float:
+        """Relative error against which is warned."""
+        return self.accuracy if self.enough is None else self.enough
 
     @property
     def nodes_per_square_wavelength(self) -> float:
@@ -234,14 +241,13 @@ class BoundaryElement(Solver):
         given = (result.solution.astype(np.complex128).T for result in solved)
         density, *pressure = (values_with_images(values, scene.planes) for values in given)
         surface = surface_with_images(surface, scene.planes)
-        solved_field = BoundaryField(
-            scene, sources, surface, pressure[0] if pressure else None, density, factors, self.accuracy, report
-        )
+        at_nodes, aims = pressure[0] if pressure else None, (self.accuracy, self.wanted)
+        solved_field = BoundaryField(scene, sources, surface, at_nodes, density, factors, *aims, report)
         if not self.estimate:
             return solved_field
         with clock.step("estimate", "estimating the error"):
             estimate = float(solved_field.error_at(surrounding_points(scene, nodes.points)).max())
-        warnings = (*_warnings(estimate, self.accuracy), *report.warnings)
+        warnings = (*_warnings(estimate, self.wanted), *report.warnings)
         return replace(solved_field, report=replace(report, estimated_error=estimate, warnings=warnings))
 
     def direct_solution(self, scene: Scene, sources: Monopoles) -> DirectSolution:
