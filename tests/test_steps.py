@@ -18,6 +18,8 @@ from airtact.solvers.spherical.sphere_series import SphereSeries
 from airtact.steps import FINEST, MOST_UNKNOWNS, REFINEMENT, reach_cautions, solve_foci, verification_solver
 from airtact.synthesis.motion import Motion
 from airtact.timing import Clock
+from airtact.transducers.modulation import AmplitudeModulation
+from airtact.workflows.modulated import sensations
 from paths import EXAMPLES, SCENES
 
 PINCH = read_scene(EXAMPLES / "pinch.toml")
@@ -48,6 +50,12 @@ def test_foci_where_no_skin_is_are_named() -> None:
     far = replace(PINCH, target=Target(PINCH.target.points + [0.0, 0.0, 0.043]))
     assert "and 1 other focus over 10 mm" in reach_cautions(far)[0]
     assert reach_cautions(replace(PINCH, target=Target(points), bodies=())) == ()
+    felt = replace(PINCH, modulation=AmplitudeModulation())
+    reached = np.array([5570.0, 557.0])
+    assert "20 dB above" in sensations(replace(felt, target=Target(points)), reached, None)[0]
+    (words,) = sensations(replace(felt, target=far.target), reached, None)
+    assert words.startswith("No body is within 10 mm of a focus")
+    assert "0 dB above" in sensations(felt, reached, None)[0]
 
 
 @dataclass(frozen=True)

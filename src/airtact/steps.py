@@ -9,6 +9,7 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
+from jaxtyping import Bool
 
 from airtact.evaluation.headline import body_word
 from airtact.evaluation.windows import Window, plane_of_scene
@@ -94,6 +95,13 @@ def _verification_accuracy(setup: Setup) -> float:
     return trials[max(index - 1, 0)] if unknowns(trials[index]) > MOST_UNKNOWNS else trials[index]
 
 
+def with_skin(setup: Setup) -> Bool[np.ndarray, "foci"]:
+    """Whether a body is within ``FELT`` of each focus, so that skin is modelled there; in open air it may be."""
+    if not setup.bodies:
+        return np.ones(len(setup.target.points), dtype=bool)
+    return np.asarray(-setup.scene.depth(setup.target.points) <= FELT)
+
+
 def reach_cautions(setup: Setup) -> tuple[str, ...]:
     """Name foci hard to reach or to separate or far from skin, pressures beyond full scale, paths that leave bodies.
 
@@ -110,9 +118,9 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
     most = np.inf if any(one.board for one in setup.scene.obstacles) else most
     asked = np.zeros(len(bounds)) if target.pressures is None else np.abs(target.pressures)
     found = list(_path_cautions(setup))
-    away = -setup.scene.depth(target.points) if setup.bodies else np.zeros(len(target.points))
-    if away.max() > FELT:
-        others = int(np.count_nonzero(away > FELT)) - 1
+    bare = ~with_skin(setup)
+    if bare.any():
+        away, others = -setup.scene.depth(target.points), int(np.count_nonzero(bare)) - 1
         beside = f", and {counted(others, 'other focus', 'other foci')} over {1e3 * FELT:g} mm" if others else ""
         found.append(
             f"{setup.foci[int(away.argmax())]} is {1e3 * away.max():.2g} mm from the nearest body{beside}: no skin is "

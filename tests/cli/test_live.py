@@ -340,3 +340,9 @@ def test_without_viser_it_says_what_to_install(tmp_path, monkeypatch):
     assert code == 2
     assert "airtact[live]" in said
     assert "[extra_not_installed]" in said
+
+
+def test_only_recordings_are_named_where_hands_come_from_none(tmp_path):
+    code, _, said = done("live_pinch", "--from", "reachinx", "--no-page", "--out", tmp_path)
+    assert code == 2
+    assert "2 examples: pinching.jsonl, reaching.jsonl" in said

@@ -8,12 +8,13 @@ from airtact.conventions import InvalidInput
 ENDINGS = (".csv", ".glb", ".json", ".jsonl", ".ply", ".toml")
 
 
-def example(name: str) -> Path:
+def example(name: str, endings: tuple[str, ...] = ENDINGS) -> Path:
     """Return the path of a file that comes with airtact.
 
     Parameters
     ----------
     name : a scene, such as "pinch", or any other file with its ending, such as "relaxed.json".
+    endings : of files that will do.
 
     Raises
     ------
@@ -28,7 +29,7 @@ def example(name: str) -> Path:
     files = {
         path.stem if path.suffix == ".toml" else path.name: path
         for path in sorted(Path(__file__).parent.rglob("*"))
-        if path.suffix in ENDINGS
+        if path.suffix in endings
     }
     found = files.get(name.removesuffix(".toml"))
     if found is None:

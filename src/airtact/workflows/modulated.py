@@ -10,7 +10,7 @@ from jaxtyping import Float64
 from airtact.evaluation.thresholds import sensation
 from airtact.scene.target import Target
 from airtact.scene_file.building import Setup
-from airtact.steps import solve_foci, synthesise
+from airtact.steps import FELT, solve_foci, synthesise, with_skin
 from airtact.synthesis.methods import FOR_SAMPLES
 from airtact.synthesis.motion import Motion, moving_foci, moving_target
 from airtact.synthesis.sequence import Sequence
@@ -72,7 +72,14 @@ def _weakest(sequence: Sequence, transfer: TransferMatrix, points: int, together
 def sensations(
     setup: Setup, reached: Float64[np.ndarray, "foci"], moving: Float64[np.ndarray, "frames"] | None
 ) -> Listed[str]:
-    """Say how far the foci are above the threshold of detection: still ones, or in the weakest of their frames."""
+    """Say how far the foci are above the threshold of detection: still ones, or in the weakest of their frames.
+
+    Foci where no skin is modelled do not count; where all are such, that is said instead.
+    """
+    skin = with_skin(setup)
+    if not skin.any():
+        return (f"No body is within {1e3 * FELT:g} mm of a focus: nobody is modelled there who could feel it.",)
+    reached = reached[skin]
     if moving is not None:
         return (
             f"The foci move: {len(moving)} frames, the weakest focus of which gets {moving.min():,.0f} Pa.",

@@ -53,7 +53,7 @@ def main() -> None:
     pipe = Pipe()
     settings = pipe.settings()
     try:
-        with extra("live", "the page (--no-page goes without) needs viser"):
+        with extra("live", "to go without a page give --no-page; the page needs viser"):
             from airtact.live.page.painter import paint
             from airtact.live.page.server import start_server
         server, address = start_server(settings.port, settings.host)

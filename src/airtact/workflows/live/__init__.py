@@ -203,7 +203,7 @@ def _hands(setup: Setup, source: str | None, session: Path) -> HandSource:
             )
         return RecordedHands(recording_of(path))  # its frames are in the scene's frame
     if not path.is_file() and path.name == source:
-        path = example(source)
+        path = example(source, (".jsonl",))
     recording = load_recording(path, leave_out=True)
     return RecordedHands(replace(recording, frames=tuple(one.moved(setup.tracker) for one in recording.frames)))
 
