@@ -140,6 +140,7 @@ def _pictures(run: Run) -> dict[str, Any]:
         f"{run.frame.levels.phases} of phase (drive.csv) they change the pressure at the foci by {_rounding(run):.2%} "
         "at most.",
         f"Phases and amplitudes of all {_transducers(run)}, face by face",
+        wide=True,
     )
     bodies = [obstacle.surface for obstacle in run.scene.obstacles]
     still = picture(

@@ -101,7 +101,7 @@ def sense(
         (folder / name).unlink(missing_ok=True)
     gap, unknown = (None, unknown_shape(setup)) if shape else (_gap_of(setup), None)
     with clock.step("scattering", "solving the bodies for spherical waves"):
-        model = _model(scene_file, setup, gap, stored(MODEL, store))
+        model = _model(scene_file, setup, gap, stored(MODEL, store).reporting(report_step))
     scattering = model if isinstance(model, ScatteringMatrix) else model.at(model.start)
     true = None if simulation is None else _off(scattering, simulation)
     really, true_gap = _really(scene_file, setup, gap, unknown, simulation)
