@@ -8,7 +8,7 @@ is expanded once, about where the bodies are believed to be, and every pose near
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex128, Float64
+from jaxtyping import Complex128, Float64, Int64
 
 from airtact.conventions import InvalidInput
 from airtact.sensing.scattering import ScatteringMatrix
@@ -95,3 +95,22 @@ def direct_sound(
     gains = np.abs(array.gains) ** 2
     power *= array.element.sensitivity**2 * gains[:, None] * gains
     return np.sqrt(power @ np.abs(codes) ** 2)
+
+
+def emitted_by_faces(
+    array: PhasedArray, codes: Complex128[np.ndarray, "elements transmissions"]
+) -> Complex128[np.ndarray, "points transmissions"]:
+    """Strengths of the points on the faces of all elements in each transmission [Pa·m]."""
+    driven = (array.element.sensitivity * array.gains)[:, None, None] * array.element.weights[:, None]
+    return (driven * codes[:, None, :]).reshape(-1, codes.shape[1])
+
+
+def heard_by_faces(
+    array: PhasedArray,
+    receivers: Int64[np.ndarray, "receivers"],
+    pressures: Complex128[np.ndarray, "points transmissions"],
+) -> Complex128[np.ndarray, "receivers transmissions"]:
+    """Return what elements get of the pressures at the points on their faces [Pa]: their mean times the gain."""
+    weights = array.element.weights
+    over_faces = pressures.reshape(len(receivers), len(weights), -1)
+    return array.gains[receivers, None] * np.einsum("q,rqm->rm", weights, over_faces)

@@ -7,7 +7,7 @@ from scipy.spatial.distance import cdist
 from airtact.conventions import InvalidInput
 from airtact.scene.scene import Scene, check_no_planes
 from airtact.scene.sources import Monopoles
-from airtact.sensing.array_waves import array_waves, direct_sound
+from airtact.sensing.array_waves import array_waves, direct_sound, emitted_by_faces, heard_by_faces
 from airtact.sensing.echoes import Echoes
 from airtact.sensing.scattering import ScatteringMatrix, check_own
 from airtact.solvers.problem import Solver
@@ -128,12 +128,10 @@ def _scattered(
     if isinstance(made_by, ScatteringMatrix):
         check_own(made_by, scene)
         return array_waves(made_by, array, made_by.order).echo(made_by, codes)
-    faces, weights = array.face_points.reshape(-1, 3), array.element.weights
-    emitted = (array.element.sensitivity * array.gains)[:, None, None] * weights[:, None] * codes[:, None, :]
+    faces = array.face_points.reshape(-1, 3)
     check_no_planes(scene, "a simulation of echoes")
-    field = made_by.radiate(scene, Monopoles(faces, emitted.reshape(len(faces), -1)))
-    scattered = field.scattered_at(faces).reshape(len(array), len(weights), -1)
-    return array.gains[:, None] * np.einsum("q,eqm->em", weights, scattered)
+    field = made_by.radiate(scene, Monopoles(faces, emitted_by_faces(array, codes)))
+    return heard_by_faces(array, np.arange(len(array)), field.scattered_at(faces))
 
 
 def ratio_of(decibels: float, what: str) -> float:

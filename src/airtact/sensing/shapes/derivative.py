@@ -16,6 +16,7 @@ from jaxtyping import Complex, Complex64, Complex128, Float64, Int64
 
 from airtact.scene.scene import Scene
 from airtact.scene.sources import Monopoles
+from airtact.sensing.array_waves import emitted_by_faces, heard_by_faces
 from airtact.sensing.echo_model import Received
 from airtact.sensing.shapes.smooth import SmoothSurface
 from airtact.solvers.bem.solutions import DirectSolution
@@ -65,11 +66,10 @@ def solve_echoes(
 ) -> SolvedEchoes:
     """Solve bodies for all transmissions and for some receivers as sources; the array is in the bodies' frame."""
     faces, weights = array.face_points.reshape(-1, 3), array.element.weights
-    count, transmissions = len(weights), codes.shape[1]
-    emitting = (array.element.sensitivity * array.gains)[:, None, None] * weights[:, None] * codes[:, None, :]
-    receiving = np.zeros((len(array), count, len(receivers)), dtype=np.complex128)
+    transmissions = codes.shape[1]
+    receiving = np.zeros((len(array), len(weights), len(receivers)), dtype=np.complex128)
     receiving[receivers, :, np.arange(len(receivers))] = array.gains[receivers, None] * weights
-    strengths = np.concatenate([one.reshape(len(faces), -1) for one in (emitting, receiving)], axis=1)
+    strengths = np.concatenate([emitted_by_faces(array, codes), receiving.reshape(len(faces), -1)], axis=1)
     solution = solver.direct_solution(scene, Monopoles(faces, strengths))
     sent = Monopoles(faces, strengths[:, :transmissions])
     surface = SmoothSurface.of(solution.surface.nodes)
@@ -85,7 +85,6 @@ def solve_echoes(
 
 def _heard(solution: DirectSolution, array: PhasedArray, receivers: Int64[np.ndarray, "receivers"]) -> Received:
     """Scattered pressure that receivers get [Pa], the mean over their faces times their gains."""
-    faces, weights = array.face_points[receivers].reshape(-1, 3), array.element.weights
+    faces = array.face_points[receivers].reshape(-1, 3)
     scattered = solution.at(faces, np.zeros(len(faces), dtype=bool), total=False)
-    over_faces = scattered.reshape(len(receivers), len(weights), -1)
-    return array.gains[receivers, None] * np.einsum("q,rqm->rm", weights, over_faces)
+    return heard_by_faces(array, receivers, scattered)
