@@ -58,7 +58,7 @@ class Running:
         raise AssertionError(f"{words!r} is not in {self.lines}")
 
     def ended(self) -> tuple[int, str]:
-        out, rest = self.process.communicate(timeout=60)
+        out, rest = self.process.communicate(timeout=120)
         return self.process.returncode, "".join(self.lines) + rest + out
 
 
@@ -327,7 +327,7 @@ def test_the_page_is_served_beside_the_loop(tmp_path):
     with Running("live_pinch", "--page-port", 0, "--out", tmp_path) as running:
         address = re.search(r"page: (http://\S+)", running.said("page: http"))
         assert address
-        with urllib.request.urlopen(address[1], timeout=30) as page:
+        with urllib.request.urlopen(address[1], timeout=120) as page:
             assert page.status == 200
         running.said("playing")
         running.process.send_signal(signal.SIGINT)

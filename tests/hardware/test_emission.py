@@ -250,7 +250,7 @@ def test_a_signal_ends_an_emission_from_another_thread_too() -> None:
             os.kill(os.getpid(), signal.SIGTERM)
             time.sleep(5.0)
         finally:
-            feeder.join(60.0)
+            feeder.join(120.0)
 
     with pytest.raises(SystemExit):
         playing(link, work)

@@ -24,7 +24,7 @@ from tracking.seen_by_mediapipe import MEDIAPIPE, seen_by_mediapipe
 
 JOINTS, RADII = example("relaxed")
 ADAPTERS = Path(leap.__file__).parent
-PATIENCE = 60.0
+PATIENCE = 120.0
 """Longest wait for a process [s]."""
 
 

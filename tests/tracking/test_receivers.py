@@ -20,7 +20,7 @@ from airtact.tracking.stream import HandStream
 from faults import raises_code
 from tracking.motions import still
 
-PATIENCE = 20.0
+PATIENCE = 120.0
 """Longest wait for something that must happen [s]."""
 
 

@@ -469,7 +469,7 @@ def ended_by(kind, path: Path, moment: float) -> None:
                 time.sleep(0.005)
             time.sleep(moment)
             process.send_signal(kind)
-            _, errors = process.communicate(timeout=20)
+            _, errors = process.communicate(timeout=120)
         finally:
             process.kill()
         time.sleep(0.05)
