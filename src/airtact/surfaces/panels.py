@@ -19,6 +19,7 @@ from airtact.mesh.quadratic_triangles import (
     shape_functions,
     unit,
 )
+from airtact.surfaces.cavities import FACED, are_flat, finer_where_faced, halved_in_corners
 from airtact.surfaces.shape import BEND, Shape
 
 Points = Real[np.ndarray, "points 3"]
@@ -37,9 +38,6 @@ LARGEST_TO_WALL, LARGEST_TO_PLATE = 2.0, 4.0
 
 Bent walls enclose cavities, whose resonances enlarge errors; plates in the open would cost four times as much.
 """
-
-FLAT = 0.002
-"""Distance of the middles of a panel's edges from the plane of its corners, over its longest edge, if it is flat."""
 
 LEAST_IN_GAP = 0.25
 """Edge, over the smallest beside points, below which no panel is cut for a gap's or a wall's sake."""
@@ -85,15 +83,20 @@ def panels_of(
     bend: float = BEND,
     away: float = np.inf,
     image: Callable[[Points], Points] | None = None,
+    walls: Sequence[int] = (),
 ) -> Panels:
     """Panels of some bodies as large as equilateral triangles of an edge [m], smaller beside points, in gaps and walls.
 
     No panel is cut for a point's sake below the edge ``smallest`` [m], for a gap's or a thin wall's below
     ``LEAST_IN_GAP`` of it. Panels of a round surface turn by ``bend`` [rad] at most; those of a smooth mesh lie at
     most about ``away`` [m] off it, in root mean square. The bodies' ``image``, if there is one,
-    makes gaps too.
+    makes gaps too. Flat faces of the bodies ``walls`` that look at each other have smaller panels.
     """
     whole = [shape.panels(edge, bend, away) for shape in shapes]
+    finer = [shapes[index].panels(FACED * edge, bend, away) for index in walls]
+    for index, panels in zip(walls, finer_where_faced([whole[index] for index in walls], finer), strict=True):
+        whole[index] = panels
+    whole = [halved_in_corners(panels) for panels in whole]
     bodies = []
     for index, shape in enumerate(shapes):
         others = [np.empty((0, 3))] + [panels.reshape(-1, 3) for other, panels in enumerate(whole) if other != index]
@@ -153,15 +156,9 @@ def _allowed_by_own(panels: QuadraticTriangles, some: Bool[np.ndarray, "panels"]
     met = np.flatnonzero(distance < OPPOSITE * edges[some])
     across = np.einsum("nd,nd->n", centres[np.asarray(other)[met]] - own[met], outward[met])
     allowed = np.full(len(own), np.inf)
-    to_wall = np.where(_are_flat(panels[some][met]), LARGEST_TO_PLATE, LARGEST_TO_WALL)
+    to_wall = np.where(are_flat(panels[some][met]), LARGEST_TO_PLATE, LARGEST_TO_WALL)
     allowed[met] = np.abs(across) * np.where(across > 0, LARGEST_TO_GAP, to_wall)
     return allowed
-
-
-def _are_flat(panels: QuadraticTriangles) -> Bool[np.ndarray, "panels"]:
-    normals = unit(np.cross(panels[:, 1] - panels[:, 0], panels[:, 2] - panels[:, 0]))
-    off = np.einsum("pmd,pd->pm", panels[:, 3:] - panels[:, :1], normals)
-    return np.abs(off).max(axis=1) < FLAT * longest_edges(panels)
 
 
 def _allowed(

@@ -38,6 +38,9 @@ SAMPLES = np.array(POWERS) / 3.0
 CUBIC = np.linalg.inv(np.stack([SAMPLES[:, 0] ** a * SAMPLES[:, 1] ** b for a, b in POWERS], axis=1))
 """(10, 10): column j holds the coefficients of the cubic that is 1 at sample j and 0 at the others."""
 
+IN_PLANE = 1e-9
+"""Distance from the plane of a flat panel below which a point lies in it [m]."""
+
 POINTS_AT_ONCE = 2048
 
 NodalPressure = tuple[Nodes, Complex128[np.ndarray, "nodes sounds"]]
@@ -98,12 +101,14 @@ class DirectSolution:
         The panels near the points are cut in four and given the pressure of the integral equation itself (twice the
         incident pressure plus the double layer), which is smoother than the quadratic through the six nodes: Nyström's
         own interpolation (Atkinson, The Numerical Solution of Integral Equations of the Second Kind, 1997, section 4).
+        A flat sound-hard panel in one plane with a point has no double layer there, and stays as it is.
         """
         nodes = self.surface.nodes
         if not len(points):
             return nodes, self.pressure
         close = np.zeros(len(nodes.centres), dtype=bool)
-        close[find_near(nodes, points, self.surface.near_rule.reach)[1]] = True
+        target, panel = find_near(nodes, points, self.surface.near_rule.reach)
+        close[panel[~_in_one_plane(nodes, points[target], panel)]] = True
         pieces, parents = cut(nodes.quadratic_triangles[close], np.full(int(close.sum()), 2))
         contact, admittance = nodes.contact[close][parents], nodes.admittance[close][parents]
         fine = place_nodes(pieces, np.zeros(len(pieces), dtype=np.int64), contact, admittance)
@@ -163,6 +168,15 @@ class TransposedSolution:
         positions = np.concatenate([self.emitted.positions, self.scattering.positions])
         strengths = np.concatenate([self.emitted.strengths, self.scattering.strengths])
         return open_air_gradient(points, Monopoles(positions, strengths), self.surface.wavenumber)
+
+
+def _in_one_plane(
+    nodes: Nodes, points: Float64[np.ndarray, "pairs 3"], panel: Int64[np.ndarray, "pairs"]
+) -> Bool[np.ndarray, "pairs"]:
+    """Whether each point lies in the plane of a flat, sound-hard panel."""
+    own = 6 * panel[:, None] + np.arange(6)
+    off = np.einsum("nsd,nsd->ns", nodes.points[own] - points[:, None], nodes.normals[own])
+    return (np.abs(off).max(axis=1) < IN_PLANE) & (nodes.admittance[panel] == 0)
 
 
 def incident_pressure(

@@ -400,7 +400,8 @@ class BoundaryElement(Solver):
         shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
         away = self.accuracy / (2 * scene.wavenumber.real)  # what a surface reflects changes its phase by 2 k away
         image = scene.planes[0].image if scene.planes else None
-        return panels_of(shapes, 2 * smallest, near, smallest, self._bend(), away, image)
+        boards = [index for index, obstacle in enumerate(scene.obstacles) if obstacle.board]
+        return panels_of(shapes, 2 * smallest, near, smallest, self._bend(), away, image, boards)
 
     def panel_edge(self, wavelength: float) -> float:
         """Edge of equilateral triangles as large as sound-hard bodies' panels off the sources, at a wavelength [m]."""
