@@ -12,6 +12,9 @@ from jaxtyping import Bool, Float64
 
 from airtact.mesh.quadratic_triangles import QuadraticTriangles, cut, longest_edges, points_at, unit
 
+SomePanels = Float64[np.ndarray, "_ 6 3"]
+"""Panels of which one body or covering has more than another."""
+
 FLAT = 0.002
 """Distance of the middles of a panel's edges from the plane of its corners, over its longest edge, if it is flat."""
 
@@ -38,7 +41,7 @@ def are_flat(panels: QuadraticTriangles) -> Bool[np.ndarray, "panels"]:
     return np.abs(off).max(axis=1) < FLAT * longest_edges(panels)
 
 
-def halved_in_corners(panels: QuadraticTriangles) -> QuadraticTriangles:
+def halved_in_corners(panels: QuadraticTriangles) -> Float64[np.ndarray, "pieces 6 3"]:
     """Cut flat panels of a body in four that meet another in a corner which opens towards the sound."""
     middles = panels[:, 3:].reshape(-1, 3)
     edge = np.unique(np.round(middles / MET), axis=0, return_inverse=True)[1].ravel()
@@ -54,9 +57,7 @@ def halved_in_corners(panels: QuadraticTriangles) -> QuadraticTriangles:
     return cut(panels, parts)[0]
 
 
-def finer_where_faced(
-    bodies: Sequence[QuadraticTriangles], finer: Sequence[QuadraticTriangles]
-) -> list[QuadraticTriangles]:
+def finer_where_faced(bodies: Sequence[SomePanels], finer: Sequence[SomePanels]) -> list[SomePanels]:
     """Take the ``finer`` panels of some bodies for their flat faces that look at one of the others, or of their own."""
     faces = _faces(np.concatenate(bodies)) if len(bodies) else []
     faced = [one for one in faces if any(one.looks_at(other) and other.looks_at(one) for other in faces)]

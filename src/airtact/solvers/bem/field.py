@@ -38,9 +38,9 @@ LEAST_HEIGHT = 1.0 / 60.0
 class BoundaryField(RadiatedField):
     """The field of some monopoles around bodies, as ``BoundaryElement`` solved it.
 
-    ``pressure`` is the direct solution: the pressure at the nodes [Pa], None where it was not asked for; ``density``
-    and ``factors`` are those of the transposed solution. The accuracy is that of the solver, and ``wanted`` the error
-    against which is warned. Where the scene has a plane, the images of the bodies follow them in ``surface``,
+    ``pressure`` is the direct solution: the pressure at the nodes [Pa]; ``density`` and ``factors`` are those of the
+    transposed solution. Either is None where it was not asked for. The accuracy is that of the solver, and ``wanted``
+    the error against which is warned. Where the scene has a plane, the images of the bodies follow them in ``surface``,
     ``pressure`` and ``density``.
     """
 
@@ -48,7 +48,7 @@ class BoundaryField(RadiatedField):
     sources: Monopoles
     surface: DualSurface
     pressure: Complex128[np.ndarray, "nodes sounds"] | None
-    density: Complex128[np.ndarray, "nodes sounds"]
+    density: Complex128[np.ndarray, "nodes sounds"] | None
     factors: Float64[np.ndarray, "sources"]
     accuracy: float
     wanted: float
@@ -69,9 +69,14 @@ class BoundaryField(RadiatedField):
 
     @cached_property
     def transposed(self) -> TransposedSolution:
-        """The transposed solution."""
+        """The transposed solution, where there is one."""
+        assert self.density is not None
         factors = np.tile(self.factors, len(self._emitting.positions) // len(self.factors))
         return TransposedSolution(self._emitting, self.surface, self.density, factors)
+
+    @property
+    def _sounds(self) -> int:
+        return self.sources.strengths.shape[1]
 
     @cached_property
     def _emitting(self) -> Monopoles:
@@ -84,7 +89,9 @@ class BoundaryField(RadiatedField):
 
         Before a plane there are none either, because the sources' images would be missing.
         """
-        return None if (self.factors > 1).any() or self.scene.planes else self.transposed.scattering
+        if self.density is None or (self.factors > 1).any() or self.scene.planes:
+            return None
+        return self.transposed.scattering
 
     @property
     def without_images(self) -> "BoundaryField":
@@ -97,7 +104,7 @@ class BoundaryField(RadiatedField):
             scene=replace(self.scene, planes=()),
             surface=surface_without_images(self.surface, planes),
             pressure=None if self.pressure is None else values_without_images(self.pressure, planes),
-            density=values_without_images(self.density, planes),
+            density=None if self.density is None else values_without_images(self.density, planes),
         )
 
     @property
@@ -155,10 +162,13 @@ class BoundaryField(RadiatedField):
         cells = cells_of(located.points[most], self.scene.wavelength, self._cells_error)
         if cells is not None:
             return self._in_cells(cells, located, most, total)
-        out = np.full((len(points), self.density.shape[1]), np.nan, dtype=np.complex128)
+        out = np.full((len(points), self._sounds), np.nan, dtype=np.complex128)
         near, away = located.outside & located.near, located.outside & ~located.near
         if near.any():
             out[near] = self.direct.near(located.points[near], located.contact[near], total)
+        if self.density is None:
+            out[away] = self.direct_at(located.points[away], total)
+            return out
         out[away] = self.transposed.at(located.points[away], total)
         by_both = self._by_both
         if by_both.any():
@@ -170,8 +180,8 @@ class BoundaryField(RadiatedField):
         self, cells: Cells, located: Located, most: Bool[np.ndarray, "points"], total: bool
     ) -> Complex128[np.ndarray, "points sounds"]:
         """Pressure at many points, most of them in cells; each solution at all of these if it is needed at some."""
-        out = np.full((len(most), self.density.shape[1]), np.nan, dtype=np.complex128)
-        points, near, direct = located.points[most], located.near[most], self._by_both
+        out = np.full((len(most), self._sounds), np.nan, dtype=np.complex128)
+        points, near, direct = located.points[most], located.near[most], self._by_both | (self.density is None)
         if not direct.all() and not near.all():
             out[most] = self.transposed.at(points, total, cells)
         if direct.any() or (located.near & located.outside).any():
@@ -186,7 +196,7 @@ class BoundaryField(RadiatedField):
     def _by_both(self) -> Bool[np.ndarray, "sounds"]:
         """Excitations that both solutions serve, all their sources being away from the surface."""
         if self.pressure is None:
-            return np.zeros(self.density.shape[1], dtype=bool)
+            return np.zeros(self._sounds, dtype=bool)
         near = near_surface(self.surface.nodes, self.sources.positions, self.surface.near_rule.reach)
         return ~(self.sources.strengths[near] != 0).any(axis=0)
 
@@ -214,8 +224,8 @@ class BoundaryField(RadiatedField):
         self, points: Float64[np.ndarray, "points 3"]
     ) -> tuple[Float64[np.ndarray, "sounds"], Float64[np.ndarray, "points"]]:
         """Relative errors of excitations over points, and each point's largest part in the squares of one."""
-        if self.pressure is None:
-            return np.full(self.density.shape[1], np.nan), np.full(len(points), np.nan)
+        if self.pressure is None or self.density is None:
+            return np.full(self._sounds, np.nan), np.full(len(points), np.nan)
         points = self._lifted(points)
         transposed = self.transposed.at(points)
         size = np.linalg.norm(transposed, axis=0)
@@ -247,7 +257,7 @@ class BoundaryField(RadiatedField):
         """
         points = points_of(points, "points", least=0)
         points = points[(self.scene.depth(points) <= 0.0) & before_planes(self.scene.planes, points)]
-        if self.pressure is None or not len(points):
+        if self.pressure is None or self.density is None or not len(points):
             return self.report
         errors, parts = self._errors(points)
         error, warnings = float(errors.max()), self.report.warnings
@@ -272,20 +282,21 @@ class BoundaryField(RadiatedField):
         """
         points = receivers(points, self.sources)
         located = self._located(points)
-        gradient = np.full((len(points), 3, self.density.shape[1]), np.nan, dtype=np.complex128)
+        gradient = np.full((len(points), 3, self._sounds), np.nan, dtype=np.complex128)
         between, away = located.outside & located.near, located.outside & ~located.near
         close, gradient_close = self._gradient_at_surface(points, np.flatnonzero(located.outside))
         gradient[close] = gradient_close
         between[close] = away[close] = False
         gradient[between] = self._gradient_near(points[between])
-        gradient[away] = self.transposed.gradient(points[away])
+        by_differences = self.density is None
+        gradient[away] = (self._gradient_near if by_differences else self.transposed.gradient)(points[away])
         return velocity_of(gradient, self.scene.frequency, self.scene.medium.density)
 
     def _gradient_near(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points 3 sounds"]:
         """∇p by differences [Pa/m], at points near the surface and outside it."""
         step = np.minimum(DIFFERENCE * self.scene.wavelength, 0.4 * -self.scene.depth(points))
         if not len(points):
-            return np.empty((0, 3, self.density.shape[1]), dtype=np.complex128)
+            return np.empty((0, 3, self._sounds), dtype=np.complex128)
         return differences(self.direct.near, points, step)
 
     def _gradient_at_surface(
@@ -296,7 +307,7 @@ class BoundaryField(RadiatedField):
         close = find_contacts(nodes, points[outside], least)
         target = outside[close.target]
         if not len(target):
-            return target, np.empty((0, 3, self.density.shape[1]), dtype=np.complex128)
+            return target, np.empty((0, 3, self._sounds), dtype=np.complex128)
         projections, normals = points_at(nodes.quadratic_triangles[close.panel], close.reference)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         height = np.where(close.distance < nodes.contact[close.panel], 0.0, close.distance / least)

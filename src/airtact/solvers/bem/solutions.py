@@ -104,11 +104,11 @@ class DirectSolution:
         A flat sound-hard panel in one plane with a point has no double layer there, and stays as it is.
         """
         nodes = self.surface.nodes
-        if not len(points):
-            return nodes, self.pressure
         close = np.zeros(len(nodes.centres), dtype=bool)
         target, panel = find_near(nodes, points, self.surface.near_rule.reach)
         close[panel[~_in_one_plane(nodes, points[target], panel)]] = True
+        if not close.any():
+            return nodes, self.pressure
         pieces, parents = cut(nodes.quadratic_triangles[close], np.full(int(close.sum()), 2))
         contact, admittance = nodes.contact[close][parents], nodes.admittance[close][parents]
         fine = place_nodes(pieces, np.zeros(len(pieces), dtype=np.int64), contact, admittance)

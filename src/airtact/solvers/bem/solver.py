@@ -110,6 +110,10 @@ DRIVES = 0.06
 """Accuracy from which on a solution serves drives only, for which twice the residual is enough."""
 
 
+Equation = Literal["transposed", "direct"]
+"""One of the two equations that a solve is made of."""
+
+
 @dataclass(frozen=True)
 class BoundaryElement(Solver):
     """Boundary elements for sound-hard and impedance bodies, without spurious interior resonances.
@@ -125,8 +129,9 @@ class BoundaryElement(Solver):
         a preview.
     precision : "float32" or "float64", of the iteration and the matrix; with "float32" and an accuracy of 0.003 or more
         the matrix is stored in bfloat16.
-    estimate : whether to solve the direct equation too. Without it a solve takes about half the time, the field raises
-        ``InvalidInput`` on and near the surfaces, and the estimated error is NaN: enough for a transfer matrix.
+    estimate : whether to solve both equations. Without it a solve takes about half the time and the estimated error is
+        NaN; the transposed equation alone is solved, enough for a transfer matrix, and the field raises
+        ``InvalidInput`` on and near the surfaces; or, for elements in reflecting boards, the direct one.
     enough : relative error that is wanted in the end, against which is warned; the accuracy unless given.
     progress : callback that gets the words of each step as it begins, such as ``print``.
 
@@ -201,13 +206,18 @@ class BoundaryElement(Solver):
         check_sources(scene, sources, planes=True)
         _check_bodies(scene)
         inside = in_boards(scene, sources)
-        return self._from_boards(scene, sources, inside) if inside.any() else self._radiate(scene, sources)
+        if inside.any():
+            return self._from_boards(scene, sources, inside)
+        if self.estimate:
+            return self._radiate(scene, sources)
+        on_boards = any(one.board for one in scene.obstacles)  # elements are in their faces
+        return self._radiate(scene, sources, equations=("direct",) if on_boards else ("transposed",))
 
     def _from_boards(self, scene: Scene, sources: Monopoles, inside: Bool[np.ndarray, "sources"]) -> BoardField:
         """Solve for sources of which some are in reflecting boards: for what these reflect, then around the others."""
         refined, rest = sources.positions[~inside], without_boards(scene)
         emitting = Emitting(sources.positions, sources.strengths, refined)
-        whole = replace(self, estimate=False)._radiate(scene, emitting, 0.1 * self.accuracy)
+        whole = self._radiate(scene, emitting, 0.1 * self.accuracy, ("transposed",))
         from_all = elements_and_boards(whole, refined)
         around = self._radiate(rest, from_all) if rest.obstacles else FreeField().radiate(rest, from_all)
         boards = replace(scene, obstacles=[one for one in scene.obstacles if one.board], planes=())
@@ -218,32 +228,41 @@ class BoundaryElement(Solver):
         )
         return BoardField(rest, sources, boards, around, reach_of(whole), report)
 
-    def _radiate(self, scene: Scene, sources: Monopoles, tolerance: float | None = None) -> BoundaryField:
+    def _radiate(
+        self,
+        scene: Scene,
+        sources: Monopoles,
+        tolerance: float | None = None,
+        equations: Sequence[Equation] = ("transposed", "direct"),
+    ) -> BoundaryField:
         """Solve for sources of which none is in a board's face, to a tolerance that the accuracy gives by default."""
         clock, count = Clock(self.progress), sources.strengths.shape[1]
         tolerance = self._tolerance(scene) if tolerance is None else tolerance
         panels, surface, matrices, solved_by = self._equations(scene, sources, tolerance, clock)
-        nodes = surface.nodes
+        nodes, solved, factors = surface.nodes, {}, np.ones(len(sources.positions))
         with clock.step("gmres", f"solving for {counted(count, 'excitation', 'excitations')}"):
-            right, factors = transposed_right_side(surface, sources.positions, sources.strengths, scene.planes)
-            solved = [solved_by(matrices, right, transposed=True)]
-            if self.estimate:
+            if "transposed" in equations:
+                right, factors = transposed_right_side(surface, sources.positions, sources.strengths, scene.planes)
+                solved["transposed"] = solved_by(matrices, right, transposed=True)
+            if "direct" in equations:
                 emitting = with_images(scene.planes, sources)
                 right = direct_right_side(surface, emitting.positions, emitting.strengths)
-                solved.append(solved_by(matrices, right, transposed=False))
+                solved["direct"] = solved_by(matrices, right, transposed=False)
             release(matrices[0])
         report = replace(
             self._report(scene, panels, [nodes], tolerance, clock),
-            residual=float(max(result.residuals.max() for result in solved)),
-            iterations=max(result.iterations for result in solved),
+            residual=float(max(result.residuals.max() for result in solved.values())),
+            iterations=max(result.iterations for result in solved.values()),
             citations=CITATIONS + ((LOW_RANK_SOURCE,) if matrices[0].far.column.size else ()),
         )
-        given = (result.solution.astype(np.complex128).T for result in solved)
-        density, *pressure = (values_with_images(values, scene.planes) for values in given)
+        values = {
+            name: values_with_images(result.solution.astype(np.complex128).T, scene.planes)
+            for name, result in solved.items()
+        }
+        solutions = values.get("direct"), values.get("transposed"), factors
         surface = surface_with_images(surface, scene.planes)
-        at_nodes, aims = pressure[0] if pressure else None, (self.accuracy, self.wanted)
-        solved_field = BoundaryField(scene, sources, surface, at_nodes, density, factors, *aims, report)
-        if not self.estimate:
+        solved_field = BoundaryField(scene, sources, surface, *solutions, self.accuracy, self.wanted, report)
+        if len(equations) == 1:
             return solved_field
         with clock.step("estimate", "estimating the error"):
             estimate = float(solved_field.error_at(surrounding_points(scene, nodes.points)).max())
