@@ -85,6 +85,9 @@ SKELETON_ERROR = 0.5
 LOW_RANK_ERROR = 0.2
 """Error of the low-rank blocks of the matrix over the accuracy."""
 
+BEFORE_A_PLANE = 0.2
+"""That error before a plane, over that elsewhere: in a gap between a body and its image the sound is the larger."""
+
 SOLUTION_ERROR = 0.5
 """Error of the solution of the equations over the accuracy, where a cavity makes them ill-conditioned."""
 
@@ -294,7 +297,7 @@ class BoundaryElement(Solver):
         by_elimination = worth_eliminating(len(nodes.points), sources.strengths.shape[1])
         with clock.step("matrix", f"filling the matrix of {len(nodes.points)} unknowns"):
             surface = self._surface(nodes, scene, scene.obstacles)
-            how = self._store(), self._low_rank_error()
+            how = self._store(), self._low_rank_error(scene)
             if by_elimination:
                 check_elimination(len(nodes.points), self.precision)
                 how = self.precision, None
@@ -446,9 +449,11 @@ class BoundaryElement(Solver):
         """Store the matrix to 0.2 % where its sums are far better than wanted: half the memory, half the traffic."""
         return "bfloat16" if self.precision == "float32" and self.accuracy >= ROUNDED else self.precision
 
-    def _low_rank_error(self) -> float | None:
+    def _low_rank_error(self, scene: Scene) -> float | None:
         """Relative error of the low-rank blocks of the matrix; None, for no such blocks, in double precision."""
-        return None if self.precision == "float64" else LOW_RANK_ERROR * self.accuracy
+        if self.precision == "float64":
+            return None
+        return LOW_RANK_ERROR * self.accuracy * (BEFORE_A_PLANE if scene.planes else 1.0)
 
     def _tolerance(self, scene: Scene) -> float:
         """Residual to stop at: smaller among boards, between which what is left of it goes to and fro."""
