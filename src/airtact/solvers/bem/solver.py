@@ -36,7 +36,7 @@ from airtact.solvers.bem.elimination import check_elimination, eliminate, worth_
 from airtact.solvers.bem.factorised_bodies import FactorisedBodies
 from airtact.solvers.bem.field import BoundaryField
 from airtact.solvers.bem.images import surface_with_images, values_with_images
-from airtact.solvers.bem.layer_potentials import NearRule
+from airtact.solvers.bem.layer_potentials import NearRule, near_surface
 from airtact.solvers.bem.moving_panels import MovingPanels
 from airtact.solvers.bem.operator import (
     DualMatrix,
@@ -108,6 +108,9 @@ AMONG_BOARDS = 0.1
 
 MOST_ITERATIONS, MOST_AMONG_BOARDS = 120, 600
 """Iterations after which a solve is given up: between boards that face each other sound stays for long."""
+
+PROBES_BEFORE_BOARDS = 512
+"""Panels of reflecting boards before which the error is estimated, at most."""
 
 DRIVES = 0.06
 """Accuracy from which on a solution serves drives only, for which twice the residual is enough."""
@@ -268,7 +271,7 @@ class BoundaryElement(Solver):
         if len(equations) == 1:
             return solved_field
         with clock.step("estimate", "estimating the error"):
-            estimate = float(solved_field.error_at(surrounding_points(scene, nodes.points)).max())
+            estimate = float(solved_field.error_at(_probes(scene, nodes, surface.near_rule.reach)).max())
         warnings = (*_warnings(estimate, self.wanted), *report.warnings)
         return replace(solved_field, report=replace(report, estimated_error=estimate, warnings=warnings))
 
@@ -491,6 +494,17 @@ def _check_bodies(scene: Scene) -> None:
                 "FiniteElement, or SphereSeries for a single sphere.",
                 code="solver_unsuitable",
             )
+
+
+def _probes(scene: Scene, nodes: Nodes, reach: float) -> Float64[np.ndarray, "probes 3"]:
+    """Points where the error is estimated: around the bodies, or right before the boards that the elements are in."""
+    boards = [index for index, obstacle in enumerate(scene.obstacles) if obstacle.board]
+    if not boards:
+        return surrounding_points(scene, nodes.points)
+    chosen = np.flatnonzero(np.isin(nodes.body[::6], boards))
+    chosen = chosen[:: math.ceil(len(chosen) / PROBES_BEFORE_BOARDS)]
+    before = nodes.centres[chosen] + 2.0 * nodes.radii[chosen, None] * nodes.normals[6 * chosen]
+    return before[(scene.depth(before) < 0.0) & ~near_surface(nodes, before, reach)]
 
 
 def _warnings(estimate: float, accuracy: float) -> Iterator[str]:
