@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Bool
 
 from airtact.evaluation.headline import body_word
+from airtact.evaluation.held_out import SAMPLES, SOLVED_SAMPLES
 from airtact.evaluation.windows import Window, plane_of_scene
-from airtact.sampling.ensemble import ensemble
-from airtact.scene.scene import Scene
+from airtact.sampling.ensemble import TransferEnsemble, ensemble
 from airtact.scene.sources import Monopoles
 from airtact.scene.target import Target
 from airtact.scene_file.building import Setup
@@ -191,7 +191,23 @@ def seen_by_array(setup: Setup, beacons: RadiatedField, clock: Clock) -> tuple[T
     if setup.uncertainty is None:
         return transfer, report
     with clock.step("samples", f"evaluating them at {setup.samples} samples of what is in doubt"):
-        return ensemble(beacons, setup.array, setup.uncertainty, setup.samples, setup.seed), report
+        given = setup.array, setup.uncertainty, setup.samples, setup.seed
+        return ensemble(beacons, *given, solver=solver_of_samples(setup)), report
+
+
+def solver_of_samples(setup: Setup) -> Solver | None:
+    """Return what solves the samples of what is in doubt: before a plane each is another scene, elsewhere none is."""
+    if not (setup.scene.planes and isinstance(setup.solver, BoundaryElement)):
+        return None
+    return replace(setup.solver, estimate=False)
+
+
+def other_samples(setup: Setup, beacons: RadiatedField) -> TransferEnsemble:
+    """Sample what is in doubt once more, for hands that no drive of the scene was made for."""
+    assert setup.uncertainty is not None
+    solver = solver_of_samples(setup)
+    count = SAMPLES if solver is None else SOLVED_SAMPLES
+    return ensemble(beacons, setup.array, setup.uncertainty, count, setup.seed + 1, solver=solver)
 
 
 def solve_beacons(setup: Setup, clock: Clock, store: Path | None = None) -> RadiatedField:
@@ -243,7 +259,7 @@ def with_control(
     if setup.bodies:
         open_air = open_air_matrix(setup.scene, setup.array, setup.target)
         if setup.uncertainty is not None and setup.method in FOR_SAMPLES:
-            empty = Scene(setup.scene.medium, [], frequency=setup.scene.frequency)
+            empty = replace(setup.scene, obstacles=[])
             beacons = FreeField().radiate(empty, setup.target.beacons(suppression=True))
             doubt = replace(setup.uncertainty, along_skin=0.0)
             open_air = ensemble(beacons, setup.array, doubt, setup.samples, setup.seed)

@@ -13,12 +13,15 @@ from airtact.pose import Pose
 from airtact.printing import in_short
 from airtact.sampling.ensemble import TransferEnsemble, matrices_at
 from airtact.scene.target import Target
-from airtact.solvers.problem import RadiatedField
+from airtact.solvers.problem import RadiatedField, Solver
 from airtact.transducers.layout import PhasedArray
 from airtact.transfer import Drive
 
 SAMPLES = 256
 """Number of samples that drives are tried on."""
+
+SOLVED_SAMPLES = 64
+"""Their number where each of them is solved, before a plane."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +102,13 @@ def held_out(samples: TransferEnsemble, target: Target, drives: Mapping[str, Dri
 
 
 def shift_map(
-    beacons: RadiatedField, array: PhasedArray, target: Target, drives: Mapping[str, Drive], shifts: Window
+    beacons: RadiatedField,
+    array: PhasedArray,
+    target: Target,
+    drives: Mapping[str, Drive],
+    shifts: Window,
+    *,
+    solver: Solver | None = None,
 ) -> ShiftMap:
     """Evaluate drives, each at the energy of the first, for a hand that is shifted as a whole.
 
@@ -108,6 +117,7 @@ def shift_map(
     beacons : field of unit beacons in the foci.
     array, target, drives : as they are made for the hand where it is expected.
     shifts : a window around no shift at all.
+    solver : solves the scene anew for each distance from a plane, if there is one.
     """
     asked = np.flatnonzero(target.weights > 0.0)
     amplitudes = np.stack([drive.amplitudes for drive in drives.values()], axis=1)
@@ -115,7 +125,7 @@ def shift_map(
     found = np.stack(
         [
             np.full(len(drives), np.nan) if matrix is None else np.abs(matrix[asked] @ amplitudes).min(axis=0)
-            for matrix in matrices_at(beacons, array, poses)
+            for matrix in matrices_at(beacons, array, poses, solver=solver)
         ],
         axis=1,
     )

@@ -130,6 +130,7 @@ def ensemble(
     expansion of the beacons. Without ``solver``, each focus of a body that is off by itself, or along its skin, is
     evaluated as if all bodies moved with it; with ``solver``, each sample is solved with its bodies where they are, in
     milliseconds by ``BoundaryElement().factorised(scene, refined=target.points)``. Warmer air scales the wavenumber.
+    Before a rigid plane one solve serves hands that are off along it; ``solver`` solves all others.
 
     Parameters
     ----------
@@ -138,7 +139,7 @@ def ensemble(
     uncertainty : standard deviations of what is in doubt.
     samples : number of them, 1 to 10 000; a power of 2 spreads best.
     seed : of the random numbers, 0 or more.
-    solver : solves each sample where bodies move by themselves or foci are off along the skin.
+    solver : solves each sample where bodies move by themselves or foci are off along the skin, and before a plane.
 
     Returns
     -------
@@ -148,14 +149,14 @@ def ensemble(
     Raises
     ------
     InvalidInput
-        As ``transfer_matrix``; "out_of_range": of samples or seed; "all_left_out"; "no_boards", "not_air", "no_bodies":
-        boards, air or places on a skin are in doubt where there are none.
+        As ``transfer_matrix``; "out_of_range": of samples or seed; "all_left_out"; "sample_not_solved": a plane needs
+        the solver; "no_boards", "not_air", "no_bodies": what is in doubt is not there.
 
     Examples
     --------
     >>> import airtact as at
-    >>> scene = at.Scene(at.air(), [], frequency=40e3)
-    >>> beacons = at.FreeField().radiate(scene, at.Target(np.zeros((1, 3))).beacons())
+    >>> scene, target = at.Scene(at.air(), [], frequency=40e3), at.Target(np.zeros((1, 3)))
+    >>> beacons = at.FreeField().radiate(scene, target.beacons())
     >>> ensemble(beacons, at.surrounding_box(), Uncertainty(position=1e-3), samples=16)
     TransferEnsemble(16 samples, 1 focus, 996 elements)
     """
@@ -171,21 +172,25 @@ def ensemble(
             "face; give smaller deviations or move the array away.",
             code="all_left_out",
         )
-    factors = gains(uncertainty, len(kept), seed, len(array))
     known = {name: getattr(nominal, name) for name in ("matrix", "estimated_error", "foci", "wavelength")}
-    made = TransferEnsemble(**known, geometry=np.stack(kept), gains=factors, uncertainty=uncertainty, seed=seed)
-    return replace(made, left_out=samples - len(kept))
+    known |= {"gains": gains(uncertainty, len(kept), seed, len(array)), "left_out": samples - len(kept)}
+    return TransferEnsemble(**known, geometry=np.stack(kept), uncertainty=uncertainty, seed=seed)
 
 
 def matrices_at(
-    beacons: RadiatedField, array: PhasedArray, poses: Iterable[Pose], slower: float = 1.0
+    beacons: RadiatedField,
+    array: PhasedArray,
+    poses: Iterable[Pose],
+    slower: float = 1.0,
+    solver: Solver | None = None,
 ) -> Iterator[Complex128[np.ndarray, "foci elements"] | None]:
     """Transfer matrix (F, E) of a hand that is moved rigidly by each pose, its foci along with it [Pa].
 
     ``slower`` scales the wavenumber, for warmer air. It is None where an element would reach into a body, or something
-    is behind a face. Raises as ``transfer_matrix``.
+    is behind a face. Before a plane ``solver`` solves each pose that is off another way than along it. Raises as
+    ``transfer_matrix``, and "sample_not_solved".
     """
-    sampled = Sampled.of(beacons, array, transfer_matrix(beacons, array).matrix, Uncertainty(), None)
+    sampled = Sampled.of(beacons, array, transfer_matrix(beacons, array).matrix, Uncertainty(), solver)
     return sampled.matrices(sampled.at_rest(pose, slower) for pose in poses)
 
 

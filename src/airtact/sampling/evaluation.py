@@ -1,8 +1,12 @@
-"""The transfer matrix of one sample: evaluated from one solve, or solved with its bodies where they are."""
+"""The transfer matrix of one sample: evaluated from one solve, or solved with its bodies where they are.
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+Before a rigid plane one solve serves the samples whose hands see the plane at the same place: those that were shifted
+along it or turned about its normal. All others are solved, in air as warm as theirs is.
+"""
+
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import islice
 from typing import TypeVar
 
@@ -13,17 +17,20 @@ from airtact.conventions import InvalidInput
 from airtact.pose import Pose
 from airtact.printing import in_short
 from airtact.sampling.draws import Draw, draws
-from airtact.scene.scene import Scene, check_no_planes
+from airtact.scene.planes import Plane
+from airtact.scene.scene import Scene, check_no_boards
 from airtact.scene.sources import Monopoles
 from airtact.scene.target import Beacons
 from airtact.scene.target_points import frame_of, outward
 from airtact.scene.uncertainty import Uncertainty
+from airtact.solvers.free_field import FreeField
 from airtact.solvers.problem import RadiatedField, Solver
 from airtact.solvers.spherical.multipole_field import MultipoleField, ball_of, multipole_expansion
 from airtact.transducers.boards import kind_of_array
 from airtact.transducers.layout import PhasedArray, join
 from airtact.transducers.placement import check_placement
-from airtact.validation import of_kind
+from airtact.transfer import transfer_matrix
+from airtact.validation import counted, of_kind
 
 LEFT_OUT = {
     "array_inside_body",
@@ -33,11 +40,19 @@ LEFT_OUT = {
     "bodies_overlap",
     "bodies_too_near",
     "too_far",
+    "body_behind_plane",
+    "behind_plane",
 }
 """Faults of a sample that cannot be; it is left out."""
 
 ANGLES = 400
 """Angles at which the pattern of an element is tabulated."""
+
+SAME_PLANE = 9
+"""Decimals of a plane's normal, and of its distance [m], up to which two hands see it at the same place."""
+
+WORTH_EXPANDING = 4
+"""Samples from which on a field that serves them all is expanded."""
 
 AT_ONCE = 16
 """Samples that are evaluated together."""
@@ -61,7 +76,7 @@ class Sampled:
     array : the transducers.
     pieces : its boards where they are in doubt, else none.
     uncertainty : what is drawn from.
-    solver : for bodies that move by themselves, or None.
+    solver : for bodies that move by themselves, and for hands that move towards a plane; or None.
     groups : foci that move together.
     bodies : (F,) the body that each focus is nearest to; 0 in open air.
     middle : (3,) of the foci [m], about which the hand turns.
@@ -108,10 +123,13 @@ class Sampled:
         if solver is not None:
             of_kind(solver, Solver, "the solver", "BoundaryElement()")
         scene, foci = beacons.scene, beacons.sources.positions
-        check_no_planes(scene, "an ensemble, whose hands move against it,")
+        check_no_boards(scene, "an ensemble, whose hands move against it,")
+        if scene.planes and not scene.obstacles:
+            solver = FreeField()
         felt = beacons.sources.foci if isinstance(beacons.sources, Beacons) else len(foci)
         by_themselves = bool(uncertainty.own_position or uncertainty.own_rotation)
-        solved = solver if scene.obstacles and (by_themselves or uncertainty.along_skin) else None
+        moving = scene.obstacles and (by_themselves or uncertainty.along_skin)
+        solved = solver if moving or scene.planes else None
         expand = scene.obstacles and solved is None and not isinstance(beacons, MultipoleField)
         bodies = _nearest_bodies(scene, foci)
         field = multipole_expansion(beacons) if expand else beacons
@@ -128,7 +146,7 @@ class Sampled:
             ball,
             np.zeros_like(nominal),
         )
-        if solved is not None:
+        if solved is not None or scene.planes:
             return sampled
         alone, carrier = sampled._centres([(array, Pose.identity(), 1.0)], np.arange(len(foci)))
         return replace(sampled, remainder=(nominal - alone[0] * array.gains) / carrier[0])
@@ -137,7 +155,7 @@ class Sampled:
         """Draw samples; with a solver each body has a motion of its own, else each group of foci."""
         foci, groups = self.field.sources.positions, self.groups
         pivots = [foci[group].mean(axis=0) for group in groups]
-        if self.solver is not None:
+        if self.solver is not None and self.field.scene.obstacles:
             held = [foci[self.bodies == body] for body in range(len(self.field.scene.obstacles))]
             whole = [one.surface.vertices for one in self.field.scene.obstacles]
             pivots = [
@@ -153,6 +171,9 @@ class Sampled:
 
     def matrices(self, given: Iterable[Draw]) -> Iterator[Complex128[np.ndarray, "foci elements"] | None]:
         """Transfer matrix of each draw; None where it cannot be."""
+        if self.field.scene.planes:
+            yield from self._before_planes(list(given))
+            return
         if self.solver is not None:
             for one in given:
                 yield _unless_left_out(self._solved, one)
@@ -217,17 +238,9 @@ class Sampled:
     def _solved(self, draw: Draw) -> Complex128[np.ndarray, "foci elements"]:
         """Solve the scene with its bodies where they are by themselves."""
         assert self.solver is not None
-        scene, sources, array = self.field.scene, self.field.sources, self._array(draw)
-        pairs = zip(scene.obstacles, draw.own, strict=True)
-        moved = [replace(one, surface=one.surface.moved(pose)) for one, pose in pairs]
-        there = Scene(scene.medium, moved, frequency=scene.frequency)
-        pairs = zip(self.bodies, sources.positions, strict=True)
-        foci = np.stack([draw.own[body].apply(point) for body, point in pairs])
-        if draw.skin.any():
-            shifted = foci + along_skin(there, foci, draw.skin)
-            deeper = there.depth(shifted) - there.depth(foci)
-            foci = shifted + deeper[:, None] * outward(there.depth, shifted)
-        field = self.solver.radiate(there, Monopoles(foci, sources.strengths))
+        there, foci = self._moved(draw, self.field.scene)
+        array = self._array(draw)
+        field = self.solver.radiate(there, Monopoles(foci, self.field.sources.strengths))
         _check(there, array, draw.hand, foci, ball_of(there))
         element, faces = array.element, array.face_points
         points = (faces.reshape(-1, 3) - draw.hand.translation) @ draw.hand.rotation
@@ -235,6 +248,70 @@ class Sampled:
         received = field.at(points).reshape(*faces.shape[:2], -1)
         means = np.einsum("eqf,q->fe", received, element.weights)
         return draw.slower * element.sensitivity * means * array.gains
+
+    def _moved(self, draw: Draw, scene: Scene) -> tuple[Scene, Float64[np.ndarray, "foci 3"]]:
+        """Move the bodies of a scene, and the foci, by what each of them is off by itself."""
+        foci = self.field.sources.positions
+        if self.together:
+            return scene, foci
+        carried = self.bodies if scene.obstacles else np.arange(len(foci))
+        pairs = zip(scene.obstacles, draw.own, strict=False)
+        there = replace(scene, obstacles=[replace(one, surface=one.surface.moved(pose)) for one, pose in pairs])
+        foci = np.stack([draw.own[own].apply(point) for own, point in zip(carried, foci, strict=True)])
+        if draw.skin.any():
+            shifted = foci + along_skin(there, foci, draw.skin)
+            deeper = there.depth(shifted) - there.depth(foci)
+            foci = shifted + deeper[:, None] * outward(there.depth, shifted)
+        return there, foci
+
+    def _before_planes(self, given: Sequence[Draw]) -> Iterator[Complex128[np.ndarray, "foci elements"] | None]:
+        """Transfer matrices before a plane, by one field for all hands that see it at the same place."""
+        alike: dict[Hashable, list[int]] = {}
+        for index, draw in enumerate(given):
+            alike.setdefault(self._seen(draw) if self.together else index, []).append(index)
+        found: list[Complex128[np.ndarray, "foci elements"] | None] = [None] * len(given)
+        for some in alike.values():
+            field = _unless_left_out(self._over_plane, given[some[0]])
+            if field is None:
+                continue
+            if len(some) >= WORTH_EXPANDING and field.scene.obstacles and not isinstance(field, MultipoleField):
+                field = multipole_expansion(field)
+            for index in some:
+                found[index] = _unless_left_out(partial(self._at_array, field), given[index])
+        yield from found
+
+    def _seen(self, draw: Draw) -> Hashable:
+        """Return what tells the planes that hands see, and their air, from one another."""
+        seen = [_plane_seen(plane, draw.hand) for plane in self.field.scene.planes]
+        numbers = [(*one.normal, one.height(np.zeros((1, 3)))[0]) for one in seen]
+        return draw.slower, *(np.round(np.concatenate(numbers), SAME_PLANE) + 0.0).tolist()
+
+    def _over_plane(self, draw: Draw) -> RadiatedField:
+        """Return the field of the foci of a draw in the frame of its hand: that of the beacons, or a solved one."""
+        scene, sources = self.field.scene, self.field.sources
+        planes = [_plane_seen(plane, draw.hand) for plane in scene.planes]
+        stayed = all(one is before for one, before in zip(planes, scene.planes, strict=True))
+        if stayed and self.together and draw.slower == 1.0:
+            return self.field
+        if self.solver is None:
+            raise InvalidInput(
+                f"a sample before {counted(len(planes), 'plane', 'planes')} in which the hand is lifted or tilted, or "
+                "bodies, foci or air are others, is another scene: give solver=BoundaryElement(), which solves each, "
+                "or leave these doubts out.",
+                code="sample_not_solved",
+            )
+        medium = replace(scene.medium, sound_speed=scene.medium.sound_speed / draw.slower)
+        there, foci = self._moved(draw, replace(scene, medium=medium, planes=planes))
+        return self.solver.radiate(there, Monopoles(foci, sources.strengths))
+
+    def _at_array(self, field: RadiatedField, draw: Draw) -> Complex128[np.ndarray, "foci elements"]:
+        """Evaluate a field in the frame of the hand of a draw at the array."""
+        return transfer_matrix(field, self._array(draw).seen_from(draw.hand)).matrix
+
+
+def _plane_seen(plane: Plane, hand: Pose) -> Plane:
+    """Return a plane in the frame of a hand that was moved: the plane itself after motions that keep it."""
+    return plane if plane.kept_by(hand) else plane.moved(hand.inverse())
 
 
 def _unless_left_out(make: Callable[[Draw], Made], draw: Draw) -> Made | None:

@@ -48,6 +48,10 @@ class Plane:
         """Mirror points (P, 3) [m] in the plane."""
         return points - 2.0 * self.height(points)[:, None] * self.normal
 
+    def moved(self, motion: Pose) -> "Plane":
+        """Return the plane after a rigid motion."""
+        return Plane(fixed(motion.apply(self.point)), fixed(motion.rotate(self.normal)))
+
     def kept_by(self, motion: Pose) -> bool:
         """Whether a rigid motion brings the plane onto itself: along it, and turns about its normal.
 

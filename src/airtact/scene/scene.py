@@ -311,6 +311,11 @@ def check_no_planes(scene: Scene, who: str) -> None:
             "planes out, or solve with BoundaryElement, or FreeField where there is no body.",
             code="planes_not_taken",
         )
+    check_no_boards(scene, who)
+
+
+def check_no_boards(scene: Scene, who: str) -> None:
+    """Raise where the scene has the array's boards, which ``who`` does not know."""
     boards = sum(one.board for one in scene.obstacles)
     if boards:
         raise InvalidInput(

@@ -7,18 +7,17 @@ from pathlib import Path
 import numpy as np
 
 from airtact.conventions import InvalidInput
-from airtact.evaluation.held_out import SAMPLES
 from airtact.evaluation.metrics import radiate_drives
 from airtact.figures.field_figure import Cut, cut_bodies
 from airtact.figures.plane_figure import behind_planes
 from airtact.file_access.atomic import whole_file, writable_folder
 from airtact.pages.methods_page import Contender, Contest, Ranked, write_methods_page
-from airtact.sampling.ensemble import ensemble
 from airtact.scene_file.building import Setup, read_scene
 from airtact.solvers.problem import RadiatedField
 from airtact.steps import (
     drive_names,
     named,
+    other_samples,
     plane_of_foci,
     reach_cautions,
     save_drives,
@@ -153,8 +152,8 @@ def _kept(setup: Setup, beacons: RadiatedField, drives: Mapping[str, Drive], clo
     if setup.uncertainty is None:
         return {}
     asked = np.flatnonzero(setup.target.weights > 0.0)
-    with clock.step("doubt", f"trying them on {SAMPLES} other samples of what is in doubt"):
-        samples = ensemble(beacons, setup.array, setup.uncertainty, SAMPLES, setup.seed + 1)
+    with clock.step("doubt", "trying them on other samples of what is in doubt"):
+        samples = other_samples(setup, beacons)
         weakest = {name: np.abs(samples.pressures(one)[:, asked]).min(axis=1) for name, one in drives.items()}
     return {name: float(np.quantile(values, 0.1)) for name, values in weakest.items()}
 

@@ -10,14 +10,14 @@ from jaxtyping import Float64
 
 from airtact.evaluation.comparison import Comparison, compare
 from airtact.evaluation.headline import FULL, beyond_linear, body_word, headline, shortfalls
-from airtact.evaluation.held_out import SAMPLES, HeldOut, held_out, shift_map
+from airtact.evaluation.held_out import HeldOut, held_out, shift_map
 from airtact.evaluation.windows import Window, box_around, close_up
 from airtact.figures.field_figure import Cut, cut_bodies
 from airtact.figures.plane_figure import behind_planes
 from airtact.file_access.atomic import writable_folder
 from airtact.files.vtkhdf import write_field
 from airtact.pages.run_page import Rendered, Run, write_page
-from airtact.sampling.ensemble import ensemble
+from airtact.scene.planes import Plane
 from airtact.scene.scene import Scene
 from airtact.scene.target import Target
 from airtact.scene.target_points import outward
@@ -26,11 +26,13 @@ from airtact.solvers.problem import RadiatedField
 from airtact.steps import (
     method_words,
     named,
+    other_samples,
     plane_of_foci,
     reach_cautions,
     save_drives,
     seen_by_array,
     solve_beacons,
+    solver_of_samples,
     stored,
     synthesise,
     verification_solver,
@@ -202,25 +204,38 @@ def _doubt(
     """Try the drive where hand, air and transducers are not as expected, beside the robust one and time reversal."""
     if setup.uncertainty is None:
         return None
-    with clock.step("doubt", f"trying the drive on {SAMPLES} other samples of what is in doubt"):
+    with clock.step("doubt", "trying the drive on other samples of what is in doubt"):
         drives = {setup.method.replace("_", " "): drive}
         if setup.method not in FOR_SAMPLES:
             drives["robust"] = robust(transfer, setup.target)
         if setup.method != "time_reversal":
             drives["time reversal"] = time_reversal(transfer, setup.target)
-        samples = ensemble(beacons, setup.array, setup.uncertainty, SAMPLES, setup.seed + 1)
-        found = held_out(samples, setup.target, drives)
+        found = held_out(other_samples(setup, beacons), setup.target, drives)
         given = beacons, setup.array, setup.target, drives
         windows = _shifts(setup, setup.uncertainty.shift)
-        return replace(found, maps=tuple(shift_map(*given, window) for window in windows))
+        solver = solver_of_samples(setup)
+        return replace(found, maps=tuple(shift_map(*given, window, solver=solver) for window in windows))
 
 
 def _shifts(setup: Setup, deviation: float) -> list[Window]:
-    """Return shifts in the plane of the foci and across it, up to three standard deviations of the hand's place."""
+    """Return shifts in the plane of the foci and across it, up to three standard deviations of the hand's place.
+
+    Before a rigid plane they are along it, which one solve serves, and towards it.
+    """
     plane, wavelength = plane_of_foci(setup)[0], setup.scene.wavelength
     reach = 2.0 * float(np.clip(3.0 * deviation, 0.25 * wavelength, 2.0 * wavelength))
-    across = plane.normal * np.sign(plane.normal[np.argmax(np.abs(plane.normal))])
-    return [Window(np.zeros(3), plane.right, up, reach, reach, reach / 16) for up in (plane.up, across)]
+    axes = np.stack([plane.right, plane.up, plane.normal])
+    right, up, normal = axes if not setup.scene.planes else _along(setup.scene.planes[0], axes)
+    across = normal * np.sign(normal[np.argmax(np.abs(normal))])
+    return [Window(np.zeros(3), right, one, reach, reach, reach / 16) for one in (up, across)]
+
+
+def _along(plane: Plane, axes: Float64[np.ndarray, "3 3"]) -> Float64[np.ndarray, "3 3"]:
+    """Return right, up and normal, the first two in a plane: the axis that lies best in it keeps its direction."""
+    flat = axes - np.outer(axes @ plane.normal, plane.normal)
+    right = flat[np.argmax(np.linalg.norm(flat, axis=1).round(3))]
+    right = right / np.linalg.norm(right)
+    return np.stack([right, np.cross(plane.normal, right), plane.normal])
 
 
 def _share_of_bound(setup: Setup, transfer: TransferMatrix, drive: Drive) -> str:
