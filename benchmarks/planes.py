@@ -3,7 +3,7 @@
 The series of two spheres is truth for a sphere; a hand is held against itself and its image solved as two
 bodies, on the same panels, because a mesh that is rebuilt from mirrored triangles is another body.
 
-    PYTHONPATH=.:tests python benchmarks/planes.py [sphere | hand | cost | reciprocity | palm]
+    PYTHONPATH=.:tests python benchmarks/planes.py [sphere | hand | cost | reciprocity | palm | live]
 """
 
 import sys
@@ -15,9 +15,13 @@ from functools import partial
 import numpy as np
 
 import airtact as at
+from airtact.hand.hand import hand_from_joints
+from airtact.live.distances import foci_on
+from airtact.live.drives.factors import OpenAir, solved
 from airtact.solvers.bem.operator import assemble, transposed_right_side
 from airtact.solvers.gmres import gmres
 from references import before_a_plane
+from tracking.motions import pinch_pose
 
 AIR = at.Medium(sound_speed=343.1, density=1.293)
 TABLE = at.plane((0, 0, 0), (0, 0, 1))
@@ -155,6 +159,39 @@ def palm_rows() -> Iterator[str]:
         )
 
 
+def live_rows() -> Iterator[str]:
+    """Yield what drives of the live loop keep for a hand that pinches over a table, a board standing beside it.
+
+    The hand does not move, so that nothing but the table tells the drives apart; it is solved with the table.
+    """
+    hand = hand_from_joints(*pinch_pose(), side="left").open_to(0.02)
+    low, middle = hand.surface.corners.reshape(-1, 3).min(axis=0), hand.pads[:2].mean(axis=0)
+    for lift in (20e-3, 40e-3, 80e-3, 160e-3):
+        table = at.plane((0, 0, low[2] - lift), (0, 0, 1))
+        at_board = (middle[0] - 0.09, low[1] - 0.1, table.point[2] + 0.14)
+        array = at.autd3_board(at.Pose.turn((1, 0, 0), -np.pi / 2, at_board))
+        places, offsets = ("thumb.pad", "index.pad"), np.full(2, 1e-3)
+        without = at.live.LiveScene(at.air(), 40e3, array, "left", hand.radii, places, offsets)
+        target = at.Target(foci_on(hand, without))
+        scene = at.Scene(without.medium, [at.sound_hard(hand.surface)], frequency=40e3, planes=[table])
+        exact = at.transfer_matrix(at.BoundaryElement(accuracy=0.02).radiate(scene, target.beacons()), array)
+        best = _at_weakest(exact, at.best(exact, target).amplitudes)
+        shares = []
+        for known in (replace(without, planes=(table,)), without):
+            for part in ("hand", "phalanges"):
+                factors = solved(known, hand.joints, part, 0.0).factors
+                rows = known.sounding.folded(OpenAir(known).rows(target.points) * factors)
+                drive = at.weighted_gerchberg_saxton(at.TransferMatrix(rows, float("nan")), target)
+                shares.append(_at_weakest(exact, drive.amplitudes) / best)
+        words = "whole hand {:.3f}, phalanges {:.3f} (without the table {:.3f}, {:.3f})".format(*shares)
+        yield f"live, a hand {1e3 * lift:g} mm over a table: of the attainable pressure {words} are kept"
+
+
+def _at_weakest(exact: at.TransferMatrix, amplitudes: np.ndarray) -> float:
+    """Pressure at the weakest focus over the root of the energy."""
+    return float(np.abs(exact.matrix @ amplitudes).min() / np.linalg.norm(amplitudes))
+
+
 def reciprocity_rows() -> Iterator[str]:
     """Yield the difference of the field when sources and points change places, over a ball and the plane."""
     pairs = np.array([[0.04, 0.0, 0.0], [0.02, -0.03, 0.05], [-0.03, 0.02, 0.02], [0.0, 0.05, 0.0]])
@@ -188,7 +225,14 @@ def seconds(solve: Callable[[], object]) -> float:
     return float(np.median(taken))
 
 
-ROWS = {"sphere": sphere_rows, "hand": hand_rows, "cost": cost_rows, "reciprocity": reciprocity_rows, "palm": palm_rows}
+ROWS = {
+    "sphere": sphere_rows,
+    "hand": hand_rows,
+    "cost": cost_rows,
+    "reciprocity": reciprocity_rows,
+    "palm": palm_rows,
+    "live": live_rows,
+}
 
 
 if __name__ == "__main__":

@@ -1,13 +1,10 @@
 """Rigid planes: what they are, what cannot be, and who does not take them."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import airtact as at
 from airtact.evaluation.metrics import BEYOND_THE_PLANE, NOT_MODELLED, not_modelled
-from airtact.live.scene import live_scene
 from faults import raises_code
 
 AIR = at.Medium(sound_speed=343.1, density=1.293)
@@ -84,7 +81,6 @@ def test_who_does_not_take_planes_says_so():
         lambda: at.BoundaryElement(accuracy=0.1).factorised(before),
         lambda: at.scattering_matrix(at.BoundaryElement(accuracy=0.1), before),
         lambda: at.simulate_echoes(at.BoundaryElement(), before, array, at.sensing.random_codes(249, 1)),
-        lambda: live_scene(replace(at.read_scene(at.example("live_pinch")), scene=before)),
     ):
         with raises_code("planes_not_taken", "1 plane"):
             use()

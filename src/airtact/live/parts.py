@@ -2,14 +2,17 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Complex128, Float64, Int64
 
 from airtact.hand.hand import Side
+from airtact.live.images import WithImages
 from airtact.printing import in_short
 from airtact.scene.medium import Medium
+from airtact.scene.planes import Plane
 from airtact.tracking.frame import HandFrame
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.modulation import AmplitudeModulation
@@ -58,6 +61,7 @@ class LiveScene:
     method : name of the method that makes the drives.
     modulation : how the amplitude varies so that the drive is felt, or None.
     moving : how foci move so that it is felt, or None.
+    planes : a rigid plane, such as a table; none for air without end.
     """
 
     medium: Medium
@@ -70,8 +74,14 @@ class LiveScene:
     method: str = "best"
     modulation: AmplitudeModulation | None = None
     moving: MovingFoci | None = None
+    planes: tuple[Plane, ...] = ()
 
     __repr__ = in_short
+
+    @cached_property
+    def sounding(self) -> WithImages:
+        """The elements, and their images in the plane."""
+        return WithImages.of(self.array, self.planes)
 
 
 @dataclass(frozen=True, eq=False)

@@ -54,6 +54,10 @@ class Workspace:
         room = self._elements.query(centres, distance_upper_bound=reach)[0] - radii - self._radius
         if float(room.min()) < 0.0:
             return f"through the array's face: {-1e3 * room.min():.2g} mm too near"
+        for plane in self._scene.planes:
+            lowest = float(plane.height(np.concatenate([joints, foci])).min())
+            if lowest < 0.0:
+                return f"through the plane: {-1e3 * lowest:.2g} mm behind it"
         return None
 
 

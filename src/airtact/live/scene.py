@@ -8,7 +8,7 @@ from airtact.conventions import InvalidInput
 from airtact.hand.hand import PLACES
 from airtact.live.drives.riding import ride
 from airtact.live.parts import LiveScene, MovingFoci
-from airtact.scene.scene import check_no_planes
+from airtact.scene.scene import check_no_boards
 from airtact.scene_file.building import Setup
 from airtact.synthesis.motion import FRAMES, Motion
 from airtact.synthesis.sequence import FEWEST
@@ -32,7 +32,7 @@ def live_scene(setup: Setup) -> LiveScene:
         The scene holds another body, a focus does not ride on the hand, it asks for pressures, phases or suppression,
         which the live loop does not do, or as ``moving_foci_of``.
     """
-    check_no_planes(setup.scene, "live")
+    check_no_boards(setup.scene, "live")
     on_hand = [ride for ride in setup.riding if ride is not None and ride[0] in PLACES]
     if len(on_hand) < len(setup.foci) or not setup.hands:
         raise InvalidInput(
@@ -68,6 +68,7 @@ def live_scene(setup: Setup) -> LiveScene:
         offsets=fixed(np.array([offset for _, offset in on_hand])),
         method=setup.method,
         modulation=setup.modulation if isinstance(setup.modulation, AmplitudeModulation) else None,
+        planes=tuple(setup.scene.planes),
     )
     return replace(scene, moving=moving_foci_of(setup, scene)) if isinstance(setup.modulation, Motion) else scene
 

@@ -20,6 +20,7 @@ from airtact.hand.joints import Side, joints_of
 from airtact.live.parts import LiveScene, Moment, Rule, State
 from airtact.printing import in_short
 from airtact.scene.medium import Medium
+from airtact.scene.planes import plane
 from airtact.tracking.frame import HandFrame
 from airtact.tracking.recordings import Recording
 from airtact.tracking.stream import StreamHealth
@@ -31,8 +32,8 @@ from airtact.validation import file_fault, fixed
 FILE = "session.h5"
 """Name of the file in the folder of a session."""
 
-VERSION = 1
-"""Version of its format, in the attribute ``format_version``."""
+VERSION = 2
+"""Version of its format, in the attribute ``format_version``; sessions without a plane have the version 1."""
 
 RULES: tuple[Rule, ...] = get_args(Rule)
 STATES: tuple[State, ...] = get_args(State)
@@ -204,7 +205,7 @@ def _first(scene: LiveScene, text: str) -> dict[str, Any]:
     element, medium = array.element, scene.medium
     attributes: dict[str, Any] = {
         "format": "airtact session",
-        "format_version": VERSION,
+        "format_version": VERSION if scene.planes else 1,
         "frequency": scene.frequency,
         "sound_speed": medium.sound_speed,
         "density": medium.density,
@@ -226,6 +227,8 @@ def _first(scene: LiveScene, text: str) -> dict[str, Any]:
         *(("gains", array.gains), ("face_points", element.points), ("face_weights", element.weights)),
     ):
         message[f"array/{name}"] = np.asarray(value)
+    if scene.planes:
+        attributes["planes"] = np.array([[one.point, one.normal] for one in scene.planes])
     if scene.radii is not None:
         message["hand/radii"] = np.asarray(scene.radii)
     for name, columns in (("frames", 25), ("drives", len(array))):  # so that an empty session has them, too
@@ -348,6 +351,7 @@ def _scene_in(file: Any) -> LiveScene:
         offsets=fixed(has["offsets"]),
         method=str(has["method"]),
         modulation=AmplitudeModulation(*map(float, has["modulation"])) if len(has["modulation"]) else None,
+        planes=tuple(plane(*one) for one in has["planes"]) if "planes" in has else (),
     )
 
 

@@ -116,7 +116,8 @@ def verify_session(
             joints = hand_at(session, time) if truth is None else truth(time)
             hand = hand_from_joints(joints, scene.radii, side=scene.side)
             target = Target(foci_on(hand, scene))
-            body = Scene(scene.medium, [sound_hard(hand.surface)], frequency=scene.frequency)
+            bodies = [sound_hard(hand.surface)]
+            body = Scene(scene.medium, bodies, frequency=scene.frequency, planes=scene.planes)
             transfer = transfer_matrix(solver.radiate(body, target.beacons()), scene.array)
         except InvalidInput as fault:
             report_step(f"drive {number + 1} is left out: {fault}")

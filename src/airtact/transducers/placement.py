@@ -66,7 +66,7 @@ def _check_images(
     plane: Plane, scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "foci 3"] | None = None
 ) -> None:
     """Raise where the image of a body or a focus is behind a face: that of the element would sound backwards."""
-    reflecting = _off_plane(plane, array)
+    reflecting = off_plane(plane, array)
     for index, height in enumerate(_height(array, plane.image(foci)) if foci is not None else ()):
         _check_behind(array, np.where(reflecting, -height, 0.0), f"the image of focus {index} in the plane stands")
     for index, obstacle in enumerate(scene.obstacles):
@@ -74,7 +74,7 @@ def _check_images(
         _check_body(array, mirrored, f"the image of body {index} in the plane reaches", reflecting)
 
 
-def _off_plane(plane: Plane, array: PhasedArray) -> Bool[np.ndarray, "elements"]:
+def off_plane(plane: Plane, array: PhasedArray) -> Bool[np.ndarray, "elements"]:
     """Which elements radiate towards a plane: all but those let into it, whose faces are part of it."""
     let_in = (array.normals @ plane.normal > 1.0 - LET_IN) & (np.abs(plane.height(array.positions)) < CONTACT)
     return ~let_in

@@ -132,7 +132,10 @@ class SkinSources:
     def carried(self, scene: LiveScene, riding: Riding, time: float, some: SomeElements) -> "CarriedFactors":
         """Carry the sources to another pose, at a time [s]; ``some`` elements tell what comes by way of each bone."""
         wavenumber, bones = scene.medium.wavenumber(scene.frequency), bones_of(riding.hand)
-        points, elements = _moved(self.points, self.weights, self.bones, bones), scene.array.positions[some.chosen]
+        points, elements = (
+            _moved(self.points, self.weights, self.bones, bones),
+            scene.sounding.array.positions[some.chosen],
+        )
         longer = _distances(points, riding.foci) - _distances(self.points, self.riding.foci)
         strengths = self.strengths * _phasors(wavenumber.real * longer)
         beacons = np.eye(len(riding.foci), dtype=np.complex128)
@@ -202,7 +205,7 @@ def _detoured(
     waves: Complex64[np.ndarray, "hulls foci elements"],
 ) -> Complex64[np.ndarray, "foci elements"]:
     """Add up what comes straight and by way of each bone, whose sources have their middle at ``centres`` [m]."""
-    wavenumber, elements = scene.medium.wavenumber(scene.frequency).real, scene.array.positions
+    wavenumber, elements = scene.medium.wavenumber(scene.frequency).real, scene.sounding.array.positions
     out = np.empty((len(foci), len(elements)), dtype=np.complex64)
     _kernels.detoured_waves(centres, foci, elements, straight, waves, wavenumber, out)
     return out
@@ -255,7 +258,7 @@ class BendingPanels:
         self._scene, self.riding, hand = scene, riding, riding.hand
         air = Scene(scene.medium, [sound_hard(part_of(hand, "hand", scene.places))], frequency=scene.frequency)
         solver = BoundaryElement(accuracy=accuracy, estimate=False)
-        self._panels = solver.moving_panels(air, riding.foci).facing(scene.array.positions, seen)
+        self._panels = solver.moving_panels(air, riding.foci).facing(scene.sounding.array.positions, seen)
         self._bones, corners = bones_of(hand), self._panels.corners.reshape(-1, 3)
         self._of_corners, self._of_inside = (_weights(hand, points) for points in (corners, self._panels.inside))
         of_panels = self._of_corners.reshape(-1, 6, len(PARTS)).mean(axis=1)
@@ -298,7 +301,7 @@ class BendingHand:
 
     def __init__(self, scene: LiveScene, accuracy: float = ACCURACY, seen: float = SEEN) -> None:
         self._scene, self._accuracy, self._seen = scene, accuracy, seen
-        self._some = SomeElements.of(scene.array.positions, -(-len(scene.array) // FEWER))
+        self._some = SomeElements.of(scene.sounding.array.positions, -(-len(scene.sounding.array) // FEWER))
         self._panels: list[BendingPanels] = []
         self._found: Sequence[SkinSources] = ()
 

@@ -34,7 +34,7 @@ def off_by(spread: float) -> float:
 
 def robust_drive(
     scene: LiveScene,
-    rows: Complex128[np.ndarray, "foci elements"],
+    rows: Complex128[np.ndarray, "foci sounding"],
     foci: Float64[np.ndarray, "foci 3"],
     spread: float,
     phases: bool,
@@ -44,7 +44,7 @@ def robust_drive(
     Parameters
     ----------
     scene : its array, medium and frequency count.
-    rows : (F, E) pressure at the foci per unit drive of each element, where they are expected [Pa].
+    rows : (F, R) pressure at the foci per unit drive of each element and image, where they are expected [Pa].
     foci : (F, 3) where they are expected [m].
     spread : standard deviation of each coordinate of the prediction [m].
     phases : whether every element is at full scale; otherwise the energy of the drive is what it costs.
@@ -53,13 +53,14 @@ def robust_drive(
     -------
     (E,) amplitudes, the largest of magnitude 1; where the foci are sure, those of the strongest weakest focus.
     """
-    start = balanced(rows, False, STEPS)
+    expected, fold = scene.sounding.folded(rows), scene.sounding.folded
+    start = balanced(expected, False, STEPS)
     if phases:
-        start = weighted_gerchberg_saxton(TransferMatrix(rows, float("nan")), Target(foci)).amplitudes
+        start = weighted_gerchberg_saxton(TransferMatrix(expected, float("nan")), Target(foci)).amplitudes
     off = off_by(spread)
     if not off:
         return start / np.abs(start).max()
-    return improved(displaced(scene, rows, foci, off), start, "phases" if phases else "energy")
+    return improved(fold(displaced(scene, rows, foci, off)), start, "phases" if phases else "energy")
 
 
 def displaced(
@@ -69,7 +70,7 @@ def displaced(
 
     An element is far away against ``off``: the phase of its sound changes by the shift along its direction.
     """
-    ways = foci[:, None] - scene.array.positions
+    ways = foci[:, None] - scene.sounding.array.positions
     ways = ways / np.linalg.norm(ways, axis=2, keepdims=True)
     wavenumber = scene.medium.wavenumber(scene.frequency).real
     shifts = wavenumber * off * _deviations(len(foci))

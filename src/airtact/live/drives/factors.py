@@ -127,9 +127,9 @@ def solved(scene: LiveScene, joints: Float64[np.ndarray, "25 3"], part: Rule, ti
     edge = solver.panel_edge(scene.medium.wavelength(scene.frequency))  # so that both have the same mesh
     surface = part_of(riding.hand, part, scene.places, edge)
     air = Scene(scene.medium, [sound_hard(surface)], frequency=scene.frequency)
-    beside = bool((surface.depth(scene.array.positions) > -BESIDE).any())
+    beside = bool((surface.depth(scene.sounding.array.positions) > -BESIDE).any())
     field = replace(solver, estimate=beside).radiate(air, Target(beacon_points(scene, riding)).beacons())
-    return factors_of(scene, riding, part, time, field.at(scene.array.positions))
+    return factors_of(scene, riding, part, time, field.at(scene.sounding.array.positions))
 
 
 class RigidParts:
@@ -168,7 +168,7 @@ class RigidParts:
         air = self._air([Pose(*motion) for motion in zip(turns[self._pads], shifts[self._pads], strict=True)])
         points = beacon_points(self._scene, riding)
         field = self._solver.radiate(air, Target(points).beacons())
-        found = factors_of(self._scene, riding, "phalanges", time, field.at(self._scene.array.positions))
+        found = factors_of(self._scene, riding, "phalanges", time, field.at(self._scene.sounding.array.positions))
         moving = self._scene.moving
         places = np.arange(len(riding.foci))
         places = places if moving is None else np.concatenate([places, moving.places.ravel()])
@@ -222,7 +222,7 @@ def rigid_part(hand: Hand, place: str) -> Surface:
 def _mirrored(scene: LiveScene, riding: Riding, focus: Float64[np.ndarray, "3"]) -> Complex64[np.ndarray, "elements"]:
     """Pressure by way of a hard plane, the palm, over the direct one at a focus: e^{2ikd cos θ}, d from the plane."""
     point, normal = riding.hand.position("palm")
-    away = scene.array.positions - focus
+    away = scene.sounding.array.positions - focus
     slant = away @ normal / np.linalg.norm(away, axis=1)
     path = 2.0 * float((focus - point) @ normal) * slant
     wavenumber = scene.medium.wavenumber(scene.frequency).real
@@ -241,12 +241,13 @@ def factors_of(
     """Divide the pressure of the beacons at the middles of the elements by that in open air."""
     points = beacon_points(scene, riding)
     open_air = monopole_pressure(
-        scene.array.positions,
+        scene.sounding.array.positions,
         points,
         np.eye(len(points), dtype=np.complex128),
         scene.medium.wavenumber(scene.frequency),
         "float64",
     )
+    received = np.where(np.isfinite(received), received, 0.0)  # an image may be in skin that reaches behind the plane
     factors = np.ascontiguousarray((received / open_air).T.astype(np.complex64))
     return HandFactors(part, time, riding.foci, riding.distances, riding.directions, factors)
 
@@ -260,7 +261,7 @@ class OpenAir:
     """
 
     def __init__(self, scene: LiveScene) -> None:
-        array = scene.array
+        array = scene.sounding.array
         self._faces = np.ascontiguousarray(array.face_points.T, dtype=np.float32)  # (3, Q, E)
         self._weights = array.element.weights.astype(np.float32)
         self._strength = array.element.sensitivity * array.gains

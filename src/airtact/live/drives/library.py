@@ -119,13 +119,13 @@ class Library:
     def __init__(self, part: Rule, scene: LiveScene) -> None:
         self.part: Rule = part
         points = len(scene.places) + (0 if scene.moving is None else scene.moving.places.size)
-        most = int(np.clip(MOST_NUMBERS // (points * len(scene.array)), FEWEST, CAPACITY))
+        most = int(np.clip(MOST_NUMBERS // (points * len(scene.sounding.array)), FEWEST, CAPACITY))
         self._capacity = FEWER if part == "carried" else most
         self._found: list[HandFactors] = []
         self._distances = np.empty((0, 0))
         self._directions = np.empty((0, 0, 0, 0))
         # Memory that is touched at once: a part that is first solved after an hour must not find too little.
-        self._factors = np.full((self._capacity, points, len(scene.array)), 0, dtype=np.complex64)
+        self._factors = np.full((self._capacity, points, len(scene.sounding.array)), 0, dtype=np.complex64)
         self._oldest = 0
 
     def __len__(self) -> int:

@@ -153,24 +153,26 @@ class HandAware(DriveMaker):
             frames = self._rounds.frames(riding, solution and solution.factors[len(rows) :], method)
         rule, age = ("distances", None) if solution is None else (solution.part, time - solution.time)
         frame_time = time if self._newest is None else self._newest.time
-        moment = (time, frame_time, joints, riding.foci, amplitudes, np.abs(rows @ amplitudes))
+        pressures = np.abs(self._scene.sounding.folded(rows) @ amplitudes)
+        moment = (time, frame_time, joints, riding.foci, amplitudes, pressures)
         behind = None if self._solved is None or not self._solves else time - self._solved
         return Moment(*moment, rule=rule, shape_age=age, behind=behind, kept=kept, frames=frames)
 
-    def _rows(self, riding: Riding, solution: HandFactors | None) -> Complex128[np.ndarray, "foci elements"]:
-        """Pressure at the foci per unit drive of each element [Pa]."""
+    def _rows(self, riding: Riding, solution: HandFactors | None) -> Complex128[np.ndarray, "foci sounding"]:
+        """Pressure at the foci per unit drive of each element and each image in a plane [Pa]."""
         rows = self._open_air.rows(riding.foci)
         return rows if solution is None else rows * solution.at(self._scene, riding)
 
     def _made(
-        self, name: str, rows: Complex128[np.ndarray, "foci elements"], foci: Float64[np.ndarray, "foci 3"], time: float
+        self, name: str, rows: Complex128[np.ndarray, "foci sounding"], foci: Float64[np.ndarray, "foci 3"], time: float
     ) -> Complex128[np.ndarray, "elements"]:
         """Make the amplitudes of the elements by a method; those for samples get the predictor's doubt."""
         if name in FOR_SAMPLES:
             spread = self._predictor.spread(time)
             return robust_drive(self._scene, rows, foci, spread, phases=name == "robust_phase_only")
         method = weighted_gerchberg_saxton if name == "best" else METHODS[name]
-        return method(TransferMatrix(rows, float("nan")), Target(foci)).amplitudes
+        folded = self._scene.sounding.folded(rows)
+        return method(TransferMatrix(folded, float("nan")), Target(foci)).amplitudes
 
     def _silent(self, time: float, frame_time: float) -> Moment:
         return Moment(time, frame_time, None, None, np.zeros(len(self._scene.array), np.complex128), state="waiting")

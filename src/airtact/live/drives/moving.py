@@ -38,8 +38,8 @@ class Rounds:
     """
 
     def __init__(self, scene: LiveScene, moving: MovingFoci, open_air: OpenAirRows) -> None:
-        self._moving, self._open_air = moving, open_air
-        self._positions = scene.array.positions.astype(np.float32)
+        self._moving, self._open_air, self._sounding = moving, open_air, scene.sounding
+        self._positions = scene.sounding.array.positions.astype(np.float32)
         self._wavenumber = scene.medium.wavenumber(scene.frequency)
         self._before: Frames | None = None
         self._sources = np.ones(moving.places.shape, dtype=np.complex128)
@@ -47,7 +47,7 @@ class Rounds:
     def frames(
         self,
         riding: Riding,
-        factors: Complex64[np.ndarray, "points elements"] | None,
+        factors: Complex64[np.ndarray, "points sounding"] | None,
         method: str,
     ) -> Frames:
         """Make the frames for a hand in a pose.
@@ -55,7 +55,7 @@ class Rounds:
         Parameters
         ----------
         riding : the hand now.
-        factors : (N K, E) of the hand on the pressure at each focus of each frame; None for open air.
+        factors : (N K, R) of the hand on the pressure at each focus of each frame; None for open air.
         method : name of the method that makes each drive; "best", as those for samples, is weighted Gerchberg-Saxton.
 
         Returns
@@ -65,7 +65,8 @@ class Rounds:
         """
         points = moving_points(self._moving, riding)
         rows = self._rows(riding, points.reshape(-1, 3))
-        matrices = (rows if factors is None else rows * factors).reshape(*points.shape[:2], -1)
+        rows = self._sounding.folded(rows if factors is None else rows * factors)
+        matrices = rows.reshape(*points.shape[:2], -1)
         if method == "best" or method in FOR_SAMPLES:
             frames, self._sources = _projected(matrices, along_the_round(self._sources))
         else:
@@ -77,7 +78,7 @@ class Rounds:
 
     def _rows(
         self, riding: Riding, points: Float64[np.ndarray, "points 3"]
-    ) -> Complex128[np.ndarray, "points elements"]:
+    ) -> Complex128[np.ndarray, "points sounding"]:
         """Pressure at displaced foci per unit drive of each element in open air [Pa], in single precision.
 
         Beside a place an element radiates as towards the place itself: its row is carried on by the other distance.

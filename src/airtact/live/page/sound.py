@@ -23,9 +23,9 @@ class DirectSound:
     """
 
     def __init__(self, scene: LiveScene) -> None:
-        self._array = scene.array
+        self._sounding, self._array = scene.sounding, scene.sounding.array
         self._wavenumber = scene.medium.wavenumber(scene.frequency)
-        self._faces = _faces(scene.array.normals)
+        self._faces = _faces(self._array.normals)
 
     def at(
         self,
@@ -37,7 +37,7 @@ class DirectSound:
         return self._of_faces(points, self._strengths(amplitudes, middle)[:, None])[:, 0]
 
     def sources(self, amplitudes: Complex128[np.ndarray, "elements"], middle: Float64[np.ndarray, "3"]) -> Monopoles:
-        """Return the elements as points that radiate towards ``middle`` [m] as they do."""
+        """Return the elements and their images as points that radiate towards ``middle`` [m] as they do."""
         return Monopoles(self._array.positions, self._strengths(amplitudes, middle)[:, None])
 
     def on_skin(
@@ -63,7 +63,7 @@ class DirectSound:
 
     def _strengths(
         self, amplitudes: Complex128[np.ndarray, "elements"], middle: Float64[np.ndarray, "3"]
-    ) -> Complex128[np.ndarray, "elements"]:
+    ) -> Complex128[np.ndarray, "sounding"]:
         array = self._array
         ways = middle - array.positions
         ways = ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-9)
@@ -73,7 +73,7 @@ class DirectSound:
         pattern = array.element.far_pattern(np.stack([along, across, ahead], axis=1), self._wavenumber.real)
         if array.element.directional:
             pattern = pattern * (ahead > 0.0)
-        return array.element.sensitivity * array.gains * pattern * amplitudes
+        return array.element.sensitivity * array.gains * pattern * self._sounding.unfolded(amplitudes)
 
     def _of_faces(
         self, points: Float64[np.ndarray, "points 3"], strengths: Complex128[np.ndarray, "elements faces"]

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from viser._messages import RunJavascriptMessage
 
 from airtact.figures.array_figures import spacing, view_of
+from airtact.figures.plane_figure import SHEET, sheet_of
 from airtact.live.page.section import ACROSS, Across, Section, enlarged
 from airtact.live.page.skin import MovingSkin
 from airtact.live.page.solved import Asked, SolvedSound, Sound
@@ -110,6 +111,7 @@ class View:
         server.scene.add_light_ambient("/lights/ambient", intensity=AMBIENT)
         self._set_camera()
         self._array = self._add_array()
+        self._add_planes()
         self._foci, self._labels = self._add_foci()
         self._hand: tuple[viser.MeshHandle, viser.PointCloudHandle] | None = None
         blank = np.zeros((2, 2, 4), dtype=np.uint8)
@@ -232,6 +234,21 @@ class View:
         faces = CORNERS * np.arange(len(array))[:, None, None] + triangles
         colours = np.tile(SILENT, (vertices.size // 3, 1))
         return self._add_coloured("/array", vertices.reshape(-1, 3), faces.reshape(-1, 3), colours)[1]
+
+    def _add_planes(self) -> None:
+        """Add each rigid plane as a sheet that shows what is behind it, under array and hand."""
+        for index, plane in enumerate(self._scene.planes):
+            points = np.vstack([self._scene.array.positions, self._middle])
+            self._server.scene.add_mesh_simple(
+                f"/planes/{index}",
+                sheet_of(plane, points).astype(np.float32),
+                np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32),
+                color=SHEET[:3],
+                opacity=SHEET[3],
+                side="double",
+                cast_shadow=False,
+                receive_shadow=False,
+            )
 
     def _add_foci(self) -> tuple[viser.PointCloudHandle, list[viser.LabelHandle]]:
         places = self._scene.places

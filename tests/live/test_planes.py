@@ -1,0 +1,154 @@
+"""The live loop over a table: rows against other solvers, what drives keep there, sessions, hands through the table."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import airtact as at
+from airtact.hand.hand import hand_from_joints
+from airtact.live.distances import foci_on
+from airtact.live.drives.factors import OpenAir, solved
+from airtact.live.drives.maker import HandAware
+from airtact.live.images import WithImages
+from airtact.live.page.sound import DirectSound
+from airtact.live.parts import Controls, LiveScene
+from airtact.live.safety import Workspace
+from airtact.live.session import Session, SessionWriter, read_session
+from airtact.live.verification import verify_session
+from airtact.tracking.frame import HandFrame
+from live.live_scenes import one_board
+from live.test_drives import Ready
+from tracking.motions import pinch_pose
+
+JOINTS = np.array(hand_from_joints(*pinch_pose(), side="left").open_to(0.02).joints)
+HAND = hand_from_joints(JOINTS, pinch_pose()[1], side="left")
+LOW, MIDDLE = HAND.surface.corners.reshape(-1, 3).min(axis=0), HAND.pads[:2].mean(axis=0)
+TABLE = at.plane((0, 0, LOW[2] - 0.04), (0, 0, 1))
+BEFORE = replace(
+    one_board(),
+    array=at.autd3_board(at.Pose.turn((1, 0, 0), -np.pi / 2, (MIDDLE[0] - 0.09, LOW[1] - 0.1, TABLE.point[2] + 0.14))),
+)
+"""A board that stands upright beside the hand."""
+
+OVER = replace(BEFORE, planes=(TABLE,))
+
+
+@pytest.fixture(scope="module")
+def exact() -> at.TransferMatrix:
+    """The hand and the table, solved together."""
+    scene = at.Scene(OVER.medium, [at.sound_hard(HAND.surface)], frequency=40e3, planes=[TABLE])
+    foci = at.Target(foci_on(HAND, OVER))
+    return at.transfer_matrix(
+        at.BoundaryElement(accuracy=0.03, estimate=False).radiate(scene, foci.beacons()), OVER.array
+    )
+
+
+def drive_of(scene: LiveScene, part="hand", method: str | None = None, joints=JOINTS) -> np.ndarray:
+    found = [Ready(solved(scene, joints, part, 0.0))] if part else []
+    maker = HandAware(scene, noise=1e-4, solvers=found)
+    maker.take(HandFrame(0.0, "left", 0, joints))
+    return maker.make(0.01, Controls(method=method)).amplitudes
+
+
+def kept(exact: at.TransferMatrix, amplitudes: np.ndarray) -> float:
+    best = at.best(exact, at.Target(exact.foci)).amplitudes
+    weakest = [np.abs(exact.matrix @ one).min() / np.linalg.norm(one) for one in (amplitudes, best)]
+    return weakest[0] / weakest[1]
+
+
+@pytest.mark.parametrize("let_in", [False, True])
+def test_open_air_over_a_table_is_that_of_images(let_in) -> None:
+    array = at.autd3_board(at.Pose(np.eye(3), TABLE.point)) if let_in else OVER.array
+    scene = replace(OVER, array=array)
+    foci = foci_on(HAND, scene)
+    found = scene.sounding.folded(OpenAir(scene).rows(foci))
+    empty = at.Scene(scene.medium, [], frequency=40e3, planes=[TABLE])
+    rows = at.transfer_matrix(at.FreeField().radiate(empty, at.Target(foci).beacons()), array).matrix
+    assert np.linalg.norm(found - rows) < 1e-3 * np.linalg.norm(rows)
+    amplitudes = rows[0].conj() / np.abs(rows).max()
+    sound = DirectSound(scene).at(foci, amplitudes, foci.mean(axis=0))
+    np.testing.assert_allclose(sound[0], rows[0] @ amplitudes, rtol=0.06)
+
+
+def test_a_drive_that_knows_the_table_keeps_more(exact) -> None:
+    """What goes to and fro between hand and table is left out of both."""
+    knowing, not_knowing = (kept(exact, drive_of(scene)) for scene in (OVER, BEFORE))
+    assert knowing > 0.9
+    assert knowing > not_knowing + 0.1
+    assert kept(exact, drive_of(OVER, "phalanges")) > kept(exact, drive_of(BEFORE, "phalanges")) + 0.05
+    assert kept(exact, drive_of(OVER, None)) > kept(exact, drive_of(BEFORE, None))
+
+
+@pytest.mark.parametrize("method", ["robust", "robust_phase_only", "max_min"])
+def test_every_method_knows_the_table(exact, method) -> None:
+    assert kept(exact, drive_of(OVER, method=method)) > 0.7
+
+
+def test_foci_that_move_know_the_table() -> None:
+    (places,) = np.tile(np.arange(2), (1, 4, 1))
+    moving = at.live.MovingFoci(places, np.zeros((4, 2, 3)), 400.0, "still")
+    scene = replace(OVER, moving=moving)
+    maker = HandAware(scene, noise=1e-4, solvers=[Ready(solved(scene, JOINTS, "phalanges", 0.0))])
+    maker.take(HandFrame(0.0, "left", 0, JOINTS))
+    frames = maker.make(0.01, Controls()).frames
+    assert frames is not None
+    assert frames.shape == (4, len(OVER.array))
+
+
+def test_a_session_keeps_its_table(tmp_path) -> None:
+    for scene, version in ((OVER, 2), (BEFORE, 1)):
+        SessionWriter(tmp_path / "session.h5", scene).close()
+        read = read_session(tmp_path / "session.h5").scene
+        assert len(read.planes) == len(scene.planes)
+        for one, other in zip(read.planes, scene.planes, strict=True):
+            np.testing.assert_allclose([one.point, one.normal], [other.point, other.normal])
+        import h5py
+
+        with h5py.File(tmp_path / "session.h5") as file:
+            assert file.attrs["format_version"] == version
+
+
+def test_a_session_is_verified_with_its_table(exact) -> None:
+    """The share of a drive that was made for the hand and the table is 1, of one that knows neither it is far less."""
+    drives = np.stack([at.best(exact, at.Target(exact.foci)).amplitudes, drive_of(BEFORE, None)])
+    times, nan = np.array([0.01, 0.02]), np.full(2, np.nan)
+    session = Session(
+        OVER,
+        "",
+        drives.astype(np.complex64),
+        times,
+        times,
+        ("hand", "distances"),
+        ("playing", "playing"),
+        nan,
+        nan,
+        np.stack([foci_on(HAND, OVER)] * 2),
+        np.stack([JOINTS] * 2),
+        np.array([0.0, 0.1]),
+        np.stack([JOINTS] * 2),
+    )
+    found = verify_session(session, every=1, accuracy=0.03).kept
+    assert found[0] == pytest.approx(1.0, abs=0.03)
+    assert found[1] == pytest.approx(kept(exact, drives[1]), abs=0.03)
+
+
+def test_a_hand_through_the_table_gets_no_sound() -> None:
+    workspace, foci = Workspace(OVER), foci_on(HAND, OVER)
+    assert workspace.fault(JOINTS, foci) is None
+    deeper = JOINTS - [0.0, 0.0, 0.06]
+    assert "through the plane: " in str(workspace.fault(deeper, foci))
+
+
+def test_images_are_only_of_elements_off_the_plane() -> None:
+    array = at.autd3_board(at.Pose(np.eye(3), TABLE.point))
+    both = WithImages.of(array, [TABLE])
+    assert len(both.array) == len(array)
+    assert (both.strengths == 2.0).all()
+    standing = WithImages.of(OVER.array, [TABLE])
+    assert len(standing.array) == 2 * len(OVER.array)
+    np.testing.assert_allclose(TABLE.height(standing.array.positions[249:]), -TABLE.height(OVER.array.positions))
+    plain = WithImages.of(OVER.array, [])
+    assert plain.array is OVER.array
+    rows = np.ones((2, 249), dtype=complex)
+    assert plain.folded(rows) is rows
