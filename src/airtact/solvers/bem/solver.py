@@ -91,7 +91,7 @@ BEFORE_A_PLANE = 0.2
 SOLUTION_ERROR = 0.5
 """Error of the solution of the equations over the accuracy, where a cavity makes them ill-conditioned."""
 
-YIELDING = 1.25
+YIELDING = 1.28
 """Nodes of a scene with an impedance over those without: the pressure on it bends more."""
 
 LEAST_ADMITTANCE = 0.1
