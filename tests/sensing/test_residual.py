@@ -6,7 +6,7 @@ import pytest
 import airtact as at
 
 SCENE = at.Scene(at.air(celsius=20.0), [at.sound_hard(at.sphere(radius=5e-3, edge=2e-3))])
-ARRAY = at.autd3_board(at.Pose(np.eye(3), np.array([-0.09, -0.07, -0.12])))
+ARRAY = at.autd3_board(at.Pose(np.eye(3), np.array([-0.09, -0.07, -0.12])), element=at.monopole())
 CODES = at.sensing.random_codes(249, 8)
 SCATTERING = at.scattering_matrix(at.SphereSeries(), SCENE)
 HERE = at.Pose.identity()
