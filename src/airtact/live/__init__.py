@@ -6,6 +6,7 @@
 
 from airtact.live.distances import Distances
 from airtact.live.drives.maker import HandAware
+from airtact.live.images import WithImages
 from airtact.live.loop import Followed, Status, follow
 from airtact.live.output import Boards, Nowhere, Output
 from airtact.live.parts import Controls, DriveMaker, LiveScene, Moment, MovingFoci
@@ -34,6 +35,7 @@ __all__ = [
     "SessionWriter",
     "Status",
     "VerifiedSession",
+    "WithImages",
     "follow",
     "live_scene",
     "read_session",
