@@ -62,9 +62,8 @@ def simulate_echoes(
     --------
     >>> import airtact as at
     >>> scene = at.Scene(at.air(celsius=20.0), [at.sound_hard(at.sphere(radius=5e-3, edge=2e-3))])
-    >>> array = at.autd3_board(at.Pose(np.eye(3), np.array([-0.09, -0.07, -0.15])))
-    >>> solver = at.BoundaryElement(accuracy=0.05, estimate=False)
-    >>> simulate_echoes(solver, scene, array, at.sensing.random_codes(249, 4), noise=20.0)
+    >>> array, codes = at.autd3_board(at.Pose(np.eye(3), np.array([0, 0, -0.15]))), at.sensing.random_codes(249, 4)
+    >>> simulate_echoes(at.BoundaryElement(accuracy=0.05, estimate=False), scene, array, codes, noise=20.0)
     Echoes(249 elements, 4 transmissions, 249 receivers, 40000 Hz)
     """
     of_kind(made_by, Solver | ScatteringMatrix, "what echoes are made by", "a solver or a scattering matrix")
