@@ -16,7 +16,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import airtact as at
-from airtact.scene import Obstacle
 from benchmarks.planes import hand_and_palm, relative
 
 AIR = at.air(celsius=20)
@@ -39,9 +38,7 @@ def box_rows(accuracy: float = 0.05) -> Iterator[str]:
 
     The box is solved a second time with panels for 0.4 of the error.
     """
-    array, fingers, target = paper_box()
-    apart = at.Scene(AIR, fingers)
-    scene = at.Scene(AIR, [*fingers, *at.reflecting_boards(array)])
+    array, apart, scene, target = paper_box()
     begun, used = time.perf_counter(), time.process_time()
     field = at.BoundaryElement(accuracy, estimate=False).radiate(scene, target.beacons())
     known = at.transfer_matrix(field, array)
@@ -63,11 +60,12 @@ def box_rows(accuracy: float = 0.05) -> Iterator[str]:
     yield f"the transfer matrix is {off:.1%} from that of {0.4 * accuracy:.1%} asked, {finer.report.nodes} unknowns"
 
 
-def paper_box() -> tuple[at.PhasedArray, list[Obstacle], at.Target]:
-    """Make the paper's box of four boards, the fingers of its pinch, and a focus 1 mm before each pad."""
-    pinch = at.pinch()
+def paper_box() -> tuple[at.PhasedArray, at.Scene, at.Scene, at.Target]:
+    """Make the paper's box, scenes of its fingers without and with the boards, and a focus 1 mm before each pad."""
+    pinch, array = at.pinch(), at.surrounding_box()
     fingers = [at.sound_hard(surface) for surface in pinch.surfaces]
-    return at.surrounding_box(), fingers, at.Target(pinch.pads + 1e-3 * pinch.normals)
+    scenes = at.Scene(AIR, fingers), at.Scene(AIR, [*fingers, *at.reflecting_boards(array)])
+    return array, *scenes, at.Target(pinch.pads + 1e-3 * pinch.normals)
 
 
 def _kept_lines(transfers: dict[str, at.TransferMatrix], target: at.Target) -> Iterator[str]:
@@ -87,9 +85,7 @@ def _kept_lines(transfers: dict[str, at.TransferMatrix], target: at.Target) -> I
 
 def picture_rows(accuracy: float = 0.05) -> Iterator[str]:
     """Solve what drives make in the box of reflecting boards, and draw docs/boards-that-reflect.png."""
-    array, fingers, target = paper_box()
-    apart = at.Scene(AIR, fingers)
-    scene = at.Scene(AIR, [*fingers, *at.reflecting_boards(array)])
+    array, apart, scene, target = paper_box()
     quick = at.BoundaryElement(accuracy, estimate=False)
     known, unknown = (at.transfer_matrix(quick.radiate(one, target.beacons()), array) for one in (scene, apart))
     drives = {"knows the fingers": at.best(unknown, target), "and the boards": at.best(known, target)}

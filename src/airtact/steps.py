@@ -115,7 +115,7 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
     bounds = open_air_bound(setup.array, target.points, wavenumber)
     strongest = strongest_open_air(setup.array, wavenumber)
     most = (2.0 if setup.bodies else 1.0) * (2.0 if setup.scene.planes else 1.0)
-    most = np.inf if any(one.board for one in setup.scene.obstacles) else most
+    most = np.inf if setup.scene.boards else most
     asked = np.zeros(len(bounds)) if target.pressures is None else np.abs(target.pressures)
     found = list(_path_cautions(setup))
     bare = ~with_skin(setup)

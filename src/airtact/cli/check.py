@@ -216,7 +216,7 @@ def _scene_tables(setup: "Setup", unknowns: int | None) -> "Iterator[Table]":
     clearance = -setup.scene.depth(elements.positions).max()
     facts = plain_table()
     away = f", {1e3 * clearance:.0f} mm off the bodies or more" if surfaces else ""
-    away = ", in the faces of boards that reflect" if any(one.board for one in setup.scene.obstacles) else away
+    away = ", in the faces of boards that reflect" if setup.scene.boards else away
     sensitivity = f"{elements.element.sensitivity:g} Pa·m, uncalibrated"
     facts.add_row("transducers", f"{len(elements)}, {sensitivity}{away}")
     facts.add_row("pattern", elements.element.pattern_in_words(setup.scene.wavenumber.real))

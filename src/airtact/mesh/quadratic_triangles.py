@@ -42,6 +42,14 @@ def points_at(
     return np.einsum("tn,tnd->td", shape_functions(references), quadratic_triangles), np.cross(along_u, along_v)
 
 
+def middles_of(
+    quadratic_triangles: QuadraticTriangles,
+) -> tuple[Float64[np.ndarray, "panels 3"], Float64[np.ndarray, "panels 3"]]:
+    """Middle of each panel, and the outward unit normal there."""
+    middles, normals = points_at(quadratic_triangles, np.full((len(quadratic_triangles), 2), 1 / 3))
+    return middles, unit(normals)
+
+
 def normals_at(
     quadratic_triangles: QuadraticTriangles, reference: Real[np.ndarray, "2"]
 ) -> Float64[np.ndarray, "panels 3"]:

@@ -210,6 +210,11 @@ class Scene:
                 code="out_of_range",
             )
 
+    @property
+    def boards(self) -> tuple[int, ...]:
+        """Indices of the obstacles that are reflecting boards of the array."""
+        return tuple(index for index, obstacle in enumerate(self.obstacles) if obstacle.board)
+
     @cached_property
     def wavenumber(self) -> complex:
         """Wavenumber with absorption [1/m]."""
@@ -316,11 +321,10 @@ def check_no_planes(scene: Scene, who: str) -> None:
 
 def check_no_boards(scene: Scene, who: str) -> None:
     """Raise where the scene has the array's boards, which ``who`` does not know."""
-    boards = sum(one.board for one in scene.obstacles)
-    if boards:
+    if scene.boards:
         raise InvalidInput(
-            f"the scene has {counted(boards, 'body', 'bodies')} of reflecting boards, which {who} does not take: leave "
-            "them out, or solve with BoundaryElement.",
+            f"the scene has {counted(len(scene.boards), 'body', 'bodies')} of reflecting boards, which {who} does not "
+            "take: leave them out, or solve with BoundaryElement.",
             code="boards_not_taken",
         )
 

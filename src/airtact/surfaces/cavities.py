@@ -4,13 +4,13 @@ Sound that goes to and fro meets the same error at each reflection, and most of 
 next to the panels that it hears, so their errors do not cancel out as they do farther away.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from airtact.mesh.quadratic_triangles import QuadraticTriangles, cut, longest_edges, points_at, unit
+from airtact.mesh.quadratic_triangles import QuadraticTriangles, cut, longest_edges, middles_of, unit
 
 SomePanels = Float64[np.ndarray, "_ 6 3"]
 """Panels of which one body or covering has more than another."""
@@ -51,7 +51,7 @@ def halved_in_corners(panels: QuadraticTriangles) -> Float64[np.ndarray, "pieces
     order = np.argsort(edge, kind="stable")
     first = np.flatnonzero(edge[order][:-1] == edge[order][1:])
     one, other = order[first], order[first + 1]
-    centres, normals = _centres(panels)
+    centres, normals = middles_of(panels)
     rising = np.einsum("ed,ed->e", unit(centres[other // 3] - middles[one]), normals[one // 3]) > RISING
     met = np.concatenate([one, other]).reshape(2, -1)[:, rising & flat[one // 3] & flat[other // 3]] // 3
     parts = np.ones(len(panels), dtype=np.int64)
@@ -59,60 +59,63 @@ def halved_in_corners(panels: QuadraticTriangles) -> Float64[np.ndarray, "pieces
     return cut(panels, parts)[0]
 
 
-def finer_where_faced(bodies: Sequence[SomePanels], finer: Sequence[SomePanels]) -> list[SomePanels]:
-    """Take the ``finer`` panels of some bodies for their flat faces that look at one of the others, or of their own."""
+def finer_where_faced(
+    bodies: Sequence[SomePanels], finer: Sequence[Callable[[], QuadraticTriangles]]
+) -> list[SomePanels]:
+    """Take smaller panels of some bodies for their flat faces that look at one of the others, or of their own.
+
+    ``finer`` covers each body with them; it is called for bodies with such a face only.
+    """
     faces = _faces(np.concatenate(bodies)) if len(bodies) else []
     faced = [one for one in faces if any(one.looks_at(other) and other.looks_at(one) for other in faces)]
     chosen = []
-    for coarse, fine in zip(bodies, finer, strict=True):
-        replaced, taken = (np.any([one.holds(panels) for one in faced], axis=0) for panels in (coarse, fine))
-        chosen.append(np.concatenate([coarse[~replaced], fine[taken]]) if faced else coarse)
+    for coarse, cover in zip(bodies, finer, strict=True):
+        replaced = _in_faces(coarse, faced)
+        if replaced.any():
+            fine = cover()
+            coarse = np.concatenate([coarse[~replaced], fine[_in_faces(fine, faced)]])
+        chosen.append(coarse)
     return chosen
 
 
 @dataclass(frozen=True, eq=False)
 class _Face:
-    """Flat panels in one plane: its unit normal, its distance from the origin along that, and their centres [m]."""
+    """Flat panels in one plane: its unit normal, its distance from the origin along that, and their middles [m]."""
 
     normal: Float64[np.ndarray, "3"]
     distance: float
-    centres: Float64[np.ndarray, "panels 3"]
-
-    def holds(self, panels: QuadraticTriangles) -> Bool[np.ndarray, "panels"]:
-        """Whether panels lie in this plane and look the same way."""
-        return _in_plane(*_centres(panels), self.normal, self.distance) & are_flat(panels)
+    middles: Float64[np.ndarray, "panels 3"]
 
     def looks_at(self, other: "_Face") -> bool:
         """Whether another face is turned towards this one, and some of it lies in front of this one."""
-        ahead = other.centres @ self.normal - self.distance > IN_PLANE
+        ahead = other.middles @ self.normal - self.distance > IN_PLANE
         return bool(self.normal @ other.normal < FACING and ahead.any())
 
 
 def _faces(panels: QuadraticTriangles) -> list[_Face]:
     """Sort flat panels by the planes that they lie in."""
-    centres, normals = _centres(panels[are_flat(panels)])
+    middles, normals = middles_of(panels[are_flat(panels)])
     faces = []
-    while len(centres):
-        normal, distance = normals[0], float(centres[0] @ normals[0])
-        within = _in_plane(centres, normals, normal, distance)
-        faces.append(_Face(normal, distance, centres[within]))
-        centres, normals = centres[~within], normals[~within]
+    while len(middles):
+        normal, distance = normals[0], float(middles[0] @ normals[0])
+        within = _in_plane(middles, normals, normal, distance)
+        faces.append(_Face(normal, distance, middles[within]))
+        middles, normals = middles[~within], normals[~within]
     return faces
 
 
+def _in_faces(panels: QuadraticTriangles, faces: Sequence[_Face]) -> Bool[np.ndarray, "panels"]:
+    """Which panels are flat and lie in the plane of one of some faces."""
+    middles, normals = middles_of(panels)
+    within = [_in_plane(middles, normals, one.normal, one.distance) for one in faces]
+    return are_flat(panels) & np.any(within, axis=0)
+
+
 def _in_plane(
-    centres: Float64[np.ndarray, "panels 3"],
+    middles: Float64[np.ndarray, "panels 3"],
     normals: Float64[np.ndarray, "panels 3"],
     normal: Float64[np.ndarray, "3"],
     distance: float,
 ) -> Bool[np.ndarray, "panels"]:
     alike = np.abs(normals - normal).max(axis=1) < ALIKE
-    return alike & (np.abs(centres @ normal - distance) < IN_PLANE)
-
-
-def _centres(
-    panels: QuadraticTriangles,
-) -> tuple[Float64[np.ndarray, "panels 3"], Float64[np.ndarray, "panels 3"]]:
-    """Centres of panels [m] and their unit normals."""
-    centres, normals = points_at(panels, np.full((len(panels), 2), 1 / 3))
-    return centres, unit(normals)
+    return alike & (np.abs(middles @ normal - distance) < IN_PLANE)

@@ -5,6 +5,7 @@ Panels need not meet corner to corner, so each may be cut into smaller ones on i
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64, Real
@@ -14,10 +15,9 @@ from airtact.mesh.quadratic_triangles import (
     QuadraticTriangles,
     cut,
     longest_edges,
+    middles_of,
     panel_areas,
-    points_at,
     shape_functions,
-    unit,
 )
 from airtact.surfaces.cavities import FACED, are_flat, finer_where_faced, halved_in_corners
 from airtact.surfaces.shape import BEND, Shape
@@ -93,7 +93,7 @@ def panels_of(
     makes gaps too. Flat faces of the bodies ``walls`` that look at each other have smaller panels.
     """
     whole = [shape.panels(edge, bend, away) for shape in shapes]
-    finer = [shapes[index].panels(FACED * edge, bend, away) for index in walls]
+    finer = [partial(shapes[index].panels, FACED * edge, bend, away) for index in walls]
     for index, panels in zip(walls, finer_where_faced([whole[index] for index in walls], finer), strict=True):
         whole[index] = panels
     whole = [halved_in_corners(panels) for panels in whole]
@@ -148,8 +148,7 @@ def _allowed_by_own(panels: QuadraticTriangles, some: Bool[np.ndarray, "panels"]
     """
     edges = longest_edges(panels)
     reach = OPPOSITE * float(edges[some].max())
-    centres, normals = points_at(panels, np.full((len(panels), 2), 1 / 3))
-    normals = unit(normals)
+    centres, normals = middles_of(panels)
     tree = KDTree(np.concatenate([centres, reach * normals], axis=1))
     own, outward = centres[some], normals[some]
     distance, other = tree.query(np.concatenate([own, -reach * outward], axis=1), distance_upper_bound=reach)

@@ -92,10 +92,10 @@ def strength_in(scene: Scene, array: PhasedArray) -> float:
         "array_off_boards": the scene has boards, and an element is not in the face of one.
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
-    boards = [one for one in scene.obstacles if one.board]
-    if not boards:
+    if not scene.boards:
         return 1.0
-    off = np.min([np.abs(one.surface.depth(array.positions)) for one in boards], axis=0)
+    boards = [scene.obstacles[index].surface for index in scene.boards]
+    off = np.min([np.abs(one.depth(array.positions)) for one in boards], axis=0)
     wrong = np.flatnonzero(off > IN_FACE)
     if len(wrong):
         worst = int(off.argmax())

@@ -132,10 +132,8 @@ class SkinSources:
     def carried(self, scene: LiveScene, riding: Riding, time: float, some: SomeElements) -> "CarriedFactors":
         """Carry the sources to another pose, at a time [s]; ``some`` elements tell what comes by way of each bone."""
         wavenumber, bones = scene.medium.wavenumber(scene.frequency), bones_of(riding.hand)
-        points, elements = (
-            _moved(self.points, self.weights, self.bones, bones),
-            scene.sounding.array.positions[some.chosen],
-        )
+        points = _moved(self.points, self.weights, self.bones, bones)
+        elements = scene.sounding.array.positions[some.chosen]
         longer = _distances(points, riding.foci) - _distances(self.points, self.riding.foci)
         strengths = self.strengths * _phasors(wavenumber.real * longer)
         beacons = np.eye(len(riding.foci), dtype=np.complex128)

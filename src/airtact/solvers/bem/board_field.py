@@ -89,9 +89,8 @@ class BoardField(RadiatedField):
 def in_boards(scene: Scene, sources: Monopoles) -> Bool[np.ndarray, "sources"]:
     """Which sources are in the faces of reflecting boards."""
     inside = np.zeros(len(sources.positions), dtype=bool)
-    for one in scene.obstacles:
-        if one.board:
-            inside |= np.abs(one.surface.depth(sources.positions)) < IN_FACE
+    for index in scene.boards:
+        inside |= np.abs(scene.obstacles[index].surface.depth(sources.positions)) < IN_FACE
     return inside
 
 
@@ -103,8 +102,7 @@ def without_boards(scene: Scene) -> Scene:
 def elements_and_boards(solved: BoundaryField, refined: Float64[np.ndarray, "fine 3"]) -> Emitting:
     """Return the sources of a field and the monopoles by which its boards scatter, as sources around what is left."""
     transposed = solved.without_images.transposed
-    boards = np.array([one.board for one in solved.scene.obstacles])
-    nodes = boards[transposed.surface.nodes.body]
+    nodes = np.isin(transposed.surface.nodes.body, solved.scene.boards)
     both = np.concatenate([nodes, nodes[:: _kernels.sharing]])
     emitted, scattering = transposed.emitted, transposed.scattering
     positions = np.concatenate([emitted.positions, scattering.positions[both]])
@@ -114,5 +112,4 @@ def elements_and_boards(solved: BoundaryField, refined: Float64[np.ndarray, "fin
 def reach_of(solved: BoundaryField) -> float:
     """Largest radius of a panel of a board [m]: nearer than this its monopoles are seen one by one."""
     nodes = solved.without_images.surface.nodes
-    boards = np.array([one.board for one in solved.scene.obstacles])
-    return float(nodes.radii[boards[nodes.body[::6]]].max())
+    return float(nodes.radii[np.isin(nodes.body[::6], solved.scene.boards)].max())

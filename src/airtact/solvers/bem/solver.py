@@ -212,12 +212,7 @@ class BoundaryElement(Solver):
         check_sources(scene, sources, planes=True)
         _check_bodies(scene)
         inside = in_boards(scene, sources)
-        if inside.any():
-            return self._from_boards(scene, sources, inside)
-        if self.estimate:
-            return self._radiate(scene, sources)
-        on_boards = any(one.board for one in scene.obstacles)  # elements are in their faces
-        return self._radiate(scene, sources, equations=("direct",) if on_boards else ("transposed",))
+        return self._from_boards(scene, sources, inside) if inside.any() else self._radiate(scene, sources)
 
     def _from_boards(self, scene: Scene, sources: Monopoles, inside: Bool[np.ndarray, "sources"]) -> BoardField:
         """Solve for sources of which some are in reflecting boards: for what these reflect, then around the others."""
@@ -226,7 +221,7 @@ class BoundaryElement(Solver):
         whole = self._radiate(scene, emitting, 0.1 * self.accuracy, ("transposed",))
         from_all = elements_and_boards(whole, refined)
         around = self._radiate(rest, from_all) if rest.obstacles else FreeField().radiate(rest, from_all)
-        boards = replace(scene, obstacles=[one for one in scene.obstacles if one.board], planes=())
+        boards = replace(scene, obstacles=[scene.obstacles[index] for index in scene.boards], planes=())
         report = replace(
             whole.report,
             estimated_error=around.report.estimated_error,
@@ -239,9 +234,15 @@ class BoundaryElement(Solver):
         scene: Scene,
         sources: Monopoles,
         tolerance: float | None = None,
-        equations: Sequence[Equation] = ("transposed", "direct"),
+        equations: Sequence[Equation] = (),
     ) -> BoundaryField:
-        """Solve for sources of which none is in a board's face, to a tolerance that the accuracy gives by default."""
+        """Solve for sources of which none is in a board's face, to a tolerance that the accuracy gives by default.
+
+        Both equations are solved for an estimate; else the direct one for elements in boards, or the transposed one.
+        """
+        if not equations:
+            alone: Equation = "direct" if scene.boards else "transposed"
+            equations = ("transposed", "direct") if self.estimate else (alone,)
         clock, count = Clock(self.progress), sources.strengths.shape[1]
         tolerance = self._tolerance(scene) if tolerance is None else tolerance
         panels, surface, matrices, solved_by = self._equations(scene, sources, tolerance, clock)
@@ -305,7 +306,7 @@ class BoundaryElement(Solver):
                 check_elimination(len(nodes.points), self.precision)
                 how = self.precision, None
             matrices = [assemble(surface, *how, part) for part in (None, *scene.planes)]
-        most = MOST_AMONG_BOARDS if any(one.board for one in scene.obstacles) else MOST_ITERATIONS
+        most = MOST_AMONG_BOARDS if scene.boards else MOST_ITERATIONS
         iterate = partial(self._solved, tolerance=tolerance, most_iterations=most)
         return panels, surface, matrices, eliminate if by_elimination else iterate
 
@@ -369,9 +370,8 @@ class BoundaryElement(Solver):
         self, scene: Scene, panels: Panels, nodes: Sequence[Nodes], tolerance: float, clock: Clock
     ) -> SolveReport:
         """Report what a solve and a factorisation have in common."""
-        boards = sum(one.board for one in scene.obstacles)
         around = {PLANES: len(scene.planes)} if scene.planes else {}
-        around |= {BOARDS: boards} if boards else {}
+        around |= {BOARDS: len(scene.boards)} if scene.boards else {}
         count, area = sum(len(one.points) for one in nodes), float(sum(one.weights.sum() for one in nodes))
         return SolveReport(
             solver="BoundaryElement",
@@ -425,8 +425,7 @@ class BoundaryElement(Solver):
         shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
         away = self.accuracy / (2 * scene.wavenumber.real)  # what a surface reflects changes its phase by 2 k away
         image = scene.planes[0].image if scene.planes else None
-        boards = [index for index, obstacle in enumerate(scene.obstacles) if obstacle.board]
-        return panels_of(shapes, 2 * smallest, near, smallest, self._bend(), away, image, boards)
+        return panels_of(shapes, 2 * smallest, near, smallest, self._bend(), away, image, scene.boards)
 
     def panel_edge(self, wavelength: float) -> float:
         """Edge of equilateral triangles as large as sound-hard bodies' panels off the sources, at a wavelength [m]."""
@@ -460,7 +459,7 @@ class BoundaryElement(Solver):
 
     def _tolerance(self, scene: Scene) -> float:
         """Residual to stop at: smaller among boards, between which what is left of it goes to and fro."""
-        return self._open_tolerance() * (AMONG_BOARDS if any(one.board for one in scene.obstacles) else 1.0)
+        return self._open_tolerance() * (AMONG_BOARDS if scene.boards else 1.0)
 
     def _open_tolerance(self) -> float:
         if self.precision == "float64":
@@ -498,10 +497,9 @@ def _check_bodies(scene: Scene) -> None:
 
 def _probes(scene: Scene, nodes: Nodes, reach: float) -> Float64[np.ndarray, "probes 3"]:
     """Points where the error is estimated: around the bodies, or right before the boards that the elements are in."""
-    boards = [index for index, obstacle in enumerate(scene.obstacles) if obstacle.board]
-    if not boards:
+    if not scene.boards:
         return surrounding_points(scene, nodes.points)
-    chosen = np.flatnonzero(np.isin(nodes.body[::6], boards))
+    chosen = np.flatnonzero(np.isin(nodes.body[::6], scene.boards))
     chosen = chosen[:: math.ceil(len(chosen) / PROBES_BEFORE_BOARDS)]
     before = nodes.centres[chosen] + 2.0 * nodes.radii[chosen, None] * nodes.normals[6 * chosen]
     return before[(scene.depth(before) < 0.0) & ~near_surface(nodes, before, reach)]
