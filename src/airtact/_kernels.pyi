@@ -85,6 +85,10 @@ def few_products_float32(matrix: np.ndarray, vectors: np.ndarray, transposed: bo
 
 few_products_float64 = few_products_float32
 
+def orthonormalise_float32(bases: np.ndarray, count: int, vectors: np.ndarray, columns: np.ndarray) -> None: ...
+
+orthonormalise_float64 = orthonormalise_float32
+
 def apply_double_layer_float32(
     targets: np.ndarray,
     sources: np.ndarray,
@@ -176,10 +180,8 @@ def chebyshev_sum_float32(
 
 chebyshev_sum_float64 = chebyshev_sum_float32
 
-def count_near(targets: np.ndarray, centres: np.ndarray, reach: np.ndarray, first: np.ndarray) -> None: ...
-def list_near(
-    targets: np.ndarray, centres: np.ndarray, reach: np.ndarray, first: np.ndarray, panel: np.ndarray
-) -> None: ...
+def near_pairs(targets: np.ndarray, centres: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]: ...
+def block_order(points: np.ndarray, each: int, order: np.ndarray) -> None: ...
 def closest_on_panels(
     targets: np.ndarray,
     quadratic_triangles: np.ndarray,

@@ -1,6 +1,9 @@
-// Neighbours, by boxes: a few nanoseconds a pair, no tree to keep right.
+// Neighbours, by boxes: a few nanoseconds a pair, no tree to keep right. And an order in which neighbours lie together.
 #include <algorithm>
+#include <cmath>
 #include <limits>
+#include <numeric>
+#include <utility>
 #include <vector>
 
 #include "kernels.hpp"
@@ -9,6 +12,11 @@ namespace airtact {
 namespace AIRTACT_VARIANT {
 
 namespace {
+
+constexpr std::int64_t many = 2000;  // points, below which one thread has done them sooner
+
+// Parts of 1 in millionths, so that symmetric points do not differ by rounding
+std::int64_t rounded(double part) { return std::llrint(1e6 * part); }
 
 // Boxes as wide as the largest ball, each with the balls that may reach into it
 struct Boxes {
@@ -65,27 +73,93 @@ struct Boxes {
 
 }  // namespace
 
-void near_pairs(const double *targets, std::int64_t n, const double *centres, const double *reach, std::int64_t panels,
-                std::int64_t *first, std::int64_t *pair_panel) {
+std::vector<std::int64_t> near_pairs(const double *targets, std::int64_t n, const double *centres, const double *reach,
+                                     std::int64_t panels, std::int64_t *first) {
     const Boxes boxes(centres, reach, panels);
-#pragma omp parallel for schedule(static) if (n > 256)
-    for (std::int64_t i = 0; i < n; i++) {
-        std::int64_t count = pair_panel ? first[i] : 0;
-        const std::int64_t box = panels ? boxes.holding(targets + 3 * i) : -1;
-        for (std::int64_t l = box < 0 ? 0 : boxes.first[box]; box >= 0 && l < boxes.first[box + 1]; l++) {
-            const std::int64_t t = boxes.ball[l];
-            const double dx = centres[3 * t] - targets[3 * i], dy = centres[3 * t + 1] - targets[3 * i + 1],
-                         dz = centres[3 * t + 2] - targets[3 * i + 2];
-            if (dx * dx + dy * dy + dz * dz < reach[t] * reach[t]) {
-                if (pair_panel) pair_panel[count] = t;
-                count++;
+    const std::int64_t parts = n > many ? 32 : 1;
+    std::vector<std::vector<std::int64_t>> found(parts);
+#pragma omp parallel for schedule(static) if (parts > 1)
+    for (std::int64_t part = 0; part < parts; part++)
+        for (std::int64_t i = n * part / parts; i < n * (part + 1) / parts; i++) {
+            const std::size_t before = found[part].size();
+            const std::int64_t box = panels ? boxes.holding(targets + 3 * i) : -1;
+            for (std::int64_t l = box < 0 ? 0 : boxes.first[box]; box >= 0 && l < boxes.first[box + 1]; l++) {
+                const std::int64_t t = boxes.ball[l];
+                const double dx = centres[3 * t] - targets[3 * i], dy = centres[3 * t + 1] - targets[3 * i + 1],
+                             dz = centres[3 * t + 2] - targets[3 * i + 2];
+                if (dx * dx + dy * dy + dz * dz < reach[t] * reach[t]) found[part].push_back(t);
             }
+            first[i + 1] = found[part].size() - before;
         }
-        if (!pair_panel) first[i + 1] = count;
-    }
-    if (pair_panel) return;
     first[0] = 0;
     for (std::int64_t i = 0; i < n; i++) first[i + 1] += first[i];
+    std::vector<std::int64_t> all = std::move(found[0]);
+    all.reserve(first[n]);
+    for (std::int64_t part = 1; part < parts; part++) all.insert(all.end(), found[part].begin(), found[part].end());
+    return all;
+}
+
+namespace {
+
+// Unit direction in which some points around the origin extend farthest: the farthest one times a power of their covariance
+void longest(const std::vector<double> &off, double *along) {
+    double matrix[3][3] = {}, sum = 0, most = 0;
+    for (std::size_t i = 0; i < off.size(); i += 3) {
+        const double size = off[i] * off[i] + off[i + 1] * off[i + 1] + off[i + 2] * off[i + 2];
+        sum += size, most = std::max(most, size);
+        for (int c = 0; c < 3; c++)
+            for (int d = 0; d < 3; d++) matrix[c][d] += off[i + c] * off[i + d];
+    }
+    if (most == 0) return;
+    std::int64_t farthest = -1;
+    for (std::size_t i = 0; i < off.size(); i += 3) {
+        const double size = off[i] * off[i] + off[i + 1] * off[i + 1] + off[i + 2] * off[i + 2];
+        if (rounded(size / most) > farthest) farthest = rounded(size / most), std::copy(&off[i], &off[i] + 3, along);
+    }
+    for (auto &row : matrix)
+        for (double &entry : row) entry /= sum;
+    for (int step = 0; step < 16; step++) {
+        double next[3];
+        for (int c = 0; c < 3; c++) next[c] = matrix[c][0] * along[0] + matrix[c][1] * along[1] + matrix[c][2] * along[2];
+        const double size = std::sqrt(next[0] * next[0] + next[1] * next[1] + next[2] * next[2]);
+        for (int c = 0; c < 3; c++) along[c] = next[c] / size;
+    }
+}
+
+// Sorts some points by their order along the direction of their largest extent
+void sort_along(const double *points, std::int64_t *begin, std::int64_t *end) {
+    double centre[3] = {};
+    for (const std::int64_t *i = begin; i < end; i++)
+        for (int d = 0; d < 3; d++) centre[d] += points[3 * *i + d] / double(end - begin);
+    std::vector<double> off, along;
+    for (const std::int64_t *i = begin; i < end; i++)
+        for (int d = 0; d < 3; d++) off.push_back(points[3 * *i + d] - centre[d]);
+    double axis[3] = {}, most = 0;
+    longest(off, axis);
+    for (std::size_t i = 0; i < off.size(); i += 3) {
+        along.push_back(off[i] * axis[0] + off[i + 1] * axis[1] + off[i + 2] * axis[2]);
+        most = std::max(most, std::abs(along.back()));
+    }
+    if (most == 0) return;  // all in one place
+    std::vector<std::pair<std::int64_t, std::int64_t>> keys;
+    for (std::size_t i = 0; i < along.size(); i++) keys.emplace_back(rounded(along[i] / most), begin[i]);
+    std::stable_sort(keys.begin(), keys.end(), [](const auto &one, const auto &other) { return one.first < other.first; });
+    std::transform(keys.begin(), keys.end(), begin, [](const auto &key) { return key.second; });
+}
+
+}  // namespace
+
+void block_order(const double *points, std::int64_t n, std::int64_t each, std::int64_t *order) {
+    std::iota(order, order + n, 0);
+    std::vector<std::pair<std::int64_t, std::int64_t>> waiting{{0, n}};
+    while (!waiting.empty()) {
+        const auto [begin, end] = waiting.back();
+        waiting.pop_back();
+        const std::int64_t blocks = (end - begin + each - 1) / each, middle = begin + each * (blocks / 2);
+        if (blocks <= 1) continue;
+        sort_along(points, order + begin, order + end);
+        waiting.emplace_back(middle, end), waiting.emplace_back(begin, middle);
+    }
 }
 
 }  // namespace AIRTACT_VARIANT

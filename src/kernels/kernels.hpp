@@ -5,6 +5,7 @@
 #define AIRTACT_KERNEL_TYPES
 #include <complex>
 #include <cstdint>
+#include <vector>
 
 namespace airtact {
 
@@ -90,6 +91,12 @@ template <class Real>
 void few_products(const std::complex<Real> *matrix, std::int64_t n, std::int64_t m, const std::complex<Real> *vectors,
                   std::int64_t count, bool transposed, std::complex<Real> *out);
 
+// Makes each vector (S, m) orthogonal to the first `count` vectors of its basis (S, room, m), of length 1 all, and 1 long.
+// Columns (S, count + 1) get its parts along these, taken off one by one, and the length of what was left.
+template <class Real>
+void orthonormalise(const std::complex<Real> *bases, std::int64_t sides, std::int64_t room, std::int64_t m, std::int64_t count,
+                    std::complex<Real> *vectors, std::complex<double> *columns);
+
 // out[i, j] = D(x_i, y_j)
 template <class Real>
 void double_layer_matrix(const double *targets, std::int64_t n, const double *sources, const double *normals,
@@ -148,9 +155,13 @@ template <class Real>
 void chebyshev_sum(const Real *values, const std::int32_t *columns, const std::int32_t *rows, std::int64_t n,
                    const Real *factors, std::int64_t terms, Real *x, std::int64_t width);
 
-// Panels whose centre is nearer than `reach` to each target. With null outputs only counts. first: (n + 1)
-void near_pairs(const double *targets, std::int64_t n, const double *centres, const double *reach, std::int64_t panels,
-                std::int64_t *first, std::int64_t *pair_panel);
+// Panels whose centre is nearer than `reach` to each target, in order. first: (n + 1), where those of each target begin
+std::vector<std::int64_t> near_pairs(const double *targets, std::int64_t n, const double *centres, const double *reach,
+                                     std::int64_t panels, std::int64_t *first);
+
+// Order of points in which each so many lie together: bisected across the direction of their largest extent, and each half
+// again, so that only the last ones may be fewer
+void block_order(const double *points, std::int64_t n, std::int64_t each, std::int64_t *order);
 
 // For each target the panel that is closest, the reference coordinates of its closest point and how far that is, of those
 // nearer than `distance` says at first; infinitely far where there are none. The

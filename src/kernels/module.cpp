@@ -3,6 +3,7 @@
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/complex.h>
 #include <nanobind/stl/optional.h>
+#include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
 
 #include <algorithm>
@@ -31,6 +32,7 @@ template <class Real> struct Far {
     decltype(&baseline::double_layer_matrix<Real>) double_layer_matrix;
     decltype(&baseline::dual_matrix<Real>) dual_matrix;
     decltype(&baseline::few_products<Real>) few_products;
+    decltype(&baseline::orthonormalise<Real>) orthonormalise;
     decltype(&baseline::apply_double_layer<Real>) apply_double_layer;
     decltype(&baseline::apply_monopoles<Real>) apply_monopoles;
     decltype(&baseline::near_excess<Real>) near_excess;
@@ -52,6 +54,7 @@ struct Variant {
     decltype(&baseline::interpolate) interpolate;
     decltype(&baseline::detoured_waves) detoured_waves;
     decltype(&baseline::near_pairs) near_pairs;
+    decltype(&baseline::block_order) block_order;
     decltype(&baseline::closest_on_panels) closest_on_panels;
     decltype(&baseline::near_integrals) near_integrals;
     decltype(&baseline::hull_distances) hull_distances;
@@ -66,13 +69,13 @@ struct Variant {
 };
 
 #define AIRTACT_FAR(v, Real)                                                                                         \
-    { &v::double_layer_matrix<Real>, &v::dual_matrix<Real>, &v::few_products<Real>, &v::apply_double_layer<Real>,     \
-      &v::apply_monopoles<Real>,                                                                                      \
+    { &v::double_layer_matrix<Real>, &v::dual_matrix<Real>, &v::few_products<Real>, &v::orthonormalise<Real>,         \
+      &v::apply_double_layer<Real>, &v::apply_monopoles<Real>,                                                        \
       &v::near_excess<Real>, &v::chebyshev_sum<Real> }
 #define AIRTACT_DUAL(v, Store)                                                                                       \
     Dual<Store> { &v::dual_blocks<Store>, &v::dual_low_rank<Store>, &v::dual_product<Store> }
 #define AIRTACT_TABLE(v)                                                                                             \
-    { #v, {AIRTACT_DUAL(v, std::uint32_t), AIRTACT_DUAL(v, float), AIRTACT_DUAL(v, double)}, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::apply_in_cells, &v::interpolate, &v::detoured_waves, &v::near_pairs, &v::closest_on_panels,      \
+    { #v, {AIRTACT_DUAL(v, std::uint32_t), AIRTACT_DUAL(v, float), AIRTACT_DUAL(v, double)}, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::apply_in_cells, &v::interpolate, &v::detoured_waves, &v::near_pairs, &v::block_order, &v::closest_on_panels, \
       &v::near_integrals, &v::hull_distances, &v::blended_distance, &v::hull_gaps, &v::project_on_hulls, &v::grade_sizes, \
       &v::even_pass, &v::gerchberg_saxton, &v::surface_integral, &v::normal_derivative }
 
@@ -249,6 +252,17 @@ void few(Read<std::complex<Real>, -1, -1> matrix, Read<std::complex<Real>, -1, -
 }
 
 template <class Real>
+void orthonormalise(Read<std::complex<Real>, -1, -1, -1> bases, std::int64_t count, Write<std::complex<Real>, -1, -1> vectors,
+                    Write<Complex, -1, -1> columns) {
+    same(bases.shape(0), vectors.shape(0)), same(bases.shape(2), vectors.shape(1));
+    same(columns.shape(0), vectors.shape(0)), same(columns.shape(1), std::size_t(count + 1));
+    if (count < 0 || std::size_t(count) > bases.shape(1)) throw nb::index_error("a basis does not have so many vectors");
+    nb::gil_scoped_release release;
+    far<Real>().orthonormalise(bases.data(), bases.shape(0), bases.shape(1), bases.shape(2), count, vectors.data(),
+                               columns.data());
+}
+
+template <class Real>
 void layer(Points x, Points y, Points a, Single single, Read<Complex, -1, -1> density, Complex k, double least,
            Write<Complex, -1, -1> out) {
     same(y.shape(0), a.shape(0)), same(density.shape(0), y.shape(0));
@@ -343,18 +357,30 @@ static void chebyshev(Read<Real, -1> values, Read<std::int32_t, -1> columns, Rea
                                        x.shape(1));
 }
 
-static void count_near(Points x, Points centres, Line reach, Write<std::int64_t, -1> first) {
-    same(centres.shape(0), reach.shape(0)), same(first.shape(0), x.shape(0) + 1);
-    nb::gil_scoped_release release;
-    active->near_pairs(x.data(), x.shape(0), centres.data(), reach.data(), centres.shape(0), first.data(), nullptr);
+using Numbers = nb::ndarray<nb::numpy, std::int64_t, nb::ndim<1>>;
+
+static Numbers array_of(std::vector<std::int64_t> &&numbers) {
+    numbers.reserve(1);  // or no numbers would have no address
+    auto *kept = new std::vector<std::int64_t>(std::move(numbers));
+    nb::capsule owner(kept, [](void *one) noexcept { delete static_cast<std::vector<std::int64_t> *>(one); });
+    return {kept->data(), {kept->size()}, owner};
 }
 
-static void list_near(Points x, Points centres, Line reach, Write<std::int64_t, -1> first,
-                      Write<std::int64_t, -1> panel) {
-    same(centres.shape(0), reach.shape(0)), same(first.shape(0), x.shape(0) + 1);
-    same(panel.shape(0), std::size_t(first.data()[x.shape(0)]));
+static std::pair<Numbers, Numbers> near_pairs(Points x, Points centres, Line reach) {
+    same(centres.shape(0), reach.shape(0));
+    std::vector<std::int64_t> first(x.shape(0) + 1), panel;
+    {
+        nb::gil_scoped_release release;
+        panel = active->near_pairs(x.data(), x.shape(0), centres.data(), reach.data(), centres.shape(0), first.data());
+    }
+    return {array_of(std::move(first)), array_of(std::move(panel))};
+}
+
+static void block_order(Points points, std::int64_t each, Write<std::int64_t, -1> order) {
+    same(points.shape(0), order.shape(0));
+    if (each < 1) throw nb::value_error("blocks of no points");
     nb::gil_scoped_release release;
-    active->near_pairs(x.data(), x.shape(0), centres.data(), reach.data(), centres.shape(0), first.data(), panel.data());
+    active->block_order(points.data(), points.shape(0), each, order.data());
 }
 
 static void near(bool single_layer, Points targets, Index pair_target, Index pair_panel, Read<double, -1, 6, 3> panels,
@@ -530,6 +556,8 @@ NB_MODULE(_kernels, m) {
     m.def("dual_matrix_float64", &both_layers<double>);
     m.def("few_products_float32", &few<float>);
     m.def("few_products_float64", &few<double>);
+    m.def("orthonormalise_float32", &orthonormalise<float>);
+    m.def("orthonormalise_float64", &orthonormalise<double>);
     m.def("apply_double_layer_float32", &layer<float>);
     m.def("apply_double_layer_float64", &layer<double>);
     m.def("apply_monopoles_float32", &monopoles<float>);
@@ -545,8 +573,8 @@ NB_MODULE(_kernels, m) {
     m.def("detoured_waves", &detoured);
     m.def("chebyshev_sum_float32", &chebyshev<float>);
     m.def("chebyshev_sum_float64", &chebyshev<double>);
-    m.def("count_near", &count_near);
-    m.def("list_near", &list_near);
+    m.def("near_pairs", &near_pairs);
+    m.def("block_order", &block_order);
     m.def("closest_on_panels", &closest);
     m.def("near_integrals", &near);
     m.def("hull_distances", &apart_from_hulls);

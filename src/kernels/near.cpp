@@ -18,13 +18,28 @@ constexpr int largest_rule = 40;
 
 constexpr int whole(int count) { return (count + vector - 1) / vector * vector; }
 
-struct GaussRule {
-    const double *nodes, *weights;
+constexpr int at_once = 8;  // points of a rule, which most have fewer of: they are taken together, those of no meaning too
+
+// Rules in the working precision, with room after the last one for points of no meaning
+template <class Real> struct Rules {
+    std::vector<Real> nodes, weights;
+    int largest;
+    Real angular, radial;
+    explicit Rules(const NearRule &rule)
+        : largest(std::min(int(rule.largest), largest_rule)), angular(Real(rule.angular)), radial(Real(rule.radial)) {
+        const int all = largest * (largest + 1) / 2;
+        nodes.assign(rule.nodes, rule.nodes + all), weights.assign(rule.weights, rule.weights + all);
+        nodes.resize(all + at_once), weights.resize(all + at_once);
+    }
+};
+
+template <class Real> struct GaussRule {
+    const Real *nodes, *weights;
     int n;
-    GaussRule(const NearRule &rule, int points) {
-        n = std::max(1, std::min({points, int(rule.largest), largest_rule}));
-        nodes = rule.nodes + (n * (n - 1)) / 2;
-        weights = rule.weights + (n * (n - 1)) / 2;
+    GaussRule(const Rules<Real> &rules, int points) {
+        n = std::max(1, std::min(points, rules.largest));
+        nodes = rules.nodes.data() + (n * (n - 1)) / 2;
+        weights = rules.weights.data() + (n * (n - 1)) / 2;
     }
 };
 
@@ -35,8 +50,20 @@ struct Moments {
 // Points on rays from the closest point: how far along their ray, before the stretching is undone; ray; stretched by asinh of
 // what; weight of all but the radius and the area element
 template <class Real> struct Points {
-    Real along[most_points], ray_u[most_points], ray_v[most_points], scale[most_points], weight[most_points];
+    static constexpr int room = most_points + at_once;
+    Real along[room], ray_u[room], ray_v[room], scale[room], weight[room];
     int n = 0;
+
+    void put(const GaussRule<Real> &rule, Real stretch, Real u, Real v, Real by, Real area) {
+        for (int begin = 0; begin < rule.n; begin += at_once)
+#pragma omp simd
+            for (int l = 0; l < at_once; l++) {
+                const int to = n + begin + l;
+                along[to] = rule.nodes[begin + l] * stretch, weight[to] = rule.weights[begin + l] * area;
+                ray_u[to] = u, ray_v[to] = v, scale[to] = by;
+            }
+        n += rule.n;
+    }
 };
 
 enum class Kernel { Double, Single, Mixed };  // layers; mixed, the double layer and a single one of a given strength
@@ -183,12 +210,12 @@ template <class Real> struct Triangles {
 // Rays from the closest points to the edges, before and after the stretching of their angle; those of a pair follow each
 // other
 template <class Real> struct Rays {
-    static constexpr int most = whole(3 * some * largest_rule);
+    static constexpr int most = whole(3 * some * largest_rule + at_once);
     Real t[most], weight[most], centre[most], wide[most], length2[most], high2[most], along_u[most], along_v[most];
     Real u[most], v[most], inverse[most], scale[most], stretch[most];
     int begin[some + 1];
 
-    Rays(const Group<Real> &group, const NearRule &rule) {
+    Rays(const Group<Real> &group, const Rules<Real> &rules) {
         const Triangles<Real> of(group);
         int n = 0;
         for (int l = 0; l < group.count; l++) {
@@ -196,16 +223,19 @@ template <class Real> struct Rays {
             for (int e = 0; e < 3; e++) {
                 if (of.area[e][l] < Real(1e-10)) continue;  // the closest point is on this edge
                 const Real start = of.t0[e][l], range = of.t1[e][l] - start, area = range * of.width[e][l] * of.area[e][l];
-                const GaussRule angular(rule, int(Real(rule.angular) * (1 + range / 6)));
-                for (int i = 0; i < angular.n; i++, n++) {
-                    t[n] = start + Real(angular.nodes[i]) * range;
-                    weight[n] = Real(angular.weights[i]) * area;
-                    centre[n] = of.middle[e][l], wide[n] = of.width[e][l];
-                    length2[n] = of.length2[e][l], high2[n] = of.high2[e][l];
-                    u[n] = of.u[e][l], v[n] = of.v[e][l];
-                    along_u[n] = Real(corner[e + 1][0] - corner[e][0]), along_v[n] = Real(corner[e + 1][1] - corner[e][1]);
-                    inverse[n] = group.stretched[l] ? Real(1 / group.height[l]) : Real(0);
-                }
+                const GaussRule<Real> angular(rules, int(rules.angular * (1 + range / 6)));
+                const Real over = group.stretched[l] ? Real(1 / group.height[l]) : Real(0);
+                const Real du = Real(corner[e + 1][0] - corner[e][0]), dv = Real(corner[e + 1][1] - corner[e][1]);
+                for (int first = 0; first < angular.n; first += at_once)
+#pragma omp simd
+                    for (int i = 0; i < at_once; i++) {
+                        const int to = n + first + i;
+                        t[to] = start + angular.nodes[first + i] * range, weight[to] = angular.weights[first + i] * area;
+                        centre[to] = of.middle[e][l], wide[to] = of.width[e][l];
+                        length2[to] = of.length2[e][l], high2[to] = of.high2[e][l];
+                        u[to] = of.u[e][l], v[to] = of.v[e][l], along_u[to] = du, along_v[to] = dv, inverse[to] = over;
+                    }
+                n += angular.n;
             }
         }
         begin[group.count] = n;
@@ -234,24 +264,20 @@ template <class Real> struct Rays {
 
 // Integrals over the panel of each pair of kernel times monomials
 template <Kernel kernel, class Real>
-void integrate(Group<Real> &group, Wave<Real> k, const NearRule &rule, Moments *sums) {
+void integrate(Group<Real> &group, Wave<Real> k, const Rules<Real> &rules, Moments *sums) {
     group.find_closest();
-    const Rays<Real> rays(group, rule);
+    const Rays<Real> rays(group, rules);
     Points<Real> points;
     for (int pair = 0; pair < group.count; pair++) {
         const bool stretched = group.stretched[pair];
         const double u = group.closest.u[pair], v = group.closest.v[pair];
         sums[pair] = Moments();
         for (int i = rays.begin[pair]; i < rays.begin[pair + 1]; i++) {
-            const GaussRule radial(rule, int(Real(rule.radial) * (stretched ? 1 + Real(0.5) * rays.stretch[i] : Real(1))));
+            const Real stretch = rays.stretch[i];
+            const GaussRule<Real> radial(rules, int(rules.radial * (stretched ? 1 + Real(0.5) * stretch : Real(1))));
             if (points.n + radial.n > most_points)
                 add_points<kernel>(group.patches, pair, u, v, stretched, points, k, group.strength[pair], sums[pair]);
-            for (int l = 0; l < radial.n; l++, points.n++) {
-                points.along[points.n] = Real(radial.nodes[l]) * rays.stretch[i];
-                points.ray_u[points.n] = rays.u[i], points.ray_v[points.n] = rays.v[i];
-                points.scale[points.n] = rays.scale[i];
-                points.weight[points.n] = rays.weight[i] * Real(radial.weights[l]);
-            }
+            points.put(radial, stretch, rays.u[i], rays.v[i], rays.scale[i], rays.weight[i]);
         }
         add_points<kernel>(group.patches, pair, u, v, stretched, points, k, group.strength[pair], sums[pair]);
     }
@@ -264,13 +290,14 @@ void near_integrals(bool single_layer, const double *targets, const std::int64_t
                     const double *contact, Wavenumber k, NearRule rule,
                     std::complex<double> *out, double *distance, double *reference) {
     const Wave<double> wave(k);
+    const Rules<double> rules(rule);
 #pragma omp parallel for schedule(dynamic, 4) if (pairs > 64)
     for (std::int64_t first = 0; first < pairs; first += some) {
         Group<double> group;
         Moments sums[some];
         for (std::int64_t e = first; e < std::min(pairs, first + some); e++)
             group.put(quadratic_triangles + 18 * pair_panel[e], targets + 3 * pair_target[e], contact[pair_panel[e]], 0);
-        (single_layer ? integrate<Kernel::Single, double> : integrate<Kernel::Double, double>)(group, wave, rule, sums);
+        (single_layer ? integrate<Kernel::Single, double> : integrate<Kernel::Double, double>)(group, wave, rules, sums);
         for (int l = 0; l < group.count; l++) {
             const std::int64_t e = first + l;
             distance[e] = group.distance[l];
@@ -315,6 +342,7 @@ void excess_of_all(const double *targets, std::int64_t n, const std::int64_t *fi
                    std::complex<double> *out) {
     constexpr Kernel kernel = Mixed ? Kernel::Mixed : Kernel::Double;
     const Wave<Real> wave(k);
+    const Rules<Real> rules(rule);
     const Real nearest = Real(least * least);
     std::vector<std::int64_t> target(first[n]);
     for (std::int64_t i = 0; i < n; i++) std::fill(target.begin() + first[i], target.begin() + first[i + 1], i);
@@ -331,7 +359,7 @@ void excess_of_all(const double *targets, std::int64_t n, const std::int64_t *fi
             group.put(quadratic_triangles + 18 * panel, targets + 3 * target[e], contact[panel], strength);
             plain.put(targets + 3 * target[e], sources + 18 * panel, normal, Mixed ? single + 6 * panel : nullptr);
         }
-        integrate<kernel, Real>(group, wave, rule, sums);
+        integrate<kernel, Real>(group, wave, rules, sums);
         plain.evaluate(wave, nearest);
         for (int pair = 0; pair < group.count; pair++) {
             const std::int64_t e = begin + pair;

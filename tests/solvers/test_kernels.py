@@ -443,10 +443,7 @@ def test_flat_panel_fills_its_solid_angle():
 def test_near_pairs_are_those_within_reach(reach):
     points, centres = scattered_points(1, 50), scattered_points(2, 80)
     points[:5] = centres[:5]
-    first = np.zeros(51, dtype=np.int64)
-    _kernels.count_near(points, centres, reach, first)
-    panel = np.empty(first[-1], dtype=np.int64)
-    _kernels.list_near(points, centres, reach, first, panel)
+    first, panel = _kernels.near_pairs(points, centres, reach)
     expected = np.nonzero(np.linalg.norm(points[:, None] - centres[None], axis=2) < reach)
     assert np.array_equal(np.repeat(np.arange(50), np.diff(first)), expected[0])
     assert np.array_equal(panel, expected[1])

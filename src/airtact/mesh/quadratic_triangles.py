@@ -133,9 +133,17 @@ def gauss_square(points: int) -> tuple[Float64[np.ndarray, "points 2"], Float64[
 
 def enclosed_volume(quadratic_triangles: QuadraticTriangles) -> float:
     """Volume inside closed panels [m³], exact for the quadratic surface."""
-    references, weights = gauss_square(3)
-    points = shape_functions(references) @ (quadratic_triangles - quadratic_triangles.mean(axis=(0, 1)))
-    return float(weights @ np.einsum("tqd,tqd->q", points, _normals(quadratic_triangles, references)) / 3)
+    nodes = quadratic_triangles.transpose(2, 1, 0).reshape(3, 6, -1)
+    at, along_u, along_v = np.split(_volume_rule() @ (nodes - nodes.mean(axis=(1, 2), keepdims=True)), 3, axis=1)
+    normals = along_u[[1, 2, 0]] * along_v[[2, 0, 1]] - along_u[[2, 0, 1]] * along_v[[1, 2, 0]]
+    return float(gauss_square(3)[1] @ (at * normals).sum(axis=(0, 2)) / 3)
+
+
+@cache
+def _volume_rule() -> Float64[np.ndarray, "functions 6"]:
+    """Shape functions at the points of a Gauss rule, then their derivatives along u and along v."""
+    references, _ = gauss_square(3)
+    return np.concatenate([shape_functions(references), *shape_gradients(references)])
 
 
 def panel_areas(quadratic_triangles: QuadraticTriangles) -> Float64[np.ndarray, "panels"]:

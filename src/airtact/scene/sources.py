@@ -98,8 +98,8 @@ def nearest_source(
     if not len(some) or not len(points):
         return np.full(len(points), np.inf), np.zeros(len(points), dtype=np.int64)
     if len(some) <= FEW_SOURCES:
-        distances = cdist(points, sources.positions[some])
-        return distances.min(axis=1), some[distances.argmin(axis=1)]
+        distances = cdist(sources.positions[some], points)
+        return distances.min(axis=0), some[distances.argmin(axis=0)]
     found = KDTree(sources.positions).query(points, distance_upper_bound=2 * within)  # nothing farther matters
     distance, source = (np.asarray(part) for part in found)
     return distance, source

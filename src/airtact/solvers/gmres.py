@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Complex, Complex128, Float64
 
 from airtact.conventions import NotConverged
+from airtact.solvers.loops import loop
 
 ORDINARY = 3.0
 """Error of a solution over its relative residual, at most, of the equations of bodies without cavities: 1.3 to 2.7."""
@@ -52,15 +53,21 @@ def gmres(
     basis = np.empty((sides, most_iterations + 1, unknowns), dtype=right_sides.dtype)
     basis[:, 0] = right_sides / scale
     fits, residuals = [_Rotated() for _ in range(sides)], np.ones(sides)
+    orthonormalise = loop("orthonormalise", "float32" if basis.dtype == np.complex64 else "float64")
     for step in range(most_iterations):
-        grown = product(basis[:, step])
-        for fit, vector, vectors in zip(fits, grown, basis, strict=True):
-            fit.add(_make_orthogonal(vector, vectors[: step + 1]))
+        grown = np.ascontiguousarray(product(basis[:, step]), dtype=basis.dtype)
+        columns = np.empty((sides, step + 2), dtype=np.complex128)
+        orthonormalise(basis, step + 1, grown, columns)
         basis[:, step + 1] = grown
+        for fit, column in zip(fits, columns.tolist(), strict=True):
+            fit.add(column)
         residuals = np.where(norms > 0, [fit.residual for fit in fits], 0)
         last = step == most_iterations - 1
-        if residuals.max(initial=0) < tolerance and (last or all(fit.settled(error) for fit in fits)):
-            sums = [_sum(fit.weights(), vectors) for fit, vectors in zip(fits, basis, strict=True)]
+        if residuals.max(initial=0) >= tolerance:
+            continue
+        weights = [fit.weights() for fit in fits]
+        if last or all(fit.settled(error, one) for fit, one in zip(fits, weights, strict=True)):
+            sums = [_sum(one, vectors) for one, vectors in zip(weights, basis, strict=True)]
             return GmresResult(np.array(sums).reshape(sides, unknowns) * scale, residuals, step + 1)
     raise NotConverged(
         f"GMRES stopped at a relative residual of {residuals.max():.1e} (wanted {tolerance:.0e}) after "
@@ -98,15 +105,15 @@ class _Rotated:
         last = self._right[-1]
         self._right[-1:] = [cosine * last, -sine.conjugate() * last]
 
-    def settled(self, error: float) -> bool:
-        """Whether the solution's relative error is at most about ``error``, or ``ORDINARY`` times the residual.
+    def settled(self, error: float, weights: Complex128[np.ndarray, "steps"]) -> bool:
+        """Whether the relative error of the solution with some weights is at most about ``error``, or ``ORDINARY`` times the residual.
 
         The error is at most the residual over the least singular value of A; that of H stands for it.
         """
         if math.isinf(error):
             return True
         least = float(np.linalg.svd(self._triangle(), compute_uv=False)[-1])
-        size = least * float(np.linalg.norm(self.weights()))
+        size = least * float(np.linalg.norm(weights))
         return self.residual <= error * size or ORDINARY * size >= 1.0
 
     def weights(self) -> Complex128[np.ndarray, "steps"]:
@@ -122,22 +129,6 @@ class _Rotated:
         for index, column in enumerate(self._columns):
             triangle[: index + 1, index] = column
         return triangle
-
-
-# Vector by vector, not by matrix products: BLAS threads keep spinning and would take a core from the next product.
-def _make_orthogonal(
-    grown: Complex[np.ndarray, "unknowns"], basis: Complex[np.ndarray, "vectors unknowns"]
-) -> list[complex]:
-    """Orthonormalise a vector against the basis, in place; returns its column of H."""
-    entries = []
-    for vector in basis:
-        overlap = np.vdot(vector, grown)
-        grown -= overlap * vector
-        entries.append(complex(overlap))
-    length = np.linalg.norm(grown)
-    if length > 0:
-        grown /= length
-    return [*entries, complex(length)]
 
 
 def _sum(

@@ -6,13 +6,11 @@ import os
 def available_memory() -> float:
     """Return the bytes available without swapping; infinity where the system does not report them."""
     try:
-        with open("/proc/meminfo", encoding="ascii") as lines:
-            for line in lines:
-                if line.startswith("MemAvailable:"):
-                    return 1024.0 * int(line.split()[1])
+        with open("/proc/meminfo", "rb", buffering=0) as file:
+            _, found, rest = (file.read(4096) or b"").partition(b"MemAvailable:")
     except OSError:
         return float("inf")
-    return float("inf")
+    return 1024.0 * int(rest.split(maxsplit=1)[0]) if found else float("inf")
 
 
 def processor_count() -> int:

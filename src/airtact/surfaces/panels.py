@@ -96,7 +96,9 @@ def panels_of(
     finer = [partial(shapes[index].panels, FACED * edge, bend, away) for index in walls]
     for index, panels in zip(walls, finer_where_faced([whole[index] for index in walls], finer), strict=True):
         whole[index] = panels
-    whole = [halved_in_corners(panels) for panels in whole]
+    whole = [
+        panels if shape.thinnest else halved_in_corners(panels) for panels, shape in zip(whole, shapes, strict=True)
+    ]
     bodies = []
     for index, shape in enumerate(shapes):
         others = [np.empty((0, 3))] + [panels.reshape(-1, 3) for other, panels in enumerate(whole) if other != index]

@@ -44,32 +44,9 @@ def block_order(centres: Float64[np.ndarray, "panels 3"]) -> Int64[np.ndarray, "
     The panels are bisected across the direction of their largest extent, and each half again. Bodies that move keep
     their blocks.
     """
-    done, waiting = [], [np.arange(len(centres))]
-    while waiting:
-        some = waiting.pop()
-        blocks = -(-len(some) // PANELS)
-        if blocks <= 1:
-            done.append(some)
-            continue
-        off = centres[some] - centres[some].mean(axis=0)
-        along = off @ _longest(off)
-        some = some[np.argsort(_rounded(along / np.abs(along).max()), kind="stable")]
-        middle = PANELS * (blocks // 2)
-        waiting += [some[middle:], some[:middle]]  # so that only the last block may be incomplete
-    return np.concatenate(done)
-
-
-def _longest(off: Float64[np.ndarray, "panels 3"]) -> Float64[np.ndarray, "3"]:
-    """Direction in which points around the origin extend farthest: by powers of their covariance, from the farthest."""
-    size = np.einsum("pd,pd->p", off, off)
-    spread = np.linalg.matrix_power(off.T @ off / size.sum(), 16)
-    along = spread @ off[_rounded(size / size.max()).argmax()]
-    return along / np.linalg.norm(along)
-
-
-def _rounded(parts: Float64[np.ndarray, "parts"]) -> Int64[np.ndarray, "parts"]:
-    """Parts of 1 in millionths, so that symmetric panels do not differ by rounding."""
-    return np.rint(1e6 * parts).astype(np.int64)
+    order = np.empty(len(centres), dtype=np.int64)
+    _kernels.block_order(np.ascontiguousarray(centres), PANELS, order)
+    return order
 
 
 def near_blocks(

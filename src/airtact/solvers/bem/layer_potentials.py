@@ -223,9 +223,7 @@ def project_contacts(
 
 def near_surface(nodes: Nodes, points: Real[np.ndarray, "points 3"], reach: float) -> Bool[np.ndarray, "points"]:
     """Whether any panel's centre lies within ``reach`` of its radii from points (P, 3)."""
-    first = np.empty(len(points) + 1, dtype=np.int64)
-    _kernels.count_near(np.ascontiguousarray(points, dtype=np.float64), nodes.centres, reach * nodes.radii, first)
-    return np.diff(first) > 0
+    return np.diff(near_lists(nodes, points, reach * nodes.radii)[0]) > 0
 
 
 def _in_box(nodes: Nodes, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:

@@ -155,12 +155,8 @@ def near_lists(
     nodes: Nodes, points: Real[np.ndarray, "points 3"], limits: Float64[np.ndarray, "panels"]
 ) -> tuple[Int64[np.ndarray, "bounds"], Int64[np.ndarray, "pairs"]]:
     """Where each point's panels begin, and panels whose centre is nearer to it than the panel's limit [m]."""
-    points = np.ascontiguousarray(points, dtype=np.float64)
-    first = np.zeros(len(points) + 1, dtype=np.int64)
-    _kernels.count_near(points, nodes.centres, limits, first)
-    panel = np.empty(first[-1], dtype=np.int64)
-    _kernels.list_near(points, nodes.centres, limits, first, panel)
-    return first, panel
+    first, panel = _kernels.near_pairs(np.ascontiguousarray(points, dtype=np.float64), nodes.centres, limits)
+    return first.view(np.int64), panel.view(np.int64)  # NumPy has two names for the same numbers
 
 
 def find_near(
