@@ -161,11 +161,11 @@ void add_four(const Store *rows, std::int64_t count, const Real *weights, std::i
         for (int r = 0; r < rows_at_once; r++) {
             const Real p = first(row[r], l), q = first(row[r] + stored<Store>, l);
             const Real o = second(row[r], l), w = second(row[r] + stored<Store>, l);
-            x += p * c[r][0] - q * d[r][0], y += p * d[r][0] + q * c[r][0];
-            u += o * c[r][0] - w * d[r][0], v += o * d[r][0] + w * c[r][0];
+            x += p * c[r][0], y += p * d[r][0], u += o * c[r][0], v += o * d[r][0];  // one by one, or each pair takes three steps
+            x -= q * d[r][0], y += q * c[r][0], u -= w * d[r][0], v += w * c[r][0];
             if (N == 1) continue;
-            x2 += p * c[r][1] - q * d[r][1], y2 += p * d[r][1] + q * c[r][1];
-            u2 += o * c[r][1] - w * d[r][1], v2 += o * d[r][1] + w * c[r][1];
+            x2 += p * c[r][1], y2 += p * d[r][1], u2 += o * c[r][1], v2 += o * d[r][1];
+            x2 -= q * d[r][1], y2 += q * c[r][1], u2 -= w * d[r][1], v2 += w * c[r][1];
         }
         re[l] = x, im[l] = y, re[h] = u, im[h] = v;
         if (N > 1) re2[l] = x2, im2[l] = y2, re2[h] = u2, im2[h] = v2;
@@ -293,7 +293,8 @@ void multiply_many(const Store *rows, std::int64_t count, const Lanes<Real> *v, 
 #pragma GCC unroll 4
             for (int r = 0; r < tile; r++) {
                 const Real p = row[r][l], q = row[r][lanes + l];
-                re[r] += p * x - q * y, im[r] += p * y + q * x;
+                re[r] += p * x, im[r] += p * y;
+                re[r] -= q * y, im[r] += q * x;
             }
         }
         for (std::int64_t r = 0; r < tile && top + r < count; r++)
@@ -314,7 +315,8 @@ void add_many(const Store *rows, std::int64_t count, const Lanes<Real> *weights,
 #pragma GCC unroll 4
             for (int r = 0; r < tile; r++) {
                 const Real p = row[r][l], q = row[r][lanes + l];
-                re += p * x[r] - q * y[r], im += p * y[r] + q * x[r];
+                re += p * x[r], im += p * y[r];
+                re -= q * y[r], im += q * x[r];
             }
             sums[2 * l] = re, sums[2 * l + 1] = im;
         }

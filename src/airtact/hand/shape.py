@@ -29,6 +29,10 @@ MOST_KEYFRAMES = 16
 """Longest chain of keyframes: to deform a mesh along it takes no longer than to make it anew."""
 
 
+PANELS_OFF = 0.05
+"""Share of a ball's diameter by which it may reach out of the body: panels lie a little off it."""
+
+
 @dataclass(frozen=True, eq=False)
 class HandShape(Shape):
     """The exact body of a hand, wherever it was moved.
@@ -96,6 +100,16 @@ class HandShape(Shape):
         """
         alone = bool((self.hulls.apart + np.eye(len(self.hulls.parts)) == 1.0).all())
         return 2.0 * self.hulls.thinnest if alone else 0.0
+
+    def thickness_at(
+        self, points: Real[np.ndarray, "points 3"], normals: Float64[np.ndarray, "points 3"], most: float
+    ) -> Float64[np.ndarray, "points"]:
+        """Diameter (P,) [m] of a ball inside at each point, to within ``PANELS_OFF``: ``most`` where that fits."""
+        least = self.least_thickness
+        if least >= most:
+            return np.full(len(points), least)
+        fits = self.depth(points - 0.5 * most * normals) >= 0.5 * (1.0 - PANELS_OFF) * most
+        return np.where(fits, most, least)
 
     def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
         """Distance to the skin [m] of points (P, 3) [m], positive inside."""

@@ -43,19 +43,18 @@ def are_flat(panels: QuadraticTriangles) -> Bool[np.ndarray, "panels"]:
 
 def halved_in_corners(panels: QuadraticTriangles) -> Float64[np.ndarray, "pieces 6 3"]:
     """Cut flat panels of a body in four that meet another in a corner which opens towards the sound."""
-    flat = are_flat(panels)
-    if not flat.any():
+    flat = np.flatnonzero(are_flat(panels))
+    if not len(flat):
         return panels.copy()  # what is returned may be changed in place
-    middles = panels[:, 3:].reshape(-1, 3)
+    middles = panels[flat, 3:].reshape(-1, 3)
     edge = np.unique(np.round(middles / MET), axis=0, return_inverse=True)[1].ravel()
     order = np.argsort(edge, kind="stable")
     first = np.flatnonzero(edge[order][:-1] == edge[order][1:])
     one, other = order[first], order[first + 1]
-    centres, normals = middles_of(panels)
+    centres, normals = middles_of(panels[flat])
     rising = np.einsum("ed,ed->e", unit(centres[other // 3] - middles[one]), normals[one // 3]) > RISING
-    met = np.concatenate([one, other]).reshape(2, -1)[:, rising & flat[one // 3] & flat[other // 3]] // 3
     parts = np.ones(len(panels), dtype=np.int64)
-    parts[met] = 2
+    parts[flat[np.concatenate([one[rising], other[rising]]) // 3]] = 2
     return cut(panels, parts)[0]
 
 

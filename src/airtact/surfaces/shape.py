@@ -45,6 +45,15 @@ class Shape(ABC):
         """Diameter [m] that the largest ball inside has at least, wherever it touches the surface; 0 if unknown."""
         return self.thinnest
 
+    def thickness_at(
+        self, points: Real[np.ndarray, "points 3"], normals: Float64[np.ndarray, "points 3"], most: float
+    ) -> Float64[np.ndarray, "points"]:
+        """Diameter (P,) [m] that the largest ball inside has at least that touches the surface at each of some points.
+
+        The points (P, 3) [m] have outward normals (P, 3); diameters above ``most`` [m] are of no interest.
+        """
+        return np.full(len(points), self.least_thickness)
+
     @property
     def crossings(self) -> Int64[np.ndarray, "crossings 2"]:
         """Pairs of triangles (K, 2) that cross or touch beyond what they share as neighbours."""

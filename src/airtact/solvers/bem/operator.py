@@ -51,6 +51,9 @@ class DualSurface:
     __repr__ = in_short
 
 
+THICK = 2 / 3
+"""Wavelengths of thickness from which on a body is no longer thin."""
+
 Geometry = tuple[
     Float64[np.ndarray, "rows 3"],
     Float64[np.ndarray, "groups 3"],
@@ -68,15 +71,15 @@ def dual_surface(
     wavenumber: complex,
     near_rule: NearRule,
     precision: str,
-    thinnest: Float64[np.ndarray, "bodies"] | None = None,
+    least: Float64[np.ndarray, "nodes"] | None = None,
 ) -> DualSurface:
     """Put the second surface 0.2 λ under the surface, or 0.3 of the local thickness where the body is thin.
 
-    Three neighbours on a panel share one point of it: a third fewer kernels for the same accuracy. ``thinnest`` is a
-    lower bound of each body's thickness [m].
+    Three neighbours on a panel share one point of it: a third fewer kernels for the same accuracy. ``least`` is a
+    lower bound of the thickness at each node [m].
     """
     wavelength = 2 * np.pi / wavenumber.real
-    depth = 0.3 * thickness(nodes, 2 / 3 * wavelength, thinnest)
+    depth = 0.3 * thickness(nodes, THICK * wavelength, least)
     inside = (nodes.points - depth[:, None] * nodes.normals).reshape(-1, _kernels.sharing, 3)
     return DualSurface(nodes, inside.mean(axis=1), wavenumber, near_rule, precision)
 

@@ -191,22 +191,20 @@ def integrate_near(
 
 
 def thickness(
-    nodes: Nodes, largest: float, thinnest: Float64[np.ndarray, "bodies"] | None = None
+    nodes: Nodes, largest: float, least: Float64[np.ndarray, "nodes"] | None = None
 ) -> Float64[np.ndarray, "nodes"]:
     """Diameter of the largest ball inside the body that touches the surface at each node [m], at most ``largest``.
 
-    Bodies that ``thinnest`` shows to be as thick as that everywhere are skipped.
+    Nodes where the body is known to be as thick as that, by the ``least`` that it is there, are skipped.
 
     A ball that reaches no other node may still reach the surface between nodes, so it is shrunk until the point of the
     panels nearest to its centre is on it (J. Ma, S. W. Bae, S. Choi, The Visual Computer 28, 7 (2012)).
     """
     diameter = np.full(len(nodes.points), float(largest))
-    if thinnest is not None and thinnest.min() >= largest:
+    unknown = np.flatnonzero(least < largest) if least is not None else np.arange(len(nodes.points))
+    if not len(unknown):
         return diameter
-    node, panel = _facing(nodes, largest)
-    if thinnest is not None:
-        thin = thinnest[nodes.body[node]] < largest
-        node, panel = node[thin], panel[thin]
+    node, panel = _facing(nodes, unknown, largest)
     np.minimum.at(diameter, node, _meeting_diameters(nodes, node, panel))
     some = np.unique(node)
     tree = panel_tree(nodes.quadratic_triangles)
@@ -223,14 +221,16 @@ def thickness(
     return diameter
 
 
-def _facing(nodes: Nodes, largest: float) -> tuple[Int64[np.ndarray, "pairs"], Int64[np.ndarray, "pairs"]]:
-    """Nodes and panels of their body that their largest ball may reach and that do not face the way they do.
+def _facing(
+    nodes: Nodes, some: Int64[np.ndarray, "some_nodes"], largest: float
+) -> tuple[Int64[np.ndarray, "pairs"], Int64[np.ndarray, "pairs"]]:
+    """Some nodes and panels of their body that their largest ball may reach and that do not face the way they do.
 
     No point of a panel is farther than ``COVERED`` of its radii from a node.
     """
     centres = nodes.points - 0.5 * largest * nodes.normals
-    first, panel = near_lists(nodes, centres, 0.5 * largest + nodes.radii)
-    node = np.repeat(np.arange(len(centres)), np.diff(first))
+    first, panel = near_lists(nodes, centres[some], 0.5 * largest + nodes.radii)
+    node = np.repeat(some, np.diff(first))
     facing = nodes.normals.reshape(-1, 6, 3).mean(axis=1)
     apart = np.einsum("ed,ed->e", facing[panel], nodes.normals[node]) < MAY_FACE_AWAY
     apart &= nodes.body[6 * panel] == nodes.body[node]

@@ -39,6 +39,7 @@ from airtact.solvers.bem.images import surface_with_images, values_with_images
 from airtact.solvers.bem.layer_potentials import NearRule, near_surface
 from airtact.solvers.bem.moving_panels import MovingPanels
 from airtact.solvers.bem.operator import (
+    THICK,
     DualMatrix,
     DualSurface,
     Store,
@@ -416,8 +417,12 @@ class BoundaryElement(Solver):
         return gmres(product, sides, tolerance, SOLUTION_ERROR * self.accuracy, most_iterations=most_iterations)
 
     def _surface(self, nodes: Nodes, scene: Scene, obstacles: Sequence[Obstacle]) -> DualSurface:
-        thinnest = np.array([obstacle.surface.shape.least_thickness for obstacle in obstacles])
-        return dual_surface(nodes, scene.wavenumber, self._near_rule(), self.precision, thinnest)
+        least = np.empty(len(nodes.points))
+        for index, obstacle in enumerate(obstacles):
+            own = nodes.body == index
+            placed = nodes.points[own], nodes.normals[own]
+            least[own] = obstacle.surface.shape.thickness_at(*placed, THICK * scene.wavelength)
+        return dual_surface(nodes, scene.wavenumber, self._near_rule(), self.precision, least)
 
     def _panels(self, scene: Scene, refined: Real[np.ndarray, "points 3"]) -> Panels:
         smallest = self._smallest(scene)
