@@ -18,6 +18,11 @@ constexpr std::int64_t many = 2000;  // points, below which one thread has done 
 // Parts of 1 in millionths, so that symmetric points do not differ by rounding
 std::int64_t rounded(double part) { return std::llrint(1e6 * part); }
 
+double squared(const double *one, const double *other) {  // distance
+    const double x = one[0] - other[0], y = one[1] - other[1], z = one[2] - other[2];
+    return x * x + y * y + z * z;
+}
+
 // Boxes as wide as the largest ball, each with the balls that may reach into it
 struct Boxes {
     static constexpr std::int64_t most = 64;  // along each axis
@@ -97,6 +102,39 @@ std::vector<std::int64_t> near_pairs(const double *targets, std::int64_t n, cons
     all.reserve(first[n]);
     for (std::int64_t part = 1; part < parts; part++) all.insert(all.end(), found[part].begin(), found[part].end());
     return all;
+}
+
+void panel_distances(const double *panels, std::int64_t n, const double *points, std::int64_t count, double within,
+                     double *distance) {
+    constexpr int nodes = 6, samples = nodes + 1;
+    double lower[3], upper[3];
+    for (int d = 0; d < 3; d++) lower[d] = std::numeric_limits<double>::infinity(), upper[d] = -lower[d];
+    for (std::int64_t i = 0; i < 3 * nodes * n; i++)
+        lower[i % 3] = std::min(lower[i % 3], panels[i] - within), upper[i % 3] = std::max(upper[i % 3], panels[i] + within);
+    std::vector<double> near;
+    for (std::int64_t i = 0; i < count; i++) {
+        const double *const p = points + 3 * i;
+        if (p[0] > lower[0] && p[0] < upper[0] && p[1] > lower[1] && p[1] < upper[1] && p[2] > lower[2] && p[2] < upper[2])
+            near.insert(near.end(), p, p + 3);
+    }
+    const std::int64_t left = near.size() / 3;
+#pragma omp parallel for schedule(static) if (n * left > 500000)
+    for (std::int64_t t = 0; t < n; t++) {
+        double at[samples][3], *const middle = at[nodes], radius = 0, least = within * within;
+        bool met = false;
+        std::copy(panels + 3 * nodes * t, panels + 3 * nodes * (t + 1), at[0]);
+        for (int d = 0; d < 3; d++) middle[d] = (at[0][d] + at[1][d] + at[2][d] + at[3][d] + at[4][d] + at[5][d]) / nodes;
+        for (int s = 0; s < nodes; s++) radius = std::max(radius, squared(at[s], middle));
+        const double reach = within + std::sqrt(radius), reach2 = reach * reach;
+        for (std::int64_t i = 0; i < left; i++) {
+            if (squared(&near[3 * i], middle) >= reach2) continue;
+            for (int s = 0; s < samples; s++) {
+                const double found = squared(&near[3 * i], at[s]);
+                if (found < least) least = found, met = true;
+            }
+        }
+        distance[t] = met ? std::sqrt(least) : std::numeric_limits<double>::infinity();
+    }
 }
 
 namespace {

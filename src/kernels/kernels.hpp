@@ -159,6 +159,10 @@ void chebyshev_sum(const Real *values, const std::int32_t *columns, const std::i
 std::vector<std::int64_t> near_pairs(const double *targets, std::int64_t n, const double *centres, const double *reach,
                                      std::int64_t panels, std::int64_t *first);
 
+// How far the point nearest to a panel is from its six nodes and their middle: the least of these, infinite from `within` on
+void panel_distances(const double *panels, std::int64_t n, const double *points, std::int64_t count, double within,
+                     double *distance);
+
 // Order of points in which each so many lie together: bisected across the direction of their largest extent, and each half
 // again, so that only the last ones may be fewer
 void block_order(const double *points, std::int64_t n, std::int64_t each, std::int64_t *order);

@@ -55,6 +55,7 @@ struct Variant {
     decltype(&baseline::detoured_waves) detoured_waves;
     decltype(&baseline::near_pairs) near_pairs;
     decltype(&baseline::block_order) block_order;
+    decltype(&baseline::panel_distances) panel_distances;
     decltype(&baseline::closest_on_panels) closest_on_panels;
     decltype(&baseline::near_integrals) near_integrals;
     decltype(&baseline::hull_distances) hull_distances;
@@ -75,7 +76,7 @@ struct Variant {
 #define AIRTACT_DUAL(v, Store)                                                                                       \
     Dual<Store> { &v::dual_blocks<Store>, &v::dual_low_rank<Store>, &v::dual_product<Store> }
 #define AIRTACT_TABLE(v)                                                                                             \
-    { #v, {AIRTACT_DUAL(v, std::uint32_t), AIRTACT_DUAL(v, float), AIRTACT_DUAL(v, double)}, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::apply_in_cells, &v::interpolate, &v::detoured_waves, &v::near_pairs, &v::block_order, &v::closest_on_panels, \
+    { #v, {AIRTACT_DUAL(v, std::uint32_t), AIRTACT_DUAL(v, float), AIRTACT_DUAL(v, double)}, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::apply_in_cells, &v::interpolate, &v::detoured_waves, &v::near_pairs, &v::block_order, &v::panel_distances, &v::closest_on_panels, \
       &v::near_integrals, &v::hull_distances, &v::blended_distance, &v::hull_gaps, &v::project_on_hulls, &v::grade_sizes, \
       &v::even_pass, &v::gerchberg_saxton, &v::surface_integral, &v::normal_derivative }
 
@@ -376,6 +377,12 @@ static std::pair<Numbers, Numbers> near_pairs(Points x, Points centres, Line rea
     return {array_of(std::move(first)), array_of(std::move(panel))};
 }
 
+static void panel_distances(Read<double, -1, 6, 3> panels, Points points, double within, Write<double, -1> distance) {
+    same(panels.shape(0), distance.shape(0));
+    nb::gil_scoped_release release;
+    active->panel_distances(panels.data(), panels.shape(0), points.data(), points.shape(0), within, distance.data());
+}
+
 static void block_order(Points points, std::int64_t each, Write<std::int64_t, -1> order) {
     same(points.shape(0), order.shape(0));
     if (each < 1) throw nb::value_error("blocks of no points");
@@ -575,6 +582,7 @@ NB_MODULE(_kernels, m) {
     m.def("chebyshev_sum_float64", &chebyshev<double>);
     m.def("near_pairs", &near_pairs);
     m.def("block_order", &block_order);
+    m.def("panel_distances", &panel_distances);
     m.def("closest_on_panels", &closest);
     m.def("near_integrals", &near);
     m.def("hull_distances", &apart_from_hulls);

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64, Real
 from scipy.spatial import KDTree
 
+from airtact import _kernels
 from airtact.mesh.quadratic_triangles import (
     QuadraticTriangles,
     cut,
@@ -133,10 +134,12 @@ def _refined(
             by_gaps = np.minimum(by_gaps, _allowed_by_own(panels, fresh))
         allowed = np.minimum(np.maximum(beside_point, by_points), np.maximum(in_gap, by_gaps))
         # all panels beside a point are fitted to the surface, or those left whole would stand off the others
-        beside = np.flatnonzero(fresh)[edges > np.minimum(by_points, by_gaps)]
-        panels[beside] = shape.fitted(panels[beside])
+        beside = edges > np.minimum(by_points, by_gaps)
+        if beside.any():
+            fitted = shape.fitted(panels[fresh][beside])
+            panels[np.flatnonzero(fresh)[beside]], edges[beside] = fitted, longest_edges(fitted)
         large = np.zeros(len(panels), dtype=bool)
-        large[fresh] = longest_edges(panels[fresh]) > allowed
+        large[fresh] = edges > allowed
         if not large.any():
             return panels
         panels, parents = cut(panels, np.where(large, 2, 1))
@@ -166,18 +169,9 @@ def _allowed(
     panels: QuadraticTriangles, edges: Float64[np.ndarray, "panels"], points: Points, factor: float
 ) -> Float64[np.ndarray, "panels"]:
     """Longest edge that some points allow each panel [m]; infinite where they allow more than any has."""
-    allowed = np.full(len(panels), np.inf)
-    if not len(points):
-        return allowed
-    reach = float(edges.max()) * 1.001 / factor
-    samples = np.concatenate([panels, panels.mean(axis=1, keepdims=True)], axis=1)
-    lower, upper = points.min(axis=0) - reach, points.max(axis=0) + reach
-    x, y, z = ((samples[:, :, axis] > lower[axis]) & (samples[:, :, axis] < upper[axis]) for axis in range(3))
-    within = (x & y & z).any(axis=1)
-    if within.any():
-        distance = KDTree(points).query(samples[within].reshape(-1, 3), distance_upper_bound=reach)[0]
-        allowed[within] = factor * distance.reshape(-1, 7).min(axis=1)
-    return allowed
+    distance = np.empty(len(panels))
+    _kernels.panel_distances(panels, points, float(edges.max()) * 1.001 / factor, distance)
+    return factor * distance
 
 
 def _off_triangles(panels: QuadraticTriangles, shape: Shape, probes: Points) -> tuple[float, float]:

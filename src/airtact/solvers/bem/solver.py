@@ -442,10 +442,10 @@ class BoundaryElement(Solver):
         return 0.5 * self.panel_edge(scene.wavelength) / math.sqrt(YIELDING if yielding else 1.0)
 
     def _bend(self) -> float:
-        """Angle that a panel of a round surface may bend by [rad]: 10, 8 or (for far fields only) 6 go around."""
+        """Angle that a panel of a round surface may bend by [rad]: 10, 7 or (for far fields only) 6 go around."""
         if self.accuracy < PREVIEWS:
             return BEND
-        return np.pi / 4 if self.accuracy < DRIVES or self.estimate else np.pi / 3
+        return 2 * np.pi / 7 if self.accuracy < DRIVES or self.estimate else np.pi / 3
 
     def _near_rule(self) -> NearRule:
         if self.precision == "float64":
