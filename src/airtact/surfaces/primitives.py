@@ -248,8 +248,13 @@ def _bands(around: int, length: float) -> int:
 
 def _count(rings: int, around: int, length: float) -> int:
     """Count the triangles of ``_mesh``."""
-    inner = sum(_points(ring, rings, around) for ring in range(1, rings))
-    return 2 * (2 * inner + around + around * _bands(around, length))
+    return 2 * (2 * _inner_points(rings, around) + around + around * _bands(around, length))
+
+
+@cache
+def _inner_points(rings: int, around: int) -> int:
+    """Count the points of a cap between its pole and its last ring."""
+    return sum(_points(ring, rings, around) for ring in range(1, rings))
 
 
 def _points(ring: int, rings: int, around: int) -> int:
