@@ -106,9 +106,9 @@ class _Rotated:
         self._right[-1:] = [cosine * last, -sine.conjugate() * last]
 
     def settled(self, error: float, weights: Complex128[np.ndarray, "steps"]) -> bool:
-        """Whether the relative error of the solution with some weights is at most about ``error``, or ``ORDINARY`` times the residual.
+        """Whether the solution with these weights is right to about ``error``, or to ``ORDINARY`` times the residual.
 
-        The error is at most the residual over the least singular value of A; that of H stands for it.
+        The relative error is at most the residual over the least singular value of A; that of H stands for it.
         """
         if math.isinf(error):
             return True

@@ -123,7 +123,8 @@ class Capsule(Shape):
         wanted = self.area / (np.sqrt(3) / 4 * edge**2)
         length, most = self.length / self.radius, math.ceil(max(2.0 * self.radius / edge, 2.0 / bend)) + 2
         least = 2.0 * math.pi / (1.001 * bend)
-        ways = [(m, around) for m in range(2, most + 1) for around in range(3 * m, 5 * m + 1) if around >= least]
+        # 3 or 4 points around for each ring of a cap, whose panels are about as high as wide then
+        ways = [(m, around) for m in range(2, most + 1) for around in range(3 * m, 4 * m + 1) if around >= least]
         counts = {way: _count(*way, length) for way in ways}
         enough = {way: count for way, count in counts.items() if count >= wanted}
         vertices, triangles = _mesh(*min(enough, key=enough.__getitem__), length)

@@ -224,7 +224,7 @@ def thickness(
 def _facing(
     nodes: Nodes, some: Int64[np.ndarray, "some_nodes"], largest: float
 ) -> tuple[Int64[np.ndarray, "pairs"], Int64[np.ndarray, "pairs"]]:
-    """Some nodes and panels of their body that their largest ball may reach and that do not face the way they do.
+    """Find panels of the body of some nodes that their largest ball may reach and that do not face the way they do.
 
     No point of a panel is farther than ``COVERED`` of its radii from a node.
     """
