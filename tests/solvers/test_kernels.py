@@ -79,6 +79,32 @@ def test_products_with_few_vectors_equal_numpy(shape, precision, kind, tolerance
         assert relative(out, vectors.astype(complex) @ whole.astype(complex)) < tolerance
 
 
+@pytest.mark.parametrize(("precision", "kind", "tolerance"), PRECISIONS)
+@pytest.mark.parametrize("count", [0, 1, 5])
+def test_vectors_are_made_orthogonal_to_their_basis(count, precision, kind, tolerance):
+    pick = np.random.default_rng(2)
+    bases = np.empty((3, 7, 90), kind)  # with room for two more vectors
+    for basis in bases:
+        basis[:5] = np.linalg.qr(pick.normal(size=(90, 5)) + 1j * pick.normal(size=(90, 5)))[0].T
+    given = (pick.normal(size=(3, 90)) + 1j * pick.normal(size=(3, 90))).astype(kind)
+    given[2] = 2j * bases[2, 0]
+    vectors, columns = given.copy(), np.empty((3, count + 1), complex)
+    getattr(_kernels, f"orthonormalise_{precision}")(bases, count, vectors, columns)
+    overlaps = np.einsum("svm,sm->sv", bases[:, :count].conj(), given)
+    left = given - np.einsum("sv,svm->sm", overlaps, bases[:, :count])
+    length = np.linalg.norm(left, axis=1)
+    assert np.allclose(columns[:, :count], overlaps, atol=30 * tolerance)
+    assert np.allclose(columns[:, count], length, atol=30 * tolerance)
+    assert np.allclose(vectors[:2], left[:2] / length[:2, None], atol=30 * tolerance)
+
+
+def test_vectors_of_no_length_stay_as_they_are():
+    vectors, columns = np.zeros((2, 9), np.complex64), np.empty((2, 1), complex)
+    _kernels.orthonormalise_float32(np.zeros((2, 3, 9), np.complex64), 0, vectors, columns)
+    assert not vectors.any()
+    assert not columns.any()
+
+
 def some_near_rows(seed: int, count: int, panels: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Two panels near every target, with numbers to add to the entries of their nodes."""
     pick = np.random.default_rng(seed)
@@ -437,6 +463,18 @@ def test_flat_panel_fills_its_solid_angle():
     angle = 2 * np.arctan2(a @ np.cross(b, c), na * nb * nc + (a @ b) * nc + (a @ c) * nb + (b @ c) * na)
     found, _, _ = near_moments(FLAT, target, 0j, (12, 12))
     assert found[0].real == pytest.approx(-angle / (4 * np.pi), rel=1e-7)
+
+
+@pytest.mark.parametrize("within", [1e-4, 0.01, 0.05, 1.0])
+@pytest.mark.parametrize("count", [0, 1, 300])
+def test_distances_of_panels_are_those_of_their_nodes_and_middles(count, within):
+    panels, points = scattered_points(3, 240).reshape(40, 6, 3), scattered_points(4, count)
+    distance = np.empty(40)
+    _kernels.panel_distances(panels, points, within, distance)
+    samples = np.concatenate([panels, panels.mean(axis=1, keepdims=True)], axis=1)
+    apart = np.linalg.norm(samples[:, :, None] - points, axis=3)
+    least = apart.min(axis=(1, 2), initial=np.inf)
+    assert np.allclose(distance, np.where(least < within, least, np.inf), rtol=1e-12)
 
 
 @pytest.mark.parametrize("reach", [np.linspace(0.01, 0.05, 80), np.geomspace(1e-6, 0.08, 80), np.full(80, 1e-9)])
