@@ -87,7 +87,8 @@ def test_times_are_written_with_their_spread() -> None:
     assert str(Timed((2.0, 3.0, 1.5))) == "2.00 s (1.50 to 3.00)"
     seen: list[int] = []
     took, results = timed([lambda step=step: seen.append(step) or step for step in range(4)])
-    assert (results, len(took.seconds), len(took.processor), seen) == ([1, 2, 3], 3, 3, [0, 1, 2, 3])
+    assert (results, len(took.seconds), len(took.processor), seen[-3:]) == ([1, 2, 3], 3, 3, [1, 2, 3])
+    assert set(seen[:-3]) == {0}
 
 
 def test_errors_and_likeness() -> None:

@@ -1,7 +1,6 @@
 """Use of the machine: kernel evaluations against its matrix product, peak memory against the matrix of a solve."""
 
 import sys
-import time
 from functools import partial
 
 import numpy as np
@@ -19,9 +18,6 @@ from airtact.solvers.bem.solver import BoundaryElement
 
 FLOPS = 56
 """Operations of one kernel evaluation, the gradient of a Green's function along a normal."""
-
-REST = 0.1
-"""Seconds after which the idle threads of a matrix product no longer spin and disturb ours."""
 
 PRODUCT = 2048
 """Side of the matrices whose product is timed."""
@@ -60,7 +56,6 @@ def _kernel_row(variant: str, surface: DualSurface, runs: int) -> Row:
     products, fills = [], []
     for _ in range(runs):  # in turn, so that both meet the same machine
         products += timed([partial(np.matmul, left, left)] * 2)[0].seconds
-        time.sleep(REST)
         fills += timed([fill] * 2)[0].seconds
     kernels = count * (count + len(shifted)) / Timed(tuple(fills)).median
     product = 2.0 * PRODUCT**3 / Timed(tuple(products)).median

@@ -31,9 +31,21 @@ class Timed:
         return f"{middle} {unit} ({low} to {high}{taken})"
 
 
+REST = 0.1
+"""Seconds after which the idle threads of a matrix product no longer spin and disturb ours."""
+
+
+AWAKE = 0.05
+"""Seconds of work after which a processor that rested is as quick as before."""
+
+
 def timed(jobs: Sequence[Callable[[], Result]]) -> tuple[Timed, list[Result]]:
-    """Run the first job to warm up, then time the others; return their times and what each of them gave."""
+    """Run the first job to warm up, rest, warm up again, then time the others; return times and what each of them gave."""
     jobs[0]()
+    time.sleep(REST)
+    woken = time.perf_counter()
+    while time.perf_counter() - woken < AWAKE:
+        jobs[0]()
     seconds, processor, results = [], [], []
     for job in jobs[1:]:
         began = time.perf_counter(), time.process_time()
