@@ -40,7 +40,7 @@ AWAKE = 0.05
 
 
 def timed(jobs: Sequence[Callable[[], Result]]) -> tuple[Timed, list[Result]]:
-    """Run the first job to warm up, rest, warm up again, then time the others; return times and what each of them gave."""
+    """Run the first job until the processor is warm, then time the others; return their times and what each gave."""
     jobs[0]()
     time.sleep(REST)
     woken = time.perf_counter()
