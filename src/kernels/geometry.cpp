@@ -90,9 +90,7 @@ std::vector<std::int64_t> near_pairs(const double *targets, std::int64_t n, cons
             const std::int64_t box = panels ? boxes.holding(targets + 3 * i) : -1;
             for (std::int64_t l = box < 0 ? 0 : boxes.first[box]; box >= 0 && l < boxes.first[box + 1]; l++) {
                 const std::int64_t t = boxes.ball[l];
-                const double dx = centres[3 * t] - targets[3 * i], dy = centres[3 * t + 1] - targets[3 * i + 1],
-                             dz = centres[3 * t + 2] - targets[3 * i + 2];
-                if (dx * dx + dy * dy + dz * dz < reach[t] * reach[t]) found[part].push_back(t);
+                if (squared(centres + 3 * t, targets + 3 * i) < reach[t] * reach[t]) found[part].push_back(t);
             }
             first[i + 1] = found[part].size() - before;
         }

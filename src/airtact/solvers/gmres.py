@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Complex, Complex128, Float64
 
 from airtact.conventions import NotConverged
-from airtact.solvers.loops import loop
+from airtact.solvers.loops import loop_for
 
 ORDINARY = 3.0
 """Error of a solution over its relative residual, at most, of the equations of bodies without cavities: 1.3 to 2.7."""
@@ -53,7 +53,7 @@ def gmres(
     basis = np.empty((sides, most_iterations + 1, unknowns), dtype=right_sides.dtype)
     basis[:, 0] = right_sides / scale
     fits, residuals = [_Rotated() for _ in range(sides)], np.ones(sides)
-    orthonormalise = loop("orthonormalise", "float32" if basis.dtype == np.complex64 else "float64")
+    orthonormalise = loop_for("orthonormalise", basis.dtype)
     for step in range(most_iterations):
         grown = np.ascontiguousarray(product(basis[:, step]), dtype=basis.dtype)
         columns = np.empty((sides, step + 2), dtype=np.complex128)

@@ -15,7 +15,7 @@ from airtact.scene.scene import Scene
 from airtact.scene.sources import Monopoles
 from airtact.solvers.bem.layer_potentials import double_layer_transposed
 from airtact.solvers.bem.reduced_body import ReducedBody
-from airtact.solvers.loops import loop
+from airtact.solvers.loops import loop, loop_for
 from airtact.solvers.monopoles import monopole_pressure
 from airtact.solvers.problem import RadiatedField, SolveReport, SurfaceField, receivers
 from airtact.validation import points_of
@@ -32,7 +32,7 @@ def product(
         return vectors.astype(matrix.dtype, copy=False) @ (matrix if transposed else matrix.T)
     vectors = np.ascontiguousarray(vectors, dtype=matrix.dtype)
     out = np.empty((len(vectors), matrix.shape[int(transposed)]), dtype=matrix.dtype)
-    loop("few_products", "float32" if matrix.dtype == np.complex64 else "float64")(matrix, vectors, transposed, out)
+    loop_for("few_products", matrix.dtype)(matrix, vectors, transposed, out)
     return out
 
 
