@@ -19,7 +19,7 @@ def information_of(
     by: Complex[np.ndarray, "unknowns receivers transmissions"],
 ) -> Float64[np.ndarray, "unknowns unknowns"]:
     """Real part of the products of derivatives."""
-    parts = np.ascontiguousarray(by).reshape(len(by), -1).view(np.float32)
+    parts = np.ascontiguousarray(by).reshape(len(by), -1).view(np.real(by).dtype)
     return (parts @ parts.T).astype(np.float64)
 
 

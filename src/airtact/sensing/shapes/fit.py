@@ -277,7 +277,7 @@ class _Fit:
         pose, numbers = self.place(found.x)
         count = max(np.count_nonzero(self.measured), 1)
         places = self.array.positions[self.echoes.receiving[self.rows]]
-        information = information_of(found.derivatives.astype(np.complex64))
+        information = information_of(found.derivatives)
         left = power(found.residual) / count
         inverse = np.linalg.inv(information + 0.5 * left * np.eye(len(information)))
         left *= max(1.0, disagreement(found.derivatives, found.residual, inverse, places))
