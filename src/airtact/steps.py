@@ -51,8 +51,8 @@ LEAST_REACH = 0.1
 FINEST = 1e-4
 """The best accuracy that boundary elements take."""
 
-LIKELY = 4
-"""Index of the trial accuracy that usually has ``REFINEMENT`` times the unknowns, which grow as accuracy^(−2/3)."""
+LIKELY = 5
+"""Index of the trial accuracy that usually has ``REFINEMENT`` times the unknowns: accuracy^(−2/3) of them, or fewer."""
 
 
 def verification_solver(setup: Setup) -> Solver:

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from airtact.mesh.intersections import self_crossings
+from airtact.mesh.quadratic_triangles import enclosed_volume
 from airtact.pose import Pose
 from airtact.surfaces.primitives import Capsule, capsule, sphere
 from airtact.surfaces.surface import Surface
@@ -46,6 +47,22 @@ def test_meshes_move_with_their_pose(shape, motion, relative_edge):
     assert np.array_equal(meshed_there.triangles, moved_there.triangles)
     assert np.abs(meshed_there.vertices - moved_there.vertices).max() < 1e-12
     assert np.abs(meshed_there.midpoints - moved_there.midpoints).max() < 1e-12
+
+
+@pytest.mark.parametrize("around", range(6, 17))
+@pytest.mark.parametrize("length", [0.0, 3e-3, 20e-3])
+def test_panels_are_closed_with_any_number_around(length, around):
+    shape = Capsule(8e-3, length, Pose.turn((1, 2, 3), 0.7))
+    panels = shape.panels(16e-3, 2 * np.pi / around)
+    corners, triangles = np.unique(np.round(panels[:, :3].reshape(-1, 3), 9), axis=0, return_inverse=True)
+    triangles = triangles.reshape(-1, 3)
+    edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
+    each, sides = np.unique(edges, axis=0, return_counts=True)
+    assert (sides == 2).all()
+    assert len(corners) - len(each) + len(triangles) == 2
+    assert enclosed_volume(panels) == pytest.approx(shape.volume, rel=1e-3)
+    height = (corners - shape.axis.mean(axis=0)) @ shape.pose.rotation[:, 2]
+    assert length or np.count_nonzero(np.abs(height) < 1e-6) == around
 
 
 @pytest.mark.parametrize("length", [0.0, 1e-5, 2e-3, 5e-3, 44e-3])

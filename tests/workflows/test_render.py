@@ -61,10 +61,10 @@ def test_a_run_writes_its_files_and_nothing_else(rendered):
 def test_the_worst_focus_gets_what_it_asked_by_the_series(rendered, exact):
     run = rendered[1]
     got = np.abs(exact(run.target.points))
-    # The verification solve, by which the drive is scaled, is at least three times better than the scene's 5 %.
-    np.testing.assert_allclose(np.min(got / run.target.pressures), 1.0, atol=0.02)
+    better = 0.05 / 3  # than the scene's 5 %: the error of the verification solve, by which the drive is scaled
+    np.testing.assert_allclose(np.min(got / run.target.pressures), 1.0, atol=better)
     np.testing.assert_allclose(np.min(run.reached / run.target.pressures), 1.0, rtol=1e-9)
-    np.testing.assert_allclose(run.reached, got, rtol=0.02)
+    np.testing.assert_allclose(run.reached, got, rtol=better)
 
 
 def test_the_picture_of_the_plane_says_how_far_off_its_pressures_are(rendered):
@@ -107,7 +107,7 @@ def test_the_comparison_is_that_of_the_series(rendered):
 
 def test_the_verification_is_more_accurate_than_the_drive(rendered):
     run = rendered[1]
-    assert run.comparison.report.settings["accuracy"] <= 0.05 / 3
+    assert run.comparison.report.settings["accuracy"] < 0.05 / 2
     assert run.comparison.report.nodes > run.beacons.nodes
 
 

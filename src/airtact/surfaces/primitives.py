@@ -19,6 +19,7 @@ from airtact.validation import fixed, number, point_of, positive
 
 _SECTORS = 5  # triangles round a pole; five keep every angle above 30 degrees
 _MOST_RINGS = 400  # 1.6 million triangles: beyond it the edge is in a wrong unit
+_SURPLUS = 1.35  # panels over those that the edge asks for, as the narrow ones round a pole give less
 _LARGEST_SAGITTA = 0.01  # farthest that a flat mesh lies off, over the radius
 
 
@@ -120,13 +121,13 @@ class Capsule(Shape):
         The mesh is as coarse as its panels' mean area allows, and moved outwards until it holds the exact volume:
         quadratics through points of a round surface hold less.
         """
-        wanted = self.area / (np.sqrt(3) / 4 * edge**2)
-        length, most = self.length / self.radius, math.ceil(max(2.0 * self.radius / edge, 2.0 / bend)) + 2
-        counts = {
-            (rings, sectors): _count(rings, sectors, length) for rings in range(2, most + 1) for sectors in (3, 4, 5)
-        }
+        wanted = _SURPLUS * self.area / (np.sqrt(3) / 4 * edge**2)
+        length, most = self.length / self.radius, math.ceil(max(2.0 * self.radius / edge, 2.0 / bend)) + 3
         least = 2.0 * math.pi / (1.001 * bend)
-        enough = {way: count for way, count in counts.items() if count >= wanted and way[0] * way[1] >= least}
+        # 3 or 4 points around for each ring of a cap, whose panels are about as high as wide then
+        ways = [(m, around) for m in range(2, most + 1) for around in range(3 * m, 4 * m + 1) if around >= least]
+        counts = {way: _count(*way, length) for way in ways}
+        enough = {way: count for way, count in counts.items() if count >= wanted}
         vertices, triangles = _mesh(*min(enough, key=enough.__getitem__), length)
         panels = self.pose.apply(with_middles(self.radius * vertices[triangles]))
         panels = self.fitted(panels)
@@ -145,7 +146,7 @@ class Capsule(Shape):
         rings = max(2, math.ceil(1.6 * self.radius / edge)) if edge > self.radius / _MOST_RINGS else _MOST_RINGS + 1
         while rings <= _MOST_RINGS:
             self._check_count(rings)
-            vertices, triangles = _mesh(rings, _SECTORS, self.length / self.radius)
+            vertices, triangles = _mesh(rings, _SECTORS * rings, self.length / self.radius)
             corners = self.radius * vertices[triangles]
             if longest_edges(corners).max() <= edge:
                 return self._surface(self.radius * vertices, triangles)
@@ -159,7 +160,7 @@ class Capsule(Shape):
 
     def _check_count(self, rings: int) -> None:
         """Raise "too_many_triangles" before a mesh of so many rings is made."""
-        count = _count(rings, _SECTORS, self.length / self.radius)
+        count = _count(rings, _SECTORS * rings, self.length / self.radius)
         if count > MOST_TRIANGLES:
             raise InvalidInput(
                 f"a capsule of {1e3 * self.radius:.4g} mm radius and {1e3 * self.length:.4g} mm length needs {count:,} "
@@ -226,10 +227,9 @@ def turn_from_z(direction: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3
     return np.array([[1.0 - s * x * x, -s * x * y, x], [-s * x * y, 1.0 - s * y * y, y], [-x, -y, z]])
 
 
-def _mesh(rings: int, sectors: int, length: float) -> tuple[Vertices, Triangles]:
-    """Mesh the capsule of radius 1 whose axis has the given length."""
-    around = sectors * rings
-    cap, cap_triangles = _cap(rings, sectors)
+def _mesh(rings: int, around: int, length: float) -> tuple[Vertices, Triangles]:
+    """Mesh the capsule of radius 1 whose axis has the given length, with so many rings a cap and points around."""
+    cap, cap_triangles = _cap(rings, around)
     above, waist = cap[:-around], cap[-around:]
     bands = _bands(around, length)
     half = np.array([0.0, 0.0, length / 2.0])
@@ -248,9 +248,20 @@ def _bands(around: int, length: float) -> int:
     return max(1, round(length / step)) if length > 0.6 * step else 0
 
 
-def _count(rings: int, sectors: int, length: float) -> int:
+def _count(rings: int, around: int, length: float) -> int:
     """Count the triangles of ``_mesh``."""
-    return 2 * sectors * rings**2 + 2 * sectors * rings * _bands(sectors * rings, length)
+    return 2 * (2 * _inner_points(rings, around) + around + around * _bands(around, length))
+
+
+@cache
+def _inner_points(rings: int, around: int) -> int:
+    """Count the points of a cap between its pole and its last ring."""
+    return sum(_points(ring, rings, around) for ring in range(1, rings))
+
+
+def _points(ring: int, rings: int, around: int) -> int:
+    """Count the points of a ring of a cap, the last one having ``around``: as many as fit its height, 3 at least."""
+    return max(3, (2 * around * ring + rings) // (2 * rings))
 
 
 def _spun(points: Float64[np.ndarray, "points 3"], angle: float) -> Float64[np.ndarray, "points 3"]:
@@ -271,21 +282,23 @@ def _belt(first: int, bands: int, around: int) -> Triangles:
 
 
 @cache
-def _cap(rings: int, sectors: int) -> tuple[Vertices, Triangles]:
-    """Mesh the upper half of the unit sphere: the pole, then ring i of i points a sector at polar angle (π/2)(i/m)."""
-    points, triangles = [np.array([[0.0, 0.0, 1.0]])], []
+def _cap(rings: int, around: int) -> tuple[Vertices, Triangles]:
+    """Mesh the upper half of the unit sphere: the pole, then ring i at polar angle (π/2)(i/m).
+
+    Between two rings the edges of both come in the order of their middles, each with the other ring's point before it.
+    """
+    points, triangles, inner, fewer = [np.array([[0.0, 0.0, 1.0]])], [], 0, 1
     for ring in range(1, rings + 1):
-        count, fewer = sectors * ring, max(1, sectors * (ring - 1))
+        count, outer = _points(ring, rings, around), inner + fewer
         polar, angle = math.pi / 2.0 * ring / rings, 2.0 * math.pi * np.arange(count) / count
         height = 0.0 if ring == rings else math.cos(polar)
         flat = math.sin(polar) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         points.append(np.column_stack([flat, np.full(count, height)]))
-        outer = 1 + sectors * ring * (ring - 1) // 2
-        inner = outer - fewer
-        here = np.arange(count)
-        sector, across = np.divmod(here, ring)
-        above = sector * (ring - 1) + across
-        out = np.stack([inner + above % fewer, outer + here, outer + (here + 1) % count], axis=1)
-        between = np.stack([inner + (above - 1) % fewer, outer + here, inner + above % fewer], axis=1)
-        triangles += [out, between[across > 0]]
+        here, above = np.arange(count), np.arange(fewer)
+        before = ((2 * here + 1) * fewer + count - 1) // (2 * count) % fewer
+        triangles.append(np.stack([inner + before, outer + here, outer + (here + 1) % count], axis=1))
+        after = ((2 * above + 1) * count + fewer) // (2 * fewer) % count
+        if fewer > 1:
+            triangles.append(np.stack([inner + above, outer + after, inner + (above + 1) % fewer], axis=1))
+        inner, fewer = outer, count
     return np.concatenate(points), np.concatenate(triangles)

@@ -174,7 +174,7 @@ def test_bodies_that_are_not_round_keep_the_accuracy(surface, focus):
 
 
 def test_a_focus_beside_coarse_panels_gives_a_warning():
-    ball, focus = at.sphere(radius=4e-3, edge=2e-3), np.array([[0, 0, 4.05e-3]])
+    ball, focus = at.sphere(radius=6e-3, edge=2e-3), np.array([[0, 0, 6.05e-3]])
     solver = at.BoundaryElement(accuracy=0.01)
     warned = solver.factorised(scene_of(ball)).radiate(scene_of(ball), beacons(focus)).report.warnings
     assert len(warned) == 1

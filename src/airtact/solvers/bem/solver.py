@@ -58,7 +58,6 @@ from airtact.solvers.gmres import GmresResult, gmres
 from airtact.solvers.probes import surrounding_points
 from airtact.solvers.problem import BOARDS, PLANES, Solver, SolveReport
 from airtact.surfaces.panels import Panels, panels_of
-from airtact.surfaces.shape import BEND
 from airtact.timing import Clock, Progress
 from airtact.validation import counted, number, points_of
 
@@ -112,6 +111,12 @@ MOST_ITERATIONS, MOST_AMONG_BOARDS = 120, 600
 
 PROBES_BEFORE_BOARDS = 512
 """Panels of reflecting boards before which the error is estimated, at most."""
+
+AROUND = {0.025: 7, PREVIEWS: 8, 0.0125: 9, 0.0: 11}
+"""Panels that go around a round body at least, by the accuracies from which on they suffice."""
+
+AROUND_FOR_DRIVES = 6
+"""Panels around for a solution that serves drives only, without an estimate of its error."""
 
 DRIVES = 0.06
 """Accuracy from which on a solution serves drives only, for which twice the residual is enough."""
@@ -442,10 +447,10 @@ class BoundaryElement(Solver):
         return 0.5 * self.panel_edge(scene.wavelength) / math.sqrt(YIELDING if yielding else 1.0)
 
     def _bend(self) -> float:
-        """Angle that a panel of a round surface may bend by [rad]: 10, 8 or (for far fields only) 6 go around."""
-        if self.accuracy < PREVIEWS:
-            return BEND
-        return np.pi / 4 if self.accuracy < DRIVES or self.estimate else np.pi / 3
+        """Angle that a panel of a round surface may bend by [rad]."""
+        if not self.estimate and self.accuracy >= DRIVES:
+            return 2 * np.pi / AROUND_FOR_DRIVES
+        return 2 * np.pi / next(around for least, around in AROUND.items() if self.accuracy >= least)
 
     def _near_rule(self) -> NearRule:
         if self.precision == "float64":
