@@ -42,6 +42,8 @@ template <int many> struct Closest {  // reference coordinates of the points clo
 
 constexpr double corner[4][2] = {{0, 0}, {1, 0}, {0, 1}, {0, 0}};
 
+constexpr double tie = 1 - 1e-9;  // squared distances closer than that are the same, wherever the panel stands
+
 // Newton along one edge, held inside it; Gauss-Newton where the distance is not convex. Of those with `wanted` above 0
 // the point replaces one that is farther.
 template <int many> void closest_on_edge(const Patches<many> &patches, int edge, const double *wanted, Closest<many> &found) {
@@ -73,7 +75,7 @@ template <int many> void closest_on_edge(const Patches<many> &patches, int edge,
     for (int l = 0; l < many; l++) {
         const double u = from_u + t[l] * du, v = from_v + t[l] * dv;
         const double squared = patches.squared(l, u, v);
-        const double nearer = wanted[l] * (squared < found.squared[l] ? 1.0 : 0.0);
+        const double nearer = wanted[l] * (squared < tie * found.squared[l] ? 1.0 : 0.0);
         found.u[l] = nearer > 0 ? u : found.u[l];
         found.v[l] = nearer > 0 ? v : found.v[l];
         found.squared[l] = nearer > 0 ? squared : found.squared[l];
