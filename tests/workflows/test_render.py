@@ -107,7 +107,7 @@ def test_the_comparison_is_that_of_the_series(rendered):
 
 def test_the_verification_is_more_accurate_than_the_drive(rendered):
     run = rendered[1]
-    assert run.comparison.report.settings["accuracy"] < 0.05 / 2
+    assert run.comparison.report.settings["accuracy"] < 0.05 / 2.95  # steps of 1.2: six of them are 2.986
     assert run.comparison.report.nodes > run.beacons.nodes
 
 

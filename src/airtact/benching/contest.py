@@ -26,7 +26,7 @@ Case = dict[str, Real[np.ndarray, "..."] | float | int]
 
 SCRIPTS = Path(__file__).parent / "peers"
 
-ACCURACIES = (0.1, 0.05, 0.03, 0.02, 0.015, 0.01, 0.005)
+ACCURACIES = (0.1, 0.05, 0.03, 0.02, 0.01, 0.005)
 """Accuracies of the runs of airtact, from coarse to fine."""
 
 EDGES = {"AcousTools": (3.6e-3, 2.5e-3, 1.77e-3), "bempp-cl": (2.7e-3, 2.0e-3, 1.5e-3)}
