@@ -54,10 +54,12 @@ class Pose:
         check_finite(rotation, "the pose's rotation")
         check_finite(translation, "the pose's translation")
         skew = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
-        if skew > 1e-6 or np.linalg.det(rotation) < 0.0:
+        (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+        determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+        if skew > 1e-6 or determinant < 0.0:
             raise InvalidInput(
                 f"the pose's matrix is not a rotation: it is {skew:.2g} away from orthonormal and its determinant is "
-                f"{np.linalg.det(rotation):.3g} (a rotation has 0 and 1).",
+                f"{determinant:.3g} (a rotation has 0 and 1).",
                 code="not_a_rotation",
             )
         object.__setattr__(self, "rotation", rotation)

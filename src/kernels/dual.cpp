@@ -78,7 +78,7 @@ void fill(const double *targets, const double *shifted, const double *points, co
 
 template <class Real> struct Vectors {  // vectors as planes padded with zeros: real parts, imaginary parts
     std::int64_t length;
-    std::vector<Real> data;
+    Lined<Real> data;
     Vectors(std::int64_t vectors, std::int64_t m) : length((m + lanes - 1) / lanes * lanes), data(2 * vectors * length) {}
     Vectors(const std::complex<Real> *v, std::int64_t vectors, std::int64_t m) : Vectors(vectors, m) {
         for (std::int64_t s = 0; s < vectors; s++)
@@ -94,9 +94,8 @@ constexpr int rows_at_once = 4;
 // Begins to read the next four rows: they are short lines side by side, which the machine does not foresee
 template <class Store> inline void fetch(const Store *rows) {
 #ifdef __GNUC__
-    constexpr int line = 64;  // bytes
     const char *begin = reinterpret_cast<const char *>(rows + 2 * stored<Store> * rows_at_once);
-    for (std::int64_t b = 0; b < 2 * stored<Store> * rows_at_once * std::int64_t(sizeof(Store)); b += line)
+    for (std::int64_t b = 0; b < 2 * stored<Store> * rows_at_once * std::int64_t(sizeof(Store)); b += std::int64_t(line))
         __builtin_prefetch(begin + b);
 #endif
 }
@@ -256,12 +255,9 @@ template <class Real> constexpr int sides = register_bytes / int(sizeof(Real));
 // As many vectors as a register holds: for each node a register of real parts and one of imaginary parts
 template <class Real> using Lanes = typename Register<Real>::Lanes;
 template <class Real> struct Interleaved {
-    std::vector<Real> data;
+    Lined<Real> data;
     Lanes<Real> *begin;
-    explicit Interleaved(std::int64_t nodes) : data(2 * sides<Real> * (nodes + 1)) {
-        const auto address = reinterpret_cast<std::uintptr_t>(data.data());
-        begin = reinterpret_cast<Lanes<Real> *>((address + register_bytes - 1) / register_bytes * register_bytes);
-    }
+    explicit Interleaved(std::int64_t nodes) : data(2 * sides<Real> * nodes), begin(reinterpret_cast<Lanes<Real> *>(data.data())) {}
 };
 
 template <class Store, class Real> void unpack(const Store *row, Real *out) {  // real parts, then imaginary parts

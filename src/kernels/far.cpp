@@ -56,15 +56,16 @@ void add_products(const Real (*re)[block], const Real (*im)[block], const Real *
 template <class Real, class Row>
 void sum_rows(std::int64_t n, std::int64_t m, const std::complex<double> *density, std::int64_t sounds,
               std::complex<double> *out, const Row &row) {
-    std::vector<Real> re_density(m * sounds), im_density(m * sounds);
+    Lined<Real> re_density(m * sounds), im_density(m * sounds);
     for (std::int64_t j = 0; j < m; j++)
         for (std::int64_t s = 0; s < sounds; s++) {
             re_density[s * m + j] = Real(density[j * sounds + s].real());
             im_density[s * m + j] = Real(density[j * sounds + s].imag());
         }
     over_rows((n + together - 1) / together, together * m, [&](std::int64_t group) {
-        Real re[together][block] = {}, im[together][block] = {};
+        Real re[together][block], im[together][block];
         const std::int64_t top = together * group, some = std::min(together, n - top);
+        for (std::int64_t i = some; i < together; i++) std::fill(re[i], re[i] + block, Real(0)), std::fill(im[i], im[i] + block, Real(0));
         for (std::int64_t i = top; i < top + some; i++)
             for (std::int64_t s = 0; s < sounds; s++) out[i * sounds + s] = 0;
         for (std::int64_t j = 0; j < m; j += block) {
@@ -77,9 +78,34 @@ void sum_rows(std::int64_t n, std::int64_t m, const std::complex<double> *densit
     });
 }
 
+constexpr std::int64_t few_sources = 16;  // up to which the targets, of which there are more, fill the registers
+
+// Adds up the field of a few monopoles, each at many targets at once
+template <class Real, class Fill>
+void add_few(const Planes<Real> &targets, const Planes<Real> &sources, const std::complex<double> *strength,
+             std::int64_t sounds, Wave<Real> k, const Fill &fill, std::complex<double> *out) {
+    const std::int64_t n = targets.n, m = sources.n;
+    over_rows((n + block - 1) / block, block * m, [&](std::int64_t part) {
+        const std::int64_t top = part * block, count = std::min(block, n - top);
+        Real re[block], im[block];
+        std::complex<double> *const sums = out + top * sounds;
+        std::fill(sums, sums + count * sounds, 0.0);
+        for (std::int64_t j = 0; j < m; j++) {
+            const Real y[3] = {sources[0][j], sources[1][j], sources[2][j]};
+            fill(y, targets[0] + top, targets[1] + top, targets[2] + top, count, k, re, im);
+            for (std::int64_t s = 0; s < sounds; s++) {
+                const double a = strength[j * sounds + s].real(), b = strength[j * sounds + s].imag();
+                if (a == 0 && b == 0) continue;  // most of those of beacons
+                for (std::int64_t l = 0; l < count; l++)
+                    sums[l * sounds + s] += std::complex<double>(a * re[l] - b * im[l], a * im[l] + b * re[l]);
+            }
+        }
+    });
+}
+
 // Some of the sources, seen from a centre, each coordinate and each sound's strengths contiguous
 template <class Real> struct Chosen {
-    std::vector<Real> place[3], normal[3], single[2], re, im;
+    Lined<Real> place[3], normal[3], single[2], re, im;
     std::int64_t n = 0;
     void choose(const double *sources, const double *normals, const std::complex<double> *mixed, std::int64_t m, const std::complex<double> *density,
                 std::int64_t sounds, const double *centre, double reach, bool inside) {
@@ -222,13 +248,12 @@ void apply_monopoles(const double *targets, std::int64_t n, const double *source
     const Origin origin(sources, m);
     const Planes<Real> t(targets, n, origin.at), y(sources, m, origin.at);
     const Wave<Real> wave(k);
+    const auto fill = k.imag > 0 ? monopole_row<Real, true> : monopole_row<Real, false>;
+    if (m <= few_sources) return add_few<Real>(t, y, strength, sounds, wave, fill, out);
     sum_rows<Real>(n, m, strength, sounds, out,
                    [&](std::int64_t i, std::int64_t j, std::int64_t count, Real *re, Real *im) {
                        const Real x[3] = {t[0][i], t[1][i], t[2][i]};
-                       if (k.imag > 0)
-                           monopole_row<Real, true>(x, y[0] + j, y[1] + j, y[2] + j, count, wave, re, im);
-                       else
-                           monopole_row<Real, false>(x, y[0] + j, y[1] + j, y[2] + j, count, wave, re, im);
+                       fill(x, y[0] + j, y[1] + j, y[2] + j, count, wave, re, im);
                    });
 }
 

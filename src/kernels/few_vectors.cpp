@@ -44,7 +44,7 @@ void add_rows(const Real *const *rows, const std::complex<Real> *weights, std::i
 template <class Real>
 void times_columns(const std::complex<Real> *matrix, std::int64_t n, std::int64_t m, const std::complex<Real> *vectors,
                    std::int64_t count, std::complex<Real> *out) {
-    std::vector<Real> both(4 * m * count);  // of each vector: what gives the real parts of products, and the imaginary ones
+    Lined<Real> both(4 * m * count);  // of each vector: what gives the real parts of products, and the imaginary ones
     for (std::int64_t s = 0; s < count; s++)
         for (std::int64_t j = 0; j < m; j++) {
             const std::complex<Real> value = vectors[s * m + j];

@@ -5,6 +5,7 @@
 #define AIRTACT_KERNEL_TYPES
 #include <complex>
 #include <cstdint>
+#include <new>
 #include <vector>
 
 namespace airtact {
@@ -22,6 +23,19 @@ template <class Store> struct Arithmetic {  // the type a matrix is computed in,
 template <> struct Arithmetic<std::uint32_t> {  // two of bfloat16
     using Real = float;
 };
+
+// Memory that begins where a line of the cache does: a register that lies in two lines takes twice as long to read
+constexpr std::size_t line = 64;  // bytes
+template <class T> struct OnLines {
+    using value_type = T;
+    OnLines() = default;
+    template <class U> OnLines(const OnLines<U> &) {}
+    T *allocate(std::size_t n) { return static_cast<T *>(::operator new(n * sizeof(T), std::align_val_t(line))); }
+    void deallocate(T *memory, std::size_t) { ::operator delete(memory, std::align_val_t(line)); }
+    template <class U> bool operator==(const OnLines<U> &) const { return true; }
+    template <class U> bool operator!=(const OnLines<U> &) const { return false; }
+};
+template <class T> using Lined = std::vector<T, OnLines<T>>;
 
 struct NearRows {  // for each target its near panels, and the corrections to the entries of their six nodes
     const std::int64_t *first, *panel;

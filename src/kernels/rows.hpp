@@ -17,13 +17,15 @@ namespace {
 
 constexpr double pi = 3.14159265358979323846;
 template <class Real> struct Planes {  // x, y, z, ... each contiguous, relative to an origin
-    std::vector<Real> data;
-    std::int64_t n;
-    Planes(const double *points, std::int64_t count, const double *origin) : data(3 * count), n(count) {
+    static constexpr std::int64_t each = line / sizeof(Real);
+    std::int64_t n, stride;
+    Lined<Real> data;
+    Planes(const double *points, std::int64_t count, const double *origin)
+        : n(count), stride((count + each - 1) / each * each), data(3 * stride) {
         for (std::int64_t i = 0; i < n; i++)
-            for (int d = 0; d < 3; d++) data[d * n + i] = Real(points[3 * i + d] - origin[d]);
+            for (int d = 0; d < 3; d++) data[d * stride + i] = Real(points[3 * i + d] - origin[d]);
     }
-    const Real *operator[](int d) const { return data.data() + d * n; }
+    const Real *operator[](int d) const { return data.data() + d * stride; }
 };
 
 struct Origin {  // the sources' centre: float coordinates keep their digits wherever the hand is
@@ -40,7 +42,7 @@ template <class Real> struct Wave {
 };
 
 template <class Real> struct Strengths {  // complex numbers, real and imaginary parts contiguous each; none if null
-    std::vector<Real> re, im;
+    Lined<Real> re, im;
     Strengths(const std::complex<double> *given, std::int64_t n) : re(given ? n : 0), im(given ? n : 0) {
         for (std::size_t i = 0; i < re.size(); i++) re[i] = Real(given[i].real()), im[i] = Real(given[i].imag());
     }

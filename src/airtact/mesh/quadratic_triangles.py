@@ -59,7 +59,7 @@ def normals_at(
 
 def with_middles(corners: Float64[np.ndarray, "triangles 3 axes"]) -> Float64[np.ndarray, "triangles 6 axes"]:
     """Add the middles of edges 01, 12, 20 to the corners of straight triangles."""
-    return np.concatenate([corners, 0.5 * (corners + np.roll(corners, -1, axis=1))], axis=1)
+    return np.concatenate([corners, 0.5 * (corners + corners[:, [1, 2, 0]])], axis=1)
 
 
 def area_vectors(corners: Corners) -> Float64[np.ndarray, "triangles 3"]:
@@ -75,8 +75,8 @@ def unit(vectors: Float64[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 
 
 def edge_lengths(panels: Real[np.ndarray, "panels nodes 3"]) -> Float64[np.ndarray, "panels 3"]:
     """Corner-to-corner lengths of edges 01, 12, 20 of flat or curved triangles [m]."""
-    corners = panels[:, :3]
-    return np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+    along = panels[:, [1, 2, 0]] - panels[:, :3]
+    return np.sqrt(np.einsum("tki,tki->tk", along, along))
 
 
 def longest_edges(panels: Real[np.ndarray, "panels nodes 3"]) -> Float64[np.ndarray, "panels"]:

@@ -1,5 +1,6 @@
 """A scene: bodies in a medium at one frequency."""
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -195,7 +196,7 @@ class Scene:
                 code="body_too_small",
             )
         for index, obstacle in enumerate(self.obstacles):
-            away = float(np.linalg.norm(obstacle.surface.corners[0, 0]))
+            away = math.hypot(*obstacle.surface.vertices[obstacle.surface.triangles[0, 0]])
             if away > MAX_BODY_DISTANCE:
                 raise InvalidInput(
                     f"body {index} stands {away:.4g} m from the origin, more than {MAX_BODY_DISTANCE:g} m: is it in "

@@ -84,11 +84,16 @@ class Capsule(Shape):
 
     def project(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
         """Bring points (P, 3) [m] that are off the axis to the nearest points of the surface."""
-        local = self.pose.inverse().apply(points)
-        on_axis = np.zeros(local.shape)
-        on_axis[:, 2] = np.clip(local[:, 2], -self.length / 2.0, self.length / 2.0)
-        out = local - on_axis
-        return self.pose.apply(on_axis + self.radius * out / np.linalg.norm(out, axis=1, keepdims=True))
+        return self.pose.apply(self._around_axis(self.pose.inverse().apply(points), self.radius))
+
+    def _around_axis(self, local: Float64[np.ndarray, "points 3"], radius: float) -> Float64[np.ndarray, "points 3"]:
+        """Bring points of the capsule's own frame to a distance ``radius`` from its axis [m]."""
+        along = np.clip(local[:, 2], -self.length / 2.0, self.length / 2.0)
+        out = local.copy()
+        out[:, 2] -= along
+        out *= (radius / np.sqrt(np.einsum("pd,pd->p", out, out)))[:, None]
+        out[:, 2] += along
+        return out
 
     def moved(self, pose: Pose) -> "Capsule":
         """Move it rigidly."""
@@ -129,10 +134,10 @@ class Capsule(Shape):
         counts = {way: _count(*way, length) for way in ways}
         enough = {way: count for way, count in counts.items() if count >= wanted}
         vertices, triangles = _mesh(*min(enough, key=enough.__getitem__), length)
-        panels = self.pose.apply(with_middles(self.radius * vertices[triangles]))
-        panels = self.fitted(panels)
-        missing = self.volume - enclosed_volume(panels)
-        return Capsule(self.radius + missing / self.area, self.length, self.pose).fitted(panels)
+        nodes = with_middles(self.radius * vertices[triangles]).reshape(-1, 3)
+        nodes = self._around_axis(nodes, self.radius)
+        missing = self.volume - enclosed_volume(nodes.reshape(-1, 6, 3))
+        return self.pose.apply(self._around_axis(nodes, self.radius + missing / self.area)).reshape(-1, 6, 3)
 
     def mesh(self, edge: float) -> Surface:
         """Draw it with curved triangles whose vertices and midpoints lie exactly on it.

@@ -101,6 +101,9 @@ _FREE: list[UInt8[np.ndarray, "bytes"]] = []
 LARGEST_REUSED = 2**28
 """Bytes of a matrix above which its memory is not reused."""
 
+LINE = 64
+"""Bytes that a processor reads at once: what begins at a multiple of them is read in fewer pieces."""
+
 ROOM = 1.25
 """Memory allocated over what is needed: the next pose may have more unknowns, and untouched pages cost nothing."""
 
@@ -180,7 +183,8 @@ def _memory(size: int) -> UInt8[np.ndarray, "bytes"]:
         memory = _FREE.pop()
         if len(memory) >= size:
             return memory
-    return np.empty(int(ROOM * size) if size < LARGEST_REUSED else size, dtype=np.uint8)
+    memory = np.empty((int(ROOM * size) if size < LARGEST_REUSED else size) + LINE, dtype=np.uint8)
+    return memory[-memory.ctypes.data % LINE :]
 
 
 def release(matrix: DualMatrix) -> None:
