@@ -63,11 +63,17 @@ dual_blocks_float64 = dual_blocks_bfloat16
 dual_low_rank_float64 = dual_low_rank_bfloat16
 dual_product_float64 = dual_product_bfloat16
 
-def double_layer_matrix_float32(
-    targets: np.ndarray, sources: np.ndarray, normals: np.ndarray, single: np.ndarray, k: complex, out: np.ndarray
+def apply_transposed_float32(
+    targets: np.ndarray,
+    sources: np.ndarray,
+    normals: np.ndarray,
+    single: np.ndarray,
+    strength: np.ndarray,
+    k: complex,
+    out: np.ndarray,
 ) -> None: ...
 
-double_layer_matrix_float64 = double_layer_matrix_float32
+apply_transposed_float64 = apply_transposed_float32
 
 def dual_matrix_float32(
     targets: np.ndarray,
@@ -85,7 +91,7 @@ def few_products_float32(matrix: np.ndarray, vectors: np.ndarray, transposed: bo
 
 few_products_float64 = few_products_float32
 
-def orthonormalise_float32(bases: np.ndarray, count: int, vectors: np.ndarray, columns: np.ndarray) -> None: ...
+def orthonormalise_float32(bases: np.ndarray, vectors: np.ndarray, columns: np.ndarray) -> None: ...
 
 orthonormalise_float64 = orthonormalise_float32
 

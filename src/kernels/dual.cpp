@@ -91,13 +91,9 @@ template <class Real> struct Vectors {  // vectors as planes padded with zeros: 
 
 constexpr int rows_at_once = 4;
 
-// Begins to read the next four rows: they are short lines side by side, which the machine does not foresee
-template <class Store> inline void fetch(const Store *rows) {
-#ifdef __GNUC__
-    const char *begin = reinterpret_cast<const char *>(rows + 2 * stored<Store> * rows_at_once);
-    for (std::int64_t b = 0; b < 2 * stored<Store> * rows_at_once * std::int64_t(sizeof(Store)); b += std::int64_t(line))
-        __builtin_prefetch(begin + b);
-#endif
+template <class Store> inline void fetch_next(const Store *rows) {  // the four after these
+    constexpr std::int64_t words = 2 * stored<Store> * rows_at_once;
+    fetch(rows + words, words * std::int64_t(sizeof(Store)));
 }
 
 // Number l of a row times those of one or two vectors, added to sums
@@ -178,7 +174,7 @@ void multiply_rows(const Store *rows, std::int64_t count, const Real *v, std::in
     for (std::int64_t top = 0; top < count; top += rows_at_once) {
         const std::int64_t some = std::min<std::int64_t>(rows_at_once, count - top);
         const Store *row[rows_at_once];
-        fetch(rows + 2 * stored<Store> * top);
+        fetch_next(rows + 2 * stored<Store> * top);
         for (std::int64_t r = 0; r < rows_at_once; r++) row[r] = rows + 2 * stored<Store> * (top + (r < some ? r : 0));
         multiply_four<N, Store, Real>(row, v, length, weights + top, stride, some);
     }
@@ -187,7 +183,7 @@ template <int N, class Store, class Real>
 void add_rows(const Store *rows, std::int64_t count, const Real *weights, std::int64_t stride, Real *sums,
                 std::int64_t length) {
     for (std::int64_t r = 0; r < count; r += rows_at_once) {
-        fetch(rows + 2 * stored<Store> * r);
+        fetch_next(rows + 2 * stored<Store> * r);
         add_four<N, Store, Real>(rows + 2 * stored<Store> * r, std::min<std::int64_t>(rows_at_once, count - r), weights + r,
                               stride, sums, length);
     }
@@ -354,18 +350,23 @@ void multiply_sides(const Pairs &whole, const std::vector<std::vector<Partner>> 
     constexpr int width = sides<Real>;
     Real *const in = reinterpret_cast<Real *>(given.begin);
     const Real *const result = reinterpret_cast<const Real *>(made.begin);
-    for (std::int64_t s = 0; s < width; s++)
-        for (std::int64_t j = 0; j < m; j++) {
-            in[2 * width * j + s] = v[s * m + j].real();
-            in[2 * width * j + width + s] = v[s * m + j].imag();
-        }
-#pragma omp parallel for schedule(dynamic, 1)
-    for (std::int64_t block = 0; block < whole.blocks; block++)
-        product_of_many<Store, Real>(block, whole_pairs[block], blocks, far_pairs[block], terms, m, given.begin, transposed,
-                                     made.begin);
-    for (std::int64_t s = 0; s < width; s++)
+#pragma omp parallel
+    {
+#pragma omp for schedule(static)
         for (std::int64_t j = 0; j < m; j++)
-            out[s * m + j] = {result[2 * width * j + s], result[2 * width * j + width + s]};
+            for (std::int64_t s = 0; s < width; s++) {
+                in[2 * width * j + s] = v[s * m + j].real();
+                in[2 * width * j + width + s] = v[s * m + j].imag();
+            }
+#pragma omp for schedule(dynamic, 1)
+        for (std::int64_t block = 0; block < whole.blocks; block++) {
+            product_of_many<Store, Real>(block, whole_pairs[block], blocks, far_pairs[block], terms, m, given.begin,
+                                         transposed, made.begin);
+            for (std::int64_t s = 0; s < width; s++)
+                for (std::int64_t j = lanes * block; j < std::min(m, lanes * (block + 1)); j++)
+                    out[s * m + j] = {result[2 * width * j + s], result[2 * width * j + width + s]};
+        }
+    }
 }
 
 #endif

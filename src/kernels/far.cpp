@@ -30,6 +30,18 @@ template <class Real> struct Layer {
             double_layer_row<Real, false>(x, sx, sy, sz, nx, ny, nz, n, k, least, re, im);
     }
 
+    // Entries of n targets from i on with the node j
+    void column(const Planes<Real> &targets, std::int64_t j, std::int64_t i, std::int64_t n, Real *re, Real *im) const {
+        const Real y[3] = {position[0][j], position[1][j], position[2][j]}, a[3] = {normal[0][j], normal[1][j], normal[2][j]};
+        const Real *tx = targets[0] + i, *ty = targets[1] + i, *tz = targets[2] + i;
+        if (!single.re.empty())
+            double_layer_column<Real, true, true>(y, a, tx, ty, tz, n, k, re, im, single.re[j], single.im[j]);
+        else if (k.imag > 0)
+            double_layer_column<Real, true>(y, a, tx, ty, tz, n, k, re, im);
+        else
+            double_layer_column<Real, false>(y, a, tx, ty, tz, n, k, re, im);
+    }
+
   private:
     static constexpr double zero[3] = {0, 0, 0};
 };
@@ -78,21 +90,19 @@ void sum_rows(std::int64_t n, std::int64_t m, const std::complex<double> *densit
     });
 }
 
-constexpr std::int64_t few_sources = 16;  // up to which the targets, of which there are more, fill the registers
+constexpr std::int64_t few_sources = 16;  // up to which the receivers, of which there are more, fill the registers
 
-// Adds up the field of a few monopoles, each at many targets at once
-template <class Real, class Fill>
-void add_few(const Planes<Real> &targets, const Planes<Real> &sources, const std::complex<double> *strength,
-             std::int64_t sounds, Wave<Real> k, const Fill &fill, std::complex<double> *out) {
-    const std::int64_t n = targets.n, m = sources.n;
+// Adds up the field of a few sources, each at many of n receivers at once: row(j, begin, count, re, im) is that of source j
+template <class Real, class Row>
+void add_few(std::int64_t n, std::int64_t m, const std::complex<double> *strength, std::int64_t sounds,
+             std::complex<double> *out, const Row &row) {
     over_rows((n + block - 1) / block, block * m, [&](std::int64_t part) {
         const std::int64_t top = part * block, count = std::min(block, n - top);
         Real re[block], im[block];
         std::complex<double> *const sums = out + top * sounds;
         std::fill(sums, sums + count * sounds, 0.0);
         for (std::int64_t j = 0; j < m; j++) {
-            const Real y[3] = {sources[0][j], sources[1][j], sources[2][j]};
-            fill(y, targets[0] + top, targets[1] + top, targets[2] + top, count, k, re, im);
+            row(j, top, count, re, im);
             for (std::int64_t s = 0; s < sounds; s++) {
                 const double a = strength[j * sounds + s].real(), b = strength[j * sounds + s].imag();
                 if (a == 0 && b == 0) continue;  // most of those of beacons
@@ -193,23 +203,6 @@ void apply_in_cells(const double *targets, const std::int64_t *first, std::int64
 }
 
 template <class Real>
-void double_layer_matrix(const double *targets, std::int64_t n, const double *sources, const double *normals,
-                         const std::complex<double> *single, std::int64_t m, Wavenumber k, std::complex<Real> *out) {
-    const Origin origin(sources, m);
-    const Planes<Real> t(targets, n, origin.at);
-    const Layer<Real> layer(sources, normals, single, m, origin.at, k);
-    over_rows(n, m, [&](std::int64_t i) {
-        Real re[block], im[block];
-        const Real x[3] = {t[0][i], t[1][i], t[2][i]};
-        for (std::int64_t j = 0; j < m; j += block) {
-            const std::int64_t count = std::min(block, m - j);
-            layer.row(x, j, count, Real(0), re, im);
-            for (std::int64_t l = 0; l < count; l++) out[i * m + j + l] = {re[l], im[l]};
-        }
-    });
-}
-
-template <class Real>
 void dual_matrix(const double *targets, const double *inside, std::int64_t n, const double *sources, const double *normals,
                  const std::complex<double> *single, std::int64_t m, Wavenumber k, std::complex<Real> *out) {
     const Origin origin(sources, m);
@@ -242,18 +235,45 @@ void apply_double_layer(const double *targets, std::int64_t n, const double *sou
 }
 
 template <class Real>
+void apply_transposed(const double *targets, std::int64_t n, const double *sources, const double *normals,
+                      const std::complex<double> *single, std::int64_t m, const std::complex<double> *strength,
+                      std::int64_t sounds, Wavenumber k, std::complex<double> *out) {
+    const Origin origin(sources, m);
+    const Planes<Real> t(targets, n, origin.at);
+    const Layer<Real> layer(sources, normals, single, m, origin.at, k);
+    if (n <= few_sources)
+        return add_few<Real>(m, n, strength, sounds, out,
+                             [&](std::int64_t i, std::int64_t j, std::int64_t count, Real *re, Real *im) {
+                                 const Real x[3] = {t[0][i], t[1][i], t[2][i]};
+                                 layer.row(x, j, count, Real(0), re, im);
+                             });
+    sum_rows<Real>(m, n, strength, sounds, out,
+                   [&](std::int64_t j, std::int64_t i, std::int64_t count, Real *re, Real *im) {
+                       layer.column(t, j, i, count, re, im);
+                   });
+}
+
+template <class Real>
 void apply_monopoles(const double *targets, std::int64_t n, const double *sources, std::int64_t m,
                      const std::complex<double> *strength, std::int64_t sounds, Wavenumber k,
                      std::complex<double> *out) {
     const Origin origin(sources, m);
     const Planes<Real> t(targets, n, origin.at), y(sources, m, origin.at);
     const Wave<Real> wave(k);
-    const auto fill = k.imag > 0 ? monopole_row<Real, true> : monopole_row<Real, false>;
-    if (m <= few_sources) return add_few<Real>(t, y, strength, sounds, wave, fill, out);
+    const auto between = [&](const Planes<Real> &of, std::int64_t i, const Planes<Real> &some, std::int64_t j,
+                             std::int64_t count, Real *re, Real *im) {
+        const Real x[3] = {of[0][i], of[1][i], of[2][i]};
+        (k.imag > 0 ? monopole_row<Real, true> : monopole_row<Real, false>)(x, some[0] + j, some[1] + j, some[2] + j, count,
+                                                                            wave, re, im);
+    };
+    if (m <= few_sources)
+        return add_few<Real>(n, m, strength, sounds, out,
+                             [&](std::int64_t j, std::int64_t i, std::int64_t count, Real *re, Real *im) {
+                                 between(y, j, t, i, count, re, im);
+                             });
     sum_rows<Real>(n, m, strength, sounds, out,
                    [&](std::int64_t i, std::int64_t j, std::int64_t count, Real *re, Real *im) {
-                       const Real x[3] = {t[0][i], t[1][i], t[2][i]};
-                       fill(x, y[0] + j, y[1] + j, y[2] + j, count, wave, re, im);
+                       between(t, i, y, j, count, re, im);
                    });
 }
 
@@ -293,9 +313,9 @@ void detoured_waves(const double *centres, std::int64_t bones, const double *foc
 }
 
 #define AIRTACT_FAR(Real)                                                                                             \
-    template void double_layer_matrix<Real>(const double *, std::int64_t, const double *, const double *,             \
-                                            const std::complex<double> *, std::int64_t, Wavenumber,                   \
-                                            std::complex<Real> *);                                                    \
+    template void apply_transposed<Real>(const double *, std::int64_t, const double *, const double *,                \
+                                         const std::complex<double> *, std::int64_t, const std::complex<double> *,    \
+                                         std::int64_t, Wavenumber, std::complex<double> *);                           \
     template void dual_matrix<Real>(const double *, const double *, std::int64_t, const double *, const double *,     \
                                     const std::complex<double> *, std::int64_t, Wavenumber, std::complex<Real> *);    \
     template void apply_double_layer<Real>(const double *, std::int64_t, const double *, const double *,              \

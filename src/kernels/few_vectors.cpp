@@ -4,48 +4,68 @@
 #include <cmath>
 #include <vector>
 
-#include "kernels.hpp"
+#include "rows.hpp"
 
 namespace airtact {
 namespace AIRTACT_VARIANT {
 namespace {
 
 constexpr int at_once = 4;                  // rows, which share what they read or write of the vectors
-constexpr std::int64_t part = 512;          // numbers of a sum that stay in the nearest cache
-constexpr std::int64_t few_entries = 300000;  // of a matrix or a basis, below which one thread has done them sooner
+constexpr std::int64_t part = 256;          // numbers of a sum, or of a row, that one thread takes at a time
+constexpr std::int64_t few_entries = 100000;  // of a matrix or a basis, below which one thread has done them sooner
 
-// Adds to sums (2, 4) the products of four rows, 2 m real numbers each, with two real vectors
-template <class Real>
-void multiply_rows(const Real *const *rows, std::int64_t m, const Real *v, const Real *w, Real *sums) {
+// Adds to sums (2 N, 4) the products of four rows with N pairs of real vectors, planes of `length`, from one number on
+template <int N, class Real>
+void multiply_rows(const Real *const *rows, std::int64_t begin, std::int64_t end, const Real *v, std::int64_t length,
+                   Real *sums) {
     const Real *const r0 = rows[0], *const r1 = rows[1], *const r2 = rows[2], *const r3 = rows[3];
+    const Real *const w = v + length, *const v2 = v + (N > 1 ? 2 * length : 0), *const w2 = v2 + length;
     Real a0 = 0, a1 = 0, a2 = 0, a3 = 0, b0 = 0, b1 = 0, b2 = 0, b3 = 0;
-#pragma omp simd reduction(+ : a0, a1, a2, a3, b0, b1, b2, b3)
-    for (std::int64_t l = 0; l < 2 * m; l++) {
+    Real c0 = 0, c1 = 0, c2 = 0, c3 = 0, d0 = 0, d1 = 0, d2 = 0, d3 = 0;
+#pragma omp simd reduction(+ : a0, a1, a2, a3, b0, b1, b2, b3, c0, c1, c2, c3, d0, d1, d2, d3)
+    for (std::int64_t l = begin; l < end; l++) {
         a0 += r0[l] * v[l], a1 += r1[l] * v[l], a2 += r2[l] * v[l], a3 += r3[l] * v[l];
         b0 += r0[l] * w[l], b1 += r1[l] * w[l], b2 += r2[l] * w[l], b3 += r3[l] * w[l];
+        if (N == 1) continue;
+        c0 += r0[l] * v2[l], c1 += r1[l] * v2[l], c2 += r2[l] * v2[l], c3 += r3[l] * v2[l];
+        d0 += r0[l] * w2[l], d1 += r1[l] * w2[l], d2 += r2[l] * w2[l], d3 += r3[l] * w2[l];
     }
-    const Real found[2 * at_once] = {a0, a1, a2, a3, b0, b1, b2, b3};
-    std::copy(found, found + 2 * at_once, sums);
+    const Real found[4 * at_once] = {a0, a1, a2, a3, b0, b1, b2, b3, c0, c1, c2, c3, d0, d1, d2, d3};
+    for (int s = 0; s < 2 * N * at_once; s++) sums[s] += found[s];
 }
 
-// Adds to two sums of `count` real numbers four rows times the real and times the imaginary parts of their weights
-template <class Real>
-void add_rows(const Real *const *rows, const std::complex<Real> *weights, std::int64_t count, Real *p, Real *q) {
+// Adds to N pairs of sums of `count` real numbers four rows times the real and times the imaginary parts of their weights
+template <int N, class Real>
+void add_rows(const Real *const *rows, const std::complex<Real> (*weights)[at_once], std::int64_t count, Real (*sums)[part]) {
     const Real *const r0 = rows[0], *const r1 = rows[1], *const r2 = rows[2], *const r3 = rows[3];
-    const Real a0 = weights[0].real(), a1 = weights[1].real(), a2 = weights[2].real(), a3 = weights[3].real();
-    const Real b0 = weights[0].imag(), b1 = weights[1].imag(), b2 = weights[2].imag(), b3 = weights[3].imag();
+    Real a[4 * at_once];
+    for (int s = 0; s < N; s++)
+        for (int r = 0; r < at_once; r++)
+            a[2 * s * at_once + r] = weights[s][r].real(), a[(2 * s + 1) * at_once + r] = weights[s][r].imag();
+    Real *const p = sums[0], *const q = sums[1], *const p2 = sums[N > 1 ? 2 : 0], *const q2 = sums[N > 1 ? 3 : 1];
 #pragma omp simd
     for (std::int64_t l = 0; l < count; l++) {
-        p[l] += a0 * r0[l] + a1 * r1[l] + a2 * r2[l] + a3 * r3[l];
-        q[l] += b0 * r0[l] + b1 * r1[l] + b2 * r2[l] + b3 * r3[l];
+        p[l] += a[0] * r0[l] + a[1] * r1[l] + a[2] * r2[l] + a[3] * r3[l];
+        q[l] += a[4] * r0[l] + a[5] * r1[l] + a[6] * r2[l] + a[7] * r3[l];
+        if (N == 1) continue;
+        p2[l] += a[8] * r0[l] + a[9] * r1[l] + a[10] * r2[l] + a[11] * r3[l];
+        q2[l] += a[12] * r0[l] + a[13] * r1[l] + a[14] * r2[l] + a[15] * r3[l];
     }
 }
 
+// Four rows from one on, of numbers from `left` on; the last one again where there are fewer
 template <class Real>
+void rows_from(const std::complex<Real> *matrix, std::int64_t m, std::int64_t top, std::int64_t some, std::int64_t left,
+               const Real **rows) {
+    for (std::int64_t r = 0; r < at_once; r++)
+        rows[r] = reinterpret_cast<const Real *>(matrix + (top + std::min(r, some - 1)) * m + left);
+}
+
+template <int N, class Real>
 void times_columns(const std::complex<Real> *matrix, std::int64_t n, std::int64_t m, const std::complex<Real> *vectors,
-                   std::int64_t count, std::complex<Real> *out) {
-    Lined<Real> both(4 * m * count);  // of each vector: what gives the real parts of products, and the imaginary ones
-    for (std::int64_t s = 0; s < count; s++)
+                   std::complex<Real> *out) {
+    Lined<Real> both(4 * m * N);  // of each vector: what gives the real parts of products, and the imaginary ones
+    for (std::int64_t s = 0; s < N; s++)
         for (std::int64_t j = 0; j < m; j++) {
             const std::complex<Real> value = vectors[s * m + j];
             Real *const v = both.data() + 4 * m * s + 2 * j, *const w = v + 2 * m;
@@ -56,36 +76,40 @@ void times_columns(const std::complex<Real> *matrix, std::int64_t n, std::int64_
     for (std::int64_t top = 0; top < n; top += at_once) {
         const std::int64_t some = std::min<std::int64_t>(at_once, n - top);
         const Real *rows[at_once];
-        for (std::int64_t r = 0; r < at_once; r++)
-            rows[r] = reinterpret_cast<const Real *>(matrix + (top + std::min(r, some - 1)) * m);
-        for (std::int64_t s = 0; s < count; s++) {
-            Real sums[2 * at_once];
-            multiply_rows(rows, m, both.data() + 4 * m * s, both.data() + 4 * m * s + 2 * m, sums);
-            for (std::int64_t r = 0; r < some; r++) out[s * n + top + r] = {sums[r], sums[at_once + r]};
+        Real sums[2 * N * at_once] = {};
+        rows_from(matrix, m, top, some, 0, rows);
+        for (std::int64_t begin = 0; begin < 2 * m; begin += part) {
+            const std::int64_t end = std::min(begin + part, 2 * m);
+            for (std::int64_t r = 0; r < at_once; r++) fetch(rows[r] + 2 * at_once * m + begin, (end - begin) * sizeof(Real));
+            multiply_rows<N>(rows, begin, end, both.data(), 2 * m, sums);
         }
+        for (std::int64_t s = 0; s < N; s++)
+            for (std::int64_t r = 0; r < some; r++)
+                out[s * n + top + r] = {sums[2 * s * at_once + r], sums[(2 * s + 1) * at_once + r]};
     }
 }
 
-template <class Real>
+template <int N, class Real>
 void times_rows(const std::complex<Real> *matrix, std::int64_t n, std::int64_t m, const std::complex<Real> *vectors,
-                std::int64_t count, std::complex<Real> *out) {
+                std::complex<Real> *out) {
 #pragma omp parallel for schedule(static) if (n * m > few_entries)
-    for (std::int64_t left = 0; left < m; left += part / 2)
-        for (std::int64_t s = 0; s < count; s++) {
-            const std::int64_t width = std::min(part / 2, m - left);
-            Real p[part] = {}, q[part] = {};
-            for (std::int64_t top = 0; top < n; top += at_once) {
-                const std::int64_t some = std::min<std::int64_t>(at_once, n - top);
-                const Real *rows[at_once];
-                std::complex<Real> weights[at_once] = {};
-                for (std::int64_t r = 0; r < at_once; r++)
-                    rows[r] = reinterpret_cast<const Real *>(matrix + (top + std::min(r, some - 1)) * m + left);
-                std::copy(vectors + s * n + top, vectors + s * n + top + some, weights);
-                add_rows(rows, weights, 2 * width, p, q);
-            }
-            for (std::int64_t j = 0; j < width; j++)
-                out[s * m + left + j] = {p[2 * j] - q[2 * j + 1], p[2 * j + 1] + q[2 * j]};
+    for (std::int64_t left = 0; left < m; left += part / 2) {
+        const std::int64_t width = std::min(part / 2, m - left);
+        alignas(line) Real sums[2 * N][part] = {};
+        for (std::int64_t top = 0; top < n; top += at_once) {
+            const std::int64_t some = std::min<std::int64_t>(at_once, n - top);
+            const Real *rows[at_once];
+            std::complex<Real> weights[N][at_once] = {};
+            rows_from(matrix, m, top, some, left, rows);
+            for (std::int64_t r = 0; r < at_once; r++) fetch(rows[r] + 2 * at_once * m, 2 * width * sizeof(Real));
+            for (int s = 0; s < N; s++) std::copy(vectors + s * n + top, vectors + s * n + top + some, weights[s]);
+            add_rows<N>(rows, weights, 2 * width, sums);
         }
+        for (int s = 0; s < N; s++)
+            for (std::int64_t j = 0; j < width; j++)
+                out[s * m + left + j] = {sums[2 * s][2 * j] - sums[2 * s + 1][2 * j + 1],
+                                         sums[2 * s][2 * j + 1] + sums[2 * s + 1][2 * j]};
+    }
 }
 
 // Takes a vector's part along `before`, given by its weight, from it; returns what is left of it along `next`
@@ -107,14 +131,14 @@ std::complex<Real> take_off(std::complex<Real> weight, const std::complex<Real> 
 }
 
 template <class Real>
-void make_orthonormal(const std::complex<Real> *basis, std::int64_t m, std::int64_t count, std::complex<Real> *vector,
-                      std::complex<double> *column) {
+void make_orthonormal(const std::complex<Real> *basis, std::int64_t stride, std::int64_t m, std::int64_t count,
+                      std::complex<Real> *vector, std::complex<double> *column) {
     std::complex<Real> overlap = 0;
     for (std::int64_t i = 0; i < count; i++) {
-        overlap = take_off(overlap, basis + (i ? i - 1 : 0) * m, basis + i * m, m, vector);
+        overlap = take_off(overlap, basis + (i ? i - 1 : 0) * stride, basis + i * stride, m, vector);
         column[i] = overlap;
     }
-    if (count) take_off(overlap, basis + (count - 1) * m, basis, m, vector);
+    if (count) take_off(overlap, basis + (count - 1) * stride, basis, m, vector);
     Real *const v = reinterpret_cast<Real *>(vector);
     Real squared = 0;
 #pragma omp simd reduction(+ : squared)
@@ -128,22 +152,28 @@ void make_orthonormal(const std::complex<Real> *basis, std::int64_t m, std::int6
 }  // namespace
 
 template <class Real>
-void orthonormalise(const std::complex<Real> *bases, std::int64_t sides, std::int64_t room, std::int64_t m, std::int64_t count,
+void orthonormalise(const std::complex<Real> *bases, std::int64_t count, std::int64_t sides, std::int64_t m,
                     std::complex<Real> *vectors, std::complex<double> *columns) {
 #pragma omp parallel for schedule(static) if (sides * count * m > few_entries)
     for (std::int64_t s = 0; s < sides; s++)
-        make_orthonormal(bases + s * room * m, m, count, vectors + s * m, columns + s * (count + 1));
+        make_orthonormal(bases + s * m, sides * m, m, count, vectors + s * m, columns + s * (count + 1));
 }
 
-template void orthonormalise<float>(const std::complex<float> *, std::int64_t, std::int64_t, std::int64_t, std::int64_t,
+template void orthonormalise<float>(const std::complex<float> *, std::int64_t, std::int64_t, std::int64_t,
                                     std::complex<float> *, std::complex<double> *);
-template void orthonormalise<double>(const std::complex<double> *, std::int64_t, std::int64_t, std::int64_t, std::int64_t,
+template void orthonormalise<double>(const std::complex<double> *, std::int64_t, std::int64_t, std::int64_t,
                                      std::complex<double> *, std::complex<double> *);
 
 template <class Real>
 void few_products(const std::complex<Real> *matrix, std::int64_t n, std::int64_t m, const std::complex<Real> *vectors,
                   std::int64_t count, bool transposed, std::complex<Real> *out) {
-    (transposed ? times_rows<Real> : times_columns<Real>)(matrix, n, m, vectors, count, out);
+    const std::int64_t given = transposed ? n : m, made = transposed ? m : n;
+    for (std::int64_t s = 0; s < count; s += 2) {
+        const bool alone = s + 1 == count;
+        const auto multiply = transposed ? (alone ? times_rows<1, Real> : times_rows<2, Real>)
+                                         : (alone ? times_columns<1, Real> : times_columns<2, Real>);
+        multiply(matrix, n, m, vectors + s * given, out + s * made);
+    }
 }
 
 template void few_products<float>(const std::complex<float> *, std::int64_t, std::int64_t, const std::complex<float> *,

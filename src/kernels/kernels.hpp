@@ -5,7 +5,6 @@
 #define AIRTACT_KERNEL_TYPES
 #include <complex>
 #include <cstdint>
-#include <new>
 #include <vector>
 
 namespace airtact {
@@ -23,19 +22,6 @@ template <class Store> struct Arithmetic {  // the type a matrix is computed in,
 template <> struct Arithmetic<std::uint32_t> {  // two of bfloat16
     using Real = float;
 };
-
-// Memory that begins where a line of the cache does: a register that lies in two lines takes twice as long to read
-constexpr std::size_t line = 64;  // bytes
-template <class T> struct OnLines {
-    using value_type = T;
-    OnLines() = default;
-    template <class U> OnLines(const OnLines<U> &) {}
-    T *allocate(std::size_t n) { return static_cast<T *>(::operator new(n * sizeof(T), std::align_val_t(line))); }
-    void deallocate(T *memory, std::size_t) { ::operator delete(memory, std::align_val_t(line)); }
-    template <class U> bool operator==(const OnLines<U> &) const { return true; }
-    template <class U> bool operator!=(const OnLines<U> &) const { return false; }
-};
-template <class T> using Lined = std::vector<T, OnLines<T>>;
 
 struct NearRows {  // for each target its near panels, and the corrections to the entries of their six nodes
     const std::int64_t *first, *panel;
@@ -105,16 +91,11 @@ template <class Real>
 void few_products(const std::complex<Real> *matrix, std::int64_t n, std::int64_t m, const std::complex<Real> *vectors,
                   std::int64_t count, bool transposed, std::complex<Real> *out);
 
-// Makes each vector (S, m) orthogonal to the first `count` vectors of its basis (S, room, m), of length 1 all, and 1 long.
+// Makes each of S vectors (S, m) orthogonal to its basis, vectors of length 1 that are (count, S, m) together, and 1 long.
 // Columns (S, count + 1) get its parts along these, taken off one by one, and the length of what was left.
 template <class Real>
-void orthonormalise(const std::complex<Real> *bases, std::int64_t sides, std::int64_t room, std::int64_t m, std::int64_t count,
+void orthonormalise(const std::complex<Real> *bases, std::int64_t count, std::int64_t sides, std::int64_t m,
                     std::complex<Real> *vectors, std::complex<double> *columns);
-
-// out[i, j] = D(x_i, y_j)
-template <class Real>
-void double_layer_matrix(const double *targets, std::int64_t n, const double *sources, const double *normals,
-                         const std::complex<double> *single, std::int64_t m, Wavenumber k, std::complex<Real> *out);
 
 // out[i, j] = i D(x'_i, y_j) - D(x_i, y_j), where x'_i = inside[i]
 template <class Real>
@@ -126,6 +107,12 @@ template <class Real>
 void apply_double_layer(const double *targets, std::int64_t n, const double *sources, const double *normals,
                         const std::complex<double> *single, std::int64_t m, const std::complex<double> *density,
                         std::int64_t sounds, Wavenumber k, double least, std::complex<double> *out);
+
+// out[j, s] = sum_i D(x_i, y_j) strength[i, s]
+template <class Real>
+void apply_transposed(const double *targets, std::int64_t n, const double *sources, const double *normals,
+                      const std::complex<double> *single, std::int64_t m, const std::complex<double> *strength,
+                      std::int64_t sounds, Wavenumber k, std::complex<double> *out);
 
 // out[i, s] = sum_j e^{ikr}/r strength[j, s]
 template <class Real>

@@ -29,7 +29,7 @@ namespace nb = nanobind;
 using namespace airtact;
 
 template <class Real> struct Far {
-    decltype(&baseline::double_layer_matrix<Real>) double_layer_matrix;
+    decltype(&baseline::apply_transposed<Real>) apply_transposed;
     decltype(&baseline::dual_matrix<Real>) dual_matrix;
     decltype(&baseline::few_products<Real>) few_products;
     decltype(&baseline::orthonormalise<Real>) orthonormalise;
@@ -70,7 +70,7 @@ struct Variant {
 };
 
 #define AIRTACT_FAR(v, Real)                                                                                         \
-    { &v::double_layer_matrix<Real>, &v::dual_matrix<Real>, &v::few_products<Real>, &v::orthonormalise<Real>,         \
+    { &v::apply_transposed<Real>, &v::dual_matrix<Real>, &v::few_products<Real>, &v::orthonormalise<Real>,         \
       &v::apply_double_layer<Real>, &v::apply_monopoles<Real>,                                                        \
       &v::near_excess<Real>, &v::chebyshev_sum<Real> }
 #define AIRTACT_DUAL(v, Store)                                                                                       \
@@ -226,11 +226,14 @@ void product(Index whole_first, Index whole_column, Blocks<const Store> blocks, 
 }
 
 template <class Real>
-void layer_matrix(Points x, Points y, Points a, Single single, Complex k, Write<std::complex<Real>, -1, -1> out) {
-    same(y.shape(0), a.shape(0)), same(out.shape(0), x.shape(0)), same(out.shape(1), y.shape(0));
+void transposed_layer(Points x, Points y, Points a, Single single, Read<Complex, -1, -1> strength, Complex k,
+                      Write<Complex, -1, -1> out) {
+    same(y.shape(0), a.shape(0)), same(strength.shape(0), x.shape(0));
+    same(out.shape(0), y.shape(0)), same(out.shape(1), strength.shape(1));
     const Complex *of = single_of(single, y.shape(0));
     nb::gil_scoped_release release;
-    far<Real>().double_layer_matrix(x.data(), x.shape(0), y.data(), a.data(), of, y.shape(0), wave(k), out.data());
+    far<Real>().apply_transposed(x.data(), x.shape(0), y.data(), a.data(), of, y.shape(0), strength.data(), strength.shape(1),
+                                 wave(k), out.data());
 }
 
 template <class Real>
@@ -253,14 +256,12 @@ void few(Read<std::complex<Real>, -1, -1> matrix, Read<std::complex<Real>, -1, -
 }
 
 template <class Real>
-void orthonormalise(Read<std::complex<Real>, -1, -1, -1> bases, std::int64_t count, Write<std::complex<Real>, -1, -1> vectors,
+void orthonormalise(Read<std::complex<Real>, -1, -1, -1> bases, Write<std::complex<Real>, -1, -1> vectors,
                     Write<Complex, -1, -1> columns) {
-    same(bases.shape(0), vectors.shape(0)), same(bases.shape(2), vectors.shape(1));
-    same(columns.shape(0), vectors.shape(0)), same(columns.shape(1), std::size_t(count + 1));
-    if (count < 0 || std::size_t(count) > bases.shape(1)) throw nb::index_error("a basis does not have so many vectors");
+    same(bases.shape(1), vectors.shape(0)), same(bases.shape(2), vectors.shape(1));
+    same(columns.shape(0), vectors.shape(0)), same(columns.shape(1), bases.shape(0) + 1);
     nb::gil_scoped_release release;
-    far<Real>().orthonormalise(bases.data(), bases.shape(0), bases.shape(1), bases.shape(2), count, vectors.data(),
-                               columns.data());
+    far<Real>().orthonormalise(bases.data(), bases.shape(0), bases.shape(1), bases.shape(2), vectors.data(), columns.data());
 }
 
 template <class Real>
@@ -557,8 +558,8 @@ NB_MODULE(_kernels, m) {
     m.def("dual_product_bfloat16", &product<std::uint32_t>);
     m.def("dual_product_float32", &product<float>);
     m.def("dual_product_float64", &product<double>);
-    m.def("double_layer_matrix_float32", &layer_matrix<float>);
-    m.def("double_layer_matrix_float64", &layer_matrix<double>);
+    m.def("apply_transposed_float32", &transposed_layer<float>);
+    m.def("apply_transposed_float64", &transposed_layer<double>);
     m.def("dual_matrix_float32", &both_layers<float>);
     m.def("dual_matrix_float64", &both_layers<double>);
     m.def("few_products_float32", &few<float>);

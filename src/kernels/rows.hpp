@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <new>
 #include <vector>
 
 #include "kernels.hpp"
@@ -16,6 +17,27 @@ namespace AIRTACT_VARIANT {
 namespace {
 
 constexpr double pi = 3.14159265358979323846;
+
+// Memory that begins where a line of the cache does: a register that lies in two lines takes twice as long to read
+constexpr std::size_t line = 64;  // bytes
+template <class T> struct OnLines {
+    using value_type = T;
+    OnLines() = default;
+    template <class U> OnLines(const OnLines<U> &) {}
+    T *allocate(std::size_t n) { return static_cast<T *>(::operator new(n * sizeof(T), std::align_val_t(line))); }
+    void deallocate(T *memory, std::size_t) { ::operator delete(memory, std::align_val_t(line)); }
+    template <class U> bool operator==(const OnLines<U> &) const { return true; }
+    template <class U> bool operator!=(const OnLines<U> &) const { return false; }
+};
+template <class T> using Lined = std::vector<T, OnLines<T>>;
+
+// Begins to read so many bytes that are used soon, from several lines side by side, which the machine does not foresee
+inline void fetch([[maybe_unused]] const void *memory, [[maybe_unused]] std::int64_t bytes) {
+#ifdef __GNUC__
+    for (std::int64_t b = 0; b < bytes; b += std::int64_t(line)) __builtin_prefetch(static_cast<const char *>(memory) + b);
+#endif
+}
+
 template <class Real> struct Planes {  // x, y, z, ... each contiguous, relative to an origin
     static constexpr std::int64_t each = line / sizeof(Real);
     std::int64_t n, stride;
@@ -96,6 +118,15 @@ inline void double_layer_row(const Real *x, const Real *sx, const Real *sy, cons
     for (std::int64_t j = 0; j < n; j++)
         double_layer<Real, Lossy, Mixed>(sx[j] - x[0], sy[j] - x[1], sz[j] - x[2], nx[j], ny[j], nz[j], k, least, re[j],
                                          im[j], strength<Mixed>(a, j), strength<Mixed>(b, j));
+}
+
+template <class Real, bool Lossy, bool Mixed = false>
+inline void double_layer_column(const Real *y, const Real *normal, const Real *tx, const Real *ty, const Real *tz,
+                                std::int64_t n, Wave<Real> k, Real *re, Real *im, Real a = 0, Real b = 0) {
+#pragma omp simd
+    for (std::int64_t i = 0; i < n; i++)
+        double_layer<Real, Lossy, Mixed>(y[0] - tx[i], y[1] - ty[i], y[2] - tz[i], normal[0], normal[1], normal[2], k, Real(0),
+                                         re[i], im[i], a, b);
 }
 
 // Calls row(i) for every target, shared out over the threads unless there are so few pairs that one has done them sooner

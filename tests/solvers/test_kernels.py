@@ -52,19 +52,30 @@ def relative(found, expected):
 def test_double_layer_loops_equal_numpy(mixed, precision, kind, tolerance, wavenumber):
     points, sources, normals = scattered_points(1, 40), scattered_points(3, 700), scattered_points(4, 700) * 1e-3
     first = double_layer(points, sources, normals, wavenumber, mixed)
-    matrix, layer = np.empty((40, 700), kind), (points, sources, normals, mixed)
-    getattr(_kernels, f"double_layer_matrix_{precision}")(*layer, wavenumber, matrix)
+    layer = points, sources, normals, mixed
     dual, inside = np.empty((40, 700), kind), scattered_points(2, 40)
     getattr(_kernels, f"dual_matrix_{precision}")(points, inside, *layer[1:], wavenumber, dual)
     assert relative(dual, 1j * double_layer(inside, sources, normals, wavenumber, mixed) - first) < tolerance
     density = np.random.default_rng(5).normal(size=(700, 3)) + 1j
     applied = np.empty((40, 3), np.complex128)
     getattr(_kernels, f"apply_double_layer_{precision}")(*layer, density, wavenumber, 0.0, applied)
-    assert relative(matrix, first) < tolerance
     assert relative(applied, first @ density) < 3 * tolerance
     far = np.linalg.norm(points[:, None] - sources[None], axis=2) > 0.02
     getattr(_kernels, f"apply_double_layer_{precision}")(*layer, density, wavenumber, 0.02, applied)
     assert relative(applied, np.where(far, first, 0) @ density) < 3 * tolerance
+
+
+@pytest.mark.parametrize("wavenumber", WAVENUMBERS)
+@pytest.mark.parametrize(("precision", "tolerance"), [one[::2] for one in PRECISIONS])
+@pytest.mark.parametrize("mixed", [HARD, mixed_with(700)], ids=["hard", "mixed"])
+@pytest.mark.parametrize("count", [1, 16, 17, 300])
+def test_a_transposed_double_layer_equals_numpy(count, mixed, precision, tolerance, wavenumber):
+    points, sources, normals = scattered_points(1, count), scattered_points(3, 700), scattered_points(4, 700) * 1e-3
+    strength, applied = np.random.default_rng(5).normal(size=(count, 3)) + 1j, np.empty((700, 3), np.complex128)
+    strength[0, 1] = 0
+    getattr(_kernels, f"apply_transposed_{precision}")(points, sources, normals, mixed, strength, wavenumber, applied)
+    expected = double_layer(points, sources, normals, wavenumber, mixed).T @ strength
+    assert relative(applied, expected) < 3 * tolerance
 
 
 @pytest.mark.parametrize(("precision", "kind", "tolerance"), PRECISIONS)
@@ -83,15 +94,16 @@ def test_products_with_few_vectors_equal_numpy(shape, precision, kind, tolerance
 @pytest.mark.parametrize("count", [0, 1, 5])
 def test_vectors_are_made_orthogonal_to_their_basis(count, precision, kind, tolerance):
     pick = np.random.default_rng(2)
-    bases = np.empty((3, 7, 90), kind)  # with room for two more vectors
-    for basis in bases:
-        basis[:5] = np.linalg.qr(pick.normal(size=(90, 5)) + 1j * pick.normal(size=(90, 5)))[0].T
+    bases = np.empty((count, 3, 90), kind)
+    for side in range(3):
+        bases[:, side] = np.linalg.qr(pick.normal(size=(90, count)) + 1j * pick.normal(size=(90, count)))[0].T
     given = (pick.normal(size=(3, 90)) + 1j * pick.normal(size=(3, 90))).astype(kind)
-    given[2] = 2j * bases[2, 0]
+    if count:
+        given[2] = 2j * bases[0, 2]
     vectors, columns = given.copy(), np.empty((3, count + 1), complex)
-    getattr(_kernels, f"orthonormalise_{precision}")(bases, count, vectors, columns)
-    overlaps = np.einsum("svm,sm->sv", bases[:, :count].conj(), given)
-    left = given - np.einsum("sv,svm->sm", overlaps, bases[:, :count])
+    getattr(_kernels, f"orthonormalise_{precision}")(bases, vectors, columns)
+    overlaps = np.einsum("vsm,sm->sv", bases.conj(), given)
+    left = given - np.einsum("sv,vsm->sm", overlaps, bases)
     length = np.linalg.norm(left, axis=1)
     assert np.allclose(columns[:, :count], overlaps, atol=30 * tolerance)
     assert np.allclose(columns[:, count], length, atol=30 * tolerance)
@@ -100,7 +112,7 @@ def test_vectors_are_made_orthogonal_to_their_basis(count, precision, kind, tole
 
 def test_vectors_of_no_length_stay_as_they_are():
     vectors, columns = np.zeros((2, 9), np.complex64), np.empty((2, 1), complex)
-    _kernels.orthonormalise_float32(np.zeros((2, 3, 9), np.complex64), 0, vectors, columns)
+    _kernels.orthonormalise_float32(np.zeros((0, 2, 9), np.complex64), vectors, columns)
     assert not vectors.any()
     assert not columns.any()
 
@@ -268,11 +280,13 @@ def fill_one_tile(points, rows, whole=None) -> None:
 
 @pytest.mark.parametrize("wavenumber", WAVENUMBERS)
 @pytest.mark.parametrize(("precision", "kind", "tolerance"), PRECISIONS)
-def test_monopole_loop_equals_numpy(precision, kind, tolerance, wavenumber):
-    points, sources = scattered_points(1, 40), scattered_points(3, 700)
-    strength = np.random.default_rng(5).normal(size=(700, 2)) + 1j
+@pytest.mark.parametrize(("receivers", "count"), [(40, 700), (600, 1), (600, 16), (600, 17)])
+def test_monopole_loop_equals_numpy(receivers, count, precision, kind, tolerance, wavenumber):
+    points, sources = scattered_points(1, receivers), scattered_points(3, count)
+    strength = np.random.default_rng(5).normal(size=(count, 2)) + 1j
+    strength[0, 1] = 0
     distance = np.linalg.norm(points[:, None] - sources[None], axis=2)
-    out = np.empty((40, 2), np.complex128)
+    out = np.full((receivers, 2), np.nan, np.complex128)
     getattr(_kernels, f"apply_monopoles_{precision}")(points, sources, strength, wavenumber, out)
     assert relative(out, np.exp(1j * wavenumber * distance) / distance @ strength) < 3 * tolerance
 

@@ -14,6 +14,9 @@ from jaxtyping import Complex, Complex128, Float64
 from airtact.conventions import NotConverged
 from airtact.solvers.loops import loop_for
 
+FIRST = 15
+"""Iterations that memory is allocated for at first: more than most solves take."""
+
 ORDINARY = 3.0
 """Error of a solution over its relative residual, at most, of the equations of bodies without cavities: 1.3 to 2.7."""
 
@@ -50,15 +53,17 @@ def gmres(
     sides, unknowns = right_sides.shape
     norms = np.linalg.norm(right_sides, axis=1)
     scale = np.where(norms > 0, norms, 1).astype(norms.dtype)[:, None]
-    basis = np.empty((sides, most_iterations + 1, unknowns), dtype=right_sides.dtype)
-    basis[:, 0] = right_sides / scale
+    basis = np.empty((min(most_iterations, FIRST) + 1, sides, unknowns), dtype=right_sides.dtype)
+    basis[0] = right_sides / scale
     fits, residuals = [_Rotated() for _ in range(sides)], np.ones(sides)
     orthonormalise = loop_for("orthonormalise", basis.dtype)
     for step in range(most_iterations):
-        grown = np.ascontiguousarray(product(basis[:, step]), dtype=basis.dtype)
+        grown = np.ascontiguousarray(product(basis[step]), dtype=basis.dtype)
         columns = np.empty((sides, step + 2), dtype=np.complex128)
-        orthonormalise(basis, step + 1, grown, columns)
-        basis[:, step + 1] = grown
+        orthonormalise(basis[: step + 1], grown, columns)
+        if step + 1 == len(basis):
+            basis = np.concatenate([basis, np.empty_like(basis)])
+        basis[step + 1] = grown
         for fit, column in zip(fits, columns.tolist(), strict=True):
             fit.add(column)
         residuals = np.where(norms > 0, [fit.residual for fit in fits], 0)
@@ -67,8 +72,8 @@ def gmres(
             continue
         weights = [fit.weights() for fit in fits]
         if last or all(fit.settled(error, one) for fit, one in zip(fits, weights, strict=True)):
-            sums = [_sum(one, vectors) for one, vectors in zip(weights, basis, strict=True)]
-            return GmresResult(np.array(sums).reshape(sides, unknowns) * scale, residuals, step + 1)
+            solution = _sum(np.array(weights).reshape(sides, step + 1), basis)
+            return GmresResult(solution * scale, residuals, step + 1)
     raise NotConverged(
         f"GMRES stopped at a relative residual of {residuals.max():.1e} (wanted {tolerance:.0e}) after "
         f"{most_iterations} iterations; likely a gap or a body is much thinner than a panel: ask for a smaller "
@@ -132,9 +137,9 @@ class _Rotated:
 
 
 def _sum(
-    weights: Complex128[np.ndarray, "steps"], vectors: Complex[np.ndarray, "vectors unknowns"]
-) -> Complex[np.ndarray, "unknowns"]:
-    total = np.zeros_like(vectors[0])
-    for weight, vector in zip(weights.astype(vectors.dtype), vectors, strict=False):
-        total += weight * vector
+    weights: Complex128[np.ndarray, "sides steps"], basis: Complex[np.ndarray, "room sides unknowns"]
+) -> Complex[np.ndarray, "sides unknowns"]:
+    total = np.zeros_like(basis[0])
+    for weight, vectors in zip(weights.T.astype(basis.dtype), basis, strict=False):
+        total += weight[:, None] * vectors
     return total

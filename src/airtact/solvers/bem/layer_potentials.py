@@ -31,8 +31,6 @@ from airtact.solvers.bem.quadrature import (
 from airtact.solvers.bem.target_cells import Cells
 from airtact.solvers.loops import loop
 
-ROWS_AT_ONCE = 512
-
 
 @dataclass(frozen=True)
 class NearRule:
@@ -165,18 +163,12 @@ def double_layer_transposed(
         rows = near_rows(there, points[some], wavenumber, near_rule, "float64")
         pairs = strengths[np.repeat(np.flatnonzero(some), np.diff(rows.first))]
         np.add.at(total.reshape(-1, 6, total.shape[1]), rows.panel, rows.excess[:, :, None] * pairs[:, None])
+    summed, layer = np.empty_like(total), (nodes.points, nodes.weighted_normals, single)
     for chosen, kind in ((near, "float64"), (~near, precision)):
-        if not chosen.any():
-            continue
-        some = np.ascontiguousarray(points[chosen], dtype=np.float64)
-        weights = strengths[chosen]
-        for start in range(0, len(some), ROWS_AT_ONCE):
-            block = slice(start, start + ROWS_AT_ONCE)
-            shape = (len(some[block]), len(nodes.points))
-            rows = np.empty(shape, dtype=np.complex64 if kind == "float32" else np.complex128)
-            fill = loop("double_layer_matrix", kind)
-            fill(some[block], nodes.points, nodes.weighted_normals, single, complex(wavenumber), rows)
-            total += rows.T @ weights[block].astype(rows.dtype)
+        if chosen.any():
+            some = np.ascontiguousarray(points[chosen], dtype=np.float64)
+            loop("apply_transposed", kind)(some, *layer, strengths[chosen], complex(wavenumber), summed)
+            total += summed
     return total
 
 
