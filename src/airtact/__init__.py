@@ -82,7 +82,7 @@ if TYPE_CHECKING:
 # The compiled loops' threads would spin for milliseconds after each loop and keep NumPy's own off the cores; for some
 # microseconds they may, until the next loop, as waking them takes longer. Read when the loops are loaded, after this.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-os.environ.setdefault("GOMP_SPINCOUNT", "10000")
+os.environ.setdefault("GOMP_SPINCOUNT", "3000")
 
 __version__ = "0.1.0"
 

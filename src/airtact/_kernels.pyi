@@ -188,6 +188,17 @@ chebyshev_sum_float64 = chebyshev_sum_float32
 
 def near_pairs(targets: np.ndarray, centres: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]: ...
 def panel_distances(panels: np.ndarray, points: np.ndarray, within: float, distance: np.ndarray) -> None: ...
+def mark_blocks(first: np.ndarray, panel: np.ndarray, targets: int, panels: int, met: np.ndarray) -> None: ...
+def place_nodes(
+    panels: np.ndarray,
+    rule: np.ndarray,
+    weights: np.ndarray,
+    points: np.ndarray,
+    normals: np.ndarray,
+    areas: np.ndarray,
+    centres: np.ndarray,
+    radii: np.ndarray,
+) -> None: ...
 def block_order(points: np.ndarray, each: int, order: np.ndarray) -> None: ...
 def closest_on_panels(
     targets: np.ndarray,

@@ -12,7 +12,8 @@ namespace {
 
 constexpr int at_once = 4;                  // rows, which share what they read or write of the vectors
 constexpr std::int64_t part = 256;          // numbers of a sum, or of a row, that one thread takes at a time
-constexpr std::int64_t few_entries = 100000;  // of a matrix or a basis, below which one thread has done them sooner
+constexpr std::int64_t few_entries = 100000;  // of a matrix, below which one thread has done them sooner
+constexpr std::int64_t few_numbers = 8000;  // of a basis likewise: the threads are awake from the product just before
 
 // Adds to sums (2 N, 4) the products of four rows with N pairs of real vectors, planes of `length`, from one number on
 template <int N, class Real>
@@ -154,7 +155,7 @@ void make_orthonormal(const std::complex<Real> *basis, std::int64_t stride, std:
 template <class Real>
 void orthonormalise(const std::complex<Real> *bases, std::int64_t count, std::int64_t sides, std::int64_t m,
                     std::complex<Real> *vectors, std::complex<double> *columns) {
-#pragma omp parallel for schedule(static) if (sides * count * m > few_entries)
+#pragma omp parallel for schedule(static) if (sides * count * m > few_numbers)
     for (std::int64_t s = 0; s < sides; s++)
         make_orthonormal(bases + s * m, sides * m, m, count, vectors + s * m, columns + s * (count + 1));
 }

@@ -102,6 +102,41 @@ std::vector<std::int64_t> near_pairs(const double *targets, std::int64_t n, cons
     return all;
 }
 
+void mark_blocks(const std::int64_t *first, std::int64_t n, const std::int64_t *panel, std::int64_t targets, std::int64_t panels,
+                 std::int64_t columns, bool *met) {
+    for (std::int64_t i = 0; i < n; i++)
+        for (std::int64_t e = first[i]; e < first[i + 1]; e++) met[i / targets * columns + panel[e] / panels] = true;
+}
+
+void place_nodes(const double *panels, std::int64_t n, const double *rule, const double *weights, double *points,
+                 double *normals, double *areas, double *centres, double *radii) {
+    constexpr int nodes = 6;
+    const auto at = [](const double *functions, const double *panel, double *out) {
+        for (int d = 0; d < 3; d++) {
+            out[d] = 0;
+            for (int s = 0; s < nodes; s++) out[d] += functions[s] * panel[3 * s + d];
+        }
+    };
+#pragma omp parallel for schedule(static) if (n > many)
+    for (std::int64_t t = 0; t < n; t++) {
+        const double *const panel = panels + 3 * nodes * t;
+        for (int j = 0; j < nodes; j++) {
+            const std::int64_t i = nodes * t + j;
+            double u[3], v[3];
+            at(rule + nodes * j, panel, points + 3 * i);
+            at(rule + nodes * (nodes + j), panel, u), at(rule + nodes * (2 * nodes + j), panel, v);
+            const double normal[3] = {u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]};
+            const double size = std::sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+            areas[i] = size * weights[j];
+            for (int d = 0; d < 3; d++) normals[3 * i + d] = normal[d] / size;
+        }
+        at(rule + 3 * nodes * nodes, panel, centres + 3 * t);
+        double farthest = 0;
+        for (int s = 0; s < nodes; s++) farthest = std::max(farthest, squared(panel + 3 * s, centres + 3 * t));
+        radii[t] = std::sqrt(farthest);
+    }
+}
+
 void panel_distances(const double *panels, std::int64_t n, const double *points, std::int64_t count, double within,
                      double *distance) {
     constexpr int nodes = 6, samples = nodes + 1;

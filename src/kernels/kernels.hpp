@@ -160,6 +160,17 @@ void chebyshev_sum(const Real *values, const std::int32_t *columns, const std::i
 std::vector<std::int64_t> near_pairs(const double *targets, std::int64_t n, const double *centres, const double *reach,
                                      std::int64_t panels, std::int64_t *first);
 
+// Marks the pairs of blocks, rows with `columns`, of which a target of the one has a near panel in the other; a block has so
+// many targets or panels. The panels near target i are panel[first[i]] ... panel[first[i + 1] - 1]
+void mark_blocks(const std::int64_t *first, std::int64_t n, const std::int64_t *panel, std::int64_t targets, std::int64_t panels,
+                 std::int64_t columns, bool *met);
+
+// The nodes of six-node panels, their unit normals and the areas that they stand for; centres, and how far a panel's own six
+// points are from them at most. Rows of `rule` (19, 6): shape functions at the six nodes, their derivatives along u and along
+// v, and at the centre
+void place_nodes(const double *panels, std::int64_t n, const double *rule, const double *weights, double *points,
+                 double *normals, double *areas, double *centres, double *radii);
+
 // How far the point nearest to a panel is from its six nodes and their middle: the least of these, infinite from `within` on
 void panel_distances(const double *panels, std::int64_t n, const double *points, std::int64_t count, double within,
                      double *distance);

@@ -55,6 +55,8 @@ struct Variant {
     decltype(&baseline::detoured_waves) detoured_waves;
     decltype(&baseline::near_pairs) near_pairs;
     decltype(&baseline::block_order) block_order;
+    decltype(&baseline::mark_blocks) mark_blocks;
+    decltype(&baseline::place_nodes) place_nodes;
     decltype(&baseline::panel_distances) panel_distances;
     decltype(&baseline::closest_on_panels) closest_on_panels;
     decltype(&baseline::near_integrals) near_integrals;
@@ -76,7 +78,7 @@ struct Variant {
 #define AIRTACT_DUAL(v, Store)                                                                                       \
     Dual<Store> { &v::dual_blocks<Store>, &v::dual_low_rank<Store>, &v::dual_product<Store> }
 #define AIRTACT_TABLE(v)                                                                                             \
-    { #v, {AIRTACT_DUAL(v, std::uint32_t), AIRTACT_DUAL(v, float), AIRTACT_DUAL(v, double)}, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::apply_in_cells, &v::interpolate, &v::detoured_waves, &v::near_pairs, &v::block_order, &v::panel_distances, &v::closest_on_panels, \
+    { #v, {AIRTACT_DUAL(v, std::uint32_t), AIRTACT_DUAL(v, float), AIRTACT_DUAL(v, double)}, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::apply_in_cells, &v::interpolate, &v::detoured_waves, &v::near_pairs, &v::block_order, &v::mark_blocks, &v::place_nodes, &v::panel_distances, &v::closest_on_panels, \
       &v::near_integrals, &v::hull_distances, &v::blended_distance, &v::hull_gaps, &v::project_on_hulls, &v::grade_sizes, \
       &v::even_pass, &v::gerchberg_saxton, &v::surface_integral, &v::normal_derivative }
 
@@ -384,6 +386,29 @@ static void panel_distances(Read<double, -1, 6, 3> panels, Points points, double
     active->panel_distances(panels.data(), panels.shape(0), points.data(), points.shape(0), within, distance.data());
 }
 
+static void mark_blocks(Index first, Index panel, std::int64_t targets, std::int64_t panels, Write<bool, -1, -1> met) {
+    const std::int64_t n = std::int64_t(first.shape(0)) - 1, pairs = panel.shape(0), rows = met.shape(0), columns = met.shape(1);
+    if (targets < 1 || panels < 1) throw nb::value_error("blocks of no targets or panels");
+    if (n < 0 || first.data()[n] != pairs || (n > 0 && (n - 1) / targets >= rows)) throw nb::index_error("no such block");
+    for (std::int64_t i = 0; i < n; i++)
+        if (first.data()[i] < 0 || first.data()[i] > first.data()[i + 1]) throw nb::value_error("lists must not fall");
+    for (std::int64_t e = 0; e < pairs; e++)
+        if (panel.data()[e] < 0 || panel.data()[e] / panels >= columns) throw nb::index_error("no such block");
+    nb::gil_scoped_release release;
+    active->mark_blocks(first.data(), n, panel.data(), targets, panels, columns, met.data());
+}
+
+static void place_nodes(Read<double, -1, 6, 3> panels, Read<double, 19, 6> rule, Read<double, 6> weights, Write<double, -1, 3> points,
+                        Write<double, -1, 3> normals, Write<double, -1> areas, Write<double, -1, 3> centres,
+                        Write<double, -1> radii) {
+    const std::size_t n = panels.shape(0);
+    same(points.shape(0), 6 * n), same(normals.shape(0), 6 * n), same(areas.shape(0), 6 * n);
+    same(centres.shape(0), n), same(radii.shape(0), n);
+    nb::gil_scoped_release release;
+    active->place_nodes(panels.data(), n, rule.data(), weights.data(), points.data(), normals.data(), areas.data(),
+                        centres.data(), radii.data());
+}
+
 static void block_order(Points points, std::int64_t each, Write<std::int64_t, -1> order) {
     same(points.shape(0), order.shape(0));
     if (each < 1) throw nb::value_error("blocks of no points");
@@ -583,6 +608,8 @@ NB_MODULE(_kernels, m) {
     m.def("chebyshev_sum_float64", &chebyshev<double>);
     m.def("near_pairs", &near_pairs);
     m.def("block_order", &block_order);
+    m.def("mark_blocks", &mark_blocks);
+    m.def("place_nodes", &place_nodes);
     m.def("panel_distances", &panel_distances);
     m.def("closest_on_panels", &closest);
     m.def("near_integrals", &near);

@@ -84,8 +84,9 @@ inline void monopole_row(const Real *x, const Real *sx, const Real *sy, const Re
 #pragma omp simd
     for (std::int64_t j = 0; j < n; j++) {
         const Real dx = sx[j] - x[0], dy = sy[j] - x[1], dz = sz[j] - x[2];
-        const Real r = std::sqrt(dx * dx + dy * dy + dz * dz);
-        Real s, c, g = Real(1) / r;
+        const Real squared = dx * dx + dy * dy + dz * dz;
+        Real s, c, g = Real(1) / std::sqrt(squared);
+        const Real r = squared * g;
         if (Lossy) g *= decay(k.imag * r);
         sincospi(k.half_waves * r, s, c);
         re[j] = g * c;

@@ -6,6 +6,7 @@ from scipy.integrate import dblquad
 from scipy.sparse import csr_matrix
 
 from airtact import _kernels
+from airtact.solvers.bem.quadrature import RULE, RULE_WEIGHTS
 from airtact.solvers.loops import loop
 
 PRECISIONS = [("float32", np.complex64, 2e-5), ("float64", np.complex128, 1e-13)]
@@ -489,6 +490,22 @@ def test_distances_of_panels_are_those_of_their_nodes_and_middles(count, within)
     apart = np.linalg.norm(samples[:, :, None] - points, axis=3)
     least = apart.min(axis=(1, 2), initial=np.inf)
     assert np.allclose(distance, np.where(least < within, least, np.inf), rtol=1e-12)
+
+
+@pytest.mark.parametrize("count", [3, 500])
+def test_nodes_are_placed_as_by_numpy(count):
+    pick = np.random.default_rng(3)
+    panels = CURVED + 1e-4 * pick.normal(size=(count, 6, 3))
+    (points, normals), areas = np.empty((2, 6 * count, 3)), np.empty(6 * count)
+    centres, radii = np.empty((count, 3)), np.empty(count)
+    _kernels.place_nodes(panels, RULE, RULE_WEIGHTS, points, normals, areas, centres, radii)
+    along = np.cross(RULE[6:12] @ panels, RULE[12:18] @ panels)
+    size = np.linalg.norm(along, axis=2)
+    assert np.allclose(points, (RULE[:6] @ panels).reshape(-1, 3), rtol=1e-13, atol=0)
+    assert np.allclose(normals, (along / size[:, :, None]).reshape(-1, 3), rtol=1e-12, atol=1e-15)
+    assert np.allclose(areas, (size * RULE_WEIGHTS).ravel(), rtol=1e-12, atol=0)
+    assert np.allclose(centres, RULE[18] @ panels, rtol=1e-13, atol=0)
+    assert np.allclose(radii, np.linalg.norm(panels - centres[:, None], axis=2).max(axis=1), rtol=1e-13, atol=0)
 
 
 @pytest.mark.parametrize("reach", [np.linspace(0.01, 0.05, 80), np.geomspace(1e-6, 0.08, 80), np.full(80, 1e-9)])

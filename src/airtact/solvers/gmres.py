@@ -66,7 +66,7 @@ def gmres(
         basis[step + 1] = grown
         for fit, column in zip(fits, columns.tolist(), strict=True):
             fit.add(column)
-        residuals = np.where(norms > 0, [fit.residual for fit in fits], 0)
+        residuals = np.array([fit.residual for fit in fits]) * (norms > 0)
         last = step == most_iterations - 1
         if residuals.max(initial=0) >= tolerance:
             continue

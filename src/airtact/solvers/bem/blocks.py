@@ -58,6 +58,5 @@ def near_blocks(
     """
     blocks, each = -(-panels // PANELS), (len(first) - 1) // panels
     met = np.zeros((blocks, blocks), dtype=bool)
-    rows = np.repeat(np.arange(len(first) - 1) // (each * PANELS), np.diff(first))
-    met[rows, near // PANELS] = True
+    _kernels.mark_blocks(first, near, each * PANELS, PANELS, met)
     return met

@@ -54,6 +54,14 @@ class NearRows:
     panel: Int64[np.ndarray, "pairs"]
     excess: Complex128[np.ndarray, "pairs 6"]
 
+    def split(self, points: int) -> tuple["NearRows", "NearRows"]:
+        """Return those of the first so many points, and those of the others."""
+        begin = int(self.first[points])
+        return (
+            NearRows(self.first[: points + 1], self.panel[:begin], self.excess[:begin]),
+            NearRows(self.first[points:] - begin, self.panel[begin:], self.excess[begin:]),
+        )
+
     def sparse(self, nodes: int) -> csr_array:
         """Return the corrections as a sparse matrix (P, M) with ``nodes`` columns."""
         columns = (6 * self.panel[:, None] + np.arange(6)).ravel()

@@ -210,7 +210,7 @@ def assemble(surface: DualSurface, store: Store, error: float | None = None, ima
     """
     nodes, rule, precision = surface.nodes, surface.near_rule, surface.precision
     placed = _rows_at(surface, image)
-    near = [near_rows(nodes, points, surface.wavenumber, rule, precision) for points in placed]
+    near = near_rows(nodes, np.concatenate(placed), surface.wavenumber, rule, precision).split(len(placed[0]))
     blocks = blocks_of(len(nodes.points))
     whole = np.ones((blocks, blocks), dtype=bool)
     if error is not None:

@@ -184,10 +184,15 @@ class FactorisedField(RadiatedField):
         free: Complex128[np.ndarray, "sources sounds"],
     ) -> Complex128[np.ndarray, "points sounds"]:
         """Pressure of the skeletons together with that of some monopoles in open air."""
-        out, known = np.full((len(points), self.densities.shape[1]), np.nan, dtype=np.complex128), self.valid(points)
+        known, given = self.valid(points), points
         wavenumber, precision = self.scene.wavenumber, self.placed[0].reduced.surface.precision
-        out[known] = monopole_pressure(points[known], positions, free, wavenumber, "float64")
-        out[known] += monopole_pressure(points[known], *self._scattered(points[known]), wavenumber, precision)
+        points = given if known.all() else given[known]
+        pressure = monopole_pressure(points, positions, free, wavenumber, "float64")
+        pressure += monopole_pressure(points, *self._scattered(points), wavenumber, precision)
+        if points is given:
+            return pressure
+        out = np.full((len(given), pressure.shape[1]), np.nan, dtype=np.complex128)
+        out[known] = pressure
         return out
 
     def _scattered(

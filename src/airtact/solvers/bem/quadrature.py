@@ -41,6 +41,11 @@ surface by less than 2/3 of its contact."""
 
 RULE_POINTS, RULE_WEIGHTS = _degree_four_rule()
 
+RULE = np.concatenate(
+    [shape_functions(RULE_POINTS), *shape_gradients(RULE_POINTS), shape_functions(np.full((1, 2), 1 / 3))]
+)
+"""(19, 6) shape functions at the six nodes, their derivatives along both coordinates, and at the centre."""
+
 
 def monomials(points: Real[np.ndarray, "points 2"]) -> Float64[np.ndarray, "points 6"]:
     """1, u, v, u², uv, v² at reference points (P, 2), the order of the compiled near integrals."""
@@ -98,21 +103,18 @@ def place_nodes(
 
     Without an ``admittance`` of each panel all are sound-hard.
     """
-    shape = shape_functions(RULE_POINTS)
-    along_u, along_v = shape_gradients(RULE_POINTS)
-    points = shape @ quadratic_triangles
-    cross = np.cross(along_u @ quadratic_triangles, along_v @ quadratic_triangles)
-    size = np.linalg.norm(cross, axis=2)
-    centres = shape_functions(np.full((1, 2), 1 / 3))[0] @ quadratic_triangles
-    radii = np.linalg.norm(quadratic_triangles - centres[:, None], axis=2).max(axis=1)
+    panels, count = np.ascontiguousarray(quadratic_triangles), len(quadratic_triangles)
+    (points, normals), weights = np.empty((2, 6 * count, 3)), np.empty(6 * count)
+    centres, radii = np.empty((count, 3)), np.empty(count)
+    _kernels.place_nodes(panels, RULE, RULE_WEIGHTS, points, normals, weights, centres, radii)
     return Nodes(
-        points=points.reshape(-1, 3),
-        normals=(cross / size[:, :, None]).reshape(-1, 3),
-        weights=(size * RULE_WEIGHTS).ravel(),
+        points=points,
+        normals=normals,
+        weights=weights,
         body=np.repeat(body, 6),
-        quadratic_triangles=np.ascontiguousarray(quadratic_triangles),
+        quadratic_triangles=panels,
         contact=np.maximum(CONTACT * radii, 1.5 * deviation),
-        centres=np.ascontiguousarray(centres),
+        centres=centres,
         radii=radii,
         admittance=np.zeros(len(body), dtype=np.complex128) if admittance is None else admittance,
     )
