@@ -2,6 +2,7 @@
 #include <type_traits>
 
 #include "rows.hpp"
+#include "sums.hpp"
 
 namespace airtact {
 namespace AIRTACT_VARIANT {
@@ -46,45 +47,23 @@ template <class Real> struct Layer {
     static constexpr double zero[3] = {0, 0, 0};
 };
 
-constexpr std::int64_t together = 4;  // targets at once: it hides the latency of the sums and reads the density once
-
-// Adds to a number of each of `some` targets, `step` apart, the products of their rows of the kernel with a density
-template <class Real>
-void add_products(const Real (*re)[block], const Real (*im)[block], const Real *a, const Real *b, std::int64_t count,
-                  std::int64_t some, std::complex<double> *out, std::int64_t step) {
-    Real x0 = 0, x1 = 0, x2 = 0, x3 = 0, y0 = 0, y1 = 0, y2 = 0, y3 = 0;
-#pragma omp simd reduction(+ : x0, x1, x2, x3, y0, y1, y2, y3)
-    for (std::int64_t l = 0; l < count; l++) {
-        const Real p = a[l], q = b[l];
-        x0 += re[0][l] * p, x1 += re[1][l] * p, x2 += re[2][l] * p, x3 += re[3][l] * p;
-        y0 += re[0][l] * q, y1 += re[1][l] * q, y2 += re[2][l] * q, y3 += re[3][l] * q;
-        x0 -= im[0][l] * q, x1 -= im[1][l] * q, x2 -= im[2][l] * q, x3 -= im[3][l] * q;
-        y0 += im[0][l] * p, y1 += im[1][l] * p, y2 += im[2][l] * p, y3 += im[3][l] * p;
-    }
-    const Real x[together] = {x0, x1, x2, x3}, y[together] = {y0, y1, y2, y3};
-    for (std::int64_t i = 0; i < some; i++) out[i * step] += std::complex<double>(x[i], y[i]);
-}
-
 template <class Real, class Row>
 void sum_rows(std::int64_t n, std::int64_t m, const std::complex<double> *density, std::int64_t sounds,
               std::complex<double> *out, const Row &row) {
-    Lined<Real> re_density(m * sounds), im_density(m * sounds);
-    for (std::int64_t j = 0; j < m; j++)
-        for (std::int64_t s = 0; s < sounds; s++) {
-            re_density[s * m + j] = Real(density[j * sounds + s].real());
-            im_density[s * m + j] = Real(density[j * sounds + s].imag());
-        }
+    const std::int64_t padded = whole_lines<Real>(m);
+    std::vector<Strengths<Real>> densities;
+    for (std::int64_t s = 0; s < sounds; s++) densities.emplace_back(density + s, m, sounds);
     over_rows((n + together - 1) / together, together * m, [&](std::int64_t group) {
         Real re[together][block], im[together][block];
         const std::int64_t top = together * group, some = std::min(together, n - top);
         for (std::int64_t i = some; i < together; i++) std::fill(re[i], re[i] + block, Real(0)), std::fill(im[i], im[i] + block, Real(0));
         for (std::int64_t i = top; i < top + some; i++)
             for (std::int64_t s = 0; s < sounds; s++) out[i * sounds + s] = 0;
-        for (std::int64_t j = 0; j < m; j += block) {
-            const std::int64_t count = std::min(block, m - j);
+        for (std::int64_t j = 0; j < padded; j += block) {
+            const std::int64_t count = std::min(block, padded - j);
             for (std::int64_t i = 0; i < some; i++) row(top + i, j, count, re[i], im[i]);
             for (std::int64_t s = 0; s < sounds; s++)
-                add_products(re, im, re_density.data() + s * m + j, im_density.data() + s * m + j, count, some,
+                add_products(re[0], im[0], block, densities[s].re.data() + j, densities[s].im.data() + j, count, some,
                              out + top * sounds + s, sounds);
         }
     });
@@ -102,7 +81,7 @@ void add_few(std::int64_t n, std::int64_t m, const std::complex<double> *strengt
         std::complex<double> *const sums = out + top * sounds;
         std::fill(sums, sums + count * sounds, 0.0);
         for (std::int64_t j = 0; j < m; j++) {
-            row(j, top, count, re, im);
+            row(j, top, whole_lines<Real>(count), re, im);
             for (std::int64_t s = 0; s < sounds; s++) {
                 const double a = strength[j * sounds + s].real(), b = strength[j * sounds + s].imag();
                 if (a == 0 && b == 0) continue;  // most of those of beacons
@@ -125,6 +104,8 @@ template <class Real> struct Chosen {
             const double d[3] = {y[0] - centre[0], y[1] - centre[1], y[2] - centre[2]};
             if ((d[0] * d[0] + d[1] * d[1] + d[2] * d[2] < reach * reach) == inside) index.push_back(j);
         }
+        const std::size_t count = index.size();
+        if (count) index.resize(whole_lines<Real>(count), index.back());  // the last one again, without strength
         n = std::int64_t(index.size());
         for (int d = 0; d < 3; d++) {
             place[d].resize(n);
@@ -141,8 +122,8 @@ template <class Real> struct Chosen {
         re.resize(n * sounds), im.resize(n * sounds);
         for (std::int64_t s = 0; s < sounds; s++)
             for (std::int64_t l = 0; l < n; l++) {
-                re[s * n + l] = Real(density[index[l] * sounds + s].real());
-                im[s * n + l] = Real(density[index[l] * sounds + s].imag());
+                const std::complex<double> strength = std::size_t(l) < count ? density[index[l] * sounds + s] : 0.0;
+                re[s * n + l] = Real(strength.real()), im[s * n + l] = Real(strength.imag());
             }
     }
 };
@@ -162,16 +143,8 @@ void sum_chosen(const Real *x, const Chosen<Real> &chosen, bool layer, std::int6
                                                  Mixed ? chosen.single[1].data() + j : nullptr);
         else
             monopole_row<Real, Lossy>(x, px, py, pz, count, k, re, im);
-        for (std::int64_t s = 0; s < sounds; s++) {
-            const Real *a = chosen.re.data() + s * chosen.n + j, *b = chosen.im.data() + s * chosen.n + j;
-            Real sum_re = 0, sum_im = 0;
-#pragma omp simd reduction(+ : sum_re, sum_im)
-            for (std::int64_t l = 0; l < count; l++) {
-                sum_re += re[l] * a[l] - im[l] * b[l];
-                sum_im += re[l] * b[l] + im[l] * a[l];
-            }
-            out[s] += std::complex<double>(sum_re, sum_im);
-        }
+        for (std::int64_t s = 0; s < sounds; s++)
+            add_product(re, im, chosen.re.data() + s * chosen.n + j, chosen.im.data() + s * chosen.n + j, count, out[s]);
     }
 }
 

@@ -43,7 +43,7 @@ void row_of(const Geometry<Real> &geometry, std::int64_t i, std::int64_t begin, 
     const Position<Real> x(geometry.target, i), inside(geometry.inside, i);
     const Real *p = geometry.single.re.data(), *q = geometry.single.im.data();
 #pragma omp simd
-    for (std::int64_t l = 0; l < n; l++)
+    for (std::int64_t l = 0; l < whole_lines<Real>(n); l++)
         entry<Real, Lossy, Mixed>(x, inside, {geometry.position, begin + l}, {geometry.normal, begin + l},
                                   strength<Mixed>(p, begin + l), strength<Mixed>(q, begin + l), geometry.k, re[l], im[l]);
 }
@@ -52,13 +52,13 @@ void column_of(const Geometry<Real> &geometry, std::int64_t j, std::int64_t begi
     const Position<Real> y(geometry.position, j), normal(geometry.normal, j);
     const Real p = strength<Mixed>(geometry.single.re.data(), j), q = strength<Mixed>(geometry.single.im.data(), j);
 #pragma omp simd
-    for (std::int64_t l = 0; l < n; l++)
+    for (std::int64_t l = 0; l < whole_lines<Real>(n); l++)
         entry<Real, Lossy, Mixed>({geometry.target, begin + l}, {geometry.inside, begin + l}, y, normal, p, q, geometry.k,
                                   re[l], im[l]);
 }
 
 template <class Real> struct Term {  // a column and a row of the residual of the terms before it: real, then imaginary parts
-    Real column[2 * lanes] = {}, row[2 * lanes] = {};
+    Real column[2 * lanes], row[2 * lanes];
 };
 
 // Subtracts `many` terms from a row or a column: the `part` of each along it, times number `at` of its other factor
@@ -83,7 +83,7 @@ void subtract(const Term<Real> *terms, Real (Term<Real>::*part)[2 * lanes], Real
 }
 
 template <class Real>
-void subtract_all(const std::vector<Term<Real>> &terms, std::int64_t count, Real (Term<Real>::*part)[2 * lanes],
+void subtract_all(const Lined<Term<Real>> &terms, std::int64_t count, Real (Term<Real>::*part)[2 * lanes],
               Real (Term<Real>::*other)[2 * lanes], std::int64_t at, Real *residual) {
     std::int64_t n = 0;
     for (; n + 4 <= count; n += 4) subtract<4>(terms.data() + n, part, other, at, residual);
@@ -107,7 +107,7 @@ std::int64_t largest(const Real *line, std::int64_t n, const bool *passed) {  //
 
 template <class Real, bool Lossy, bool Mixed>
 void approximate(const Geometry<Real> &geometry, std::int64_t rows, std::int64_t columns, std::int64_t m, Real tolerance,
-           std::vector<Term<Real>> &terms, std::int64_t &count) {
+           Lined<Term<Real>> &terms, std::int64_t &count) {
     const std::int64_t top = lanes * rows, left = lanes * columns;
     const std::int64_t height = std::min(lanes, m - top), width = std::min(lanes, m - left);
     bool seen[lanes] = {};
@@ -117,12 +117,12 @@ void approximate(const Geometry<Real> &geometry, std::int64_t rows, std::int64_t
         seen[i] = true;
         if (std::int64_t(terms.size()) <= count) terms.emplace_back();
         Term<Real> &next = terms[count];
-        std::fill(next.row, next.row + 2 * lanes, Real(0));
         row_of<Real, Lossy, Mixed>(geometry, top + i, left, width, next.row, next.row + lanes);
+        clear_rest(next.row, width);
         subtract_all(terms, count, &Term<Real>::row, &Term<Real>::column, i, next.row);
         Real sum = 0;
 #pragma omp simd reduction(+ : sum)
-        for (std::int64_t l = 0; l < width; l++) sum += square(next.row, l);
+        for (std::int64_t l = 0; l < lanes; l++) sum += square(next.row, l);
         if (sum * Real(height) <= tolerance * tolerance) {
             passed++;
             for (std::int64_t n = 0; n < height && seen[i]; n++) i = (i + stride) % height;
@@ -130,11 +130,11 @@ void approximate(const Geometry<Real> &geometry, std::int64_t rows, std::int64_t
         }
         passed = 0;
         const std::int64_t j = largest(next.row, width, static_cast<const bool *>(nullptr));
-        std::fill(next.column, next.column + 2 * lanes, Real(0));
         column_of<Real, Lossy, Mixed>(geometry, left + j, top, height, next.column, next.column + lanes);
+        clear_rest(next.column, height);
         subtract_all(terms, count, &Term<Real>::column, &Term<Real>::row, j, next.column);
         const Real size = square(next.row, j), p = next.row[j] / size, q = -next.row[lanes + j] / size;
-        for (std::int64_t l = 0; l < width; l++) {
+        for (std::int64_t l = 0; l < lanes; l++) {
             const Real re = next.row[l], im = next.row[lanes + l];
             next.row[l] = re * p - im * q, next.row[lanes + l] = re * q + im * p;
         }
@@ -157,7 +157,7 @@ std::int64_t all_low_rank(const double *targets, const double *shifted, const do
     std::int64_t taken = 0;
 #pragma omp parallel
     {
-        std::vector<Term<Real>> terms;
+        Lined<Term<Real>> terms;
 #pragma omp for schedule(dynamic, 1)
         for (std::int64_t t = 0; t < far.blocks; t++)
             for (std::int64_t e = far.first[t]; e < far.first[t + 1]; e++) {

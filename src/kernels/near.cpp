@@ -5,6 +5,7 @@
 #include "rows.hpp"
 
 #include "patch.hpp"
+#include "sums.hpp"
 
 namespace airtact {
 namespace AIRTACT_VARIANT {
@@ -125,15 +126,7 @@ void add_points(const Patches<some> &patches, int pair, double u, double v, bool
             im[i] += g * (p * sine + q * cosine);
         }
     }
-    Real m0 = 0, m1 = 0, m2 = 0, m3 = 0, m4 = 0, m5 = 0, l0 = 0, l1 = 0, l2 = 0, l3 = 0, l4 = 0, l5 = 0;
-#pragma omp simd reduction(+ : m0, m1, m2, m3, m4, m5, l0, l1, l2, l3, l4, l5)
-    for (int i = 0; i < n; i++) {
-        const Real x = us[i], y = vs[i], a = re[i], b = im[i];
-        m0 += a, m1 += a * x, m2 += a * y, m3 += a * x * x, m4 += a * x * y, m5 += a * y * y;
-        l0 += b, l1 += b * x, l2 += b * y, l3 += b * x * x, l4 += b * x * y, l5 += b * y * y;
-    }
-    const Real real[6] = {m0, m1, m2, m3, m4, m5}, imag[6] = {l0, l1, l2, l3, l4, l5};
-    for (int m = 0; m < 6; m++) sum.re[m] += real[m], sum.im[m] += imag[m];
+    add_moments(us, vs, re, im, n, sum.re, sum.im);
     points.n = 0;
 }
 

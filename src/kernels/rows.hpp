@@ -38,16 +38,24 @@ inline void fetch([[maybe_unused]] const void *memory, [[maybe_unused]] std::int
 #endif
 }
 
-template <class Real> struct Planes {  // x, y, z, ... each contiguous, relative to an origin
-    static constexpr std::int64_t each = line / sizeof(Real);
-    std::int64_t n, stride;
+// So many numbers, and as many more as fill the last line of the cache: loops over whole lines leave no rest, which is slow
+template <class Real> constexpr std::int64_t whole_lines(std::int64_t n) {
+    constexpr std::int64_t each = line / sizeof(Real);
+    return (n + each - 1) / each * each;
+}
+
+template <class Real> struct Planes {  // x, y, z, ... each contiguous, relative to an origin; the last point fills the line
+    std::int64_t n, padded;
     Lined<Real> data;
     Planes(const double *points, std::int64_t count, const double *origin)
-        : n(count), stride((count + each - 1) / each * each), data(3 * stride) {
-        for (std::int64_t i = 0; i < n; i++)
-            for (int d = 0; d < 3; d++) data[d * stride + i] = Real(points[3 * i + d] - origin[d]);
+        : n(count), padded(whole_lines<Real>(count)), data(3 * padded) {
+        for (int d = 0; d < 3; d++) {
+            Real *const plane = data.data() + d * padded;
+            for (std::int64_t i = 0; i < n; i++) plane[i] = Real(points[3 * i + d] - origin[d]);
+            if (n) std::fill(plane + n, plane + padded, plane[n - 1]);
+        }
     }
-    const Real *operator[](int d) const { return data.data() + d * stride; }
+    const Real *operator[](int d) const { return data.data() + d * padded; }
 };
 
 struct Origin {  // the sources' centre: float coordinates keep their digits wherever the hand is
@@ -63,10 +71,12 @@ template <class Real> struct Wave {
     explicit Wave(Wavenumber k) : half_waves(Real(k.real / pi)), real(Real(k.real)), imag(Real(k.imag)) {}
 };
 
-template <class Real> struct Strengths {  // complex numbers, real and imaginary parts contiguous each; none if null
+template <class Real> struct Strengths {  // complex numbers, real and imaginary parts contiguous each, then zeros; none if null
     Lined<Real> re, im;
-    Strengths(const std::complex<double> *given, std::int64_t n) : re(given ? n : 0), im(given ? n : 0) {
-        for (std::size_t i = 0; i < re.size(); i++) re[i] = Real(given[i].real()), im[i] = Real(given[i].imag());
+    Strengths(const std::complex<double> *given, std::int64_t n, std::int64_t stride = 1)
+        : re(given ? whole_lines<Real>(n) : 0), im(re.size()) {
+        for (std::int64_t i = 0; given && i < n; i++)
+            re[i] = Real(given[i * stride].real()), im[i] = Real(given[i * stride].imag());
     }
 };
 
@@ -128,6 +138,12 @@ inline void double_layer_column(const Real *y, const Real *normal, const Real *t
     for (std::int64_t i = 0; i < n; i++)
         double_layer<Real, Lossy, Mixed>(y[0] - tx[i], y[1] - ty[i], y[2] - tz[i], normal[0], normal[1], normal[2], k, Real(0),
                                          re[i], im[i], a, b);
+}
+
+// Zeros after the first n of the real parts of a line of `lanes`, and after the first n of its imaginary parts
+template <class Real> inline void clear_rest(Real *row, std::int64_t n) {
+    std::fill(row + n, row + lanes, Real(0));
+    std::fill(row + lanes + n, row + 2 * lanes, Real(0));
 }
 
 // Calls row(i) for every target, shared out over the threads unless there are so few pairs that one has done them sooner
