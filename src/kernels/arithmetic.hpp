@@ -72,16 +72,18 @@ template <class Real> struct Exponential {  // e^f in powers of f, by Taylor
     }
 };
 
-// exp(-y), y >= 0; below e^-80 it is taken as e^-80
+// exp(-y), y >= 0; about e^-80 from there on
 template <class Real> inline Real decay(Real y) {
     using T = Traits<Real>;
-    const Real x = (y < Real(80) ? -y : Real(-80)) * Real(1.44269504088896340736);
+    constexpr typename T::Bits least = -115;  // a power of two
+    const Real x = y * Real(-1.44269504088896340736);
     const Real magic = x + T::round_magic;
     const Real f = (x - (magic - T::round_magic)) * Real(0.69314718055994530942);
     static constexpr Exponential<Real> E{};
     Real e = E.c[T::terms];
     for (int i = T::terms - 1; i >= 0; i--) e = e * f + E.c[i];
-    const auto n = bits<typename T::Bits>(magic) - bits<typename T::Bits>(T::round_magic);
+    const auto power = bits<typename T::Bits>(magic) - bits<typename T::Bits>(T::round_magic);
+    const auto n = power < least ? least : power;
     return bits<Real>(static_cast<typename T::Bits>(bits<typename T::Bits>(e) + n * (typename T::Bits(1) << T::mantissa)));
 }
 

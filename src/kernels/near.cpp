@@ -70,7 +70,7 @@ template <class Real> struct Points {
 enum class Kernel { Double, Single, Mixed };  // layers; mixed, the double layer and a single one of a given strength
 
 // Adds kernel * monomials at the collected points, and forgets them
-template <Kernel kernel, class Real>
+template <Kernel kernel, bool Lossy, class Real>
 void add_points(const Patches<some> &patches, int pair, double u, double v, bool stretched, Points<Real> &points,
                 Wave<Real> k, std::complex<double> strength, Moments &sum) {
     Real us[most_points], vs[most_points], re[most_points], im[most_points], c[6][3];
@@ -107,7 +107,7 @@ void add_points(const Patches<some> &patches, int pair, double u, double v, bool
         const Real squared = r0 * r0 + r1 * r1 + r2 * r2;
         const Real inverse = squared > 0 ? Real(1) / std::sqrt(squared) : Real(0), distance = squared * inverse;
         const Real weight = weights[i] * rho;
-        const Real loss = decay(k.imag * distance) * inverse * weight * Real(1 / (4 * pi));
+        const Real loss = (Lossy ? decay(k.imag * distance) : Real(1)) * inverse * weight * Real(1 / (4 * pi));
         Real sine, cosine;
         sincospi(k.half_waves * distance, sine, cosine);
         if (kernel == Kernel::Single) {
@@ -116,7 +116,7 @@ void add_points(const Patches<some> &patches, int pair, double u, double v, bool
             im[i] = g * sine;
         } else {
             const Real g = loss * inverse * inverse * (r0 * n0 + r1 * n1 + r2 * n2);
-            const Real kr = k.real * distance, one = 1 + k.imag * distance;
+            const Real kr = k.real * distance, one = Lossy ? 1 + k.imag * distance : Real(1);
             re[i] = -g * (one * cosine + kr * sine);
             im[i] = g * (kr * cosine - one * sine);
         }
@@ -256,7 +256,7 @@ template <class Real> struct Rays {
 };
 
 // Integrals over the panel of each pair of kernel times monomials
-template <Kernel kernel, class Real>
+template <Kernel kernel, bool Lossy, class Real>
 void integrate(Group<Real> &group, Wave<Real> k, const Rules<Real> &rules, Moments *sums) {
     group.find_closest();
     const Rays<Real> rays(group, rules);
@@ -269,10 +269,10 @@ void integrate(Group<Real> &group, Wave<Real> k, const Rules<Real> &rules, Momen
             const Real stretch = rays.stretch[i];
             const GaussRule<Real> radial(rules, int(rules.radial * (stretched ? 1 + Real(0.5) * stretch : Real(1))));
             if (points.n + radial.n > most_points)
-                add_points<kernel>(group.patches, pair, u, v, stretched, points, k, group.strength[pair], sums[pair]);
+                add_points<kernel, Lossy>(group.patches, pair, u, v, stretched, points, k, group.strength[pair], sums[pair]);
             points.put(radial, stretch, rays.u[i], rays.v[i], rays.scale[i], rays.weight[i]);
         }
-        add_points<kernel>(group.patches, pair, u, v, stretched, points, k, group.strength[pair], sums[pair]);
+        add_points<kernel, Lossy>(group.patches, pair, u, v, stretched, points, k, group.strength[pair], sums[pair]);
     }
 }
 
@@ -290,7 +290,7 @@ void near_integrals(bool single_layer, const double *targets, const std::int64_t
         Moments sums[some];
         for (std::int64_t e = first; e < std::min(pairs, first + some); e++)
             group.put(quadratic_triangles + 18 * pair_panel[e], targets + 3 * pair_target[e], contact[pair_panel[e]], 0);
-        (single_layer ? integrate<Kernel::Single, double> : integrate<Kernel::Double, double>)(group, wave, rules, sums);
+        (single_layer ? integrate<Kernel::Single, true, double> : integrate<Kernel::Double, true, double>)(group, wave, rules, sums);
         for (int l = 0; l < group.count; l++) {
             const std::int64_t e = first + l;
             distance[e] = group.distance[l];
@@ -303,7 +303,7 @@ void near_integrals(bool single_layer, const double *targets, const std::int64_t
 namespace {
 
 // The plain terms of the nodes of some pairs' panels at their targets
-template <class Real, bool Mixed> struct PlainTerms {
+template <class Real, bool Lossy, bool Mixed> struct PlainTerms {
     static constexpr int most = 6 * some;
     Real offset[3][most], normal[3][most], single[2][most], re[most], im[most];
     int count = 0;
@@ -322,13 +322,13 @@ template <class Real, bool Mixed> struct PlainTerms {
             for (int d = 0; d < 3; d++) offset[d][count] = normal[d][count] = 1, single[d % 2][count] = 0;
 #pragma omp simd
         for (int l = 0; l < count; l++)
-            double_layer<Real, true, Mixed>(offset[0][l], offset[1][l], offset[2][l], normal[0][l], normal[1][l],
+            double_layer<Real, Lossy, Mixed>(offset[0][l], offset[1][l], offset[2][l], normal[0][l], normal[1][l],
                                             normal[2][l], k, nearest, re[l], im[l], strength<Mixed>(single[0], l),
                                             strength<Mixed>(single[1], l));
     }
 };
 
-template <class Real, bool Mixed>
+template <class Real, bool Lossy, bool Mixed>
 void excess_of_all(const double *targets, std::int64_t n, const std::int64_t *first, const std::int64_t *pair_panel,
                    const double *quadratic_triangles, const double *contact, const double *sources, const double *normals,
                    const std::complex<double> *single, const double *nodal, Wavenumber k, double least, NearRule rule,
@@ -342,7 +342,7 @@ void excess_of_all(const double *targets, std::int64_t n, const std::int64_t *fi
 #pragma omp parallel for schedule(dynamic, 4) if (first[n] > 64)
     for (std::int64_t begin = 0; begin < first[n]; begin += some) {
         Group<Real> group;
-        PlainTerms<Real, Mixed> plain;
+        PlainTerms<Real, Lossy, Mixed> plain;
         Moments sums[some];
         for (std::int64_t e = begin; e < std::min(first[n], begin + some); e++) {
             const std::int64_t panel = pair_panel[e];
@@ -352,7 +352,7 @@ void excess_of_all(const double *targets, std::int64_t n, const std::int64_t *fi
             group.put(quadratic_triangles + 18 * panel, targets + 3 * target[e], contact[panel], strength);
             plain.put(targets + 3 * target[e], sources + 18 * panel, normal, Mixed ? single + 6 * panel : nullptr);
         }
-        integrate<kernel, Real>(group, wave, rules, sums);
+        integrate<kernel, Lossy, Real>(group, wave, rules, sums);
         plain.evaluate(wave, nearest);
         for (int pair = 0; pair < group.count; pair++) {
             const std::int64_t e = begin + pair;
@@ -375,9 +375,10 @@ void near_excess(const double *targets, std::int64_t n, const std::int64_t *firs
                  const double *quadratic_triangles, const double *contact, const double *sources, const double *normals,
                  const std::complex<double> *single, const double *nodal, Wavenumber k, double least, NearRule rule,
                  std::complex<double> *out) {
-    (single ? excess_of_all<Real, true> : excess_of_all<Real, false>)(targets, n, first, pair_panel, quadratic_triangles,
-                                                                      contact, sources, normals, single, nodal, k, least,
-                                                                      rule, out);
+    (single       ? excess_of_all<Real, true, true>
+     : k.imag > 0 ? excess_of_all<Real, true, false>
+                  : excess_of_all<Real, false, false>)(targets, n, first, pair_panel, quadratic_triangles, contact, sources,
+                                                       normals, single, nodal, k, least, rule, out);
 }
 
 #define AIRTACT_NEAR(Real)                                                                                            \
