@@ -14,24 +14,10 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from airtact import _kernels
 from airtact.benching.bench import row_jobs
 from airtact.benching.real_time import Row
-from airtact.benching.scenes import two_fingers
-from airtact.benching.timing import correlation, timed
 from airtact.live.drives.bending import BendingHand
-from airtact.live.drives.factors import HandFactors, OpenAir, PartSolver, beacon_points, factors_of, part_of, solved
-from airtact.live.drives.riding import ride
-from airtact.scene.scene import Scene, sound_hard
-from airtact.scene.sources import Monopoles
-from airtact.scene.target import Target
-from airtact.solvers.bem.solver import BoundaryElement
-from airtact.synthesis.time_reversal import time_reversal
-from airtact.transducers.element import monopole
-from airtact.transducers.layout import surrounding_box
-from airtact.transfer import TransferMatrix
 from benchmarks import live
 
 ROOT = Path(__file__).parent.parent
@@ -87,46 +73,6 @@ def pinch() -> list[Row]:
     return [Row("the example `pinch`: solve and drive", "0.5 s, 1 GB", measured, "")]
 
 
-def phalanges(runs: int = 20) -> list[Row]:
-    """Solve the last phalanges of thumb and forefinger in new poses, as the live loop does, to the drive."""
-    solver = PartSolver(live.pinch().scene)
-    what = "two last phalanges in a new pose, to the drive, as the live loop solves them"
-    return _phalanges(what, "factorised once", lambda joints: solver.solved(joints, "phalanges", 0.0), runs)
-
-
-def meshed_anew(runs: int = 20) -> list[Row]:
-    """Solve the same phalanges where they touch, as one body that is meshed in each pose."""
-    scene, what = live.pinch().scene, "two last phalanges in a new pose, to the drive, as one body"
-    return _phalanges(what, "meshed anew", lambda joints: solved(scene, joints, "phalanges", 0.0), runs)
-
-
-def _phalanges(what: str, how: str, solve: Callable[[np.ndarray], HandFactors], runs: int) -> list[Row]:
-    setting = live.pinch()
-    air, poses = OpenAir(setting.scene), [setting.motion(0.3 + 0.05 * frame) for frame in range(runs + 1)]
-
-    def to_drive(joints: np.ndarray) -> np.ndarray:
-        found = solve(joints)
-        matrix = air.rows(found.foci) * found.factors
-        time_reversal(TransferMatrix(matrix, 0.0), Target(found.foci))
-        return matrix
-
-    took, matrices = timed([partial(to_drive, joints) for joints in poses])
-    judged = list(zip(poses[1:], matrices, strict=True))[::7]
-    alike = min(one for joints, matrix in judged for one in likeness(joints, matrix))
-    return [Row(what, "8 ms, correlation 0.995", f"{took}", f"rows {alike:.4f} (against 1 %)", how)]
-
-
-def likeness(joints: np.ndarray, matrix: np.ndarray) -> list[float]:
-    """Correlation of each row of a transfer matrix with that of the same phalanges at 1 %, in the same open air."""
-    scene = live.pinch().scene
-    riding = ride(scene, joints)
-    body = Scene(scene.medium, [sound_hard(part_of(riding.hand, "phalanges", scene.places))], frequency=scene.frequency)
-    field = BoundaryElement(accuracy=0.01, estimate=False).radiate(body, Target(beacon_points(scene, riding)).beacons())
-    fine = factors_of(scene, riding, "phalanges", 0.0, field.at(scene.array.positions)).factors
-    exact = OpenAir(scene).rows(riding.foci) * fine
-    return [correlation(one, other) for one, other in zip(matrix, exact, strict=True)]
-
-
 def carried(runs: int = 8) -> list[Row]:
     """Carry the sound of a solved hand to other poses, as the live loop does: the least processor time."""
     setting, seconds = live.open_hand(), []
@@ -139,21 +85,6 @@ def carried(runs: int = 8) -> list[Row]:
     return [Row("sound of a whole hand carried to a new pose", "-", f"{1e3 * min(seconds):.1f} ms of processor", "")]
 
 
-def codes(runs: int = 7) -> list[Row]:
-    """Solve two fingers for 16 coded transmissions of the array, and for two foci at the same accuracy."""
-    array, bodies, seconds = surrounding_box(monopole()), two_fingers(), []
-    random = np.random.default_rng(1)
-    phases = np.exp(2j * np.pi * random.random((len(array), 16)))
-    for sources in (bodies.target.beacons(), Monopoles(array.positions, phases)):
-        solver = BoundaryElement(accuracy=0.03, estimate=False)
-        solve = partial(solver.radiate, bodies.scene, sources)
-        seconds.append(timed([solve] * (runs + 1))[0])
-    ratio = f"{seconds[1].median / seconds[0].median:.2f} times two foci"
-    return [
-        Row("two fingers, 16 codes", "2.5 times two foci", ratio, "", f"two foci {seconds[0]}, 16 codes {seconds[1]}")
-    ]
-
-
 def rendered(name: str, asked: str) -> list[Row]:
     seconds, memory = render_seconds(name)
     return [Row(f"`airtact render {name}`", asked, f"{seconds:.0f} s, {memory:.2f} GB", "")]
@@ -164,10 +95,7 @@ def rows(runs: int = 7) -> dict[str, Callable[[], list[Row]]]:
     return {
         "import": quickest_import,
         **row_jobs(CACHE, EXAMPLES / "hands/relaxed.json", runs),
-        "phalanges": phalanges,
-        "anew": meshed_anew,
         "carried": carried,
-        "codes": codes,
         "pinch": pinch,
         "render-pinch": partial(rendered, "pinch.toml", "-"),
         "render-hand": partial(rendered, "open_hand.toml", "60 s, 6 GB"),

@@ -18,6 +18,7 @@ from airtact.benching.fundamental_solutions import reference_pressure
 from airtact.benching.growth import BOARDS, by_elements, by_unknowns
 from airtact.benching.machine import kernels_against_product, memory_over_matrix
 from airtact.benching.performance_page import Bench, draw_contest, draw_growth, page_of
+from airtact.benching.phalanges import Phalanges
 from airtact.benching.real_time import OpenHand, RealTime, Row
 from airtact.benching.scenes import Bodies, two_fingers
 from airtact.conventions import InvalidInput
@@ -132,7 +133,8 @@ def _contest(
 def row_jobs(references: Path, hand: Path | None, runs: int) -> dict[str, Callable[[], list[Row]]]:
     """Return the job of every row by its name; those of the hand only where its pose (.json) is given."""
     fingers = RealTime(references, runs)
-    single = fingers.jobs()
+    last = Phalanges(20 if runs > 3 else runs)
+    single = fingers.jobs() | {"phalanges": last.rigid, "anew": last.meshed_anew}
     if hand is not None:
         open_hand = OpenHand(load_hand(hand), references, runs)
         single |= {"hand-drive": open_hand.drive_only, "hand": open_hand.pressures}
