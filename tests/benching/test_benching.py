@@ -13,6 +13,7 @@ from airtact.benching.contest import Solved, faster, flat_triangles, ours, point
 from airtact.benching.fundamental_solutions import reference_pressure
 from airtact.benching.machine import memory_over_matrix
 from airtact.benching.performance_page import Bench
+from airtact.benching.phalanges import Phalanges
 from airtact.benching.real_time import RealTime, Row, to_drive
 from airtact.benching.scenes import Bodies, deformed, moved_each, moved_foci, two_fingers, whole_motion
 from airtact.benching.timing import Timed, correlation, relative_error, timed
@@ -168,6 +169,19 @@ def test_a_row_has_time_error_and_profile(tmp_path: Path, monkeypatch: pytest.Mo
     assert relative_error(made.transfer.matrix, array.element.sensitivity * by_series(frames[1])) == pytest.approx(
         row.numbers["error"], abs=5e-3
     )
+
+
+def test_last_phalanges_are_timed_and_compared_with_exacter_ones() -> None:
+    rows = Phalanges(1)
+    for row in (rows.rigid(), rows.meshed_anew()):
+        assert len(row.numbers["seconds"]) == 1
+        assert 0.98 < row.numbers["correlation"] <= 1.0
+
+
+def test_codes_are_timed_beside_two_foci(tmp_path: Path) -> None:
+    row = RealTime(tmp_path, runs=1, accuracy=0.1).coded()
+    assert row.numbers["ratio"] > 0
+    assert "two foci" in row.profile
 
 
 def test_the_cost_of_more_unknowns_and_elements_is_measured() -> None:

@@ -65,18 +65,18 @@ class Phalanges:
     def rigid(self) -> Row:
         """Time them as rigid bodies, each factorised once."""
         solver = PartSolver(self.scene)
-        return self._row("factorised once", lambda joints: solver.solved(joints, "phalanges", 0.0))
+        asked = "8 ms, correlation 0.995"
+        return self._row("factorised once", asked, lambda joints: solver.solved(joints, "phalanges", 0.0))
 
     def meshed_anew(self) -> Row:
         """Time them as one body that is meshed in each pose, as where they touch."""
-        return self._row(
-            "meshed anew, as where they touch", lambda joints: solved(self.scene, joints, "phalanges", 0.0)
-        )
+        how = "meshed anew, as where they touch"
+        return self._row(how, "-", lambda joints: solved(self.scene, joints, "phalanges", 0.0))
 
     def _poses(self) -> Sequence[Float64[np.ndarray, "25 3"]]:
         return [self.hand.open_to(float(gap)).joints for gap in np.linspace(*GAPS, self.runs + 1)]
 
-    def _row(self, how: str, solve: Solve) -> Row:
+    def _row(self, how: str, asked: str, solve: Solve) -> Row:
         def to_rows(joints: Float64[np.ndarray, "25 3"]) -> Complex128[np.ndarray, "foci elements"]:
             found = solve(joints)
             matrix = self.open_air.rows(found.foci) * found.factors
@@ -89,7 +89,7 @@ class Phalanges:
         alike = min(self._likeness(joints, matrix) for joints, matrix in compared)
         return Row(
             f"two last phalanges in a new pose, to the drive, {how}",
-            "8 ms, correlation 0.995",
+            asked,
             f"{took}",
             f"rows {alike:.4f} (against {EXACT:.0%})",
             numbers={"seconds": took.seconds, "correlation": alike},
