@@ -4,7 +4,7 @@
 
 VENV := .venv
 BIN := $(VENV)/bin
-KERNELS := CMakeLists.txt pyproject.toml constraints.txt $(wildcard src/kernels/*)
+KERNELS := CMakeLists.txt pyproject.toml constraints.txt $(wildcard src/kernels/*.* src/kernels/*/*)
 
 help:
 	@echo "make run    install into .venv and render the examples pinch and open_hand into out/"

@@ -4,7 +4,7 @@
 // integrals"; the cut is Duffy's, SIAM J. Numer. Anal. 19 (1982) 1260).
 #include "rows.hpp"
 
-#include "patch.hpp"
+#include "shapes/patch.hpp"
 #include "sums.hpp"
 
 namespace airtact {
