@@ -55,7 +55,7 @@ def gmres(
     scale = np.where(norms > 0, norms, 1).astype(norms.dtype)[:, None]
     basis = np.empty((min(most_iterations, FIRST) + 1, sides, unknowns), dtype=right_sides.dtype)
     basis[0] = right_sides / scale
-    fits, residuals = [_Rotated() for _ in range(sides)], np.ones(sides)
+    fits, residuals = [_Rotated() for _ in range(sides)], [1.0] * sides
     orthonormalise = loop_for("orthonormalise", basis.dtype)
     for step in range(most_iterations):
         grown = np.ascontiguousarray(product(basis[step]), dtype=basis.dtype)
@@ -66,16 +66,16 @@ def gmres(
         basis[step + 1] = grown
         for fit, column in zip(fits, columns.tolist(), strict=True):
             fit.add(column)
-        residuals = np.array([fit.residual for fit in fits]) * (norms > 0)
+        residuals = [fit.residual if norm > 0 else 0.0 for fit, norm in zip(fits, norms, strict=True)]
         last = step == most_iterations - 1
-        if residuals.max(initial=0) >= tolerance:
+        if max(residuals, default=0.0) >= tolerance:
             continue
         weights = [fit.weights() for fit in fits]
         if last or all(fit.settled(error, one) for fit, one in zip(fits, weights, strict=True)):
             solution = _sum(np.array(weights).reshape(sides, step + 1), basis)
-            return GmresResult(solution * scale, residuals, step + 1)
+            return GmresResult(solution * scale, np.array(residuals), step + 1)
     raise NotConverged(
-        f"GMRES stopped at a relative residual of {residuals.max():.1e} (wanted {tolerance:.0e}) after "
+        f"GMRES stopped at a relative residual of {max(residuals):.1e} (wanted {tolerance:.0e}) after "
         f"{most_iterations} iterations; likely a gap or a body is much thinner than a panel: ask for a smaller "
         "accuracy, or move the bodies apart.",
         code="gmres_stalled",

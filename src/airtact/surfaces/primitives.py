@@ -238,13 +238,16 @@ def _mesh(rings: int, around: int, length: float) -> tuple[Vertices, Triangles]:
     above, waist = cap[:-around], cap[-around:]
     bands = _bands(around, length)
     half = np.array([0.0, 0.0, length / 2.0])
-    heights = np.linspace(half, -half, bands + 1) if bands else np.zeros((1, 3))
-    belt = np.concatenate([_spun(waist, math.pi / around * band) + heights[band] for band in range(bands + 1)])
+    belt = np.empty((bands + 1, around, 3))
+    turn = math.pi / around * np.arange(bands + 1)[:, None]
+    belt[:, :, 0] = np.cos(turn) * waist[:, 0] - np.sin(turn) * waist[:, 1]
+    belt[:, :, 1] = np.sin(turn) * waist[:, 0] + np.cos(turn) * waist[:, 1]
+    belt[:, :, 2] = half[2] * (1.0 - 2.0 * np.arange(bands + 1) / bands if bands else np.zeros(1))[:, None]
     below = _spun(above, math.pi / around * bands) * [1.0, 1.0, -1.0]
     last = len(above) + bands * around
     mirrored = np.r_[last + around + np.arange(len(above)), last + np.arange(around)][cap_triangles][:, ::-1]
     triangles = np.concatenate([cap_triangles, _belt(len(above), bands, around), mirrored])
-    return np.concatenate([above + half, belt, below - half]), triangles.astype(np.int64)
+    return np.concatenate([above + half, belt.reshape(-1, 3), below - half]), triangles.astype(np.int64)
 
 
 def _bands(around: int, length: float) -> int:

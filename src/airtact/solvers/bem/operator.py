@@ -81,7 +81,8 @@ def dual_surface(
     wavelength = 2 * np.pi / wavenumber.real
     depth = 0.3 * thickness(nodes, THICK * wavelength, least)
     inside = (nodes.points - depth[:, None] * nodes.normals).reshape(-1, _kernels.sharing, 3)
-    return DualSurface(nodes, inside.mean(axis=1), wavenumber, near_rule, precision)
+    shared = np.einsum("gsd->gd", inside) / _kernels.sharing
+    return DualSurface(nodes, shared, wavenumber, near_rule, precision)
 
 
 Store = Literal["bfloat16", "float32", "float64"]

@@ -475,7 +475,7 @@ class BoundaryElement(Solver):
         if self.precision == "float64":
             return min(0.1 * self.accuracy, 1e-8)
         if not self.estimate:  # for receivers far away only
-            return self.accuracy * (0.4 if self.accuracy < DRIVES else 0.8)
+            return self.accuracy * (0.5 if self.accuracy < DRIVES else 0.8)
         return min(0.3 * self.accuracy, 0.01) if self.accuracy >= PREVIEWS else max(0.1 * self.accuracy, 2e-6)
 
 
@@ -488,7 +488,7 @@ def _in_block_order(
     Complex128[np.ndarray, "panels"],
 ]:
     """Sort panels, their bodies, deviations and admittances so that those of a block of the matrix lie together."""
-    order = block_order(panels.quadratic_triangles[:, :3].mean(axis=1))
+    order = block_order(np.einsum("tsd->td", panels.quadratic_triangles[:, :3]) / 3)
     body = panels.body[order]
     return panels.quadratic_triangles[order], body, panels.deviation[order], admittances(scene)[body]
 
