@@ -54,7 +54,7 @@ class Pose:
         check_finite(rotation, "the pose's rotation")
         check_finite(translation, "the pose's translation")
         skew = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
-        (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+        (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()  # np.linalg.det takes longer than all of this
         determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
         if skew > 1e-6 or determinant < 0.0:
             raise InvalidInput(

@@ -1,11 +1,13 @@
 // Sine, cosine and decay of a phase, by polynomials that a compiler can vectorise: no call into libm.
 #pragma once
+#include <cmath>
 #include <cstdint>
 #include <cstring>
-#include <cmath>
+#include <type_traits>
 
 namespace airtact {
-namespace AIRTACT_VARIANT {  // one copy for each instruction set, or the linker would keep one for all
+namespace AIRTACT_VARIANT {
+namespace {  // one copy for each file, as each has options of its own, or the linker would keep one for all
 
 template <class Real> struct Traits;
 template <> struct Traits<float> {
@@ -72,10 +74,10 @@ template <class Real> struct Exponential {  // e^f in powers of f, by Taylor
     }
 };
 
-// exp(-y), y >= 0; about e^-80 from there on
+// exp(-y), 0 <= y < 4e6; about e^-80 from 80 on
 template <class Real> inline Real decay(Real y) {
     using T = Traits<Real>;
-    constexpr typename T::Bits least = -115;  // a power of two
+    constexpr typename T::Bits least = -115;  // exponent of two: 2^-115 is e^-79.7
     const Real x = y * Real(-1.44269504088896340736);
     const Real magic = x + T::round_magic;
     const Real f = (x - (magic - T::round_magic)) * Real(0.69314718055994530942);
@@ -101,5 +103,6 @@ template <class Real> inline Real logarithm(Real y) {
     return 2 * s * series + Real(power >> T::mantissa) * Real(0.69314718055994530942);
 }
 
+}  // namespace
 }  // namespace AIRTACT_VARIANT
 }  // namespace airtact

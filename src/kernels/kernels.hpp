@@ -91,8 +91,8 @@ template <class Real>
 void few_products(const std::complex<Real> *matrix, std::int64_t n, std::int64_t m, const std::complex<Real> *vectors,
                   std::int64_t count, bool transposed, std::complex<Real> *out);
 
-// Makes each of S vectors (S, m) orthogonal to its basis, vectors of length 1 that are (count, S, m) together, and 1 long.
-// Columns (S, count + 1) get its parts along these, taken off one by one, and the length of what was left.
+// Makes vector s of (S, m) orthogonal to its basis, bases[:, s] of (count, S, m), by modified Gram-Schmidt, and 1 long.
+// columns[s] of (S, count + 1) gets its overlaps with them, then the length that was left.
 template <class Real>
 void orthonormalise(const std::complex<Real> *bases, std::int64_t count, std::int64_t sides, std::int64_t m,
                     std::complex<Real> *vectors, std::complex<double> *columns);
@@ -160,8 +160,8 @@ void chebyshev_sum(const Real *values, const std::int32_t *columns, const std::i
 std::vector<std::int64_t> near_pairs(const double *targets, std::int64_t n, const double *centres, const double *reach,
                                      std::int64_t panels, std::int64_t *first);
 
-// Marks the pairs of blocks, rows with `columns`, of which a target of the one has a near panel in the other; a block has so
-// many targets or panels. The panels near target i are panel[first[i]] ... panel[first[i + 1] - 1]
+// met[i / targets, p / panels] = true for every panel p near a target i; rows of `met` have `columns` numbers. The panels near
+// target i are panel[first[i]] ... panel[first[i + 1] - 1]
 void mark_blocks(const std::int64_t *first, std::int64_t n, const std::int64_t *panel, std::int64_t targets, std::int64_t panels,
                  std::int64_t columns, bool *met);
 

@@ -391,7 +391,7 @@ static void mark_blocks(Index first, Index panel, std::int64_t targets, std::int
     if (targets < 1 || panels < 1) throw nb::value_error("blocks of no targets or panels");
     if (n < 0 || first.data()[n] != pairs || (n > 0 && (n - 1) / targets >= rows)) throw nb::index_error("no such block");
     for (std::int64_t i = 0; i < n; i++)
-        if (first.data()[i] < 0 || first.data()[i] > first.data()[i + 1]) throw nb::value_error("lists must not fall");
+        if (first.data()[i] < 0 || first.data()[i] > first.data()[i + 1]) throw nb::value_error("the list of a target ends before it begins");
     for (std::int64_t e = 0; e < pairs; e++)
         if (panel.data()[e] < 0 || panel.data()[e] / panels >= columns) throw nb::index_error("no such block");
     nb::gil_scoped_release release;

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <limits>
 #include <new>
 #include <vector>
 
@@ -19,36 +18,38 @@ namespace {
 constexpr double pi = 3.14159265358979323846;
 
 // Memory that begins where a line of the cache does: a register that lies in two lines takes twice as long to read
-constexpr std::size_t line = 64;  // bytes
+constexpr std::size_t cache_line = 64;  // bytes
 template <class T> struct OnLines {
     using value_type = T;
     OnLines() = default;
     template <class U> OnLines(const OnLines<U> &) {}
-    T *allocate(std::size_t n) { return static_cast<T *>(::operator new(n * sizeof(T), std::align_val_t(line))); }
-    void deallocate(T *memory, std::size_t) { ::operator delete(memory, std::align_val_t(line)); }
+    T *allocate(std::size_t n) { return static_cast<T *>(::operator new(n * sizeof(T), std::align_val_t(cache_line))); }
+    void deallocate(T *memory, std::size_t) { ::operator delete(memory, std::align_val_t(cache_line)); }
     template <class U> bool operator==(const OnLines<U> &) const { return true; }
     template <class U> bool operator!=(const OnLines<U> &) const { return false; }
 };
 template <class T> using Lined = std::vector<T, OnLines<T>>;
 
-// Begins to read so many bytes that are used soon, from several lines side by side, which the machine does not foresee
-inline void fetch([[maybe_unused]] const void *memory, [[maybe_unused]] std::int64_t bytes) {
+// Prefetches bytes that are read soon, so far ahead of what is read now; a hint, without effect beyond the end of the memory. For
+// rows that are read side by side, which the hardware does not predict.
+inline void fetch([[maybe_unused]] const void *now, [[maybe_unused]] std::int64_t ahead, [[maybe_unused]] std::int64_t bytes) {
 #ifdef __GNUC__
-    for (std::int64_t b = 0; b < bytes; b += std::int64_t(line)) __builtin_prefetch(static_cast<const char *>(memory) + b);
+    const auto begin = reinterpret_cast<std::uintptr_t>(now) + std::uintptr_t(ahead);
+    for (std::int64_t b = 0; b < bytes; b += std::int64_t(cache_line))
+        __builtin_prefetch(reinterpret_cast<const void *>(begin + std::uintptr_t(b)));
 #endif
 }
 
-// So many numbers, and as many more as fill the last line of the cache: loops over whole lines leave no rest, which is slow
+// n rounded up to whole cache lines: loops over so many numbers have no remainder, which would be slow
 template <class Real> constexpr std::int64_t whole_lines(std::int64_t n) {
-    constexpr std::int64_t each = line / sizeof(Real);
+    constexpr std::int64_t each = cache_line / sizeof(Real);
     return (n + each - 1) / each * each;
 }
 
-template <class Real> struct Planes {  // x, y, z, ... each contiguous, relative to an origin; the last point fills the line
-    std::int64_t n, padded;
+template <class Real> struct Planes {  // x, y, z, ... each contiguous, relative to an origin, padded with the last point
+    std::int64_t padded;
     Lined<Real> data;
-    Planes(const double *points, std::int64_t count, const double *origin)
-        : n(count), padded(whole_lines<Real>(count)), data(3 * padded) {
+    Planes(const double *points, std::int64_t n, const double *origin) : padded(whole_lines<Real>(n)), data(3 * padded) {
         for (int d = 0; d < 3; d++) {
             Real *const plane = data.data() + d * padded;
             for (std::int64_t i = 0; i < n; i++) plane[i] = Real(points[3 * i + d] - origin[d]);
@@ -140,7 +141,7 @@ inline void double_layer_column(const Real *y, const Real *normal, const Real *t
                                          re[i], im[i], a, b);
 }
 
-// Zeros after the first n of the real parts of a line of `lanes`, and after the first n of its imaginary parts
+// Zeros both halves of a row, `lanes` real parts and `lanes` imaginary parts, from number n on
 template <class Real> inline void clear_rest(Real *row, std::int64_t n) {
     std::fill(row + n, row + lanes, Real(0));
     std::fill(row + lanes + n, row + 2 * lanes, Real(0));

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from airtact.conventions import NotConverged
 from airtact.solvers.gmres import gmres
 from faults import raises_code
 
@@ -83,3 +84,9 @@ def test_well_conditioned_equations_take_no_further_iterations():
     matrix, right = system()
     plain, careful = (gmres(lambda v: v @ matrix.T, right.T, 1e-3, error) for error in (np.inf, 1e-9))
     assert careful.iterations == plain.iterations
+
+
+def test_a_product_that_is_no_number_does_not_count_as_a_solution() -> None:
+    with pytest.raises(NotConverged, match="nan") as raised:
+        gmres(lambda vectors: np.full_like(vectors, np.nan), np.ones((2, 5), np.complex128), 1e-3, most_iterations=4)
+    assert raised.value.code == "gmres_stalled"

@@ -292,6 +292,15 @@ def test_monopole_loop_equals_numpy(receivers, count, precision, kind, tolerance
     assert relative(out, np.exp(1j * wavenumber * distance) / distance @ strength) < 3 * tolerance
 
 
+@pytest.mark.parametrize(("precision", "kind", "tolerance"), PRECISIONS)
+def test_sound_that_has_decayed_is_nearly_nothing(precision, kind, tolerance):
+    points, out = np.array([[0.01, 0, 0], [0.1, 0, 0], [100.0, 0, 0]]), np.empty((3, 1), np.complex128)
+    source, strength = np.zeros((1, 3)), np.ones((1, 1), np.complex128)
+    getattr(_kernels, f"apply_monopoles_{precision}")(points, source, strength, 732.5 + 2000j, out)
+    assert abs(out[0, 0]) == pytest.approx(np.exp(-20) / 0.01, rel=30 * tolerance)
+    assert (abs(out[1:]) < 1e-33).all()  # e^-200 and e^-200000 are taken as about e^-80
+
+
 @pytest.mark.parametrize("inside", [True, False])
 @pytest.mark.parametrize("wavenumber", WAVENUMBERS)
 def test_sums_in_cells_equal_numpy(wavenumber, inside):
@@ -416,8 +425,11 @@ def test_near_integral_equals_adaptive_quadrature(panel, single_layer):
 @pytest.mark.parametrize(("precision", "tolerance"), [("float32", 2e-5), ("float64", 1e-12)])
 @pytest.mark.parametrize("height", [0.0, 1e-5, 1e-3])
 @pytest.mark.parametrize("admittance", [0j, 300 - 500j])
-def test_what_a_near_panel_adds_is_its_integral_less_the_plain_nodes(admittance, height, precision, tolerance):
-    wavenumber, nodal = 732.5 + 3j, np.random.default_rng(1).normal(size=(6, 6))
+@pytest.mark.parametrize("wavenumber", [732.5 + 0j, 732.5 + 3j])
+def test_what_a_near_panel_adds_is_its_integral_less_the_plain_nodes(
+    wavenumber, admittance, height, precision, tolerance
+):
+    nodal = np.random.default_rng(1).normal(size=(6, 6))
     foot, normal = panel_at(CURVED, 0.2, 0.3)
     target = foot + height * normal / np.linalg.norm(normal)
     sources, normals = scattered_points(2, 6) * 0.1, scattered_points(3, 6) * 1e-4

@@ -164,7 +164,7 @@ class RealTime:
             for sources in (bodies.target.beacons(), codes)
         )
         return Row(
-            f"two fingers, {CODES} coded transmissions of 996 elements, solve only",
+            f"two fingers, {CODES} coded transmissions of {len(self.array)} elements, solve only",
             "2.5 times two foci",
             f"{coded.median / foci.median:.2f} times: {coded}",
             "",
@@ -296,5 +296,5 @@ class OpenHand:
         job = partial(to_drive, BoundaryElement(accuracy=accuracy, estimate=False), self.bodies, self.array)
         took, made = timed([job] * (self.runs + 1))
         errors = errors_of(made[-1], self.reference.pressure, self.bodies)
-        against = f"against {FINE:.1%} asked, itself {self.reference.own_error:.2%} from {COARSER:.1%}"
+        against = f"against {FINE:.2%} asked, itself {self.reference.own_error:.2%} from {COARSER:.2%}"
         return row_of(what, asked, took, made, errors, against)

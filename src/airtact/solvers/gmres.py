@@ -14,7 +14,7 @@ from jaxtyping import Complex, Complex128, Float64
 from airtact.conventions import NotConverged
 from airtact.solvers.loops import loop_for
 
-FIRST = 15
+ROOM_FOR = 15
 """Iterations that memory is allocated for at first: more than most solves take."""
 
 ORDINARY = 3.0
@@ -53,7 +53,7 @@ def gmres(
     sides, unknowns = right_sides.shape
     norms = np.linalg.norm(right_sides, axis=1)
     scale = np.where(norms > 0, norms, 1).astype(norms.dtype)[:, None]
-    basis = np.empty((min(most_iterations, FIRST) + 1, sides, unknowns), dtype=right_sides.dtype)
+    basis = np.empty((min(most_iterations, ROOM_FOR) + 1, sides, unknowns), dtype=right_sides.dtype)
     basis[0] = right_sides / scale
     fits, residuals = [_Rotated() for _ in range(sides)], [1.0] * sides
     orthonormalise = loop_for("orthonormalise", basis.dtype)
@@ -68,14 +68,14 @@ def gmres(
             fit.add(column)
         residuals = [fit.residual if norm > 0 else 0.0 for fit, norm in zip(fits, norms, strict=True)]
         last = step == most_iterations - 1
-        if max(residuals, default=0.0) >= tolerance:
+        if not all(residual < tolerance for residual in residuals):  # NaN is never small
             continue
         weights = [fit.weights() for fit in fits]
         if last or all(fit.settled(error, one) for fit, one in zip(fits, weights, strict=True)):
             solution = _sum(np.array(weights).reshape(sides, step + 1), basis)
             return GmresResult(solution * scale, np.array(residuals), step + 1)
     raise NotConverged(
-        f"GMRES stopped at a relative residual of {max(residuals):.1e} (wanted {tolerance:.0e}) after "
+        f"GMRES stopped at a relative residual of {np.max(residuals):.1e} (wanted {tolerance:.0e}) after "
         f"{most_iterations} iterations; likely a gap or a body is much thinner than a panel: ask for a smaller "
         "accuracy, or move the bodies apart.",
         code="gmres_stalled",

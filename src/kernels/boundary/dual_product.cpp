@@ -22,7 +22,7 @@ constexpr int rows_at_once = 4;
 
 template <class Store> inline void fetch_next(const Store *rows) {  // the four after these
     constexpr std::int64_t words = 2 * stored<Store> * rows_at_once;
-    fetch(rows + words, words * std::int64_t(sizeof(Store)));
+    fetch(rows, words * std::int64_t(sizeof(Store)), words * std::int64_t(sizeof(Store)));
 }
 
 // Number l of a row times those of one or two vectors, added to sums

@@ -1,6 +1,4 @@
 // Every point against every node: one row of the kernel at a time, then stored or summed.
-#include <type_traits>
-
 #include "rows.hpp"
 #include "sums.hpp"
 
@@ -9,6 +7,7 @@ namespace AIRTACT_VARIANT {
 namespace {
 
 constexpr std::int64_t block = 256;
+static_assert(block % whole_lines<float>(1) == 0, "blocks are whole cache lines");
 
 // The double layer of a surface whose panels may have a single layer too
 template <class Real> struct Layer {
@@ -69,9 +68,10 @@ void sum_rows(std::int64_t n, std::int64_t m, const std::complex<double> *densit
     });
 }
 
-constexpr std::int64_t few_sources = 16;  // up to which the receivers, of which there are more, fill the registers
+constexpr std::int64_t few_sources = 16;  // up to which the receivers fill the registers: so few sources would not
 
-// Adds up the field of a few sources, each at many of n receivers at once: row(j, begin, count, re, im) is that of source j
+// Adds up the field of a few sources, each at many of n receivers at once: row(j, begin, count, re, im) is that of source j.
+// Of a transposed layer the nodes are the receivers and its targets the sources.
 template <class Real, class Row>
 void add_few(std::int64_t n, std::int64_t m, const std::complex<double> *strength, std::int64_t sounds,
              std::complex<double> *out, const Row &row) {
@@ -233,11 +233,11 @@ void apply_monopoles(const double *targets, std::int64_t n, const double *source
     const Origin origin(sources, m);
     const Planes<Real> t(targets, n, origin.at), y(sources, m, origin.at);
     const Wave<Real> wave(k);
-    const auto between = [&](const Planes<Real> &of, std::int64_t i, const Planes<Real> &some, std::int64_t j,
+    const auto between = [&](const Planes<Real> &from, std::int64_t i, const Planes<Real> &to, std::int64_t j,
                              std::int64_t count, Real *re, Real *im) {
-        const Real x[3] = {of[0][i], of[1][i], of[2][i]};
-        (k.imag > 0 ? monopole_row<Real, true> : monopole_row<Real, false>)(x, some[0] + j, some[1] + j, some[2] + j, count,
-                                                                            wave, re, im);
+        const Real x[3] = {from[0][i], from[1][i], from[2][i]};
+        (k.imag > 0 ? monopole_row<Real, true> : monopole_row<Real, false>)(x, to[0] + j, to[1] + j, to[2] + j, count, wave, re,
+                                                                            im);
     };
     if (m <= few_sources)
         return add_few<Real>(n, m, strength, sounds, out,

@@ -11,7 +11,7 @@ namespace AIRTACT_VARIANT {
 namespace {
 
 constexpr int at_once = 4;                  // rows, which share what they read or write of the vectors
-constexpr std::int64_t part = 256;          // numbers of a sum, or of a row, that one thread takes at a time
+constexpr std::int64_t part = 256;          // numbers of a row between two prefetches; of a transposed product, those of one thread
 constexpr std::int64_t few_entries = 100000;  // of a matrix, below which one thread has done them sooner
 constexpr std::int64_t few_numbers = 8000;  // of a basis likewise: the threads are awake from the product just before
 
@@ -73,6 +73,7 @@ void times_columns(const std::complex<Real> *matrix, std::int64_t n, std::int64_
             v[0] = value.real(), v[1] = -value.imag();
             w[0] = value.imag(), w[1] = value.real();
         }
+    const std::int64_t ahead = 2 * at_once * m * sizeof(Real);  // the four rows after these
 #pragma omp parallel for schedule(static) if (n * m > few_entries)
     for (std::int64_t top = 0; top < n; top += at_once) {
         const std::int64_t some = std::min<std::int64_t>(at_once, n - top);
@@ -81,7 +82,7 @@ void times_columns(const std::complex<Real> *matrix, std::int64_t n, std::int64_
         rows_from(matrix, m, top, some, 0, rows);
         for (std::int64_t begin = 0; begin < 2 * m; begin += part) {
             const std::int64_t end = std::min(begin + part, 2 * m);
-            for (std::int64_t r = 0; r < at_once; r++) fetch(rows[r] + 2 * at_once * m + begin, (end - begin) * sizeof(Real));
+            for (std::int64_t r = 0; r < at_once; r++) fetch(rows[r] + begin, ahead, (end - begin) * sizeof(Real));
             multiply_rows<N>(rows, begin, end, both.data(), 2 * m, sums);
         }
         for (std::int64_t s = 0; s < N; s++)
@@ -93,16 +94,17 @@ void times_columns(const std::complex<Real> *matrix, std::int64_t n, std::int64_
 template <int N, class Real>
 void times_rows(const std::complex<Real> *matrix, std::int64_t n, std::int64_t m, const std::complex<Real> *vectors,
                 std::complex<Real> *out) {
+    const std::int64_t ahead = 2 * at_once * m * sizeof(Real);
 #pragma omp parallel for schedule(static) if (n * m > few_entries)
     for (std::int64_t left = 0; left < m; left += part / 2) {
         const std::int64_t width = std::min(part / 2, m - left);
-        alignas(line) Real sums[2 * N][part] = {};
+        alignas(cache_line) Real sums[2 * N][part] = {};
         for (std::int64_t top = 0; top < n; top += at_once) {
             const std::int64_t some = std::min<std::int64_t>(at_once, n - top);
             const Real *rows[at_once];
             std::complex<Real> weights[N][at_once] = {};
             rows_from(matrix, m, top, some, left, rows);
-            for (std::int64_t r = 0; r < at_once; r++) fetch(rows[r] + 2 * at_once * m, 2 * width * sizeof(Real));
+            for (std::int64_t r = 0; r < at_once; r++) fetch(rows[r], ahead, 2 * width * sizeof(Real));
             for (int s = 0; s < N; s++) std::copy(vectors + s * n + top, vectors + s * n + top + some, weights[s]);
             add_rows<N>(rows, weights, 2 * width, sums);
         }

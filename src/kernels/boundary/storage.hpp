@@ -7,6 +7,7 @@ namespace AIRTACT_VARIANT {
 namespace {
 
 constexpr std::int64_t half = lanes / 2;
+static_assert(lanes % whole_lines<float>(1) == 0, "rows of a block are whole cache lines");
 
 // A row's two halves, each number as it is, or of two numbers the upper 16 bits each
 template <class Real> void store(const Real *row, Real *out) { std::copy(row, row + lanes, out); }

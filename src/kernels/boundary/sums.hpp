@@ -8,7 +8,8 @@ namespace AIRTACT_VARIANT {
 
 constexpr std::int64_t together = 4;  // rows at once: it hides the latency of the sums and reads the density once
 
-// Adds to a number of each of `some` rows, `step` apart, the products of four rows, `stride` apart, with a density
+// out[i * step] += sum_l row_i[l] (a + i b)[l] for i < some <= 4; row i begins at re + i * stride and im + i * stride, and all four
+// are read
 template <class Real>
 void add_products(const Real *re, const Real *im, std::int64_t stride, const Real *a, const Real *b, std::int64_t count,
                   std::int64_t some, std::complex<double> *out, std::int64_t step);

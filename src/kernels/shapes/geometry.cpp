@@ -1,4 +1,5 @@
-// Neighbours, by boxes: a few nanoseconds a pair, no tree to keep right. And an order in which neighbours lie together.
+// Neighbours, by boxes: a few nanoseconds a pair, no tree to keep right; an order in which neighbours lie together; the nodes of
+// panels, and how far panels are from points.
 #include <algorithm>
 #include <cmath>
 #include <limits>

@@ -55,7 +55,7 @@ class NearRows:
     excess: Complex128[np.ndarray, "pairs 6"]
 
     def split(self, points: int) -> tuple["NearRows", "NearRows"]:
-        """Return those of the first so many points, and those of the others."""
+        """Split into the rows of the first ``points`` points and those of the others."""
         begin = int(self.first[points])
         return (
             NearRows(self.first[: points + 1], self.panel[:begin], self.excess[:begin]),

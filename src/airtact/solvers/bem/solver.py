@@ -488,7 +488,8 @@ def _in_block_order(
     Complex128[np.ndarray, "panels"],
 ]:
     """Sort panels, their bodies, deviations and admittances so that those of a block of the matrix lie together."""
-    order = block_order(np.einsum("tsd->td", panels.quadratic_triangles[:, :3]) / 3)
+    centres = np.einsum("tsd->td", panels.quadratic_triangles[:, :3]) / 3  # NumPy's mean takes ten times as long
+    order = block_order(centres)
     body = panels.body[order]
     return panels.quadratic_triangles[order], body, panels.deviation[order], admittances(scene)[body]
 
