@@ -63,6 +63,12 @@ dual_blocks_float64 = dual_blocks_bfloat16
 dual_low_rank_float64 = dual_low_rank_bfloat16
 dual_product_float64 = dual_product_bfloat16
 
+def double_layer_matrix_float32(
+    targets: np.ndarray, sources: np.ndarray, normals: np.ndarray, single: np.ndarray, k: complex, out: np.ndarray
+) -> None: ...
+
+double_layer_matrix_float64 = double_layer_matrix_float32
+
 def apply_transposed_float32(
     targets: np.ndarray,
     sources: np.ndarray,

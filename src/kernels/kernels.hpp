@@ -97,6 +97,11 @@ template <class Real>
 void orthonormalise(const std::complex<Real> *bases, std::int64_t count, std::int64_t sides, std::int64_t m,
                     std::complex<Real> *vectors, std::complex<double> *columns);
 
+// out[i, j] = D(x_i, y_j)
+template <class Real>
+void double_layer_matrix(const double *targets, std::int64_t n, const double *sources, const double *normals,
+                         const std::complex<double> *single, std::int64_t m, Wavenumber k, std::complex<Real> *out);
+
 // out[i, j] = i D(x'_i, y_j) - D(x_i, y_j), where x'_i = inside[i]
 template <class Real>
 void dual_matrix(const double *targets, const double *inside, std::int64_t n, const double *sources, const double *normals,

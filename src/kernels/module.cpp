@@ -29,6 +29,7 @@ namespace nb = nanobind;
 using namespace airtact;
 
 template <class Real> struct Far {
+    decltype(&baseline::double_layer_matrix<Real>) double_layer_matrix;
     decltype(&baseline::apply_transposed<Real>) apply_transposed;
     decltype(&baseline::dual_matrix<Real>) dual_matrix;
     decltype(&baseline::few_products<Real>) few_products;
@@ -72,7 +73,7 @@ struct Variant {
 };
 
 #define AIRTACT_FAR(v, Real)                                                                                         \
-    { &v::apply_transposed<Real>, &v::dual_matrix<Real>, &v::few_products<Real>, &v::orthonormalise<Real>,         \
+    { &v::double_layer_matrix<Real>, &v::apply_transposed<Real>, &v::dual_matrix<Real>, &v::few_products<Real>, &v::orthonormalise<Real>,         \
       &v::apply_double_layer<Real>, &v::apply_monopoles<Real>,                                                        \
       &v::near_excess<Real>, &v::chebyshev_sum<Real> }
 #define AIRTACT_DUAL(v, Store)                                                                                       \
@@ -225,6 +226,14 @@ void product(Index whole_first, Index whole_column, Blocks<const Store> blocks, 
     std::get<Dual<Store>>(active->dual)
         .product(whole, blocks.data(), far, {count.data(), begin.data(), terms.data()}, std::int64_t(m), v.data(),
                  v.shape(0), transposed, out.data());
+}
+
+template <class Real>
+void layer_matrix(Points x, Points y, Points a, Single single, Complex k, Write<std::complex<Real>, -1, -1> out) {
+    same(y.shape(0), a.shape(0)), same(out.shape(0), x.shape(0)), same(out.shape(1), y.shape(0));
+    const Complex *of = single_of(single, y.shape(0));
+    nb::gil_scoped_release release;
+    far<Real>().double_layer_matrix(x.data(), x.shape(0), y.data(), a.data(), of, y.shape(0), wave(k), out.data());
 }
 
 template <class Real>
@@ -583,6 +592,8 @@ NB_MODULE(_kernels, m) {
     m.def("dual_product_bfloat16", &product<std::uint32_t>);
     m.def("dual_product_float32", &product<float>);
     m.def("dual_product_float64", &product<double>);
+    m.def("double_layer_matrix_float32", &layer_matrix<float>);
+    m.def("double_layer_matrix_float64", &layer_matrix<double>);
     m.def("apply_transposed_float32", &transposed_layer<float>);
     m.def("apply_transposed_float64", &transposed_layer<double>);
     m.def("dual_matrix_float32", &both_layers<float>);

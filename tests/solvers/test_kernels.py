@@ -53,7 +53,9 @@ def relative(found, expected):
 def test_double_layer_loops_equal_numpy(mixed, precision, kind, tolerance, wavenumber):
     points, sources, normals = scattered_points(1, 40), scattered_points(3, 700), scattered_points(4, 700) * 1e-3
     first = double_layer(points, sources, normals, wavenumber, mixed)
-    layer = points, sources, normals, mixed
+    matrix, layer = np.empty((40, 700), kind), (points, sources, normals, mixed)
+    getattr(_kernels, f"double_layer_matrix_{precision}")(*layer, wavenumber, matrix)
+    assert relative(matrix, first) < tolerance
     dual, inside = np.empty((40, 700), kind), scattered_points(2, 40)
     getattr(_kernels, f"dual_matrix_{precision}")(points, inside, *layer[1:], wavenumber, dual)
     assert relative(dual, 1j * double_layer(inside, sources, normals, wavenumber, mixed) - first) < tolerance

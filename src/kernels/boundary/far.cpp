@@ -176,6 +176,23 @@ void apply_in_cells(const double *targets, const std::int64_t *first, std::int64
 }
 
 template <class Real>
+void double_layer_matrix(const double *targets, std::int64_t n, const double *sources, const double *normals,
+                         const std::complex<double> *single, std::int64_t m, Wavenumber k, std::complex<Real> *out) {
+    const Origin origin(sources, m);
+    const Planes<Real> t(targets, n, origin.at);
+    const Layer<Real> layer(sources, normals, single, m, origin.at, k);
+    over_rows(n, m, [&](std::int64_t i) {
+        Real re[block], im[block];
+        const Real x[3] = {t[0][i], t[1][i], t[2][i]};
+        for (std::int64_t j = 0; j < m; j += block) {
+            const std::int64_t count = std::min(block, m - j);
+            layer.row(x, j, count, Real(0), re, im);
+            for (std::int64_t l = 0; l < count; l++) out[i * m + j + l] = {re[l], im[l]};
+        }
+    });
+}
+
+template <class Real>
 void dual_matrix(const double *targets, const double *inside, std::int64_t n, const double *sources, const double *normals,
                  const std::complex<double> *single, std::int64_t m, Wavenumber k, std::complex<Real> *out) {
     const Origin origin(sources, m);
@@ -286,6 +303,9 @@ void detoured_waves(const double *centres, std::int64_t bones, const double *foc
 }
 
 #define AIRTACT_FAR(Real)                                                                                             \
+    template void double_layer_matrix<Real>(const double *, std::int64_t, const double *, const double *,             \
+                                            const std::complex<double> *, std::int64_t, Wavenumber,                   \
+                                            std::complex<Real> *);                                                    \
     template void apply_transposed<Real>(const double *, std::int64_t, const double *, const double *,                \
                                          const std::complex<double> *, std::int64_t, const std::complex<double> *,    \
                                          std::int64_t, Wavenumber, std::complex<double> *);                           \

@@ -31,6 +31,12 @@ from airtact.solvers.bem.quadrature import (
 from airtact.solvers.bem.target_cells import Cells
 from airtact.solvers.loops import loop
 
+ROWS_AT_ONCE = 512
+"""Rows of a matrix that is made in parts."""
+
+FEW_SOUNDS = 64
+"""Excitations up to which a compiled loop adds up the transposed double layer; of more, BLAS does it sooner."""
+
 
 @dataclass(frozen=True)
 class NearRule:
@@ -171,13 +177,48 @@ def double_layer_transposed(
         rows = near_rows(there, points[some], wavenumber, near_rule, "float64")
         pairs = strengths[np.repeat(np.flatnonzero(some), np.diff(rows.first))]
         np.add.at(total.reshape(-1, 6, total.shape[1]), rows.panel, rows.excess[:, :, None] * pairs[:, None])
-    summed, layer = np.empty_like(total), (nodes.points, nodes.weighted_normals, single)
+    layer = nodes.points, nodes.weighted_normals, single
     for chosen, kind in ((near, "float64"), (~near, precision)):
         if chosen.any():
             some = np.ascontiguousarray(points[chosen], dtype=np.float64)
-            loop("apply_transposed", kind)(some, *layer, strengths[chosen], complex(wavenumber), summed)
-            total += summed
+            sum_up = _by_matrix if strengths.shape[1] > FEW_SOUNDS else _summed
+            total += sum_up(some, layer, strengths[chosen], complex(wavenumber), kind)
     return total
+
+
+Layer = tuple[Float64[np.ndarray, "nodes 3"], Float64[np.ndarray, "nodes 3"], Complex128[np.ndarray, "some"]]
+"""Nodes, their normals times area, and ``Nodes.single_layer``."""
+
+
+def _summed(
+    points: Float64[np.ndarray, "points 3"],
+    layer: Layer,
+    strengths: Complex128[np.ndarray, "points sounds"],
+    wavenumber: complex,
+    precision: str,
+) -> Complex128[np.ndarray, "nodes sounds"]:
+    """Σ_i s_i D(x_i, y_j) by a loop that leaves no threads of BLAS spinning."""
+    out = np.empty((len(layer[0]), strengths.shape[1]), dtype=np.complex128)
+    loop("apply_transposed", precision)(points, *layer, strengths, wavenumber, out)
+    return out
+
+
+def _by_matrix(
+    points: Float64[np.ndarray, "points 3"],
+    layer: Layer,
+    strengths: Complex128[np.ndarray, "points sounds"],
+    wavenumber: complex,
+    precision: str,
+) -> Complex128[np.ndarray, "nodes sounds"]:
+    """Σ_i s_i D(x_i, y_j) by products with the matrix D, some rows of it at a time."""
+    out: Complex128[np.ndarray, "nodes sounds"] | float = 0.0
+    for start in range(0, len(points), ROWS_AT_ONCE):
+        block = slice(start, start + ROWS_AT_ONCE)
+        shape = len(points[block]), len(layer[0])
+        rows = np.empty(shape, dtype=np.complex64 if precision == "float32" else np.complex128)
+        loop("double_layer_matrix", precision)(points[block], *layer, wavenumber, rows)
+        out = out + rows.T @ strengths[block].astype(rows.dtype)
+    return np.asarray(out)
 
 
 @dataclass(frozen=True, eq=False)
