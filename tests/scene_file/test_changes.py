@@ -35,11 +35,12 @@ def test_a_kind_of_body_is_short_for_its_obstacle() -> None:
     ("path", "words"),
     [
         ("foci[2].offset", r"foci\[2\].offset: \[2\] is not in the scene file; there are \[0\] to \[1\]"),
-        ("hand.gap", "0 bodies here are a hand; a path begins with .*foci.* and the bodies pinch"),
+        ("hand.gap", "0 bodies here are named 'hand'; a path begins with .*foci.* and the bodies pinch"),
         ("foci.offset", "is not in the scene file"),
         ("medium[0]", "is not in the scene file"),
         ("frequency.high", "a single value"),
         ("foci[0]offset..x", "is not the path of a key"),
+        ("foci[0]offset", "is not the path of a key"),
         ("", "is not the path of a key"),
     ],
 )
@@ -55,3 +56,9 @@ def test_a_scene_is_read_with_other_values() -> None:
     with pytest.raises(at.InvalidInput, match="did you mean foci") as fault:
         at.read_scene(at.example("pinch"), {"foci[0].ofset": 2e-3})
     assert fault.value.code == "unknown_key"
+
+
+def test_two_paths_of_one_key_are_rejected() -> None:
+    with pytest.raises(at.InvalidInput, match="are 1 key") as fault:
+        with_changes(PINCH, {"pinch.gap": 0.01, "obstacles[0].pinch.gap": 0.02})
+    assert fault.value.code == "name_twice"

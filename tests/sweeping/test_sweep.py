@@ -1,5 +1,7 @@
 """A function at many points: rows in order, faults as rows, results that are kept and found again."""
 
+import json
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
@@ -102,6 +104,36 @@ def test_a_result_is_named_by_point_function_and_arguments() -> None:
     assert len(set(named)) == len(named)
 
 
+def scaled(factor):
+    def times(point, factor=factor):
+        return {"y": factor * point["x"]}
+
+    return times
+
+
+def test_functions_of_one_name_are_told_apart(threads, tmp_path) -> None:
+    functions = [scaled(1.0), scaled(2.0), lambda point: {"y": 10.0}, lambda point: {"y": 20.0}]
+    found = [at.sweep(one, [{"x": 3.0}], threads, tmp_path)[0]["y"] for one in functions for _ in range(2)]
+    assert found == [3.0, 3.0, 6.0, 6.0, 10.0, 10.0, 20.0, 20.0]
+    assert len(list(tmp_path.glob(f"*{SUFFIX}"))) == 4
+
+
+def test_a_file_without_a_fault_column_is_computed_again(threads, tmp_path) -> None:
+    at.sweep(square, POINTS[:1], threads, tmp_path)
+    (file,) = tmp_path.glob(f"*{SUFFIX}")
+    file.write_text(json.dumps({"name": file.name.removesuffix(SUFFIX), "row": {}}), encoding="utf-8")
+    assert at.sweep(square, POINTS[:1], threads, tmp_path)[0]["square"] == 25
+
+
+def ends_the_program(point):
+    sys.exit(3)
+
+
+def test_a_function_that_ends_the_program_is_a_row(threads) -> None:
+    (row,) = at.sweep(ends_the_program, POINTS[:1], threads)
+    assert (row["error"], row["sentence"]) == ("function_failed", "SystemExit: 3")
+
+
 def test_what_cannot_be_named_or_passed_on_is_rejected(threads, tmp_path) -> None:
     factor = 3.0
 
@@ -120,12 +152,26 @@ def test_what_cannot_be_named_or_passed_on_is_rejected(threads, tmp_path) -> Non
 
 @pytest.mark.parametrize(
     ("points", "code"),
-    [([], "out_of_range"), ([1.0], "wrong_kind"), ([{"x": np.zeros(3)}], "wrong_kind"), ([{1: 2}], "wrong_kind")],
+    [
+        ([], "out_of_range"),
+        ([1.0], "wrong_kind"),
+        ([{"x": np.zeros(3)}], "wrong_kind"),
+        ([{1: 2}], "wrong_kind"),
+        (None, "wrong_kind"),
+        ({"x": 1}, "wrong_kind"),
+        ([{"x": 1}, {"error": 2}], "name_twice"),
+    ],
 )
 def test_points_of_the_wrong_kind_are_rejected(points, code, threads, as_outside_the_tests) -> None:
     with pytest.raises(at.InvalidInput) as fault:
         at.sweep(square, points, threads)
     assert fault.value.code == code
+
+
+def test_an_executor_of_the_wrong_kind_is_rejected(as_outside_the_tests) -> None:
+    with pytest.raises(at.InvalidInput, match="the executor is a int") as fault:
+        at.sweep(square, POINTS, 4)
+    assert fault.value.code == "wrong_kind"
 
 
 def test_no_more_processes_than_points_and_memory_allow(monkeypatch) -> None:

@@ -53,7 +53,9 @@ def test_a_grid_varies_its_last_path_fastest() -> None:
     assert grid_of([]) == [{}]
 
 
-@pytest.mark.parametrize("words", ["a", "a=1:2", "a=1:2:0", "a=x:2:3", "a=1:inf:3", "a=1:2:2.5", "a=1:2:2000000"])
+@pytest.mark.parametrize(
+    "words", ["a", "a=1:2", "a=1:2:0", "a=1:2:1", "a=x:2:3", "a=1:inf:3", "a=1:2:2.5", "a=1:2:2000000"]
+)
 def test_words_that_are_no_values_are_rejected(words) -> None:
     with pytest.raises(at.InvalidInput) as fault:
         grid_of([words])
@@ -141,6 +143,9 @@ def test_a_result_follows_from_all_files_of_a_scene(tmp_path) -> None:
         (["foci[7].offset=0:1:2"], "unknown_path"),
         (["foci[0].ofset=0:1:2"], "unknown_key"),
         (["medium.celsius=0:1:2", "medium.celsius=0:1:2"], "name_twice"),
+        (["sphere.radius=0.001:0.002:2", "obstacles[0].sphere.radius=0.003:0.003:1"], "name_twice"),
+        (["time=0:1:2"], "unknown_path"),
+        (["frame=0:1:2"], "unknown_path"),
         (["medium.celsius=4000:5000:2"], "out_of_range"),
         ([], "out_of_range"),
     ],

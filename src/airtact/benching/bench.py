@@ -59,6 +59,8 @@ def bench(
                 f"{python} is not a program that can be run, so {package} cannot: give the Python of its environment.",
                 code="cannot_run",
             )
+    if hand is not None:
+        load_hand(hand)  # a fault shows before minutes of solving
     writable_folder(folder)
     references = folder / "references"
     notes: list[str] = []

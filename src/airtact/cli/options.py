@@ -15,7 +15,18 @@ from airtact.cli.console import JSON, QUIET
 Command = TypeVar("Command", bound=Callable[..., None])
 Setting = TypeVar("Setting")
 
-FILE = click.Path(path_type=Path)
+
+class NamedPath(click.Path):
+    """A file or folder with a name: none is that of a variable of the shell that is not set."""
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """Return the path, or fail where it has no name."""
+        if not str(value).strip():
+            self.fail("it is empty: give a file or a folder, a point for the one you are in.", param, ctx)
+        return Path(super().convert(value, param, ctx))
+
+
+FILE = NamedPath(path_type=Path)
 """A file or folder."""
 
 

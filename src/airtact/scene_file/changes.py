@@ -29,16 +29,18 @@ def with_changes(data: Mapping[str, Item], changes: Mapping[str, Value]) -> dict
     Raises
     ------
     InvalidInput
-        "unknown_path": a path leads nowhere; the sentence names what is there.
+        "unknown_path": a path leads nowhere; the sentence names what is there. "name_twice": two paths are one key.
 
     Examples
     --------
     >>> with_changes({"foci": [{"at": "thumb.pad"}]}, {"foci[0].offset": 1e-3})
     {'foci': [{'at': 'thumb.pad', 'offset': 0.001}]}
     """
-    changed = _copied(dict(data))
+    changed, seen = _copied(dict(data)), {}
     for path, value in changes.items():
         steps = _full(_steps(path), changed, path)
+        if (other := seen.setdefault(tuple(steps), path)) != path:
+            raise InvalidInput(f"{other} and {path} are 1 key; give it once.", code="name_twice")
         inner = changed
         for index, step in enumerate(steps[:-1]):
             inner = _inside(inner, step, steps[index + 1], path)
@@ -56,7 +58,7 @@ def _steps(path: str) -> list[str | int]:
     """Split a path into keys and indices."""
     steps, end = [], 0
     for found in _STEP.finditer(path):
-        if found.start() != end:
+        if found.start() != end or (found[1] and end and path[end] != "."):
             break
         steps.append(found[1] if found[2] is None else int(found[2]))
         end = found.end()
@@ -80,8 +82,8 @@ def _full(steps: list[str | int], data: Mapping[str, Any], path: str) -> list[st
         known = sorted({key for body in bodies for key in body} & set(_KINDS))
         kinds = f" and the bodies {', '.join(known)}" if known else ""
         raise InvalidInput(
-            f"{path}: {len(found)} bodies here are a {kind}; a path begins with {', '.join(sorted(data))}{kinds}, and "
-            "obstacles[0] is the first body.",
+            f"{path}: {len(found)} bodies here are named {kind!r}; a path begins with {', '.join(sorted(data))}{kinds}, "
+            "and obstacles[0] is the first body.",
             code="unknown_path",
         )
     own = isinstance(bodies[found[0]][kind], dict) and (len(steps) < 2 or steps[1] not in ("pose", "boundary"))

@@ -12,7 +12,7 @@ from typing import Any
 from airtact.conventions import InvalidInput
 from airtact.store.entry import save
 from airtact.store.fingerprint import name_of
-from airtact.sweeping.rows import Function, Row
+from airtact.sweeping.rows import ERROR, SENTENCE, Function, Row
 
 SUFFIX = ".point.json"
 
@@ -20,8 +20,9 @@ SUFFIX = ".point.json"
 def names_of(function: Function, points: Iterable[Row]) -> list[str]:
     """Name points by their values, the function and the code that it runs; 40 hexadecimal digits each.
 
-    A function counts by its module's file, what that imports of airtact, and its name; a ``functools.partial`` also by
-    its arguments; an object of a dataclass by its fields, except those that take no part in comparisons.
+    A function counts by its module's file, what that imports of airtact, its name, its own code and its default
+    arguments; a ``functools.partial`` also by its arguments; an object of a dataclass by its fields, except those that
+    take no part in comparisons. Other modules that the file imports, and values that it reads, do not count.
     """
     modules: set[str] = set()
     whole = name_of(_parts(function, modules), modules)
@@ -45,7 +46,8 @@ def _parts(function: Any, modules: set[str]) -> list[Any]:
                 code="not_comparable",
             )
         modules.add(function.__module__)
-        return [function.__module__, function.__qualname__]
+        defaults = list(function.__defaults__ or ()), dict(function.__kwdefaults__ or {})
+        return [function.__module__, function.__qualname__, _own_code(function.__code__), *defaults]
     if not is_dataclass(function) or isinstance(function, type):
         raise InvalidInput(
             f"a {type(function).__name__} cannot be compared with another one, so that its results cannot be kept: "
@@ -56,6 +58,14 @@ def _parts(function: Any, modules: set[str]) -> list[Any]:
     return [function]
 
 
+def _own_code(code: types.CodeType) -> list[str]:
+    """Write what tells two functions of one name apart, such as two lambdas: their instructions and constants."""
+    inner = [one for one in code.co_consts if isinstance(one, types.CodeType)]
+    constants = repr([one for one in code.co_consts if not isinstance(one, types.CodeType)])
+    own = [code.co_code.hex(), constants, repr(code.co_names), repr(code.co_varnames)]
+    return own + [words for one in inner for words in _own_code(one)]
+
+
 def load(store: Path, names: Iterable[str]) -> dict[str, Row]:
     """Read what is kept of some points; a damaged file counts as none."""
     found = {}
@@ -64,8 +74,9 @@ def load(store: Path, names: Iterable[str]) -> dict[str, Row]:
             whole = json.loads((store / (name + SUFFIX)).read_bytes())
         except (OSError, ValueError):
             continue
-        if isinstance(whole, dict) and whole.get("name") == name and isinstance(whole.get("row"), dict):
-            found[name] = whole["row"]
+        row = whole.get("row") if isinstance(whole, dict) and whole.get("name") == name else None
+        if isinstance(row, dict) and {ERROR, SENTENCE} <= row.keys():
+            found[name] = row
     return found
 
 

@@ -58,6 +58,6 @@ def attempt(function: Function, point: Row) -> Row:
             ERROR: "file_failed",
             SENTENCE: one_sentence(f"{fault.filename or 'a file'}: {fault.strerror or fault}"),
         }
-    except Exception as fault:
+    except (Exception, SystemExit) as fault:
         return {ERROR: "function_failed", SENTENCE: one_sentence(f"{type(fault).__name__}: {fault}")}
     return {**result, ERROR: "", SENTENCE: ""}

@@ -77,9 +77,9 @@ class ScenePoint:
 
     def setup(self, point: Mapping[str, Value]) -> Setup:
         """Build the scene of a point."""
-        changes = {path: value for path, value in point.items() if path not in (FRAME, SIDE, TIME)}
         if self.recording is None:
-            return read_scene(self.scene, changes)
+            return read_scene(self.scene, point)
+        changes = {path: value for path, value in point.items() if path not in (FRAME, SIDE, TIME)}
         with _hand_of_frame(self.scene, self.recording, point) as posed:
             return read_scene(self.scene, posed | changes)
 

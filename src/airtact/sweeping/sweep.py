@@ -1,7 +1,7 @@
 """A function at many points, in processes or on a cluster; a killed sweep is taken up again."""
 
 import pickle
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, as_completed
 from contextlib import nullcontext
 from pathlib import Path
@@ -10,7 +10,7 @@ from airtact.conventions import InvalidInput
 from airtact.file_access.atomic import writable_folder
 from airtact.sweeping.kept import keep, load, names_of
 from airtact.sweeping.processes import process_count, processes
-from airtact.sweeping.rows import ERROR, PASSING, Function, Row, Value, attempt, checked
+from airtact.sweeping.rows import ERROR, PASSING, SENTENCE, Function, Row, Value, attempt, checked
 from airtact.validation import of_kind
 
 Count = Callable[[int, int, int], None]
@@ -38,8 +38,9 @@ def sweep(
     points : names with a value each.
     executor : computes the points, such as ``ThreadPoolExecutor()`` or the ``get_executor()`` of Dask's client. By
         default processes, one a processor, each with one thread.
-    store : folder in which the result of each point is a file, named by the point, the function, its arguments and the
-        code that it runs. What is there is not computed again, so that a sweep that was killed goes on.
+    store : folder in which the result of each point is a file, named by the point, the function, its arguments, its file
+        and airtact's. What is there is not computed again, so that a sweep that was killed goes on. Take another folder
+        where another module that the function uses has changed.
     progress : is called with the numbers of points done, of all points and of points that failed.
 
     Returns
@@ -65,6 +66,12 @@ def sweep(
     """
     if not callable(function):
         raise InvalidInput(f"the function of a sweep is {function!r}, which cannot be called.", code="wrong_kind")
+    if executor is not None and not callable(getattr(executor, "submit", None)):
+        raise InvalidInput(
+            f"the executor is a {type(executor).__name__}, but it must be one such as ThreadPoolExecutor(4), or None for "
+            "processes.",
+            code="wrong_kind",
+        )
     rows = _checked(points)
     folder = None if store is None else writable_folder(Path(of_kind(store, str | Path, "the store", "a path")))
     names = [str(index) for index in range(len(rows))] if folder is None else names_of(function, rows)
@@ -95,7 +102,19 @@ def _complete(
 
 
 def _checked(points: Sequence[Mapping[str, Value]]) -> list[Row]:
+    if not isinstance(points, Iterable) or isinstance(points, str | Mapping):
+        raise InvalidInput(
+            f"the points of a sweep are a {type(points).__name__}, but they must be a list of names with a value each, "
+            'such as [{"gap": 0.012}, {"gap": 0.014}].',
+            code="wrong_kind",
+        )
     rows = [checked(point, f"point {index}") for index, point in enumerate(points)]
+    taken = sorted({ERROR, SENTENCE}.intersection(*[set().union(*rows)]))
+    if taken:
+        raise InvalidInput(
+            f"the points have {len(taken)} names that columns of the rows have: {', '.join(taken)}; rename them.",
+            code="name_twice",
+        )
     if not 1 <= len(rows) <= MOST:
         raise InvalidInput(f"there are {len(rows):,} points; give 1 to {MOST:,}.", code="out_of_range")
     return rows

@@ -96,3 +96,15 @@ def test_a_point_on_a_source_is_rejected():
     field = at.BoundaryElement(accuracy=0.1).radiate(scene(), SOURCE)
     with raises_code("point_on_source", "source 0"):
         field.at(np.array([[0.0, 0.0, 0.05], [0.0, 0.0, 0.02]]))
+
+
+@pytest.mark.parametrize("strength", [1e-30, 1e-22, 1e20, 1e30])
+@pytest.mark.parametrize("estimate", [True, False])
+def test_sources_of_any_strength_are_solved_as_those_of_one(estimate, strength):
+    scene = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(at.sphere(5e-3, 2e-3))])
+    solver, place = at.BoundaryElement(accuracy=0.05, estimate=estimate), np.array([[0.0, 0.0, 0.02]])
+    points = np.array([[0.05, 0.0, 0.0], [0.0, 0.0, -0.05]])
+    one, other = (solver.radiate(scene, at.Monopoles(place, np.array([one]))) for one in (1.0, strength))
+    assert np.allclose(other.at(points) / strength, one.at(points), rtol=1e-4, atol=0)
+    if estimate:
+        assert other.report.estimated_error == pytest.approx(one.report.estimated_error, rel=1e-2)

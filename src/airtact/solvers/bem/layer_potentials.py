@@ -211,14 +211,14 @@ def _by_matrix(
     precision: str,
 ) -> Complex128[np.ndarray, "nodes sounds"]:
     """Σ_i s_i D(x_i, y_j) by products with the matrix D, some rows of it at a time."""
-    out: Complex128[np.ndarray, "nodes sounds"] | float = 0.0
+    out = np.zeros((len(layer[0]), strengths.shape[1]), dtype=np.complex128)
     for start in range(0, len(points), ROWS_AT_ONCE):
         block = slice(start, start + ROWS_AT_ONCE)
         shape = len(points[block]), len(layer[0])
         rows = np.empty(shape, dtype=np.complex64 if precision == "float32" else np.complex128)
         loop("double_layer_matrix", precision)(points[block], *layer, wavenumber, rows)
-        out = out + rows.T @ strengths[block].astype(rows.dtype)
-    return np.asarray(out)
+        out += rows.T @ strengths[block].astype(rows.dtype)
+    return out
 
 
 @dataclass(frozen=True, eq=False)

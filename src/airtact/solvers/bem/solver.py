@@ -411,7 +411,11 @@ class BoundaryElement(Solver):
         most_iterations: int,
     ) -> GmresResult:
         """Solve with the sum of some matrices: those of the bodies themselves and of their images."""
-        sides = np.ascontiguousarray(right.T, dtype=matrices[0].precision)
+        size = np.abs(right).max(
+            axis=0, initial=0.0
+        )  # beyond the range of single precision otherwise, or its squares are
+        size[size == 0.0] = 1.0
+        sides = np.ascontiguousarray((right / size).T, dtype=matrices[0].precision)
 
         def product(vectors: np.ndarray) -> np.ndarray:
             first, *others = (matrix.times(vectors, transposed) for matrix in matrices)
@@ -419,7 +423,8 @@ class BoundaryElement(Solver):
                 first += one
             return first
 
-        return gmres(product, sides, tolerance, SOLUTION_ERROR * self.accuracy, most_iterations=most_iterations)
+        found = gmres(product, sides, tolerance, SOLUTION_ERROR * self.accuracy, most_iterations=most_iterations)
+        return replace(found, solution=found.solution.astype(np.complex128) * size[:, None])
 
     def _surface(self, nodes: Nodes, scene: Scene, obstacles: Sequence[Obstacle]) -> DualSurface:
         least = np.empty(len(nodes.points))

@@ -34,6 +34,12 @@ def grid_of(varied: Sequence[str]) -> list[Row]:
                 '"foci[0].offset=0.0005:0.003:6".',
                 code="wrong_value",
             )
+        if found is not None and len(values) == 1 and float(found["low"]) != float(found["high"]):
+            raise InvalidInput(
+                f'--vary "{words}" has 1 point but two ends, {found["low"]} and {found["high"]}: give a count of 2 or more, '
+                "or one value as both ends.",
+                code="wrong_value",
+            )
         if path in axes:
             raise InvalidInput(f"{path} is varied 2 times; give it once.", code="name_twice")
         axes[path] = values

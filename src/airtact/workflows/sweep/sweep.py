@@ -14,7 +14,7 @@ from airtact.scene_file.building import read_scene
 from airtact.solvers.bem.solver import BoundaryElement
 from airtact.sweeping.processes import PROCESS, process_count, processes
 from airtact.sweeping.rows import Row
-from airtact.sweeping.scene_point import ScenePoint, frames_of, scene_point
+from airtact.sweeping.scene_point import FRAME, SIDE, TIME, ScenePoint, frames_of, scene_point
 from airtact.sweeping.sweep import MOST, Count
 from airtact.sweeping.sweep import sweep as swept_rows
 from airtact.sweeping.table import check_parquet, write_csv, write_parquet
@@ -61,6 +61,8 @@ def sweep(
     if parquet:
         check_parquet()
     grid = grid_of(varied)
+    for own in {FRAME, SIDE, TIME} & grid[0].keys() if recording else ():
+        raise InvalidInput(f"{own} is given by the recording, and varied 1 time more; leave it out.", code="name_twice")
     points = [] if recording is None else frames_of(recording)
     points = [frame | point for frame in points for point in grid] if recording else grid
     if len(points) > MOST or not points or not points[0]:
@@ -101,7 +103,14 @@ def _memory(function: ScenePoint, points: Sequence[Row]) -> float:
                 unknowns = unknowns_of(setup.solver, setup.scene, setup.target.points)
                 needed = max(needed, memory_of_a_solve(unknowns, setup.accuracy))
         except (InvalidInput, NotConverged) as fault:
-            if fault.code in ("unknown_path", "unknown_key", "wrong_value", "key_misplaced", "key_renamed"):
+            if fault.code in (
+                "unknown_path",
+                "unknown_key",
+                "wrong_value",
+                "key_misplaced",
+                "key_renamed",
+                "name_twice",
+            ):
                 raise
             faults.append(fault)
     if len(faults) == len(points):
