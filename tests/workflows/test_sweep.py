@@ -143,7 +143,7 @@ def test_a_result_follows_from_all_files_of_a_scene(tmp_path) -> None:
         (["foci[7].offset=0:1:2"], "unknown_path"),
         (["foci[0].ofset=0:1:2"], "unknown_key"),
         (["medium.celsius=0:1:2", "medium.celsius=0:1:2"], "name_twice"),
-        (["sphere.radius=0.001:0.002:2", "obstacles[0].sphere.radius=0.003:0.003:1"], "name_twice"),
+        (["foci[0].point[0]=0:0.01:2", "foci[00].point[0]=0.02:0.02:1"], "name_twice"),
         (["time=0:1:2"], "unknown_path"),
         (["frame=0:1:2"], "unknown_path"),
         (["medium.celsius=4000:5000:2"], "out_of_range"),

@@ -1,6 +1,7 @@
 """Options that several commands share."""
 
 import difflib
+import os
 import pkgutil
 import sys
 from collections.abc import Callable
@@ -19,11 +20,13 @@ Setting = TypeVar("Setting")
 class NamedPath(click.Path):
     """A file or folder with a name: none is that of a variable of the shell that is not set."""
 
-    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+    def convert(
+        self, value: str | os.PathLike[str], param: click.Parameter | None, ctx: click.Context | None
+    ) -> str | bytes | os.PathLike[str]:
         """Return the path, or fail where it has no name."""
         if not str(value).strip():
             self.fail("it is empty: give a file or a folder, a point for the one you are in.", param, ctx)
-        return Path(super().convert(value, param, ctx))
+        return super().convert(value, param, ctx)
 
 
 FILE = NamedPath(path_type=Path)

@@ -82,8 +82,8 @@ def _full(steps: list[str | int], data: Mapping[str, Any], path: str) -> list[st
         known = sorted({key for body in bodies for key in body} & set(_KINDS))
         kinds = f" and the bodies {', '.join(known)}" if known else ""
         raise InvalidInput(
-            f"{path}: {len(found)} bodies here are named {kind!r}; a path begins with {', '.join(sorted(data))}{kinds}, "
-            "and obstacles[0] is the first body.",
+            f"{path}: {len(found)} bodies here are named {kind!r}; a path begins with {', '.join(sorted(data))}{kinds}"
+            ", and obstacles[0] is the first body.",
             code="unknown_path",
         )
     own = isinstance(bodies[found[0]][kind], dict) and (len(steps) < 2 or steps[1] not in ("pose", "boundary"))

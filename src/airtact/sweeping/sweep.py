@@ -38,9 +38,9 @@ def sweep(
     points : names with a value each.
     executor : computes the points, such as ``ThreadPoolExecutor()`` or the ``get_executor()`` of Dask's client. By
         default processes, one a processor, each with one thread.
-    store : folder in which the result of each point is a file, named by the point, the function, its arguments, its file
-        and airtact's. What is there is not computed again, so that a sweep that was killed goes on. Take another folder
-        where another module that the function uses has changed.
+    store : folder in which the result of each point is a file, named by the point, the function, its arguments, its
+        file and airtact's. What is there is not computed again, so that a sweep that was killed goes on. Take another
+        folder where another module that the function uses has changed.
     progress : is called with the numbers of points done, of all points and of points that failed.
 
     Returns
@@ -68,8 +68,8 @@ def sweep(
         raise InvalidInput(f"the function of a sweep is {function!r}, which cannot be called.", code="wrong_kind")
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise InvalidInput(
-            f"the executor is a {type(executor).__name__}, but it must be one such as ThreadPoolExecutor(4), or None for "
-            "processes.",
+            f"the executor is a {type(executor).__name__}, but it must be one such as ThreadPoolExecutor(4), or None "
+            "for processes.",
             code="wrong_kind",
         )
     rows = _checked(points)

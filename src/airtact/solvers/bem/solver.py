@@ -411,9 +411,7 @@ class BoundaryElement(Solver):
         most_iterations: int,
     ) -> GmresResult:
         """Solve with the sum of some matrices: those of the bodies themselves and of their images."""
-        size = np.abs(right).max(
-            axis=0, initial=0.0
-        )  # beyond the range of single precision otherwise, or its squares are
+        size = np.abs(right).max(axis=0, initial=0.0)  # or its squares would leave the range of single precision
         size[size == 0.0] = 1.0
         sides = np.ascontiguousarray((right / size).T, dtype=matrices[0].precision)
 

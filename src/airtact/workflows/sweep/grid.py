@@ -34,10 +34,10 @@ def grid_of(varied: Sequence[str]) -> list[Row]:
                 '"foci[0].offset=0.0005:0.003:6".',
                 code="wrong_value",
             )
-        if found is not None and len(values) == 1 and float(found["low"]) != float(found["high"]):
+        if found is not None and len(values) == 1 and float(found["high"]) != values[0]:
             raise InvalidInput(
-                f'--vary "{words}" has 1 point but two ends, {found["low"]} and {found["high"]}: give a count of 2 or more, '
-                "or one value as both ends.",
+                f'--vary "{words}" has 1 point but two ends, {found["low"]} and {found["high"]}: give a count of 2 or '
+                "more, or one value as both ends.",
                 code="wrong_value",
             )
         if path in axes:

@@ -24,6 +24,9 @@ from airtact.workflows.sweep.grid import grid_of
 FILES = ("sweep.csv", "sweep.html", "sweep.parquet")
 """What a sweep writes; the last only where it is asked for."""
 
+OF_A_PATH = ("unknown_path", "unknown_key", "wrong_value", "key_misplaced", "key_renamed", "name_twice")
+"""Faults of what is varied, which no other point mends."""
+
 STORE = "points"
 """Folder of the results of single points, beside the table."""
 
@@ -103,14 +106,7 @@ def _memory(function: ScenePoint, points: Sequence[Row]) -> float:
                 unknowns = unknowns_of(setup.solver, setup.scene, setup.target.points)
                 needed = max(needed, memory_of_a_solve(unknowns, setup.accuracy))
         except (InvalidInput, NotConverged) as fault:
-            if fault.code in (
-                "unknown_path",
-                "unknown_key",
-                "wrong_value",
-                "key_misplaced",
-                "key_renamed",
-                "name_twice",
-            ):
+            if fault.code in OF_A_PATH:
                 raise
             faults.append(fault)
     if len(faults) == len(points):
