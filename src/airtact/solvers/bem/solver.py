@@ -121,6 +121,9 @@ AROUND_FOR_DRIVES = 6
 DRIVES = 0.06
 """Accuracy from which on a solution serves drives only, for which twice the residual is enough."""
 
+RESIDUALS = {DRIVES: 0.8, 0.04: 0.5, 0.0: 0.4}
+"""Residual to stop at over the accuracy, without an estimate, by the accuracies from which on it suffices."""
+
 
 Equation = Literal["transposed", "direct"]
 """One of the two equations that a solve is made of."""
@@ -478,7 +481,7 @@ class BoundaryElement(Solver):
         if self.precision == "float64":
             return min(0.1 * self.accuracy, 1e-8)
         if not self.estimate:  # for receivers far away only
-            return self.accuracy * (0.5 if self.accuracy < DRIVES else 0.8)
+            return self.accuracy * next(share for least, share in RESIDUALS.items() if self.accuracy >= least)
         return min(0.3 * self.accuracy, 0.01) if self.accuracy >= PREVIEWS else max(0.1 * self.accuracy, 2e-6)
 
 
