@@ -1,5 +1,6 @@
 """Trackers' adapters in processes of their own, as far as they go without the device."""
 
+import importlib
 import json
 import os
 import subprocess
@@ -87,6 +88,17 @@ def test_leap_is_received_through_its_own_process():
     assert stream.health.received - stream.health.used == 0
 
 
+def _realsense_loads() -> bool:
+    try:
+        importlib.import_module("pyrealsense2")
+    except ImportError:
+        return False
+    return True
+
+
+needs_realsense = pytest.mark.skipif(not _realsense_loads(), reason="pyrealsense2 does not load, as without libusb")
+
+
 @pytest.fixture(scope="module")
 def depths(tmp_path_factory):
     """A picture of depth with a hand, and one without."""
@@ -99,6 +111,7 @@ def depths(tmp_path_factory):
     return folder, hand, pose
 
 
+@needs_realsense
 def test_a_software_device_of_realsense_gives_the_cloud_of_the_skin(depths):
     folder, hand, pose = depths
     command = [sys.executable, ADAPTERS / "realsense.py", "--side", "left", "--depths", folder]
@@ -112,6 +125,7 @@ def test_a_software_device_of_realsense_gives_the_cloud_of_the_skin(depths):
     assert np.quantile(off, 0.99) < 2e-3
 
 
+@needs_realsense
 def test_realsense_without_a_camera_or_pictures_says_so(tmp_path):
     command = [sys.executable, ADAPTERS / "realsense.py", "--side", "left", "--depths", tmp_path]
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
@@ -119,6 +133,19 @@ def test_realsense_without_a_camera_or_pictures_says_so(tmp_path):
     assert "holds 0 .npy files" in done.stderr
 
 
+def test_a_library_of_realsense_that_does_not_load_says_what_it_needs(tmp_path):
+    fault = 'raise ImportError("libusb-1.0.so.0: cannot open shared object file")'
+    (tmp_path / "pyrealsense2.py").write_text(fault, encoding="utf-8")
+    command = [sys.executable, ADAPTERS / "realsense.py", "--side", "left", "--depths", tmp_path]
+    given = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, env=given)
+    assert done.returncode == 1
+    assert done.stderr.startswith("pyrealsense2 does not load (libusb-1.0.so.0")
+    assert "libusb-1.0-0" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@needs_realsense
 @pytest.mark.parametrize("wrong", [np.zeros(5), np.zeros((0, 3)), np.zeros((2, 2), dtype="<U3"), None])
 def test_realsense_names_a_picture_that_is_none(wrong, tmp_path):
     (tmp_path / "a.npy").write_bytes(b"no array") if wrong is None else np.save(tmp_path / "a.npy", wrong)

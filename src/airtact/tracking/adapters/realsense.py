@@ -59,7 +59,12 @@ def _clouds_in(depths: Iterator[Any], options: argparse.Namespace) -> Iterator[d
 
 def _library() -> ModuleType:
     """Load pyrealsense2, which has no type stubs."""
-    return importlib.import_module("pyrealsense2")
+    try:
+        return importlib.import_module("pyrealsense2")
+    except ImportError as error:
+        raise SystemExit(
+            f"pyrealsense2 does not load ({error}): pip install 'airtact[realsense]', and libusb (libusb-1.0-0)."
+        ) from None
 
 
 def _seen() -> Iterator[Any]:
