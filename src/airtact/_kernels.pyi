@@ -97,6 +97,9 @@ def few_products_float32(matrix: np.ndarray, vectors: np.ndarray, transposed: bo
 
 few_products_float64 = few_products_float32
 
+def few_rounded_products(
+    matrix: np.ndarray, scales: np.ndarray, vectors: np.ndarray, transposed: bool, out: np.ndarray
+) -> None: ...
 def orthonormalise_float32(bases: np.ndarray, vectors: np.ndarray, columns: np.ndarray) -> None: ...
 
 orthonormalise_float64 = orthonormalise_float32

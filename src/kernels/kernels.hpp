@@ -91,6 +91,10 @@ template <class Real>
 void few_products(const std::complex<Real> *matrix, std::int64_t n, std::int64_t m, const std::complex<Real> *vectors,
                   std::int64_t count, bool transposed, std::complex<Real> *out);
 
+// The same where row i of A is scales[i] times whole numbers, real and imaginary parts in turn
+void few_rounded_products(const std::int16_t *matrix, const float *scales, std::int64_t n, std::int64_t m,
+                          const std::complex<float> *vectors, std::int64_t count, bool transposed, std::complex<float> *out);
+
 // Makes vector s of (S, m) orthogonal to its basis, bases[:, s] of (count, S, m), by modified Gram-Schmidt, and 1 long.
 // columns[s] of (S, count + 1) gets its overlaps with them, then the length that was left.
 template <class Real>

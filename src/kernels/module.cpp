@@ -57,6 +57,7 @@ struct Variant {
     decltype(&baseline::near_pairs) near_pairs;
     decltype(&baseline::block_order) block_order;
     decltype(&baseline::mark_blocks) mark_blocks;
+    decltype(&baseline::few_rounded_products) few_rounded_products;
     decltype(&baseline::place_nodes) place_nodes;
     decltype(&baseline::panel_distances) panel_distances;
     decltype(&baseline::closest_on_panels) closest_on_panels;
@@ -79,7 +80,7 @@ struct Variant {
 #define AIRTACT_DUAL(v, Store)                                                                                       \
     Dual<Store> { &v::dual_blocks<Store>, &v::dual_low_rank<Store>, &v::dual_product<Store> }
 #define AIRTACT_TABLE(v)                                                                                             \
-    { #v, {AIRTACT_DUAL(v, std::uint32_t), AIRTACT_DUAL(v, float), AIRTACT_DUAL(v, double)}, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::apply_in_cells, &v::interpolate, &v::detoured_waves, &v::near_pairs, &v::block_order, &v::mark_blocks, &v::place_nodes, &v::panel_distances, &v::closest_on_panels, \
+    { #v, {AIRTACT_DUAL(v, std::uint32_t), AIRTACT_DUAL(v, float), AIRTACT_DUAL(v, double)}, AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::apply_in_cells, &v::interpolate, &v::detoured_waves, &v::near_pairs, &v::block_order, &v::mark_blocks, &v::few_rounded_products, &v::place_nodes, &v::panel_distances, &v::closest_on_panels, \
       &v::near_integrals, &v::hull_distances, &v::blended_distance, &v::hull_gaps, &v::project_on_hulls, &v::grade_sizes, \
       &v::even_pass, &v::gerchberg_saxton, &v::surface_integral, &v::normal_derivative }
 
@@ -89,7 +90,7 @@ static std::vector<Variant> runnable() {  // on this machine, the best last
     const bool fused = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
     if (fused) found.push_back(AIRTACT_TABLE(avx2));
     if (fused && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
-        __builtin_cpu_supports("avx512vl"))
+        __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512vl"))
         found.push_back(AIRTACT_TABLE(avx512));
 #endif
     return found;
@@ -264,6 +265,15 @@ void few(Read<std::complex<Real>, -1, -1> matrix, Read<std::complex<Real>, -1, -
     nb::gil_scoped_release release;
     far<Real>().few_products(matrix.data(), matrix.shape(0), matrix.shape(1), vectors.data(), vectors.shape(0), transposed,
                              out.data());
+}
+
+static void few_rounded(Read<std::int16_t, -1, -1, 2> matrix, Read<float, -1> scales, Read<std::complex<float>, -1, -1> vectors,
+                        bool transposed, Write<std::complex<float>, -1, -1> out) {
+    same(vectors.shape(0), out.shape(0)), same(scales.shape(0), matrix.shape(0));
+    same(vectors.shape(1), matrix.shape(transposed ? 0 : 1)), same(out.shape(1), matrix.shape(transposed ? 1 : 0));
+    nb::gil_scoped_release release;
+    active->few_rounded_products(matrix.data(), scales.data(), matrix.shape(0), matrix.shape(1), vectors.data(), vectors.shape(0),
+                                 transposed, out.data());
 }
 
 template <class Real>
@@ -600,6 +610,7 @@ NB_MODULE(_kernels, m) {
     m.def("dual_matrix_float64", &both_layers<double>);
     m.def("few_products_float32", &few<float>);
     m.def("few_products_float64", &few<double>);
+    m.def("few_rounded_products", &few_rounded);
     m.def("orthonormalise_float32", &orthonormalise<float>);
     m.def("orthonormalise_float64", &orthonormalise<double>);
     m.def("apply_double_layer_float32", &layer<float>);

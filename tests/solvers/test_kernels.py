@@ -93,6 +93,19 @@ def test_products_with_few_vectors_equal_numpy(shape, precision, kind, tolerance
         assert relative(out, vectors.astype(complex) @ whole.astype(complex)) < tolerance
 
 
+@pytest.mark.parametrize("shape", [(1, 1), (7, 300), (301, 6), (640, 530)])
+def test_products_of_rounded_matrices_equal_numpy(shape):
+    pick = np.random.default_rng(1)
+    numbers = pick.integers(-32767, 32768, (*shape, 2)).astype(np.int16)
+    scales = pick.random(shape[0]).astype(np.float32)
+    matrix = (numbers[..., 0] + 1j * numbers[..., 1]) * scales[:, None]
+    for transposed, whole in ((False, matrix.T), (True, matrix)):
+        vectors = (pick.normal(size=(3, len(whole))) + 1j * pick.normal(size=(3, len(whole)))).astype(np.complex64)
+        out = np.empty((3, whole.shape[1]), np.complex64)
+        _kernels.few_rounded_products(numbers, scales, vectors, transposed, out)
+        assert relative(out, vectors.astype(complex) @ whole) < 1e-6
+
+
 @pytest.mark.parametrize(("precision", "kind", "tolerance"), PRECISIONS)
 @pytest.mark.parametrize("count", [0, 1, 5])
 def test_vectors_are_made_orthogonal_to_their_basis(count, precision, kind, tolerance):

@@ -33,7 +33,8 @@ from airtact.solvers.bem.board_field import (
     without_boards,
 )
 from airtact.solvers.bem.elimination import check_elimination, eliminate, worth_eliminating
-from airtact.solvers.bem.factorised_bodies import FactorisedBodies
+from airtact.solvers.bem.factorised.factorised_bodies import FactorisedBodies
+from airtact.solvers.bem.factorised.reduced_body import ReducedBody, reduced_body
 from airtact.solvers.bem.field import BoundaryField
 from airtact.solvers.bem.images import surface_with_images, values_with_images
 from airtact.solvers.bem.layer_potentials import NearRule, near_surface
@@ -51,7 +52,6 @@ from airtact.solvers.bem.operator import (
     transposed_right_side,
 )
 from airtact.solvers.bem.quadrature import Nodes, place_nodes
-from airtact.solvers.bem.reduced_body import ReducedBody, reduced_body
 from airtact.solvers.bem.solutions import DirectSolution
 from airtact.solvers.free_field import FreeField
 from airtact.solvers.gmres import GmresResult, gmres

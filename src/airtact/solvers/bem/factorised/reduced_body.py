@@ -22,6 +22,7 @@ from scipy.spatial.distance import cdist
 from airtact import _kernels
 from airtact.mesh.quadratic_triangles import longest_edges
 from airtact.printing import in_short
+from airtact.solvers.bem.factorised.products import Matrix, product, rounded
 from airtact.solvers.bem.layer_potentials import double_layer_transposed
 from airtact.solvers.bem.operator import DualSurface, assemble
 from airtact.solvers.bem.quadrature import Nodes
@@ -64,7 +65,7 @@ class FarMonopoles:
 
     reach: float
     positions: Float64[np.ndarray, "few 3"]
-    combinations: Complex[np.ndarray, "few rows"]
+    combinations: Matrix
     error: float
 
     __repr__ = in_short
@@ -86,8 +87,8 @@ class ReducedBody:
     reach: float
     rows: Int64[np.ndarray, "rows"]
     columns: Int64[np.ndarray, "columns"]
-    solved: Complex[np.ndarray, "rows nodes"]
-    scattering: Complex[np.ndarray, "rows columns"]
+    solved: Matrix
+    scattering: Matrix
     error: float
     tree: KDTree
     far: FarMonopoles
@@ -131,7 +132,8 @@ def reduced_body(surface: DualSurface, reach: float, wanted: float) -> ReducedBo
         rows, of_rows = _skeleton(direct, len(proxies), count, tolerance, kind)
         columns, of_columns = _skeleton(transposed, len(proxies), count, tolerance, kind)
         solved = np.ascontiguousarray(scipy.linalg.lu_solve(factors, of_rows.T.astype(kind), check_finite=False).T)
-        scattering = solved @ of_columns.T.astype(kind)
+        scattering = rounded(solved @ of_columns.T.astype(kind), wanted)
+        solved = rounded(solved, wanted)
         error = error_of(rows, columns, solved, scattering)
         trials += 1
         if error <= wanted or trials == TRIES:
@@ -161,16 +163,18 @@ def _far_monopoles(
     unitary, upper, order = (np.asarray(one) for one in decomposed)
     few = int(np.count_nonzero(np.abs(np.diag(upper)) > tolerance * np.abs(upper[0, 0])))
     wanted = unitary[:, :few].conj().T @ radiated
-    combinations = scipy.linalg.solve_triangular(upper[:few, :few], wanted, check_finite=False)
-    error = float(np.linalg.norm(open_air[:, order[:few]] @ combinations - radiated) / np.linalg.norm(radiated))
-    return FarMonopoles(reach, candidates[order[:few]], np.ascontiguousarray(combinations, dtype=kind), error)
+    exact = scipy.linalg.solve_triangular(upper[:few, :few], wanted, check_finite=False)
+    combinations = rounded(np.ascontiguousarray(exact, dtype=kind), tolerance)
+    found = product(combinations, np.eye(len(rows))) @ open_air[:, order[:few]].T
+    error = float(np.linalg.norm(found.T - radiated) / np.linalg.norm(radiated))
+    return FarMonopoles(reach, candidates[order[:few]], combinations, error)
 
 
 def _checks(
     surface: DualSurface,
     proxies: Float64[np.ndarray, "proxies 3"],
     factors: tuple[Complex[np.ndarray, "nodes nodes"], Int32[np.ndarray, "nodes"]],
-) -> Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], float]:
+) -> Callable[[np.ndarray, np.ndarray, Matrix, Matrix], float]:
     """Make the function that gives the relative error of skeletons from their rows, columns, solution and scattering.
 
     It is the larger one for sources as near as the reach and sources beside the surface, at points near the reach.
@@ -182,8 +186,8 @@ def _checks(
     far, near = (_transposed_sides(surface, points, np.eye(len(points))) for points in (proxies[some], close))
     exact = [scipy.linalg.lu_solve(factors, one, trans=1, check_finite=False).T @ radiated for one in (far, near)]
 
-    def error_of(rows: np.ndarray, columns: np.ndarray, solved: np.ndarray, scattering: np.ndarray) -> float:
-        scattered = (scattering @ far[columns]).T @ radiated[rows], (solved @ near).T @ radiated[rows]
+    def error_of(rows: np.ndarray, columns: np.ndarray, solved: Matrix, scattering: Matrix) -> float:
+        scattered = product(scattering, far[columns].T) @ radiated[rows], product(solved, near.T) @ radiated[rows]
         pairs = zip(scattered, exact, strict=True)
         return max(float(np.linalg.norm(found - true) / np.linalg.norm(true)) for found, true in pairs)
 

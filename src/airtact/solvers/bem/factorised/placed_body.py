@@ -13,27 +13,13 @@ from airtact.pose import Pose
 from airtact.printing import in_short
 from airtact.scene.scene import Scene
 from airtact.scene.sources import Monopoles
+from airtact.solvers.bem.factorised.products import product
+from airtact.solvers.bem.factorised.reduced_body import ReducedBody
 from airtact.solvers.bem.layer_potentials import double_layer_transposed
-from airtact.solvers.bem.reduced_body import ReducedBody
-from airtact.solvers.loops import loop, loop_for
+from airtact.solvers.loops import loop
 from airtact.solvers.monopoles import monopole_pressure
 from airtact.solvers.problem import RadiatedField, SolveReport, SurfaceField, receivers
 from airtact.validation import points_of
-
-FEW = 8
-"""Vectors up to which a compiled loop multiplies them: BLAS is slower and leaves threads spinning."""
-
-
-def product(
-    matrix: Complex[np.ndarray, "rows columns"], vectors: Complex[np.ndarray, "vectors inner"], transposed: bool = False
-) -> Complex[np.ndarray, "vectors outer"]:
-    """Multiply a matrix, or its transpose, by vectors, which are rows here; in the precision of the matrix."""
-    if len(vectors) > FEW:
-        return vectors.astype(matrix.dtype, copy=False) @ (matrix if transposed else matrix.T)
-    vectors = np.ascontiguousarray(vectors, dtype=matrix.dtype)
-    out = np.empty((len(vectors), matrix.shape[int(transposed)]), dtype=matrix.dtype)
-    loop_for("few_products", matrix.dtype)(matrix, vectors, transposed, out)
-    return out
 
 
 @dataclass(frozen=True, eq=False)

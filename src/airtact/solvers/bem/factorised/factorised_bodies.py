@@ -12,10 +12,11 @@ from airtact.pose import Pose
 from airtact.printing import one_line
 from airtact.scene.scene import Obstacle, Scene, check_sources
 from airtact.scene.sources import Monopoles
+from airtact.solvers.bem.factorised.placed_body import Coupling, FactorisedField, PlacedBody
+from airtact.solvers.bem.factorised.products import Matrix, product, rounded
+from airtact.solvers.bem.factorised.reduced_body import ReducedBody
 from airtact.solvers.bem.layer_potentials import project_contacts
-from airtact.solvers.bem.placed_body import Coupling, FactorisedField, PlacedBody, product
 from airtact.solvers.bem.quadrature import OFF_SURFACE
-from airtact.solvers.bem.reduced_body import ReducedBody
 from airtact.solvers.gmres import GmresResult, gmres
 from airtact.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.surfaces.panels import LARGEST_TO_POINT, LONGEST_TO_EQUILATERAL
@@ -101,13 +102,14 @@ class FactorisedBodies(Solver):
         return gmres(coupling.times, alone, self.tolerance)
 
     @cached_property
-    def _inverse(self) -> tuple[Complex[np.ndarray, "rows rows"], float]:
+    def _inverse(self) -> tuple[Matrix, float]:
         """Inverse of the coupling of the bodies as they were factorised, and its largest residual."""
         assert self._at_rest is not None
         count = sum(len(body.rows) for body in self.bodies)
         matrix = self._at_rest.times(np.eye(count, dtype=self.bodies[0].solved.dtype))
-        inverse = np.linalg.inv(matrix)
-        return inverse, float(np.linalg.norm(inverse @ matrix - np.eye(count), axis=1).max())
+        inverse = rounded(np.linalg.inv(matrix), self.tolerance)
+        off = product(inverse, matrix.T).T - np.eye(count)
+        return inverse, float(np.linalg.norm(off, axis=1).max())
 
     @cached_property
     def _at_rest(self) -> Coupling | None:
