@@ -100,9 +100,9 @@ few_products_float64 = few_products_float32
 def few_rounded_products(
     matrix: np.ndarray, scales: np.ndarray, vectors: np.ndarray, transposed: bool, out: np.ndarray
 ) -> None: ...
-def orthonormalise_float32(bases: np.ndarray, vectors: np.ndarray, columns: np.ndarray) -> None: ...
+def krylov_step_float32(bases: np.ndarray, columns: np.ndarray, rotations: np.ndarray, right: np.ndarray) -> None: ...
 
-orthonormalise_float64 = orthonormalise_float32
+krylov_step_float64 = krylov_step_float32
 
 def apply_double_layer_float32(
     targets: np.ndarray,

@@ -95,11 +95,13 @@ void few_products(const std::complex<Real> *matrix, std::int64_t n, std::int64_t
 void few_rounded_products(const std::int16_t *matrix, const float *scales, std::int64_t n, std::int64_t m,
                           const std::complex<float> *vectors, std::int64_t count, bool transposed, std::complex<float> *out);
 
-// Makes vector s of (S, m) orthogonal to its basis, bases[:, s] of (count, S, m), by modified Gram-Schmidt, and 1 long.
-// columns[s] of (S, count + 1) gets its overlaps with them, then the length that was left.
+// Step number `step` of GMRES for S right-hand sides. Vector step + 1 of the bases (step + 2, S, m), the product with the one before
+// it, becomes orthogonal to all before it and 1 long. columns (S, step + 2) gets its overlaps and length, and the rotations before,
+// (step, S, 2), then one more make them a column of a triangle; that one goes on to the right-hand side (S, room): the size of its
+// number step + 1 is the residual.
 template <class Real>
-void orthonormalise(const std::complex<Real> *bases, std::int64_t count, std::int64_t sides, std::int64_t m,
-                    std::complex<Real> *vectors, std::complex<double> *columns);
+void krylov_step(std::complex<Real> *bases, std::int64_t step, std::int64_t sides, std::int64_t m, std::complex<double> *columns,
+                 std::complex<double> *rotations, std::complex<double> *right, std::int64_t room);
 
 // out[i, j] = D(x_i, y_j)
 template <class Real>

@@ -33,7 +33,7 @@ template <class Real> struct Far {
     decltype(&baseline::apply_transposed<Real>) apply_transposed;
     decltype(&baseline::dual_matrix<Real>) dual_matrix;
     decltype(&baseline::few_products<Real>) few_products;
-    decltype(&baseline::orthonormalise<Real>) orthonormalise;
+    decltype(&baseline::krylov_step<Real>) krylov_step;
     decltype(&baseline::apply_double_layer<Real>) apply_double_layer;
     decltype(&baseline::apply_monopoles<Real>) apply_monopoles;
     decltype(&baseline::near_excess<Real>) near_excess;
@@ -74,7 +74,7 @@ struct Variant {
 };
 
 #define AIRTACT_FAR(v, Real)                                                                                         \
-    { &v::double_layer_matrix<Real>, &v::apply_transposed<Real>, &v::dual_matrix<Real>, &v::few_products<Real>, &v::orthonormalise<Real>,         \
+    { &v::double_layer_matrix<Real>, &v::apply_transposed<Real>, &v::dual_matrix<Real>, &v::few_products<Real>, &v::krylov_step<Real>,         \
       &v::apply_double_layer<Real>, &v::apply_monopoles<Real>,                                                        \
       &v::near_excess<Real>, &v::chebyshev_sum<Real> }
 #define AIRTACT_DUAL(v, Store)                                                                                       \
@@ -277,12 +277,13 @@ static void few_rounded(Read<std::int16_t, -1, -1, 2> matrix, Read<float, -1> sc
 }
 
 template <class Real>
-void orthonormalise(Read<std::complex<Real>, -1, -1, -1> bases, Write<std::complex<Real>, -1, -1> vectors,
-                    Write<Complex, -1, -1> columns) {
-    same(bases.shape(1), vectors.shape(0)), same(bases.shape(2), vectors.shape(1));
-    same(columns.shape(0), vectors.shape(0)), same(columns.shape(1), bases.shape(0) + 1);
+void krylov(Write<std::complex<Real>, -1, -1, -1> bases, Write<Complex, -1, -1> columns, Write<Complex, -1, -1, 2> rotations,
+            Write<Complex, -1, -1> right) {
+    const std::int64_t step = std::int64_t(bases.shape(0)) - 2, sides = bases.shape(1), room = right.shape(1);
+    same(columns.shape(0), sides), same(columns.shape(1), step + 2), same(rotations.shape(1), sides), same(right.shape(0), sides);
+    if (step < 0 || step + 1 > std::int64_t(rotations.shape(0)) || step + 2 > room) throw std::invalid_argument("no room for the step");
     nb::gil_scoped_release release;
-    far<Real>().orthonormalise(bases.data(), bases.shape(0), bases.shape(1), bases.shape(2), vectors.data(), columns.data());
+    far<Real>().krylov_step(bases.data(), step, sides, bases.shape(2), columns.data(), rotations.data(), right.data(), room);
 }
 
 template <class Real>
@@ -611,8 +612,8 @@ NB_MODULE(_kernels, m) {
     m.def("few_products_float32", &few<float>);
     m.def("few_products_float64", &few<double>);
     m.def("few_rounded_products", &few_rounded);
-    m.def("orthonormalise_float32", &orthonormalise<float>);
-    m.def("orthonormalise_float64", &orthonormalise<double>);
+    m.def("krylov_step_float32", &krylov<float>);
+    m.def("krylov_step_float64", &krylov<double>);
     m.def("apply_double_layer_float32", &layer<float>);
     m.def("apply_double_layer_float64", &layer<double>);
     m.def("apply_monopoles_float32", &monopoles<float>);

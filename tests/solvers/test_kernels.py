@@ -107,30 +107,40 @@ def test_products_of_rounded_matrices_equal_numpy(shape):
 
 
 @pytest.mark.parametrize(("precision", "kind", "tolerance"), PRECISIONS)
-@pytest.mark.parametrize("count", [0, 1, 5])
-def test_vectors_are_made_orthogonal_to_their_basis(count, precision, kind, tolerance):
+@pytest.mark.parametrize("size", [3, 90])
+def test_krylov_steps_find_the_least_residual(size, precision, kind, tolerance):
+    steps = min(size, 5)
     pick = np.random.default_rng(2)
-    bases = np.empty((count, 3, 90), kind)
-    for side in range(3):
-        bases[:, side] = np.linalg.qr(pick.normal(size=(90, count)) + 1j * pick.normal(size=(90, count)))[0].T
-    given = (pick.normal(size=(3, 90)) + 1j * pick.normal(size=(3, 90))).astype(kind)
-    if count:
-        given[2] = 2j * bases[0, 2]
-    vectors, columns = given.copy(), np.empty((3, count + 1), complex)
-    getattr(_kernels, f"orthonormalise_{precision}")(bases, vectors, columns)
-    overlaps = np.einsum("vsm,sm->sv", bases.conj(), given)
-    left = given - np.einsum("sv,vsm->sm", overlaps, bases)
-    length = np.linalg.norm(left, axis=1)
-    assert np.allclose(columns[:, :count], overlaps, atol=30 * tolerance)
-    assert np.allclose(columns[:, count], length, atol=30 * tolerance)
-    assert np.allclose(vectors[:2], left[:2] / length[:2, None], atol=30 * tolerance)
+    matrix = (pick.normal(size=(size, size)) + 1j * pick.normal(size=(size, size))).astype(kind)
+    bases = np.empty((steps + 1, 3, size), kind)
+    bases[0] = pick.normal(size=(3, size)) + 1j * pick.normal(size=(3, size))
+    bases[0] /= np.linalg.norm(bases[0], axis=1)[:, None]
+    columns, rotations = [], np.empty((steps, 3, 2), complex)
+    right = np.ones((3, steps + 1), complex)
+    for step in range(steps):
+        bases[step + 1] = bases[step] @ matrix.T
+        columns.append(np.empty((3, step + 2), complex))
+        getattr(_kernels, f"krylov_step_{precision}")(bases[: step + 2], columns[step], rotations, right)
+        for side in range(3):
+            space = bases[: step + 1, side].T
+            assert np.allclose(space.conj().T @ space, np.eye(step + 1), atol=30 * tolerance)
+            taken = np.linalg.lstsq(matrix @ space, bases[0, side], rcond=None)[0]
+            least = np.linalg.norm(matrix @ space @ taken - bases[0, side])
+            assert abs(abs(right[side, step + 1]) - least) < 100 * tolerance
+            triangle = np.zeros((step + 1, step + 1), complex)
+            for index in range(step + 1):
+                triangle[: index + 1, index] = columns[index][side, :-1]
+            if least > 100 * tolerance:
+                assert np.allclose(np.linalg.solve(triangle, right[side, : step + 1]), taken, atol=300 * tolerance)
 
 
-def test_vectors_of_no_length_stay_as_they_are():
-    vectors, columns = np.zeros((2, 9), np.complex64), np.empty((2, 1), complex)
-    _kernels.orthonormalise_float32(np.zeros((0, 2, 9), np.complex64), vectors, columns)
-    assert not vectors.any()
+def test_vectors_of_no_length_stay_as_they_are_and_leave_nothing():
+    bases, columns = np.zeros((2, 2, 9), np.complex64), np.empty((2, 2), complex)
+    right = np.zeros((2, 2), complex)
+    _kernels.krylov_step_float32(bases, columns, np.empty((1, 2, 2), complex), right)
+    assert not bases.any()
     assert not columns.any()
+    assert not right.any()
 
 
 def some_near_rows(seed: int, count: int, panels: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -55,25 +55,23 @@ def gmres(
     scale = np.where(norms > 0, norms, 1).astype(norms.dtype)[:, None]
     basis = np.empty((min(most_iterations, ROOM_FOR) + 1, sides, unknowns), dtype=right_sides.dtype)
     basis[0] = right_sides / scale
-    fits, residuals = [_Rotated() for _ in range(sides)], [1.0] * sides
-    orthonormalise = loop_for("orthonormalise", basis.dtype)
+    columns, rotations = [], np.empty((most_iterations, sides, 2), dtype=np.complex128)
+    right = np.empty((sides, most_iterations + 1), dtype=np.complex128)
+    right[:, 0] = norms > 0
+    grow, residuals = loop_for("krylov_step", basis.dtype), np.ones(sides)
     for step in range(most_iterations):
-        grown = np.ascontiguousarray(product(basis[step]), dtype=basis.dtype)
-        columns = np.empty((sides, step + 2), dtype=np.complex128)
-        orthonormalise(basis[: step + 1], grown, columns)
         if step + 1 == len(basis):
             basis = np.concatenate([basis, np.empty_like(basis)])
-        basis[step + 1] = grown
-        for fit, column in zip(fits, columns.tolist(), strict=True):
-            fit.add(column)
-        residuals = [fit.residual if norm > 0 else 0.0 for fit, norm in zip(fits, norms, strict=True)]
-        last = step == most_iterations - 1
-        if not all(residual < tolerance for residual in residuals):  # NaN is never small
+        basis[step + 1] = product(basis[step])
+        columns.append(np.empty((sides, step + 2), dtype=np.complex128))
+        grow(basis[: step + 2], columns[step], rotations, right)
+        residuals = np.abs(right[:, step + 1])
+        if not (residuals < tolerance).all():  # NaN is never small
             continue
-        weights = [fit.weights() for fit in fits]
-        if last or all(fit.settled(error, one) for fit, one in zip(fits, weights, strict=True)):
-            solution = _sum(np.array(weights).reshape(sides, step + 1), basis)
-            return GmresResult(solution * scale, np.array(residuals), step + 1)
+        triangles = _triangles(columns)
+        weights = _weights(triangles, right[:, : step + 1])
+        if step + 1 == most_iterations or _settled(triangles, weights, residuals, error):
+            return GmresResult(_sum(weights, basis) * scale, residuals, step + 1)
     raise NotConverged(
         f"GMRES stopped at a relative residual of {np.max(residuals):.1e} (wanted {tolerance:.0e}) after "
         f"{most_iterations} iterations; likely a gap or a body is much thinner than a panel: ask for a smaller "
@@ -82,58 +80,38 @@ def gmres(
     )
 
 
-class _Rotated:
-    """Minimises |e₁ − H y| as H grows by a column a step, by Givens rotations (Saad & Schultz, section 3.2)."""
+def _triangles(columns: list[Complex128[np.ndarray, "sides _"]]) -> Complex128[np.ndarray, "sides steps steps"]:
+    """Upper triangles from their columns, each with one number more than it has there."""
+    triangles = np.zeros((len(columns[0]), len(columns), len(columns)), dtype=np.complex128)
+    for index, column in enumerate(columns):
+        triangles[:, : index + 1, index] = column[:, :-1]
+    return triangles
 
-    def __init__(self) -> None:
-        self._rotations: list[tuple[float, complex]] = []
-        self._columns: list[list[complex]] = []
-        self._right: list[complex] = [1.0]
 
-    @property
-    def residual(self) -> float:
-        return abs(self._right[-1])
+def _weights(
+    triangles: Complex128[np.ndarray, "sides steps steps"], right: Complex128[np.ndarray, "sides steps"]
+) -> Complex128[np.ndarray, "sides steps"]:
+    """Solve the triangular systems; a zero on the diagonal gives 0."""
+    solvable, right = triangles.copy(), right.copy()
+    side, step = np.nonzero(np.diagonal(triangles, axis1=1, axis2=2) == 0)
+    solvable[side, step, step], right[side, step] = 1.0, 0.0
+    return np.linalg.solve(solvable, right[:, :, None])[:, :, 0]
 
-    def add(self, column: list[complex]) -> None:
-        """Add a column of H, down to the entry below its diagonal."""
-        for row, (cosine, sine) in enumerate(self._rotations):
-            upper, lower = column[row], column[row + 1]
-            column[row] = cosine * upper + sine * lower
-            column[row + 1] = cosine * lower - sine.conjugate() * upper
-        upper, lower = column[-2], column.pop()
-        size = math.hypot(abs(upper), abs(lower))
-        cosine = abs(upper) / size if size else 1.0
-        sine = (upper / abs(upper) if upper else 1.0) * lower.conjugate() / size if size else 0j
-        column[-1] = cosine * upper + sine * lower
-        self._rotations.append((cosine, sine))
-        self._columns.append(column)
-        last = self._right[-1]
-        self._right[-1:] = [cosine * last, -sine.conjugate() * last]
 
-    def settled(self, error: float, weights: Complex128[np.ndarray, "steps"]) -> bool:
-        """Whether the solution with these weights is right to about ``error``, or to ``ORDINARY`` times the residual.
+def _settled(
+    triangles: Complex128[np.ndarray, "sides steps steps"],
+    weights: Complex128[np.ndarray, "sides steps"],
+    residuals: Float64[np.ndarray, "sides"],
+    error: float,
+) -> bool:
+    """Whether all solutions with these weights are right to about ``error``, or to ``ORDINARY`` times the residual.
 
-        The relative error is at most the residual over the least singular value of A; that of H stands for it.
-        """
-        if math.isinf(error):
-            return True
-        least = float(np.linalg.svd(self._triangle(), compute_uv=False)[-1])
-        size = least * float(np.linalg.norm(weights))
-        return self.residual <= error * size or ORDINARY * size >= 1.0
-
-    def weights(self) -> Complex128[np.ndarray, "steps"]:
-        """Solve the remaining triangular system; a zero on the diagonal gives 0."""
-        triangle, right = self._triangle(), np.array(self._right[:-1])
-        zero = np.flatnonzero(triangle.diagonal() == 0)
-        triangle[zero, zero], right[zero] = 1.0, 0.0
-        return np.linalg.solve(triangle, right)
-
-    def _triangle(self) -> Complex128[np.ndarray, "steps steps"]:
-        steps = len(self._columns)
-        triangle = np.zeros((steps, steps), dtype=np.complex128)
-        for index, column in enumerate(self._columns):
-            triangle[: index + 1, index] = column
-        return triangle
+    The relative error is at most the residual over the least singular value of A; that of the triangle stands for it.
+    """
+    if math.isinf(error):
+        return True
+    size = np.linalg.svd(triangles, compute_uv=False)[:, -1] * np.linalg.norm(weights, axis=1)
+    return bool(((residuals <= error * size) | (ORDINARY * size >= 1.0)).all())
 
 
 def _sum(

@@ -1,7 +1,6 @@
-// Products of a dense matrix with a few vectors, which take as long as the matrix takes to read, and the orthogonal vectors
-// of an iteration. BLAS would start threads of its own for them, which go on spinning on the cores that the other loops need.
+// Products of a dense matrix with a few vectors, which take as long as the matrix takes to read. BLAS would start threads of
+// its own for them, which go on spinning on the cores that the other loops need.
 #include <algorithm>
-#include <cmath>
 #include <type_traits>
 #include <vector>
 
@@ -15,7 +14,6 @@ constexpr int at_once = 4;                  // rows, which share what they read 
 constexpr std::int64_t part = 256;          // numbers of a row that a thread adds to sums of its own in a transposed product
 constexpr std::int64_t long_part = 1024;    // numbers of a row that are read at once where they are multiplied and summed
 constexpr std::int64_t few_entries = 100000;  // of a matrix, below which one thread has done them sooner
-constexpr std::int64_t few_numbers = 8000;  // of a basis likewise: the threads are awake from the product just before
 
 // A dense matrix (n, m) of complex numbers, as they are or as whole numbers that each row's own scale is multiplied with
 template <class Store, class Real> struct Dense {
@@ -166,57 +164,7 @@ void multiply_few(const Dense<Store, Real> &matrix, const std::complex<Real> *ve
     }
 }
 
-// Takes a vector's part along `before`, given by its weight, from it; returns what is left of it along `next`
-template <class Real>
-std::complex<Real> take_off(std::complex<Real> weight, const std::complex<Real> *before, const std::complex<Real> *next,
-                            std::int64_t m, std::complex<Real> *vector) {
-    const Real a = weight.real(), b = weight.imag();
-    const Real *const p = reinterpret_cast<const Real *>(before), *const q = reinterpret_cast<const Real *>(next);
-    Real *const v = reinterpret_cast<Real *>(vector);
-    Real re = 0, im = 0;
-#pragma omp simd reduction(+ : re, im)
-    for (std::int64_t j = 0; j < m; j++) {
-        const Real x = v[2 * j] - (a * p[2 * j] - b * p[2 * j + 1]), y = v[2 * j + 1] - (a * p[2 * j + 1] + b * p[2 * j]);
-        v[2 * j] = x, v[2 * j + 1] = y;
-        re += q[2 * j] * x + q[2 * j + 1] * y;
-        im += q[2 * j] * y - q[2 * j + 1] * x;
-    }
-    return {re, im};
-}
-
-template <class Real>
-void make_orthonormal(const std::complex<Real> *basis, std::int64_t stride, std::int64_t m, std::int64_t count,
-                      std::complex<Real> *vector, std::complex<double> *column) {
-    std::complex<Real> overlap = 0;
-    for (std::int64_t i = 0; i < count; i++) {
-        overlap = take_off(overlap, basis + (i ? i - 1 : 0) * stride, basis + i * stride, m, vector);
-        column[i] = overlap;
-    }
-    if (count) take_off(overlap, basis + (count - 1) * stride, basis, m, vector);
-    Real *const v = reinterpret_cast<Real *>(vector);
-    Real squared = 0;
-#pragma omp simd reduction(+ : squared)
-    for (std::int64_t l = 0; l < 2 * m; l++) squared += v[l] * v[l];
-    const Real length = std::sqrt(squared);
-    column[count] = length;
-    if (length > 0)
-        for (std::int64_t l = 0; l < 2 * m; l++) v[l] /= length;
-}
-
 }  // namespace
-
-template <class Real>
-void orthonormalise(const std::complex<Real> *bases, std::int64_t count, std::int64_t sides, std::int64_t m,
-                    std::complex<Real> *vectors, std::complex<double> *columns) {
-#pragma omp parallel for schedule(static) if (sides * count * m > few_numbers)
-    for (std::int64_t s = 0; s < sides; s++)
-        make_orthonormal(bases + s * m, sides * m, m, count, vectors + s * m, columns + s * (count + 1));
-}
-
-template void orthonormalise<float>(const std::complex<float> *, std::int64_t, std::int64_t, std::int64_t,
-                                    std::complex<float> *, std::complex<double> *);
-template void orthonormalise<double>(const std::complex<double> *, std::int64_t, std::int64_t, std::int64_t,
-                                     std::complex<double> *, std::complex<double> *);
 
 template <class Real>
 void few_products(const std::complex<Real> *matrix, std::int64_t n, std::int64_t m, const std::complex<Real> *vectors,
