@@ -100,14 +100,14 @@ def cut(
     quadratic_triangles: QuadraticTriangles, parts: Int[np.ndarray, "panels"]
 ) -> tuple[Float64[np.ndarray, "pieces 6 3"], Int64[np.ndarray, "pieces"]]:
     """Cut each panel into ``parts``² pieces of the same quadratic surface; (P,) is the panel that each came from."""
-    pieces, parents = [], []
-    for count in np.unique(parts):
-        chosen = np.flatnonzero(parts == count)
-        shape = _piece_shapes(int(count))
-        pieces.append((shape.reshape(-1, 6) @ quadratic_triangles[chosen]).reshape(-1, 6, 3))
-        parents.append(np.repeat(chosen, len(shape)))
-    order = np.argsort(np.concatenate(parents), kind="stable")
-    return np.concatenate(pieces)[order], np.concatenate(parents)[order]
+    parents = np.repeat(np.arange(len(parts)), parts * parts)
+    pieces = quadratic_triangles[parents]
+    for count in np.flatnonzero(np.bincount(parts)).tolist():
+        if count > 1:
+            chosen = parts == count
+            shape = _piece_shapes(count).reshape(-1, 6)
+            pieces[chosen[parents]] = (shape @ quadratic_triangles[chosen]).reshape(-1, 6, 3)
+    return pieces, parents
 
 
 @cache

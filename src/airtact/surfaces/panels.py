@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64, Real
+from jaxtyping import Float64, Int64, Real
 from scipy.spatial import KDTree
 
 from airtact import _kernels
@@ -125,28 +125,30 @@ def _refined(
     """Cut in four the panels larger than ``smallest`` and than points, other bodies or thin walls near them allow."""
     beside_point, in_gap = LONGEST_TO_EQUILATERAL * smallest * np.array([1.0, LEAST_IN_GAP])
     points = np.asarray(points, dtype=np.float64)
-    fresh = np.ones(len(panels), dtype=bool)
+    fresh = np.arange(len(panels))
     while True:
-        edges = longest_edges(panels[fresh])
-        by_points = _allowed(panels[fresh], edges, points, LARGEST_TO_POINT)
-        by_gaps = _allowed(panels[fresh], edges, others, LARGEST_TO_GAP)
+        some = panels[fresh]
+        edges = longest_edges(some)
+        by_points = _allowed(some, edges, points, LARGEST_TO_POINT)
+        by_gaps = _allowed(some, edges, others, LARGEST_TO_GAP)
         if not shape.thinnest:
             by_gaps = np.minimum(by_gaps, _allowed_by_own(panels, fresh))
         allowed = np.minimum(np.maximum(beside_point, by_points), np.maximum(in_gap, by_gaps))
         # all panels beside a point are fitted to the surface, or those left whole would stand off the others
-        beside = edges > np.minimum(by_points, by_gaps)
-        if beside.any():
-            fitted = shape.fitted(panels[fresh][beside])
-            panels[np.flatnonzero(fresh)[beside]], edges[beside] = fitted, longest_edges(fitted)
-        large = np.zeros(len(panels), dtype=bool)
-        large[fresh] = edges > allowed
-        if not large.any():
+        beside = np.flatnonzero(edges > np.minimum(by_points, by_gaps))
+        if len(beside):
+            fitted = shape.fitted(some[beside])
+            panels[fresh[beside]], edges[beside] = fitted, longest_edges(fitted)
+        large = fresh[edges > allowed]
+        if not len(large):
             return panels
-        panels, parents = cut(panels, np.where(large, 2, 1))
-        fresh = large[parents]
+        parts = np.ones(len(panels), dtype=np.int64)
+        parts[large] = 2
+        panels, parents = cut(panels, parts)
+        fresh = np.flatnonzero(parts[parents] > 1)
 
 
-def _allowed_by_own(panels: QuadraticTriangles, some: Bool[np.ndarray, "panels"]) -> Float64[np.ndarray, "some"]:
+def _allowed_by_own(panels: QuadraticTriangles, some: Int64[np.ndarray, "some"]) -> Float64[np.ndarray, "some"]:
     """Longest edge that other sides of the same surface allow some panels [m]: across a gap or through a wall.
 
     Centres are neighbours if they are near and look in opposite directions, so the tree holds normals too.

@@ -130,10 +130,9 @@ class Capsule(Shape):
         length, most = self.length / self.radius, math.ceil(max(2.0 * self.radius / edge, 2.0 / bend)) + 3
         least = 2.0 * math.pi / (1.001 * bend)
         # 3 or 4 points around for each ring of a cap, whose panels are about as high as wide then
-        ways = [(m, around) for m in range(2, most + 1) for around in range(3 * m, 4 * m + 1) if around >= least]
-        counts = {way: _count(*way, length) for way in ways}
-        enough = {way: count for way, count in counts.items() if count >= wanted}
-        vertices, triangles = _mesh(*min(enough, key=enough.__getitem__), length)
+        ways = ((m, around) for m in range(2, most + 1) for around in range(max(3 * m, math.ceil(least)), 4 * m + 1))
+        enough = [(count, way) for way in ways if (count := _count(*way, length)) >= wanted]
+        vertices, triangles = _mesh(*min(enough)[1], length)
         nodes = with_middles(self.radius * vertices[triangles]).reshape(-1, 3)
         nodes = self._around_axis(nodes, self.radius)
         missing = self.volume - enclosed_volume(nodes.reshape(-1, 6, 3))

@@ -42,7 +42,7 @@ def test_few_panels_are_one_block():
 
 def test_blocks_are_near_where_any_panel_is():
     first, near = np.array([0, 1, *[1] * (PANELS - 1), *[2] * 2]), np.array([PANELS, 0])
-    met = near_blocks(PANELS + 2, first, near)
+    met = near_blocks(PANELS + 2, (first, near))
     assert met.tolist() == [[False, True], [True, False]]
     pairs = Pairs.of(met)
     assert (pairs.row.tolist(), pairs.column.tolist()) == ([0, 1], [1, 0])

@@ -80,6 +80,7 @@ def test_a_source_inside_a_body_is_rejected_with_its_depth():
 
 def test_a_matrix_larger_than_memory_is_rejected_before_it_is_made(monkeypatch):
     monkeypatch.setattr(operator, "_available_memory", lambda: 1e5)
+    monkeypatch.setattr(operator, "ALWAYS_FREE", 0)
     with raises_code("too_little_memory", "0.0 GiB"):
         at.BoundaryElement().radiate(scene(), SOURCE)
 

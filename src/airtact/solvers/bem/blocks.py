@@ -50,13 +50,14 @@ def block_order(centres: Float64[np.ndarray, "panels 3"]) -> Int64[np.ndarray, "
 
 
 def near_blocks(
-    panels: int, first: Int64[np.ndarray, "bounds"], near: Int64[np.ndarray, "pairs"]
+    panels: int, *lists: tuple[Int64[np.ndarray, "_"], Int64[np.ndarray, "_"]]
 ) -> Bool[np.ndarray, "blocks blocks"]:
     """Mark the pairs of blocks that have panels near each other.
 
-    ``near`` are the panels near each point, ``first`` where those of each point begin; all panels have as many points.
+    Each list says where the near panels of each point begin, and which they are; all panels have as many of its points.
     """
-    blocks, each = -(-panels // PANELS), (len(first) - 1) // panels
+    blocks = -(-panels // PANELS)
     met = np.zeros((blocks, blocks), dtype=bool)
-    _kernels.mark_blocks(first, near, each * PANELS, PANELS, met)
+    for first, near in lists:
+        _kernels.mark_blocks(first, near, (len(first) - 1) // panels * PANELS, PANELS, met)
     return met

@@ -105,6 +105,9 @@ LARGEST_REUSED = 2**28
 LINE = 64
 """Bytes that a processor reads at once: what begins at a multiple of them is read in fewer pieces."""
 
+ALWAYS_FREE = 2**26
+"""Bytes that are free wherever this program runs, so that how many are need not be read."""
+
 ROOM = 1.25
 """Memory allocated over what is needed: the next pose may have more unknowns, and untouched pages cost nothing."""
 
@@ -217,8 +220,7 @@ def assemble(surface: DualSurface, store: Store, error: float | None = None, ima
     if error is not None:
         centres = nodes.centres if image is None else image.image(nodes.centres)
         beside = near_lists(nodes, centres, 2 * nodes.radii + APART * 2 * np.pi / surface.wavenumber.real)
-        met = [beside, *((rows.first, rows.panel) for rows in near)]
-        whole = np.any([near_blocks(len(nodes.centres), *one) for one in met], axis=0)
+        whole = near_blocks(len(nodes.centres), beside, *((rows.first, rows.panel) for rows in near))
     single = nodes.single_layer(surface.wavenumber)
     geometry = *placed, nodes.points, nodes.weighted_normals, single, surface.wavenumber
     matrix = _with_low_rank(geometry, store, whole, error or 0.0)
@@ -288,8 +290,7 @@ def check_memory(count: int, store: Store, blocks: int, factors: int) -> None:
     """Raise if the matrix of ``count`` unknowns, in whole blocks and low-rank factors, does not fit into memory."""
     word, numbers = FORMATS[store]
     size = (blocks * _kernels.lanes + factors) * _kernels.lanes * 2 * np.dtype(word).itemsize // numbers
-    available = _available_memory()
-    if size > 0.9 * available:
+    if size > ALWAYS_FREE and size > 0.9 * (available := _available_memory()):
         raise InvalidInput(
             f"{count} unknowns need {size / 2**30:.1f} GiB for the matrix, but {available / 2**30:.1f} GiB of memory "
             "are free; ask for less accuracy or leave out distant bodies.",

@@ -142,19 +142,24 @@ class TransposedSolution:
     @cached_property
     def scattering(self) -> Monopoles:
         """The monopoles at the nodes and at the shifted points."""
-        shared = self.density.reshape(-1, _kernels.sharing, self.density.shape[1]).sum(axis=1)
+        return Monopoles(*self._scattering)
+
+    @cached_property
+    def _scattering(self) -> tuple[Float64[np.ndarray, "sources 3"], Complex128[np.ndarray, "sources sounds"]]:
+        """Their positions and strengths, which ``Monopoles`` would check."""
+        shared = np.einsum("gns->gs", self.density.reshape(-1, _kernels.sharing, self.density.shape[1]))
         points = np.concatenate([self.surface.nodes.points, self.surface.shifted])
-        return Monopoles(points, np.concatenate([self.density, -1j * shared]))
+        return points, np.concatenate([self.density, -1j * shared])
 
     def at(
         self, points: Float64[np.ndarray, "points 3"], total: bool = True, cells: Cells | None = None
     ) -> Complex128[np.ndarray, "points sounds"]:
         """Total (or scattered) pressure [Pa] at points (P, 3) away from the surface."""
-        wavenumber, by = self.surface.wavenumber, self.scattering
+        (positions, strengths), wavenumber = self._scattering, self.surface.wavenumber
         if cells is not None:
-            scattered = cells.sums(by.positions, None, by.strengths, wavenumber)
+            scattered = cells.sums(positions, None, strengths, wavenumber)
         else:
-            scattered = monopole_pressure(points, by.positions, by.strengths, wavenumber, self.surface.precision)
+            scattered = monopole_pressure(points, positions, strengths, wavenumber, self.surface.precision)
         if total:
             return incident_pressure(points, self.emitted, self.surface, cells) + scattered
         image = self.factors > 1
