@@ -11,7 +11,7 @@ namespace AIRTACT_VARIANT {
 namespace {
 
 using Complex = std::complex<double>;
-constexpr std::int64_t few_numbers = 8000;  // of the vectors, below which one thread has done them sooner
+constexpr std::int64_t few_numbers = 40000;  // of the vectors, below which one thread has done them sooner
 
 // Takes a vector's part along `before`, given by its weight, from it; returns what is left of it along `next`
 template <class Real>
