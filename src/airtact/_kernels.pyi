@@ -100,7 +100,15 @@ few_products_float64 = few_products_float32
 def few_rounded_products(
     matrix: np.ndarray, scales: np.ndarray, vectors: np.ndarray, transposed: bool, out: np.ndarray
 ) -> None: ...
-def krylov_step_float32(bases: np.ndarray, columns: np.ndarray, rotations: np.ndarray, right: np.ndarray) -> None: ...
+def krylov_step_float32(
+    bases: np.ndarray,
+    columns: np.ndarray,
+    rotations: np.ndarray,
+    right: np.ndarray,
+    inverses: np.ndarray,
+    weights: np.ndarray,
+    squares: np.ndarray,
+) -> None: ...
 
 krylov_step_float64 = krylov_step_float32
 

@@ -46,6 +46,15 @@ struct NearRule {
     std::int64_t angular, radial;   // points for a target far from the panel's plane
 };
 
+struct Krylov {  // what the steps so far, of `most`, have made of S right-hand sides
+    std::int64_t most;
+    std::complex<double> *rotations;  // (S, most, 2)
+    std::complex<double> *right;      // (S, most + 1), rotated; the size of the number after the last step is the residual
+    std::complex<double> *inverses;   // (S, most (most + 1) / 2), of the triangles, column by column
+    std::complex<double> *weights;    // (S, most), of the vectors in the solution
+    double *squares;                  // (S,), the sum of the squares of each inverse
+};
+
 struct Steps {  // that move points onto a surface
     std::int64_t most;
     double longest, on_surface;  // no step is longer; nearer points are there
@@ -96,12 +105,11 @@ void few_rounded_products(const std::int16_t *matrix, const float *scales, std::
                           const std::complex<float> *vectors, std::int64_t count, bool transposed, std::complex<float> *out);
 
 // Step number `step` of GMRES for S right-hand sides. Vector step + 1 of the bases (step + 2, S, m), the product with the one before
-// it, becomes orthogonal to all before it and 1 long. columns (S, step + 2) gets its overlaps and length, and the rotations before,
-// (step, S, 2), then one more make them a column of a triangle; that one goes on to the right-hand side (S, room): the size of its
-// number step + 1 is the residual.
+// it, becomes orthogonal to all before it and 1 long. columns (S, step + 2) gets its overlaps and length, which the rotations make a
+// column of a triangle.
 template <class Real>
-void krylov_step(std::complex<Real> *bases, std::int64_t step, std::int64_t sides, std::int64_t m, std::complex<double> *columns,
-                 std::complex<double> *rotations, std::complex<double> *right, std::int64_t room);
+void krylov_step(std::complex<Real> *bases, std::int64_t sides, std::int64_t m, std::int64_t step, std::complex<double> *columns,
+                 const Krylov &spaces);
 
 // out[i, j] = D(x_i, y_j)
 template <class Real>

@@ -7,9 +7,10 @@ solver takes one right-hand side, and most of the time goes into reading the mat
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Complex, Complex128, Float64
+from jaxtyping import Bool, Complex, Complex128, Float64
 
 from airtact.conventions import NotConverged
 from airtact.solvers.loops import loop_for
@@ -55,22 +56,19 @@ def gmres(
     scale = np.where(norms > 0, norms, 1).astype(norms.dtype)[:, None]
     basis = np.empty((min(most_iterations, ROOM_FOR) + 1, sides, unknowns), dtype=right_sides.dtype)
     basis[0] = right_sides / scale
-    columns, rotations = [], np.empty((most_iterations, sides, 2), dtype=np.complex128)
-    right = np.empty((sides, most_iterations + 1), dtype=np.complex128)
-    right[:, 0] = norms > 0
-    grow, residuals = loop_for("krylov_step", basis.dtype), np.ones(sides)
+    columns, spaces = [], _Spaces.begun(norms > 0, most_iterations)
+    step_of, residuals = loop_for("krylov_step", basis.dtype), np.ones(sides)
     for step in range(most_iterations):
         if step + 1 == len(basis):
             basis = np.concatenate([basis, np.empty_like(basis)])
         basis[step + 1] = product(basis[step])
         columns.append(np.empty((sides, step + 2), dtype=np.complex128))
-        grow(basis[: step + 2], columns[step], rotations, right)
-        residuals = np.abs(right[:, step + 1])
+        step_of(basis[: step + 2], columns[step], *spaces)
+        residuals = np.abs(spaces.right[:, step + 1])
         if not (residuals < tolerance).all():  # NaN is never small
             continue
-        triangles = _triangles(columns)
-        weights = _weights(triangles, right[:, : step + 1])
-        if step + 1 == most_iterations or _settled(triangles, weights, residuals, error):
+        weights = spaces.weights[:, : step + 1]
+        if step + 1 == most_iterations or _settled(spaces, columns, residuals, error):
             return GmresResult(_sum(weights, basis) * scale, residuals, step + 1)
     raise NotConverged(
         f"GMRES stopped at a relative residual of {np.max(residuals):.1e} (wanted {tolerance:.0e}) after "
@@ -80,37 +78,53 @@ def gmres(
     )
 
 
-def _triangles(columns: list[Complex128[np.ndarray, "sides _"]]) -> Complex128[np.ndarray, "sides steps steps"]:
-    """Upper triangles from their columns, each with one number more than it has there."""
-    triangles = np.zeros((len(columns[0]), len(columns), len(columns)), dtype=np.complex128)
-    for index, column in enumerate(columns):
-        triangles[:, : index + 1, index] = column[:, :-1]
-    return triangles
+class _Spaces(NamedTuple):
+    """What the steps so far have made of each right-hand side, as ``Krylov`` in ``src/kernels/kernels.hpp`` says."""
 
+    rotations: Complex128[np.ndarray, "sides most 2"]
+    right: Complex128[np.ndarray, "sides one_more"]
+    inverses: Complex128[np.ndarray, "sides packed"]
+    weights: Complex128[np.ndarray, "sides most"]
+    squares: Float64[np.ndarray, "sides"]
 
-def _weights(
-    triangles: Complex128[np.ndarray, "sides steps steps"], right: Complex128[np.ndarray, "sides steps"]
-) -> Complex128[np.ndarray, "sides steps"]:
-    """Solve the triangular systems; a zero on the diagonal gives 0."""
-    solvable, right = triangles.copy(), right.copy()
-    side, step = np.nonzero(np.diagonal(triangles, axis1=1, axis2=2) == 0)
-    solvable[side, step, step], right[side, step] = 1.0, 0.0
-    return np.linalg.solve(solvable, right[:, :, None])[:, :, 0]
+    @classmethod
+    def begun(cls, some: Bool[np.ndarray, "sides"], most: int) -> "_Spaces":
+        """Begin ``most`` steps at most for right-hand sides, of which some are not zero."""
+        sides = len(some)
+        made = cls(
+            np.empty((sides, most, 2), dtype=np.complex128),
+            np.empty((sides, most + 1), dtype=np.complex128),
+            np.empty((sides, most * (most + 1) // 2), dtype=np.complex128),
+            np.empty((sides, most), dtype=np.complex128),
+            np.zeros(sides),
+        )
+        made.right[:, 0] = some
+        return made
 
 
 def _settled(
-    triangles: Complex128[np.ndarray, "sides steps steps"],
-    weights: Complex128[np.ndarray, "sides steps"],
+    spaces: _Spaces,
+    columns: list[Complex128[np.ndarray, "sides _"]],
     residuals: Float64[np.ndarray, "sides"],
     error: float,
 ) -> bool:
-    """Whether all solutions with these weights are right to about ``error``, or to ``ORDINARY`` times the residual.
+    """Whether all solutions are right to about ``error``, or to ``ORDINARY`` times the residual.
 
-    The relative error is at most the residual over the least singular value of A; that of the triangle stands for it.
+    The relative error is at most the residual over the least singular value of A; that of the triangle stands for it,
+    or one over the length of its inverse, which is quicker and never larger.
     """
     if math.isinf(error):
         return True
-    size = np.linalg.svd(triangles, compute_uv=False)[:, -1] * np.linalg.norm(weights, axis=1)
+    size = np.linalg.norm(spaces.weights[:, : len(columns)], axis=1)
+    if _small(residuals, size / np.sqrt(np.where(spaces.squares > 0, spaces.squares, np.inf)), error):
+        return True
+    triangles = np.zeros((len(size), len(columns), len(columns)), dtype=np.complex128)
+    for index, column in enumerate(columns):
+        triangles[:, : index + 1, index] = column[:, :-1]
+    return _small(residuals, np.linalg.svd(triangles, compute_uv=False)[:, -1] * size, error)
+
+
+def _small(residuals: Float64[np.ndarray, "sides"], size: Float64[np.ndarray, "sides"], error: float) -> bool:
     return bool(((residuals <= error * size) | (ORDINARY * size >= 1.0)).all())
 
 

@@ -2,6 +2,7 @@
 //
 // Source: Y. Saad and M. H. Schultz, "GMRES: a generalized minimal residual algorithm for solving nonsymmetric linear systems",
 // SIAM J. Sci. Stat. Comput. 7 (1986) 856, section 3.2.
+#include <algorithm>
 #include <cmath>
 
 #include "rows.hpp"
@@ -65,30 +66,45 @@ struct Rotation {  // (upper, lower) becomes (c upper + s lower, c lower - s* up
     }
 };
 
+// Appends to the inverse of a triangle, packed by columns, that of its next column; a zero on the diagonal gives zeros
+void invert_column(const Complex *column, std::int64_t step, Complex *inverse) {
+    Complex *const made = inverse + step * (step + 1) / 2;
+    std::fill(made, made + step + 1, 0.0);
+    if (column[step] == 0.0) return;
+    made[step] = 1.0 / column[step];
+    for (std::int64_t c = 0; c < step; c++)
+        for (std::int64_t r = 0; r <= c; r++) made[r] -= inverse[c * (c + 1) / 2 + r] * column[c] * made[step];
+}
+
 }  // namespace
 
 template <class Real>
-void krylov_step(std::complex<Real> *bases, std::int64_t step, std::int64_t sides, std::int64_t m, Complex *columns,
-                 Complex *rotations, Complex *right, std::int64_t room) {
-    const std::int64_t count = step + 1, stride = sides * m;
+void krylov_step(std::complex<Real> *bases, std::int64_t sides, std::int64_t m, std::int64_t step, Complex *columns,
+                 const Krylov &spaces) {
+    const std::int64_t count = step + 1, stride = sides * m, most = spaces.most;
 #pragma omp parallel for schedule(static) if (count * stride > few_numbers)
     for (std::int64_t s = 0; s < sides; s++) {
-        Complex *const column = columns + s * (count + 1), *const left = right + s * room + step;
+        Complex *const column = columns + s * (count + 1), *const left = spaces.right + s * (most + 1) + step;
         make_orthonormal(bases + s * m, stride, m, count, bases + count * stride + s * m, column);
-        Rotation *const turns = reinterpret_cast<Rotation *>(rotations) + s;
-        for (std::int64_t i = 0; i < step; i++) turns[i * sides].turn(column[i], column[i + 1]);
-        const Rotation last = Rotation::to_zero(column[step], column[count]);
-        last.turn(column[step], column[count]);
+        Rotation *const turns = reinterpret_cast<Rotation *>(spaces.rotations) + s * most;
+        for (std::int64_t i = 0; i < step; i++) turns[i].turn(column[i], column[i + 1]);
+        turns[step] = Rotation::to_zero(column[step], column[count]);
+        turns[step].turn(column[step], column[count]);
         left[1] = 0;
-        last.turn(left[0], left[1]);
-        turns[step * sides] = last;
+        turns[step].turn(left[0], left[1]);
+        Complex *const inverse = spaces.inverses + s * (most * (most + 1) / 2), *const weights = spaces.weights + s * most;
+        invert_column(column, step, inverse);
+        const Complex *const made = inverse + step * count / 2;
+        weights[step] = 0;
+        for (std::int64_t i = 0; i < count; i++) {
+            weights[i] += made[i] * left[0];
+            spaces.squares[s] += std::norm(made[i]);
+        }
     }
 }
 
-template void krylov_step<float>(std::complex<float> *, std::int64_t, std::int64_t, std::int64_t, Complex *, Complex *, Complex *,
-                                 std::int64_t);
-template void krylov_step<double>(std::complex<double> *, std::int64_t, std::int64_t, std::int64_t, Complex *, Complex *,
-                                  Complex *, std::int64_t);
+template void krylov_step<float>(std::complex<float> *, std::int64_t, std::int64_t, std::int64_t, Complex *, const Krylov &);
+template void krylov_step<double>(std::complex<double> *, std::int64_t, std::int64_t, std::int64_t, Complex *, const Krylov &);
 
 }  // namespace AIRTACT_VARIANT
 }  // namespace airtact
