@@ -70,8 +70,10 @@ class FactorisedBodies(Solver):
             placed = coupling.placed
             sources, factors = _projected(scene, placed, sources)
             strengths = factors[:, None] * sources.strengths
-            alone = np.concatenate([body.alone(sources.positions, strengths, factors > 1) for body in placed])
-            result = self._together(coupling, np.ascontiguousarray(alone.T))
+            sides = [body.right_side(sources.positions, strengths, factors > 1).T for body in placed]
+            # the products one after another: between them the threads would fall asleep
+            alone = [product(body.reduced.solved, side) for body, side in zip(placed, sides, strict=True)]
+            result = self._together(coupling, np.concatenate(alone, axis=1))
         report = replace(
             self.report,
             residual=float(result.residuals.max()),

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import permutations
+from itertools import pairwise, permutations
 
 import numpy as np
 from jaxtyping import Bool, Complex, Complex128, Float64, Real
@@ -65,17 +65,16 @@ class PlacedBody:
         """Whether another body is too near for the skeletons."""
         return bool(self.reaches(other.pose.apply(other.reduced.surface.nodes.points)).any())
 
-    def alone(
+    def right_side(
         self,
         positions: Real[np.ndarray, "sources 3"],
         strengths: Complex128[np.ndarray, "sources sounds"],
         contact: Bool[np.ndarray, "sources"],
-    ) -> Complex[np.ndarray, "rows sounds"]:
-        """Densities on the skeleton of the rows for monopoles, some of which touch a surface, without other bodies."""
-        surface, solved = self.reduced.surface, self.reduced.solved
+    ) -> Complex128[np.ndarray, "nodes sounds"]:
+        """Right-hand side at all nodes for monopoles, some of which touch a surface."""
+        surface = self.reduced.surface
         given = strengths, surface.wavenumber, surface.near_rule, surface.precision
-        right = double_layer_transposed(self.local.apply(positions), surface.nodes, *given, contact)
-        return product(solved, right.T).T
+        return double_layer_transposed(self.local.apply(positions), surface.nodes, *given, contact)
 
     def coupling_from(self, other: "PlacedBody") -> Complex[np.ndarray, "rows columns"]:
         """−D(x) + i D(x') at the skeleton of the rows, D the double layer of the other's skeleton of the columns."""
@@ -107,13 +106,22 @@ class Coupling:
 
     def times(self, densities: Complex[np.ndarray, "sounds rows"]) -> Complex[np.ndarray, "sounds rows"]:
         """Apply the equation for the densities y on the skeletons of all bodies: y_b + Σ_c S_b K_cbᵀ y_c."""
-        each = np.split(densities, np.cumsum([len(one.reduced.rows) for one in self.placed])[:-1], axis=1)
-        out = []
-        for body, own in enumerate(self.placed):
-            others = [(density, self.blocks[other, body]) for other, density in enumerate(each) if other != body]
-            emitted = np.array([product(block, density, transposed=True) for density, block in others]).sum(axis=0)
-            out.append(each[body] + product(own.reduced.scattering, emitted) if others else each[body])
-        return np.concatenate(out, axis=1)
+        out = densities.copy()
+        for body, own in enumerate(self.own):
+            others = [other for other in range(len(self.placed)) if other != body]
+            coming = [
+                product(self.blocks[other, body], densities[:, self.own[other]], transposed=True) for other in others
+            ]
+            if coming:
+                emitted = coming[0] if len(coming) == 1 else np.sum(coming, axis=0)
+                out[:, own] += product(self.placed[body].reduced.scattering, emitted)
+        return out
+
+    @cached_property
+    def own(self) -> list[slice]:
+        """Where the densities of each body stand among those of all."""
+        ends = np.cumsum([len(one.reduced.rows) for one in self.placed]).tolist()
+        return [slice(begin, end) for begin, end in pairwise([0, *ends])]
 
 
 @dataclass(frozen=True, eq=False)
