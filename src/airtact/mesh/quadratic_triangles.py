@@ -134,7 +134,9 @@ def gauss_square(points: int) -> tuple[Float64[np.ndarray, "points 2"], Float64[
 def enclosed_volume(quadratic_triangles: QuadraticTriangles) -> float:
     """Volume inside closed panels [m³], exact for the quadratic surface."""
     nodes = quadratic_triangles.transpose(2, 1, 0).reshape(3, 6, -1)
-    at, along_u, along_v = np.split(_volume_rule() @ (nodes - nodes[:, :1, :1]), 3, axis=1)
+    placed = _volume_rule() @ (nodes - nodes[:, :1, :1])
+    some = placed.shape[1] // 3
+    at, along_u, along_v = placed[:, :some], placed[:, some : 2 * some], placed[:, 2 * some :]
     normals = along_u[[1, 2, 0]] * along_v[[2, 0, 1]] - along_u[[2, 0, 1]] * along_v[[1, 2, 0]]
     return float(gauss_square(3)[1] @ (at * normals).sum(axis=(0, 2)) / 3)
 

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float64, Real
@@ -175,7 +175,6 @@ class Capsule(Shape):
 
     def _surface(self, vertices: Vertices, triangles: Triangles) -> Surface:
         midpoints = Capsule(self.radius, self.length, Pose.identity()).edge_middles(vertices[triangles])
-        triangles.flags.writeable = False
         placed = fixed(self.pose.apply(vertices)), triangles, fixed(self.pose.apply(midpoints))
         return Surface(*placed, primitive=self, _known_shape=self)
 
@@ -233,7 +232,7 @@ def turn_from_z(direction: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3
 
 def _mesh(rings: int, around: int, length: float) -> tuple[Vertices, Triangles]:
     """Mesh the capsule of radius 1 whose axis has the given length, with so many rings a cap and points around."""
-    cap, cap_triangles = _cap(rings, around)
+    cap, _ = _cap(rings, around)
     above, waist = cap[:-around], cap[-around:]
     bands = _bands(around, length)
     half = np.array([0.0, 0.0, length / 2.0])
@@ -243,10 +242,19 @@ def _mesh(rings: int, around: int, length: float) -> tuple[Vertices, Triangles]:
     belt[:, :, 1] = np.sin(turn) * waist[:, 0] + np.cos(turn) * waist[:, 1]
     belt[:, :, 2] = half[2] * (1.0 - 2.0 * np.arange(bands + 1) / bands if bands else np.zeros(1))[:, None]
     below = _spun(above, math.pi / around * bands) * [1.0, 1.0, -1.0]
-    last = len(above) + bands * around
-    mirrored = np.r_[last + around + np.arange(len(above)), last + np.arange(around)][cap_triangles][:, ::-1]
-    triangles = np.concatenate([cap_triangles, _belt(len(above), bands, around), mirrored])
-    return np.concatenate([above + half, belt.reshape(-1, 3), below - half]), triangles.astype(np.int64)
+    return np.concatenate([above + half, belt.reshape(-1, 3), below - half]), _triangles(rings, around, bands)
+
+
+@lru_cache(maxsize=16)
+def _triangles(rings: int, around: int, bands: int) -> Triangles:
+    """Triangles of ``_mesh``, to be read only."""
+    cap, triangles = _cap(rings, around)
+    above = len(cap) - around
+    last = above + bands * around
+    mirrored = np.r_[last + around + np.arange(above), last + np.arange(around)][triangles][:, ::-1]
+    both = np.concatenate([triangles, _belt(above, bands, around), mirrored]).astype(np.int64)
+    both.flags.writeable = False
+    return both
 
 
 def _bands(around: int, length: float) -> int:
@@ -260,7 +268,7 @@ def _count(rings: int, around: int, length: float) -> int:
     return 2 * (2 * _inner_points(rings, around) + around + around * _bands(around, length))
 
 
-@cache
+@lru_cache(maxsize=16)
 def _inner_points(rings: int, around: int) -> int:
     """Count the points of a cap between its pole and its last ring."""
     return sum(_points(ring, rings, around) for ring in range(1, rings))
@@ -277,7 +285,6 @@ def _spun(points: Float64[np.ndarray, "points 3"], angle: float) -> Float64[np.n
     return points @ np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
 
-@cache
 def _belt(first: int, bands: int, around: int) -> Triangles:
     """Triangulate between rings of as many points each, the first ring starting at a given vertex."""
     steps = np.arange(around)
@@ -288,7 +295,7 @@ def _belt(first: int, bands: int, around: int) -> Triangles:
     return np.concatenate([down, up]).reshape(-1, 3)
 
 
-@cache
+@lru_cache(maxsize=16)
 def _cap(rings: int, around: int) -> tuple[Vertices, Triangles]:
     """Mesh the upper half of the unit sphere: the pole, then ring i at polar angle (π/2)(i/m).
 
