@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 from jaxtyping import Float64, Real
@@ -268,7 +268,7 @@ def _count(rings: int, around: int, length: float) -> int:
     return 2 * (2 * _inner_points(rings, around) + around + around * _bands(around, length))
 
 
-@lru_cache(maxsize=16)
+@cache
 def _inner_points(rings: int, around: int) -> int:
     """Count the points of a cap between its pole and its last ring."""
     return sum(_points(ring, rings, around) for ring in range(1, rings))
