@@ -132,6 +132,20 @@ std::vector<std::vector<Partner>> by_block(const Pairs &pairs, bool transposed) 
     return out;
 }
 
+// The blocks of the product, those that take longest first: then no thread begins a long one last
+template <class Store>
+std::vector<std::int64_t> longest_first(const std::vector<std::vector<Partner>> &whole, const std::vector<std::vector<Partner>> &far,
+                                        const LowRank<Store> &terms) {
+    std::vector<std::int64_t> rows(whole.size()), order(whole.size());
+    for (std::size_t t = 0; t < whole.size(); t++) {
+        order[t] = std::int64_t(t);
+        rows[t] = lanes * std::int64_t(whole[t].size());
+        for (const Partner &one : far[t]) rows[t] += 2 * terms.count[one.pair];
+    }
+    std::stable_sort(order.begin(), order.end(), [&](std::int64_t one, std::int64_t other) { return rows[one] > rows[other]; });
+    return order;
+}
+
 // One block of the product with one or two vectors, planes of `length`
 template <int N, class Store, class Real>
 void product_at(std::int64_t block, const std::vector<Partner> &whole, const Store *blocks, const std::vector<Partner> &far,
@@ -315,9 +329,10 @@ void dual_product(Pairs whole, const Store *blocks, Pairs far, LowRank<Store> te
     const Vectors<Real> given(v, vectors, m);
     Vectors<Real> made(vectors, m);
     const std::int64_t length = given.length;
+    const std::vector<std::int64_t> order = longest_first(whole_pairs, far_pairs, terms);
 #pragma omp parallel for schedule(dynamic, 1)
-    for (std::int64_t block = 0; block < whole.blocks; block++)
-        for (std::int64_t s = 0; s < vectors; s += 2)
+    for (std::int64_t turn = 0; turn < whole.blocks; turn++)
+        for (std::int64_t s = 0, block = order[turn]; s < vectors; s += 2)
             (s + 1 < vectors ? product_at<2, Store, Real> : product_at<1, Store, Real>)(
                 block, whole_pairs[block], blocks, far_pairs[block], terms, m, given.data.data() + 2 * s * length, length,
                 transposed, made.data.data() + 2 * s * length);
