@@ -81,12 +81,13 @@ def near_rows(
     near_rule: NearRule,
     precision: str,
     least: float = 0.0,
+    lists: tuple[Int64[np.ndarray, "bounds"], Int64[np.ndarray, "pairs"]] | None = None,
 ) -> NearRows:
     """Near integrals of the double layer, less the plain terms of the nodes farther than ``least`` [m].
 
-    In float32 no point may touch a panel at its edge.
+    In float32 no point may touch a panel at its edge. ``lists`` are the near panels, where they are known already.
     """
-    first, panel = near_lists(nodes, points, near_rule.reach * nodes.radii)
+    first, panel = near_lists(nodes, points, near_rule.reach * nodes.radii) if lists is None else lists
     excess = np.empty((len(panel), 6), dtype=np.complex128)
     points = np.ascontiguousarray(points, dtype=np.float64)
     panels = nodes.quadratic_triangles, nodes.contact, nodes.points, nodes.weighted_normals
@@ -171,11 +172,14 @@ def double_layer_transposed(
 
     ``contact`` marks the points that were projected onto a panel.
     """
-    near = near_surface(nodes, points, near_rule.reach)
+    lists = near_lists(nodes, points, near_rule.reach * nodes.radii)
+    near, touching = np.diff(lists[0]) > 0, contact is not None and contact.any()
     total, single = np.zeros((len(nodes.points), strengths.shape[1]), np.complex128), nodes.single_layer(wavenumber)
-    for some, there in _by_contact(nodes, points, near, contact):
-        rows = near_rows(there, points[some], wavenumber, near_rule, "float64")
-        pairs = strengths[np.repeat(np.flatnonzero(some), np.diff(rows.first))]
+    groups = _by_contact(nodes, points, near, contact) if touching else [(slice(None), nodes)]
+    for some, there in groups if near.any() else ():
+        given = points[some], wavenumber, near_rule, "float64"
+        rows = near_rows(there, *given, lists=None if touching else lists)
+        pairs = np.repeat(strengths[some], np.diff(rows.first), axis=0)
         np.add.at(total.reshape(-1, 6, total.shape[1]), rows.panel, rows.excess[:, :, None] * pairs[:, None])
     layer = nodes.points, nodes.weighted_normals, single
     for chosen, kind in ((near, "float64"), (~near, precision)):
