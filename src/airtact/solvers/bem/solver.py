@@ -146,8 +146,9 @@ class BoundaryElement(Solver):
         the matrix is stored in bfloat16.
     estimate : whether to solve both equations. Without it a solve takes about half the time and the estimated error is
         NaN; the transposed equation alone is solved, enough for a transfer matrix, and the field raises
-        ``InvalidInput`` on and near the surfaces; or, for elements in reflecting boards, the direct one. From an accuracy
-        of 0.06 on it serves drives then, which correlate to 0.995 with the exact ones; pressures were up to 8 % off.
+        ``InvalidInput`` on and near the surfaces; or, for elements in reflecting boards, the direct one. From an
+        accuracy of 0.06 on it serves drives then, which correlate to 0.995 with the exact ones; pressures were up to
+        8 % off.
     enough : relative error that is wanted in the end, against which is warned; the accuracy unless given.
     progress : callback that gets the words of each step as it begins, such as ``print``.
 
