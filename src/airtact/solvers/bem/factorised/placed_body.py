@@ -107,10 +107,10 @@ class Coupling:
     def times(self, densities: Complex[np.ndarray, "sounds rows"]) -> Complex[np.ndarray, "sounds rows"]:
         """Apply the equation for the densities y on the skeletons of all bodies: y_b + Σ_c S_b K_cbᵀ y_c."""
         out = densities.copy()
-        for body, own in enumerate(self.own):
+        for body, own in enumerate(self.parts):
             others = [other for other in range(len(self.placed)) if other != body]
             coming = [
-                product(self.blocks[other, body], densities[:, self.own[other]], transposed=True) for other in others
+                product(self.blocks[other, body], densities[:, self.parts[other]], transposed=True) for other in others
             ]
             if coming:
                 emitted = coming[0] if len(coming) == 1 else np.sum(coming, axis=0)
@@ -118,7 +118,7 @@ class Coupling:
         return out
 
     @cached_property
-    def own(self) -> list[slice]:
+    def parts(self) -> list[slice]:
         """Where the densities of each body stand among those of all."""
         ends = np.cumsum([len(one.reduced.rows) for one in self.placed]).tolist()
         return [slice(begin, end) for begin, end in pairwise([0, *ends])]
