@@ -102,9 +102,9 @@ def few_rounded_products(
 ) -> None: ...
 def krylov_step_float32(
     bases: np.ndarray,
-    columns: np.ndarray,
     rotations: np.ndarray,
     right: np.ndarray,
+    triangles: np.ndarray,
     inverses: np.ndarray,
     weights: np.ndarray,
     squares: np.ndarray,

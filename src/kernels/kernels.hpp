@@ -50,7 +50,8 @@ struct Krylov {  // what the steps so far, of `most`, have made of S right-hand 
     std::int64_t most;
     std::complex<double> *rotations;  // (S, most, 2)
     std::complex<double> *right;      // (S, most + 1), rotated; the size of the number after the last step is the residual
-    std::complex<double> *inverses;   // (S, most (most + 1) / 2), of the triangles, column by column
+    std::complex<double> *triangles;  // (S, most (most + 1) / 2), column by column
+    std::complex<double> *inverses;   // the same of their inverses
     std::complex<double> *weights;    // (S, most), of the vectors in the solution
     double *squares;                  // (S,), the sum of the squares of each inverse
 };
@@ -105,11 +106,9 @@ void few_rounded_products(const std::int16_t *matrix, const float *scales, std::
                           const std::complex<float> *vectors, std::int64_t count, bool transposed, std::complex<float> *out);
 
 // Step number `step` of GMRES for S right-hand sides. Vector step + 1 of the bases (step + 2, S, m), the product with the one before
-// it, becomes orthogonal to all before it and 1 long. columns (S, step + 2) gets its overlaps and length, which the rotations make a
-// column of a triangle.
+// it, becomes orthogonal to all before it and 1 long; rotations make its overlaps and length a column of a triangle.
 template <class Real>
-void krylov_step(std::complex<Real> *bases, std::int64_t sides, std::int64_t m, std::int64_t step, std::complex<double> *columns,
-                 const Krylov &spaces);
+void krylov_step(std::complex<Real> *bases, std::int64_t sides, std::int64_t m, std::int64_t step, const Krylov &spaces);
 
 // out[i, j] = D(x_i, y_j)
 template <class Real>

@@ -277,16 +277,17 @@ static void few_rounded(Read<std::int16_t, -1, -1, 2> matrix, Read<float, -1> sc
 }
 
 template <class Real>
-void krylov(Write<std::complex<Real>, -1, -1, -1> bases, Write<Complex, -1, -1> columns, Write<Complex, -1, -1, 2> rotations,
-            Write<Complex, -1, -1> right, Write<Complex, -1, -1> inverses, Write<Complex, -1, -1> weights, Write<double, -1> squares) {
-    const std::size_t sides = bases.shape(1), most = rotations.shape(1), vectors = bases.shape(0);
-    same(columns.shape(0), sides), same(columns.shape(1), vectors), same(rotations.shape(0), sides);
+void krylov(Write<std::complex<Real>, -1, -1, -1> bases, Write<Complex, -1, -1, 2> rotations, Write<Complex, -1, -1> right,
+            Write<Complex, -1, -1> triangles, Write<Complex, -1, -1> inverses, Write<Complex, -1, -1> weights, Write<double, -1> squares) {
+    const std::size_t sides = bases.shape(1), most = rotations.shape(1), vectors = bases.shape(0), packed = most * (most + 1) / 2;
+    same(rotations.shape(0), sides), same(squares.shape(0), sides);
     same(right.shape(0), sides), same(right.shape(1), most + 1), same(weights.shape(0), sides), same(weights.shape(1), most);
-    same(inverses.shape(0), sides), same(inverses.shape(1), most * (most + 1) / 2), same(squares.shape(0), sides);
+    same(triangles.shape(0), sides), same(triangles.shape(1), packed), same(inverses.shape(0), sides), same(inverses.shape(1), packed);
     if (vectors < 2 || vectors > most + 1) throw nb::value_error("no room for the step");
     nb::gil_scoped_release release;
-    far<Real>().krylov_step(bases.data(), sides, bases.shape(2), std::int64_t(vectors) - 2, columns.data(),
-                            {std::int64_t(most), rotations.data(), right.data(), inverses.data(), weights.data(), squares.data()});
+    far<Real>().krylov_step(bases.data(), sides, bases.shape(2), std::int64_t(vectors) - 2,
+                            {std::int64_t(most), rotations.data(), right.data(), triangles.data(), inverses.data(), weights.data(),
+                             squares.data()});
 }
 
 template <class Real>

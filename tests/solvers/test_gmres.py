@@ -90,3 +90,32 @@ def test_a_product_that_is_no_number_does_not_count_as_a_solution() -> None:
     with pytest.raises(NotConverged, match="nan") as raised:
         gmres(lambda vectors: np.full_like(vectors, np.nan), np.ones((2, 5), np.complex128), 1e-3, most_iterations=4)
     assert raised.value.code == "gmres_stalled"
+
+
+def test_a_matrix_that_makes_everything_zero_does_not_count_as_solved():
+    with raises_code("gmres_stalled"):
+        gmres(lambda vectors: 0 * vectors, np.ones((1, 4), complex), 1e-3, most_iterations=6)
+
+
+@pytest.mark.parametrize("strength", [1e-24, 1e20])
+def test_squares_beyond_single_precision_do_no_harm(strength):
+    matrix = (np.eye(20) + 0.01).astype(np.complex64)
+    right = np.full((1, 20), strength, np.complex64)
+    found = gmres(lambda vectors: vectors @ matrix.T, right, 1e-3)
+    assert np.allclose(found.solution @ matrix.T / strength, 1.0, atol=1e-3)
+
+
+def test_the_solution_of_ill_conditioned_equations_has_the_residual_that_is_told():
+    pick = np.random.default_rng(3)
+
+    def some(*shape: int) -> np.ndarray:
+        return pick.standard_normal(shape) + 1j * pick.standard_normal(shape)
+
+    across, values = np.linalg.qr(some(50, 50))[0], np.ones(50)
+    values[-1] = 1e-10
+    matrix, right = (across * values) @ across.conj().T, some(3, 50)
+    found = gmres(lambda vectors: vectors @ matrix.T, right, 1e-8, error=1e-3)
+    left = np.linalg.norm(found.solution @ matrix.T - right, axis=1) / np.linalg.norm(right, axis=1)
+    assert left.max() < 1e-5
+    exact = np.linalg.solve(matrix, right.T).T
+    assert np.linalg.norm(found.solution - exact) < 1e-3 * np.linalg.norm(exact)

@@ -115,13 +115,12 @@ def test_krylov_steps_find_the_least_residual(size, precision, kind, tolerance):
     bases = np.empty((steps + 1, 3, size), kind)
     bases[0] = pick.normal(size=(3, size)) + 1j * pick.normal(size=(3, size))
     bases[0] /= np.linalg.norm(bases[0], axis=1)[:, None]
-    columns, right, squares = [], np.ones((3, steps + 1), complex), np.zeros(3)
-    weights, inverses = np.empty((3, steps), complex), np.empty((3, steps * (steps + 1) // 2), complex)
-    spaces = np.empty((3, steps, 2), complex), right, inverses, weights, squares
+    right, squares = np.ones((3, steps + 1), complex), np.zeros(3)
+    weights, (triangles, inverses) = np.empty((3, steps), complex), np.empty((2, 3, steps * (steps + 1) // 2), complex)
+    spaces = np.empty((3, steps, 2), complex), right, triangles, inverses, weights, squares
     for step in range(steps):
         bases[step + 1] = bases[step] @ matrix.T
-        columns.append(np.empty((3, step + 2), complex))
-        getattr(_kernels, f"krylov_step_{precision}")(bases[: step + 2], columns[step], *spaces)
+        getattr(_kernels, f"krylov_step_{precision}")(bases[: step + 2], *spaces)
         for side in range(3):
             space = bases[: step + 1, side].T
             assert np.allclose(space.conj().T @ space, np.eye(step + 1), atol=30 * tolerance)
@@ -130,7 +129,8 @@ def test_krylov_steps_find_the_least_residual(size, precision, kind, tolerance):
             assert abs(abs(right[side, step + 1]) - least) < 100 * tolerance
             triangle = np.zeros((step + 1, step + 1), complex)
             for index in range(step + 1):
-                triangle[: index + 1, index] = columns[index][side, :-1]
+                begin = index * (index + 1) // 2
+                triangle[: index + 1, index] = triangles[side, begin : begin + index + 1]
             inverse = np.linalg.inv(triangle)
             assert np.isclose(squares[side], np.linalg.norm(inverse) ** 2)
             assert np.allclose(weights[side, : step + 1], inverse @ right[side, : step + 1])
@@ -138,10 +138,10 @@ def test_krylov_steps_find_the_least_residual(size, precision, kind, tolerance):
 
 
 def test_vectors_of_no_length_stay_as_they_are_and_leave_nothing():
-    bases, columns, one = np.zeros((2, 2, 9), np.complex64), np.empty((2, 2), complex), np.empty((2, 1), complex)
+    bases, one = np.zeros((2, 2, 9), np.complex64), np.empty((2, 1), complex)
     right, weights, squares = np.zeros((2, 2), complex), one.copy(), np.zeros(2)
-    _kernels.krylov_step_float32(bases, columns, np.empty((2, 1, 2), complex), right, one, weights, squares)
-    for zero in (bases, columns, right, weights, squares):
+    _kernels.krylov_step_float32(bases, np.empty((2, 1, 2), complex), right, one.copy(), one, weights, squares)
+    for zero in (bases, right, weights, squares):
         assert not zero.any()
 
 

@@ -52,23 +52,24 @@ def gmres(
             code="not_finite",
         )
     sides, unknowns = right_sides.shape
-    norms = np.linalg.norm(right_sides, axis=1)
-    scale = np.where(norms > 0, norms, 1).astype(norms.dtype)[:, None]
+    norms = np.linalg.norm(right_sides.astype(np.complex128), axis=1)  # squares may leave the range of single precision
+    scale = np.where(norms > 0, norms, 1).astype(np.float32 if right_sides.dtype == np.complex64 else np.float64)[
+        :, None
+    ]
     basis = np.empty((min(most_iterations, ROOM_FOR) + 1, sides, unknowns), dtype=right_sides.dtype)
     basis[0] = right_sides / scale
-    columns, spaces = [], _Spaces.begun(norms > 0, most_iterations)
+    spaces = _Spaces.begun(norms > 0, most_iterations)
     step_of, residuals = loop_for("krylov_step", basis.dtype), np.ones(sides)
     for step in range(most_iterations):
         if step + 1 == len(basis):
             basis = np.concatenate([basis, np.empty_like(basis)])
         basis[step + 1] = product(basis[step])
-        columns.append(np.empty((sides, step + 2), dtype=np.complex128))
-        step_of(basis[: step + 2], columns[step], *spaces)
+        step_of(basis[: step + 2], *spaces)
         residuals = np.abs(spaces.right[:, step + 1])
         if not (residuals < tolerance).all():  # NaN is never small
             continue
         weights = spaces.weights[:, : step + 1]
-        if step + 1 == most_iterations or _settled(spaces, columns, residuals, error):
+        if step + 1 == most_iterations or _settled(spaces, step + 1, residuals, error):
             return GmresResult(_sum(weights, basis) * scale, residuals, step + 1)
     raise NotConverged(
         f"GMRES stopped at a relative residual of {np.max(residuals):.1e} (wanted {tolerance:.0e}) after "
@@ -83,6 +84,7 @@ class _Spaces(NamedTuple):
 
     rotations: Complex128[np.ndarray, "sides most 2"]
     right: Complex128[np.ndarray, "sides one_more"]
+    triangles: Complex128[np.ndarray, "sides packed"]
     inverses: Complex128[np.ndarray, "sides packed"]
     weights: Complex128[np.ndarray, "sides most"]
     squares: Float64[np.ndarray, "sides"]
@@ -95,6 +97,7 @@ class _Spaces(NamedTuple):
             np.empty((sides, most, 2), dtype=np.complex128),
             np.empty((sides, most + 1), dtype=np.complex128),
             np.empty((sides, most * (most + 1) // 2), dtype=np.complex128),
+            np.empty((sides, most * (most + 1) // 2), dtype=np.complex128),
             np.empty((sides, most), dtype=np.complex128),
             np.zeros(sides),
         )
@@ -102,12 +105,7 @@ class _Spaces(NamedTuple):
         return made
 
 
-def _settled(
-    spaces: _Spaces,
-    columns: list[Complex128[np.ndarray, "sides _"]],
-    residuals: Float64[np.ndarray, "sides"],
-    error: float,
-) -> bool:
+def _settled(spaces: _Spaces, steps: int, residuals: Float64[np.ndarray, "sides"], error: float) -> bool:
     """Whether all solutions are right to about ``error``, or to ``ORDINARY`` times the residual.
 
     The relative error is at most the residual over the least singular value of A; that of the triangle stands for it,
@@ -115,12 +113,11 @@ def _settled(
     """
     if math.isinf(error):
         return True
-    size = np.linalg.norm(spaces.weights[:, : len(columns)], axis=1)
+    size = np.linalg.norm(spaces.weights[:, :steps], axis=1)
     if _small(residuals, size / np.sqrt(np.where(spaces.squares > 0, spaces.squares, np.inf)), error):
         return True
-    triangles = np.zeros((len(size), len(columns), len(columns)), dtype=np.complex128)
-    for index, column in enumerate(columns):
-        triangles[:, : index + 1, index] = column[:, :-1]
+    triangles, (column, row) = np.zeros((len(size), steps, steps), dtype=np.complex128), np.tril_indices(steps)
+    triangles[:, row, column] = spaces.triangles[:, : len(row)]
     return _small(residuals, np.linalg.svd(triangles, compute_uv=False)[:, -1] * size, error)
 
 

@@ -4,6 +4,7 @@
 // SIAM J. Sci. Stat. Comput. 7 (1986) 856, section 3.2.
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 #include "rows.hpp"
 
@@ -56,7 +57,7 @@ struct Rotation {  // (upper, lower) becomes (c upper + s lower, c lower - s* up
     Complex cosine, sine;
     static Rotation to_zero(Complex upper, Complex lower) {  // the lower one
         const double size = std::hypot(std::abs(upper), std::abs(lower)), above = std::abs(upper);
-        if (size == 0) return {1, 0};
+        if (size == 0) return {0, 1};  // nothing is gained: the residual passes to the next step
         return {above / size, (above > 0 ? upper / above : 1) * std::conj(lower) / size};
     }
     void turn(Complex &upper, Complex &lower) const {
@@ -66,45 +67,56 @@ struct Rotation {  // (upper, lower) becomes (c upper + s lower, c lower - s* up
     }
 };
 
-// Appends to the inverse of a triangle, packed by columns, that of its next column; a zero on the diagonal gives zeros
+// Numbers of the columns of a packed triangle before one of them
+constexpr std::int64_t before(std::int64_t column) { return column * (column + 1) / 2; }
+
+// Appends to the inverse of a triangle, packed by columns, that of its next column; a zero on the diagonal gives zeros. Its length
+// bounds the least singular value; weights by it would not be stable.
 void invert_column(const Complex *column, std::int64_t step, Complex *inverse) {
-    Complex *const made = inverse + step * (step + 1) / 2;
+    Complex *const made = inverse + before(step);
     std::fill(made, made + step + 1, 0.0);
     if (column[step] == 0.0) return;
     made[step] = 1.0 / column[step];
     for (std::int64_t c = 0; c < step; c++)
-        for (std::int64_t r = 0; r <= c; r++) made[r] -= inverse[c * (c + 1) / 2 + r] * column[c] * made[step];
+        for (std::int64_t r = 0; r <= c; r++) made[r] -= inverse[before(c) + r] * column[c] * made[step];
+}
+
+// Solves a packed triangle by substitution from its last column; a zero on the diagonal gives 0
+void solve_triangle(const Complex *triangle, const Complex *right, std::int64_t count, Complex *weights) {
+    std::copy(right, right + count, weights);
+    for (std::int64_t c = count - 1; c >= 0; c--) {
+        const Complex *const column = triangle + before(c);
+        weights[c] = column[c] == 0.0 ? 0.0 : weights[c] / column[c];
+        for (std::int64_t r = 0; r < c; r++) weights[r] -= column[r] * weights[c];
+    }
 }
 
 }  // namespace
 
 template <class Real>
-void krylov_step(std::complex<Real> *bases, std::int64_t sides, std::int64_t m, std::int64_t step, Complex *columns,
-                 const Krylov &spaces) {
+void krylov_step(std::complex<Real> *bases, std::int64_t sides, std::int64_t m, std::int64_t step, const Krylov &spaces) {
     const std::int64_t count = step + 1, stride = sides * m, most = spaces.most;
 #pragma omp parallel for schedule(static) if (count * stride > few_numbers)
     for (std::int64_t s = 0; s < sides; s++) {
-        Complex *const column = columns + s * (count + 1), *const left = spaces.right + s * (most + 1) + step;
-        make_orthonormal(bases + s * m, stride, m, count, bases + count * stride + s * m, column);
+        std::vector<Complex> column(count + 1);
+        make_orthonormal(bases + s * m, stride, m, count, bases + count * stride + s * m, column.data());
         Rotation *const turns = reinterpret_cast<Rotation *>(spaces.rotations) + s * most;
         for (std::int64_t i = 0; i < step; i++) turns[i].turn(column[i], column[i + 1]);
         turns[step] = Rotation::to_zero(column[step], column[count]);
         turns[step].turn(column[step], column[count]);
-        left[1] = 0;
-        turns[step].turn(left[0], left[1]);
-        Complex *const inverse = spaces.inverses + s * (most * (most + 1) / 2), *const weights = spaces.weights + s * most;
-        invert_column(column, step, inverse);
-        const Complex *const made = inverse + step * count / 2;
-        weights[step] = 0;
-        for (std::int64_t i = 0; i < count; i++) {
-            weights[i] += made[i] * left[0];
-            spaces.squares[s] += std::norm(made[i]);
-        }
+        Complex *const right = spaces.right + s * (most + 1);
+        right[count] = 0;
+        turns[step].turn(right[step], right[count]);
+        Complex *const triangle = spaces.triangles + s * before(most), *const inverse = spaces.inverses + s * before(most);
+        std::copy(column.begin(), column.begin() + count, triangle + before(step));
+        invert_column(column.data(), step, inverse);
+        for (std::int64_t i = 0; i < count; i++) spaces.squares[s] += std::norm(inverse[before(step) + i]);
+        solve_triangle(triangle, right, count, spaces.weights + s * most);
     }
 }
 
-template void krylov_step<float>(std::complex<float> *, std::int64_t, std::int64_t, std::int64_t, Complex *, const Krylov &);
-template void krylov_step<double>(std::complex<double> *, std::int64_t, std::int64_t, std::int64_t, Complex *, const Krylov &);
+template void krylov_step<float>(std::complex<float> *, std::int64_t, std::int64_t, std::int64_t, const Krylov &);
+template void krylov_step<double>(std::complex<double> *, std::int64_t, std::int64_t, std::int64_t, const Krylov &);
 
 }  // namespace AIRTACT_VARIANT
 }  // namespace airtact
