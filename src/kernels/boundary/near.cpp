@@ -13,6 +13,7 @@ namespace {
 
 constexpr int most_points = 512;
 constexpr int some = 16;         // pairs at once, which hides the latency of each step
+constexpr double nothing = 1e-30;  // square of a distance of no meaning [m2]
 constexpr int vector = 16;       // numbers of whole vectors: what is left over is slow
 
 constexpr int largest_rule = 40;
@@ -105,7 +106,8 @@ void add_points(const Patches<some> &patches, int pair, double u, double v, bool
         const Real a2 = c[1][2] + 2 * x * c[3][2] + y * c[4][2], b2 = c[2][2] + x * c[4][2] + 2 * y * c[5][2];
         const Real n0 = a1 * b2 - a2 * b1, n1 = a2 * b0 - a0 * b2, n2 = a0 * b1 - a1 * b0;
         const Real squared = r0 * r0 + r1 * r1 + r2 * r2;
-        const Real inverse = squared > 0 ? Real(1) / std::sqrt(squared) : Real(0), distance = squared * inverse;
+        // at the closest point itself; a machine's reciprocal root takes a subnormal number for 0
+        const Real inverse = squared > Real(nothing) ? Real(1) / std::sqrt(squared) : Real(0), distance = squared * inverse;
         const Real weight = weights[i] * rho;
         const Real loss = (Lossy ? decay(k.imag * distance) : Real(1)) * inverse * weight * Real(1 / (4 * pi));
         Real sine, cosine;

@@ -233,3 +233,14 @@ def test_a_focus_inside_and_an_empty_scene_are_rejected(factorised):
         at.BoundaryElement().factorised(scene_of())
     with raises_code("not_finite"):
         at.BoundaryElement().factorised(scene_of(*BALLS), np.full((1, 3), np.nan))
+
+
+@pytest.mark.parametrize("strength", [1e-30, 1e30])
+@pytest.mark.parametrize("moved", [False, True])
+def test_sources_of_any_strength_are_scattered_alike(factorised, moved, strength):
+    scene, foci = moved_balls() if moved else (scene_of(*BALLS), FOCI)
+    one, other = (
+        factorised.radiate(scene, at.Monopoles(foci, size * np.eye(2))).scattered_at(AROUND) / size
+        for size in (1.0, strength)
+    )
+    assert error(other, one) < 1e-5
