@@ -114,7 +114,7 @@ def test_sources_of_any_strength_are_solved_as_those_of_one(estimate, strength):
 @pytest.mark.parametrize("radius", [0.002, 0.003, 0.004])
 @pytest.mark.usefixtures("variant")
 def test_near_integrals_are_numbers_whatever_the_processor(radius):
-    """Points of a rule at the node itself are a subnormal distance from it, whose reciprocal root some machines lack."""
+    """A node's own panel has points a subnormal distance from it, whose reciprocal root some machines lack."""
     source = at.Monopoles(np.array([[radius + 2e-3, 0.0, 0.0]]), np.ones(1))
     ball = at.sphere(radius, radius / 1.5)
     field = at.BoundaryElement(accuracy=0.1).radiate(scene(at.sound_hard(ball)), source)
