@@ -53,9 +53,8 @@ def gmres(
         )
     sides, unknowns = right_sides.shape
     norms = np.linalg.norm(right_sides.astype(np.complex128), axis=1)  # squares may leave the range of single precision
-    scale = np.where(norms > 0, norms, 1).astype(np.float32 if right_sides.dtype == np.complex64 else np.float64)[
-        :, None
-    ]
+    real = np.float32 if right_sides.dtype == np.complex64 else np.float64
+    scale = np.where(norms > 0, norms, 1).astype(real)[:, None]
     basis = np.empty((min(most_iterations, ROOM_FOR) + 1, sides, unknowns), dtype=right_sides.dtype)
     basis[0] = right_sides / scale
     spaces = _Spaces.begun(norms > 0, most_iterations)

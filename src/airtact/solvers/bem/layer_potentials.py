@@ -7,7 +7,6 @@ double layer. A surface of impedance Z, on which ∂p/∂n = −(ikρc/Z) p, add
 Its solid angle also locates points: inside the bodies, outside, near the surface, or on it.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -123,32 +122,36 @@ def double_layer_pressure(
     else:
         least, single = 0.05 * float(nodes.radii.min()), nodes.single_layer(wavenumber)
         out = cells.sums(nodes.points, nodes.weighted_normals, pressure, wavenumber, least, single)
-    near = near_surface(nodes, points, near_rule.reach)
     precise = precision if nodal else "float64" if cells is None else "float32"
-    for some, there in _by_contact(nodes, points, near, contact):
-        rows = near_rows(there, points[some], wavenumber, near_rule, precise, least)
+    for some, rows in _near_by_contact(nodes, points, contact, wavenumber, near_rule, precise, least)[1]:
         out[some] += rows.sparse(len(nodes.points)) @ pressure
     return out
 
 
-def _by_contact(
+def _near_by_contact(
     nodes: Nodes,
-    points: Real[np.ndarray, "points 3"],
-    near: Bool[np.ndarray, "points"],
+    points: Float64[np.ndarray, "points 3"],
     contact: Bool[np.ndarray, "points"] | None,
-) -> Iterator[tuple[Bool[np.ndarray, "points"], Nodes]]:
-    """Near points off the panels and those on a panel, each with the nodes whose ``contact`` suits them.
+    wavenumber: complex,
+    near_rule: NearRule,
+    precision: str,
+    least: float = 0.0,
+) -> tuple[Bool[np.ndarray, "points"], list[tuple[Bool[np.ndarray, "points"], NearRows]]]:
+    """Which points are near; near rows of those off the panels, and of those on a panel, whose contacts reach farther.
 
     Adjacent panels deviate from the true surface by different lengths. If the point on one panel counted as above or
     below the next, the solid angle at the shared corner would be halved or doubled. So the point touches the next panel
     too if its distance is within the sum of both panels' contact distances.
     """
+    first, panel = near_lists(nodes, points, near_rule.reach * nodes.radii)
+    near, rule = np.diff(first) > 0, (wavenumber, near_rule, precision, least)
     on = near & contact if contact is not None else np.zeros(len(points), dtype=bool)
-    if (near & ~on).any():
-        yield near & ~on, nodes
-    if on.any():
-        own = nodes.contact[find_contacts(nodes, points[on]).panel].max(initial=0.0)
-        yield on, replace(nodes, contact=nodes.contact + own)
+    if not on.any():
+        lists = np.append(first[:-1][near], first[-1]), panel  # points that are not near have no panels in it
+        return near, [(near, near_rows(nodes, points[near], *rule, lists))] if near.any() else []
+    own = nodes.contact[find_contacts(nodes, points[on]).panel].max(initial=0.0)
+    groups = (near & ~on, nodes), (on, replace(nodes, contact=nodes.contact + own))
+    return near, [(some, near_rows(there, points[some], *rule)) for some, there in groups if some.any()]
 
 
 def _least_distance(nodes: Nodes, near_rule: NearRule, precision: str) -> tuple[float, str]:
@@ -172,21 +175,17 @@ def double_layer_transposed(
 
     ``contact`` marks the points that were projected onto a panel.
     """
-    lists = near_lists(nodes, points, near_rule.reach * nodes.radii)
-    near, touching = np.diff(lists[0]) > 0, contact is not None and contact.any()
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    near, groups = _near_by_contact(nodes, points, contact, wavenumber, near_rule, "float64")
     total, single = np.zeros((len(nodes.points), strengths.shape[1]), np.complex128), nodes.single_layer(wavenumber)
-    groups = _by_contact(nodes, points, near, contact) if touching else [(slice(None), nodes)]
-    for some, there in groups if near.any() else ():
-        given = points[some], wavenumber, near_rule, "float64"
-        rows = near_rows(there, *given, lists=None if touching else lists)
+    for some, rows in groups:
         pairs = np.repeat(strengths[some], np.diff(rows.first), axis=0)
         np.add.at(total.reshape(-1, 6, total.shape[1]), rows.panel, rows.excess[:, :, None] * pairs[:, None])
     layer = nodes.points, nodes.weighted_normals, single
     for chosen, kind in ((near, "float64"), (~near, precision)):
         if chosen.any():
-            some = np.ascontiguousarray(points[chosen], dtype=np.float64)
             sum_up = _by_matrix if strengths.shape[1] > FEW_SOUNDS else _summed
-            total += sum_up(some, layer, strengths[chosen], complex(wavenumber), kind)
+            total += sum_up(points[chosen], layer, strengths[chosen], complex(wavenumber), kind)
     return total
 
 

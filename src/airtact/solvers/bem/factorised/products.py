@@ -16,6 +16,7 @@ ROUNDING = 0.2
 """Largest error of the rounding over the error wanted."""
 
 LARGEST = np.iinfo(np.int16).max
+"""Whole number that the largest of each row becomes."""
 
 
 @dataclass(frozen=True, eq=False)

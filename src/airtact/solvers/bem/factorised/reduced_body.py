@@ -165,8 +165,8 @@ def _far_monopoles(
     wanted = unitary[:, :few].conj().T @ radiated
     exact = scipy.linalg.solve_triangular(upper[:few, :few], wanted, check_finite=False)
     combinations = rounded(np.ascontiguousarray(exact, dtype=kind), tolerance)
-    found = product(combinations, np.eye(len(rows))) @ open_air[:, order[:few]].T
-    error = float(np.linalg.norm(found.T - radiated) / np.linalg.norm(radiated))
+    found = product(combinations, open_air[:, order[:few]], transposed=True)
+    error = float(np.linalg.norm(found - radiated) / np.linalg.norm(radiated))
     return FarMonopoles(reach, candidates[order[:few]], combinations, error)
 
 
